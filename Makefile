@@ -1,0 +1,48 @@
+# make quick    the whole pipeline on a small design      (CORES=4 for four cores)
+# make paper    the paper's study
+# make smoke    every step once
+# make test     lint, format, workflow lint, all tests
+# make env      the environment (the targets above make it themselves)
+# make lint     the checks of `make test` without its tests
+# make format   format the code, write the tables of config/README.md
+
+SHELL := bash
+.SHELLFLAGS := -eu -o pipefail -c
+.DEFAULT_GOAL := help
+.PHONY: help env quick paper smoke test lint format
+
+CORES ?= 2
+export CORES
+export OMP_NUM_THREADS := 1
+export PYTHONNOUSERSITE := 1
+export PATH := $(CURDIR)/.venv/bin:$(PATH)
+
+help:
+	@sed -n 's/^# //p' Makefile
+
+env:
+	@envs/install.sh
+
+quick: env
+	snakemake --cores "$$CORES" --configfile config/quick.yaml
+	snakemake --cores "$$CORES" --configfile config/quick.yaml --report results/quick/report.html
+
+paper: env
+	snakemake --cores "$$CORES"
+	snakemake --cores "$$CORES" --report results/paper/report.html
+
+smoke: env
+	snakemake --cores "$$CORES" --configfile config/smoke.yaml
+
+test: lint
+	pytest
+
+lint: env
+	ruff check .
+	ruff format --check .
+	snakemake --lint --configfile config/smoke.yaml
+
+format: env
+	ruff check --fix .
+	ruff format .
+	python -m regional_lv.config config/README.md

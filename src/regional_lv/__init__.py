@@ -1,0 +1,1 @@
+"""Regional stiffness of the left ventricle from segmental strains, with honest uncertainty."""

@@ -1,0 +1,352 @@
+"""The configuration of a study: checked against the schema, defaults filled in.
+
+Keys, units, defaults and limits stand in `workflow/schemas/config.schema.yaml` and nowhere else;
+this module adds what a schema cannot say. `python -m regional_lv.config config/README.md` writes
+the tables of keys in that page.
+"""
+
+import copy
+import difflib
+import itertools
+import re
+import sys
+import warnings
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+
+import jsonschema
+import yaml
+
+from regional_lv.errors import InputError
+
+SCHEMA_FILE = Path(__file__).resolve().parents[2] / "workflow" / "schemas" / "config.schema.yaml"
+MARK = "<!-- The tables below are written from the schema by `make format`. -->\n"
+"""Line of config/README.md after which everything is generated."""
+
+
+def load(config: str | Path | dict, source: str = "config") -> dict:
+    """Read, check and complete a configuration.
+
+    Parameters
+    ----------
+    config: path of a YAML file, or what such a file holds (as Snakemake hands it over).
+    source: name of the configuration in messages, for a mapping; a path names itself.
+
+    Returns
+    -------
+    A new nested dict with every key of the schema. Relative paths stay as they are: they count
+    from the working directory.
+
+    Raises
+    ------
+    InputError: one line per mistake, each with the key and the remedy; also for a subject's
+        measured file that cannot be used.
+    """
+    if not isinstance(config, dict):
+        source = str(config)
+        config = _read(Path(config))
+    config, schema = _with_text_keys(config), load_schema()
+    errors = jsonschema.Draft202012Validator(schema).iter_errors(config)
+    _raise(source, sorted(line for error in errors for line in _explain(error)))
+    complete = _complete(schema, config)
+    _raise(source, list(_cross_check(complete)))
+    return complete
+
+
+@cache
+def load_schema() -> dict:
+    """The schema with its references (`$ref`) resolved."""
+    schema = yaml.safe_load(SCHEMA_FILE.read_text())
+    definitions = schema.pop("$defs")
+
+    def resolve(node):
+        if isinstance(node, dict):
+            if "$ref" in node:
+                return definitions[node["$ref"].rsplit("/", 1)[1]]
+            return {key: resolve(value) for key, value in node.items()}
+        return [resolve(item) for item in node] if isinstance(node, list) else node
+
+    return resolve(schema)
+
+
+def _read(path: Path) -> dict:
+    try:
+        content = yaml.safe_load(path.read_text())
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror}); check the path") from error
+    except yaml.YAMLError as error:
+        raise InputError(f"{path}: not valid YAML; mend what the parser names: {error}") from error
+    if not isinstance(content, dict):
+        raise InputError(f"{path}: holds no keys; write at least `study: <name>`")
+    return content
+
+
+def _with_text_keys(value):
+    """YAML reads keys such as 1 or no as something else than text."""
+    if isinstance(value, dict):
+        return {str(key): _with_text_keys(item) for key, item in value.items()}
+    return value
+
+
+def _raise(source: str, lines: list[str]) -> None:
+    if lines:
+        # Several missing keys are several errors of the validator with one and the same line.
+        raise InputError("\n".join(f"{source}: {line}" for line in dict.fromkeys(lines)))
+
+
+def _complete(schema: dict, value):
+    """`value` with defaults for absent keys, and numbers in the schema's type."""
+    if schema.get("type") == "object":
+        return {
+            key: _complete(_entry_schema(schema, key), copy.deepcopy(value.get(key, default)))
+            for key, default in (_defaults(schema) | value).items()
+        }
+    if schema.get("type") == "array":
+        return [_complete(schema["items"], item) for item in value]
+    # 5 and 5.0 must be the same value, or Snakemake sees a change where there is none.
+    if schema.get("type") == "number":
+        return float(value)
+    if isinstance(value, float) and value.is_integer():
+        return int(value)
+    return value
+
+
+def _defaults(schema: dict) -> dict:
+    """Defaults of a section's keys; an absent section is an empty one, with defaults inside."""
+    return {
+        key: entry.get("default", {})
+        for key, entry in schema.get("properties", {}).items()
+        if "default" in entry or (entry.get("type") == "object" and "required" not in entry)
+    }
+
+
+def _entry_schema(schema: dict, key: str) -> dict:
+    if key in schema.get("properties", {}):
+        return schema["properties"][key]
+    return next(iter(schema["patternProperties"].values()))
+
+
+# ------------------------------------------------------------------------------- messages
+
+
+def _explain(error: jsonschema.ValidationError) -> Iterator[str]:
+    """Lines that say which key is wrong, and the remedy."""
+    key = ".".join(str(part) for part in error.absolute_path)
+    if error.validator == "additionalProperties":
+        patterns = error.schema.get("patternProperties", {})
+        for name in set(error.instance) - set(error.schema.get("properties", {})):
+            if not any(re.search(pattern, name) for pattern in patterns):
+                yield _explain_unknown(error.schema, key, name)
+    elif error.validator == "required":
+        missing = [name for name in error.validator_value if name not in error.instance]
+        yield f"{key or 'the whole file'}: missing {', '.join(missing)}; add what is missing"
+    else:
+        description = error.schema.get("description", "")
+        yield f"{key or 'the whole file'}: {_complaint(error)}. {description}".rstrip()
+
+
+def _explain_unknown(schema: dict, key: str, name: str) -> str:
+    here = list(schema.get("properties", {}))
+    if "patternProperties" in schema:
+        return (
+            f"{_join(key, name)}: not a usable name; use letters, digits and underscores, and "
+            "begin with a letter"
+        )
+    if not here:
+        return f"{_join(key, name)}: unknown key. {schema['description']} Leave it empty: {{}}"
+    close = difflib.get_close_matches(name, here, n=1, cutoff=0.5)
+    if close:
+        return f"{_join(key, name)}: unknown key; did you mean `{_join(key, close[0])}`?"
+    # A right key in the wrong section is as frequent a slip as a typo.
+    elsewhere = {path.rsplit(".", 1)[-1]: path for path, _ in describe()}
+    close = difflib.get_close_matches(name, elsewhere, n=1, cutoff=0.75)
+    hint = f"did you mean `{elsewhere[close[0]]}`? " if close else ""
+    return f"{_join(key, name)}: unknown key; {hint}allowed here: {', '.join(here)}"
+
+
+def _complaint(error: jsonschema.ValidationError) -> str:
+    value, limit = error.instance, error.validator_value
+    if error.validator == "type":
+        given = "an empty value" if value is None else repr(value)
+        return f"{given} is not {_type_name(limit)}{_number_hint(value, limit)}"
+    if error.validator == "enum":
+        close = difflib.get_close_matches(str(value), [str(v) for v in limit], n=1)
+        hint = f"; did you mean {close[0]}?" if close else ""
+        return f"{value!r} is not offered; choose one of {', '.join(map(str, limit))}{hint}"
+    words = {
+        "minimum": f"{value!r} is too small; give at least {limit}",
+        "exclusiveMinimum": f"{value!r} is too small; give more than {limit}",
+        "maximum": f"{value!r} is too large; give at most {limit}",
+        "exclusiveMaximum": f"{value!r} is too large; give less than {limit}",
+        "anyOf": f"{value!r} is neither a whole number above zero nor `all`; give one of them",
+        "minItems": "the list is empty; name at least one",
+        "uniqueItems": f"{value!r} names something twice; remove the repetition",
+        "pattern": f"{value!r} is not a usable name; use letters, digits and underscores, and "
+        "begin with a letter",
+    }
+    return words[error.validator]
+
+
+def _type_name(types: str | list[str]) -> str:
+    names = {
+        "object": "a section (keys with values)",
+        "array": "a list",
+        "string": "text",
+        "integer": "a whole number",
+        "number": "a number",
+        "boolean": "true or false",
+        "null": "null",
+    }
+    return " or ".join(names[t] for t in ([types] if isinstance(types, str) else types))
+
+
+def _number_hint(value, types: str | list[str]) -> str:
+    """YAML reads 1e-8 as text; only with a point it is a number."""
+    if isinstance(value, str) and types == "number":
+        try:
+            return f"; write it as {float(value)!r}" if "e" not in value else "; write it as 1.0e-8"
+        except ValueError:
+            pass
+    return "; give that instead"
+
+
+def _join(*parts: str) -> str:
+    return ".".join(part for part in parts if part)
+
+
+# ---------------------------------------------------------------------------- cross-checks
+
+
+def _cross_check(config: dict) -> Iterator[str]:
+    """Mistakes that only show between keys, or between a key and a file."""
+    geometry, design, loading = config["geometry"], config["design"], config["loading"]
+    if geometry["epi_apex_z_mm"] >= geometry["endo_apex_z_mm"]:
+        yield "geometry.epi_apex_z_mm: must lie below geometry.endo_apex_z_mm; lower it"
+    if not Path(geometry["segments"]).is_file():
+        yield (
+            f"geometry.segments: there is no file {geometry['segments']}; give its path from the "
+            "folder in which you start"
+        )
+    if design["lower"] >= design["upper"]:
+        yield (
+            f"design.lower: {design['lower']} is not below design.upper ({design['upper']}); "
+            "exchange them"
+        )
+    frames = loading["frames"]
+    if any(b <= a for a, b in itertools.pairwise(frames)):
+        yield f"loading.frames: {frames} does not rise; sort it and remove repetitions"
+    solver = config["solver"]
+    if solver["min_load_fraction"] > solver["first_load_fraction"]:
+        yield "solver.min_load_fraction: exceeds solver.first_load_fraction; lower it"
+    emulators = config["emulators"]
+    if emulators["final"] not in emulators["names"]:
+        yield f"emulators.final: {emulators['final']} is not in emulators.names; add it there"
+    cases = config["test_posteriors"]["cases"]
+    if cases != "all" and cases > design["test"]:
+        yield (
+            f"test_posteriors.cases: {cases} posteriors on {design['test']} test cases "
+            "(design.test); lower it, or write `all`"
+        )
+    for name, subject in config["subjects"].items():
+        yield from _check_subject(f"subjects.{name}", subject, name, config["synthetic_subjects"])
+    for name, subject in config["synthetic_subjects"].items():
+        for parameter, value in subject["theta"].items():
+            if not design["lower"] <= value <= design["upper"]:
+                yield (
+                    f"synthetic_subjects.{name}.theta.{parameter}: {value} lies outside "
+                    f"[{design['lower']}, {design['upper']}] (design.lower, design.upper), where "
+                    "nothing is simulated; move it inside"
+                )
+
+
+def _check_subject(key: str, subject: dict, name: str, synthetic: dict) -> Iterator[str]:
+    source, measured = subject["source"], subject.get("measured")
+    if source == "synthetic" and name not in synthetic:
+        close = difflib.get_close_matches(name, synthetic, n=1)
+        hint = f"; did you mean the name {close[0]}?" if close else "; add it there"
+        yield f"{key}: synthetic_subjects has no entry {name}{hint}"
+    if source == "file":
+        if measured is None:
+            yield f"{key}.measured: missing; give the path of the measured file"
+        else:
+            # Imported here because pandas takes longer to load than the rest of this module, and
+            # every job of a run reads the configuration.
+            from regional_lv.measured import read_measured
+
+            try:
+                with warnings.catch_warnings():
+                    # The job that imports the file says them once, in its log.
+                    warnings.simplefilter("ignore")
+                    read_measured(measured)
+            except InputError as error:
+                yield f"{key}.measured: {error}"
+    elif measured is not None:
+        yield f"{key}.measured: only `source: file` reads a file; remove one of the two"
+
+
+# --------------------------------------------------------------------------- documentation
+
+
+def describe() -> list[tuple[str, dict]]:
+    """Every key that holds a value as (path, entry), in the order of the schema.
+
+    Names that the user chooses appear as `<name>`. `entry` is the schema's, with `reruns` from
+    its section where it has none, and `required` (bool).
+    """
+
+    def walk(schema: dict, path: str, reruns: str | None) -> Iterator[tuple[str, dict]]:
+        named = schema.get("patternProperties", {}).values()
+        for key, entry in [*schema.get("properties", {}).items(), *(("<name>", e) for e in named)]:
+            inner = entry.get("reruns", reruns)
+            if entry.get("properties") or entry.get("patternProperties"):
+                yield from walk(entry, _join(path, key), inner)
+                continue
+            required = key in schema.get("required", [])
+            yield _join(path, key), entry | {"reruns": inner, "required": required}
+
+    return list(walk(load_schema(), "", None))
+
+
+def document() -> str:
+    """Markdown tables of all keys, one per section of the schema."""
+    sections: dict[str, list[tuple[str, dict]]] = {}
+    for path, entry in describe():
+        sections.setdefault(path.split(".")[0] if "." in path else "", []).append((path, entry))
+    schema, lines = load_schema(), []
+    for section, entries in sections.items():
+        if section:
+            lines += [f"## `{section}`", "", schema["properties"][section]["description"], ""]
+        lines += ["| key | unit | default | meaning | reruns when changed |", "|---" * 5 + "|"]
+        for path, entry in entries:
+            default = "required" if entry["required"] else _default_text(entry)
+            unit = entry.get("unit", "")
+            lines.append(
+                f"| `{path}` | {unit} | {default} | {_meaning(entry)} | {entry['reruns']} |"
+            )
+        lines.append("")
+    return "\n".join(lines)
+
+
+def _default_text(entry: dict) -> str:
+    if "default" not in entry:
+        return "none"
+    return f"`{yaml.safe_dump(entry['default'], default_flow_style=True).splitlines()[0]}`"
+
+
+def _meaning(entry: dict) -> str:
+    """Description, with the choices where it does not name them itself."""
+    text = entry["description"].strip()
+    choices = [str(choice) for choice in entry.get("enum", [])]
+    missing = [choice for choice in choices if f"`{choice}`" not in text]
+    return f"{text} One of {', '.join(f'`{c}`' for c in choices)}." if missing else text
+
+
+def main(readme: Path) -> None:
+    """Rewrite what follows `MARK` in config/README.md."""
+    head = readme.read_text().split(MARK)[0]
+    readme.write_text(f"{head}{MARK}\n{document()}")
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))

@@ -1,0 +1,44 @@
+"""Which files of the library a script depends on, read off their import statements."""
+
+import ast
+import os
+from collections.abc import Iterable
+from pathlib import Path
+
+PACKAGE = "regional_lv"
+
+
+def files(source: Path, modules: Iterable[str], without: Iterable[str] = ()) -> list[str]:
+    """Files of `modules` (dotted names below the package) and of all that they import.
+
+    source: the folder that holds the package. Modules named in `without` are left out, with what
+    only they import. Paths are relative to the working directory. Raises ValueError for a module
+    that does not exist.
+    """
+    waiting, seen = list(modules), {}
+    while waiting:
+        name = waiting.pop()
+        if name in seen or name in without:
+            continue
+        path = _file(source, name)
+        if path is None:
+            raise ValueError(f"library module {PACKAGE}.{name} does not exist")
+        seen[name] = os.path.relpath(path)
+        waiting.extend(_imports(source, path))
+    return sorted(seen.values())
+
+
+def _file(source: Path, name: str) -> Path | None:
+    path = source / PACKAGE / name.replace(".", "/")
+    candidates = (path.with_suffix(".py"), path / "__init__.py")
+    return next((c for c in candidates if name and c.is_file()), None)
+
+
+def _imports(source: Path, path: Path) -> set[str]:
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] == PACKAGE:
+            inside = node.module.removeprefix(PACKAGE).lstrip(".")
+            names = [inside, *(f"{inside}.{alias.name}".lstrip(".") for alias in node.names)]
+            found |= {name for name in names if _file(source, name)}
+    return found

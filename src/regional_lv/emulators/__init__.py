@@ -1,0 +1,134 @@
+"""Emulators by name, and what the workflow does with them.
+
+A new emulator is one file in this folder and one entry in `REGISTRY`.
+"""
+
+import json
+import logging
+import time
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import torch
+
+from regional_lv import aha
+from regional_lv.emulators.base import Emulator, Prediction, SeparablePrediction
+from regional_lv.emulators.exact_gp import ExactGP
+from regional_lv.errors import InputError
+from regional_lv.seeds import derive
+
+__all__ = ["REGISTRY", "Emulator", "Prediction", "SeparablePrediction", "create", "load"]
+
+log = logging.getLogger(__name__)
+
+REGISTRY: dict[str, type[Emulator]] = {cls.name: cls for cls in (ExactGP,)}
+"""Name in the config -> class."""
+
+
+def create(name: str, settings: dict | None = None) -> Emulator:
+    """A new emulator. Raises InputError for a name that is not registered."""
+    return _lookup(name)(**(settings or {}))
+
+
+def load(path: str | Path) -> Emulator:
+    """Whichever emulator a file holds."""
+    return _lookup(torch.load(path, weights_only=True)["emulator"]).load(path)
+
+
+def _lookup(name: str) -> type[Emulator]:
+    if name not in REGISTRY:
+        raise InputError(
+            f"emulators.names: {name!r} is not an emulator; choose among {', '.join(REGISTRY)}"
+        )
+    return REGISTRY[name]
+
+
+def read_simulations(path: str | Path) -> tuple[np.ndarray, np.ndarray, pd.Index]:
+    """Theta (N, 10), outputs (N, 52) and sample names of a screened table of simulations.
+
+    Raises InputError if a column is missing.
+    """
+    table = pd.read_parquet(path)
+    wanted = ["sample", *aha.PARAMETERS, *aha.OUTPUTS]
+    missing = [name for name in wanted if name not in table]
+    if missing:
+        raise InputError(
+            f"{path}: no column {', '.join(missing[:5])}; give a screened table of simulations"
+        )
+    theta, y = (table[list(names)].to_numpy(float) for names in (aha.PARAMETERS, aha.OUTPUTS))
+    return theta, y, pd.Index(table["sample"].astype(str))
+
+
+def train_emulator(
+    name: str,
+    settings: dict,
+    train: str | Path,
+    lower: float,
+    upper: float,
+    seed: int,
+    emulator_file: str | Path,
+    report: str | Path,
+) -> None:
+    """Fit one emulator to a screened table; write it and its report (JSON).
+
+    seed: the study's master seed. Raises InputError for an unknown name or an unusable table.
+    """
+    theta, y, _ = read_simulations(train)
+    started = time.monotonic()
+    emulator = create(name, settings)
+    emulator.fit(theta, y, lower=lower, upper=upper, seed=derive(seed, "emulators", name))
+    seconds = time.monotonic() - started
+    emulator.save(emulator_file)
+    content = {"emulator": name, "settings": emulator.settings, "seconds": seconds}
+    Path(report).write_text(json.dumps(content | emulator.info, indent=2) + "\n")
+
+
+def predict_test_set(
+    emulator_file: str | Path, test: str | Path, predictions: str | Path, errors: str | Path
+) -> None:
+    """Predict a screened table; write predictions (Parquet) and errors per output (CSV).
+
+    Predictions: case, output, truth, mean, sd (natural units). Errors: output, rmse,
+    rmse_standardised (over the training sd), max_abs_error, coverage95, and a row `all` with the
+    standardised numbers (root mean square, largest) over all outputs.
+    """
+    emulator = load(emulator_file)
+    theta, y, samples = read_simulations(test)
+    with torch.no_grad():
+        prediction = emulator.predict(torch.as_tensor(theta))
+    truth = torch.as_tensor(y)
+    long = pd.DataFrame(
+        {
+            "case": np.repeat(samples.to_numpy(), len(emulator.outputs)),
+            "output": np.tile(emulator.outputs, len(samples)),
+            "truth": truth.ravel().numpy(),
+            "mean": prediction.mean.ravel().numpy(),
+            "sd": prediction.sd.ravel().numpy(),
+        }
+    )
+    long.to_parquet(predictions, index=False)
+    error = prediction.mean - truth
+    scaled = error / emulator.output_sd
+    covered = (error.abs() <= 1.959963984540054 * prediction.sd).double()
+    table = pd.DataFrame(
+        {
+            "output": emulator.outputs,
+            "rmse": error.square().mean(0).sqrt().numpy(),
+            "rmse_standardised": scaled.square().mean(0).sqrt().numpy(),
+            "max_abs_error": error.abs().amax(0).numpy(),
+            "coverage95": covered.mean(0).numpy(),
+        }
+    )
+    total = {
+        "output": "all",
+        "rmse": np.nan,
+        "rmse_standardised": float(scaled.square().mean().sqrt()),
+        "max_abs_error": np.nan,
+        "coverage95": float(covered.mean()),
+    }
+    pd.concat([table, pd.DataFrame([total])], ignore_index=True).to_csv(errors, index=False)
+    log.info(
+        "%s: standardised root-mean-square error %.4f on %d simulations",
+        *(emulator.name, total["rmse_standardised"], len(samples)),
+    )

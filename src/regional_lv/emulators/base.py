@@ -1,0 +1,242 @@
+"""The interface that every emulator has: fit, predict with covariance, save, load."""
+
+import copy
+import warnings
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+import torch
+
+from regional_lv import aha
+from regional_lv.errors import InputError
+
+INPUT_TRANSFORMS = ("log", "identity")
+
+
+class Prediction:
+    """Predictive distribution of the outputs, Gaussian, in their natural units.
+
+    mean: (..., D). covariance: (..., D, D). Both differentiable with respect to theta.
+    """
+
+    def __init__(self, mean: torch.Tensor, covariance: torch.Tensor):
+        self.mean = mean
+        self._covariance = covariance
+
+    @property
+    def covariance(self) -> torch.Tensor:
+        return self._covariance
+
+    @property
+    def sd(self) -> torch.Tensor:
+        """Standard deviation of each output, (..., D)."""
+        return self.covariance.diagonal(dim1=-2, dim2=-1).sqrt()
+
+
+class SeparablePrediction(Prediction):
+    """A prediction with covariance `variance` (...) times `output_covariance` (D, D).
+
+    The likelihood diagonalises `output_covariance` once instead of factorising at every theta.
+    """
+
+    def __init__(self, mean, variance: torch.Tensor, output_covariance: torch.Tensor):
+        super().__init__(mean, output_covariance)
+        self.variance = variance
+        self.output_covariance = output_covariance
+
+    @property
+    def covariance(self) -> torch.Tensor:
+        return self.variance[..., None, None] * self.output_covariance
+
+    @property
+    def sd(self) -> torch.Tensor:
+        return torch.sqrt(self.variance[..., None] * self.output_covariance.diagonal())
+
+
+class Emulator(ABC):
+    """A statistical stand-in for the simulator.
+
+    After `fit` (or `load`): `outputs` (names of the D outputs), `lower` and `upper` (box that the
+    training design covers, the same for every parameter), `output_mean` and `output_sd` (D,) of
+    the training outputs in natural units, and `info`, what the fit has to say about itself.
+
+    A new emulator is one file with a subclass, and one entry in `emulators.REGISTRY`. It has to
+    implement `_fit`, `_predict`, `_state`, `_restore` and `_select`.
+    """
+
+    name: ClassVar[str]
+
+    def __init__(self, input_transform: str = "log"):
+        if input_transform not in INPUT_TRANSFORMS:
+            raise InputError(
+                f"input_transform: {input_transform!r} is not offered; choose one of "
+                f"{', '.join(INPUT_TRANSFORMS)}"
+            )
+        self.settings = {"input_transform": input_transform}
+        self.outputs: tuple[str, ...] = ()
+        self.info: dict = {}
+
+    # --------------------------------------------------------------------------- interface
+
+    def fit(
+        self,
+        theta: np.ndarray,
+        y: np.ndarray,
+        *,
+        lower: float,
+        upper: float,
+        outputs: Sequence[str] = aha.OUTPUTS,
+        seed: int = 0,
+    ) -> "Emulator":
+        """Learn from `theta` (N, 10) and outputs `y` (N, D) in natural units; return self.
+
+        Raises InputError for too few rows, numbers that are not finite, shapes that do not fit,
+        or an output that does not vary.
+        """
+        theta, y = np.asarray(theta, dtype=float), np.asarray(y, dtype=float)
+        _check_training_set(theta, y, outputs)
+        self.outputs, self.lower, self.upper = tuple(outputs), float(lower), float(upper)
+        theta, y = torch.as_tensor(theta), torch.as_tensor(y)
+        self.output_mean, self.output_sd = y.mean(0), y.std(0)
+        transformed = torch.log(theta) if self._log else theta
+        self.input_mean, self.input_sd = transformed.mean(0), transformed.std(0)
+        self._fit(self.standardise(theta), (y - self.output_mean) / self.output_sd, seed)
+        return self
+
+    def predict(self, theta: torch.Tensor) -> Prediction:
+        """Predict at `theta` (..., 10), float64; differentiable."""
+        return self._predict(theta)
+
+    def jacobian(self, theta: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor | None]:
+        """d(mean)/d(theta) (..., D, 10); d(variance)/d(theta) (..., 10) if separable, else None.
+
+        One backward pass per output; emulators that know their derivatives override this.
+        """
+        with torch.enable_grad():
+            theta = theta.detach().requires_grad_(True)
+            prediction = self.predict(theta)
+            rows = [
+                torch.autograd.grad(prediction.mean[..., i].sum(), theta, retain_graph=True)[0]
+                for i in range(len(self.outputs))
+            ]
+            slope = None
+            if isinstance(prediction, SeparablePrediction):
+                slope = torch.autograd.grad(prediction.variance.sum(), theta)[0]
+        return torch.stack(rows, dim=-2), slope
+
+    def select(self, outputs: Sequence[str]) -> "Emulator":
+        """This emulator for some of its outputs, in the order given.
+
+        Raises InputError for an output that it does not have.
+        """
+        missing = [name for name in outputs if name not in self.outputs]
+        if missing:
+            raise InputError(
+                f"{self.name}: no output {', '.join(missing)}; it was fitted to "
+                f"{len(self.outputs)} outputs, choose among them or fit it again"
+            )
+        chosen = copy.copy(self)
+        index = torch.tensor([self.outputs.index(name) for name in outputs])
+        chosen.outputs = tuple(outputs)
+        chosen.output_mean, chosen.output_sd = self.output_mean[index], self.output_sd[index]
+        chosen._select(index)
+        return chosen
+
+    def save(self, path: str | Path) -> None:
+        """Write everything that `load` needs."""
+        common = {
+            key: getattr(self, key)
+            for key in ("outputs", "lower", "upper", "settings", "info", *_TENSORS)
+        }
+        torch.save({"emulator": self.name, "common": common, "state": self._state()}, path)
+
+    @classmethod
+    def load(cls, path: str | Path) -> "Emulator":
+        """Read what `save` wrote. Raises InputError if another emulator wrote it."""
+        content = torch.load(path, weights_only=True)
+        if content["emulator"] != cls.name:
+            raise InputError(
+                f"{path}: holds the emulator {content['emulator']}, not {cls.name}; load it with "
+                "emulators.load"
+            )
+        emulator = cls(**content["common"]["settings"])
+        for key, value in content["common"].items():
+            setattr(emulator, key, value)
+        emulator._restore(content["state"])
+        return emulator
+
+    # ---------------------------------------------------------------- what a subclass provides
+
+    @abstractmethod
+    def _fit(self, x: torch.Tensor, y: torch.Tensor, seed: int) -> None:
+        """Learn from standardised inputs (N, 10) and standardised outputs (N, D)."""
+
+    @abstractmethod
+    def _predict(self, theta: torch.Tensor) -> Prediction:
+        """Predict in natural units."""
+
+    @abstractmethod
+    def _select(self, index: torch.Tensor) -> None:
+        """Keep the outputs `index` of this (already copied) emulator."""
+
+    @abstractmethod
+    def _state(self) -> dict:
+        """Tensors and plain values that `_restore` needs."""
+
+    @abstractmethod
+    def _restore(self, state: dict) -> None: ...
+
+    # ---------------------------------------------------------------------------- helpers
+
+    @property
+    def _log(self) -> bool:
+        return self.settings["input_transform"] == "log"
+
+    def standardise(self, theta: torch.Tensor) -> torch.Tensor:
+        """Inputs on the scale on which the emulator works: mean 0, sd 1 over the training set."""
+        transformed = torch.log(theta) if self._log else theta
+        return (transformed - self.input_mean) / self.input_sd
+
+    def standardise_slope(self, theta: torch.Tensor) -> torch.Tensor:
+        """d(standardised input)/d(theta), (..., 10): the transform acts on each parameter alone."""
+        slope = 1 / self.input_sd
+        return slope / theta if self._log else slope.expand_as(theta)
+
+
+_TENSORS = ("input_mean", "input_sd", "output_mean", "output_sd")
+
+
+def _check_training_set(theta: np.ndarray, y: np.ndarray, outputs: Sequence[str]) -> None:
+    parameters, needed = len(aha.PARAMETERS), len(aha.PARAMETERS) + 2
+    if theta.ndim != 2 or theta.shape[1] != parameters or y.shape != (len(theta), len(outputs)):
+        raise InputError(
+            f"training set: theta {theta.shape} and outputs {y.shape} do not fit; expected "
+            f"(N, {parameters}) and (N, {len(outputs)})"
+        )
+    if len(theta) < needed:
+        raise InputError(
+            f"training set: {len(theta)} simulations are too few for an emulator of {parameters} "
+            f"parameters; simulate at least {needed} (design.natural, design.log)"
+        )
+    bad = np.flatnonzero(~(np.isfinite(theta).all(axis=1) & np.isfinite(y).all(axis=1)))
+    if bad.size:
+        raise InputError(
+            f"training set: row {bad[0]} (of {bad.size} such rows) holds numbers that are not "
+            "finite; remove failed simulations first (the screening does it)"
+        )
+    if theta.min() <= 0:
+        raise InputError("training set: a scaling factor is not above zero; correct the design")
+    still = [name for name, column in zip(outputs, y.T, strict=True) if np.ptp(column) == 0]
+    if still:
+        raise InputError(
+            f"training set: {', '.join(still)} has one and the same value in every simulation; "
+            "leave the output out or check the simulator"
+        )
+
+
+def warn_jitter(name: str, jitter: float) -> None:
+    """Say that a matrix was only positive definite with more on its diagonal."""
+    warnings.warn(f"{name}: nugget raised to {jitter:.1e} for a Cholesky factor", stacklevel=3)

@@ -1,0 +1,1 @@
+"""Figures: one module per family, each with `draw(inputs..., png, csv)`."""

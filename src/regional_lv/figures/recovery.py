@@ -1,0 +1,135 @@
+"""Do the posteriors find the parameters that made the data? Truth against estimate, coverage."""
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
+
+from regional_lv import aha
+from regional_lv.figures import style
+from regional_lv.figures.posterior import failed_cases
+
+LEVEL_COLOURS = {50: style.SKY, 80: style.GREEN, 95: style.BLUE}
+
+
+@style.context
+def draw(
+    recovery: Path, coverage: Path, diagnostics: Path, emulator: str, png: Path, csv: Path
+) -> None:
+    """Draw MAP and 95 % interval against truth per parameter, and coverage with its own interval.
+
+    recovery: CSV with case, parameter, truth, map, lower95, upper95, covered. coverage: CSV with
+    parameter (the ten and "all"), coverage50/80/95 and their binomial 95 % intervals
+    (`coverage95_lower`, `coverage95_upper`, ...). diagnostics: verdict of every case; intervals of
+    posteriors that failed are grey and dashed. The table holds the rows of `recovery` with their
+    verdict, and of `coverage`, told apart by the column `panel`.
+    """
+    table = pd.read_csv(recovery, dtype={"case": str})
+    covered = pd.read_csv(coverage)
+    failed = failed_cases(diagnostics)
+    table["failed"] = table["case"].isin(failed)
+    cases = table["case"].nunique()
+
+    fig = style.figure(12.0, 8.8)
+    fig.get_layout_engine().set(h_pad=0.09)
+    grid = fig.add_gridspec(3, 5, height_ratios=[1, 1, 0.95])
+    limit = 1.03 * table[["truth", "map", "upper95"]].max().max()
+    for column, zone in enumerate(aha.ZONES):
+        for row, kind in enumerate(("C_a", "C_b")):
+            ax = fig.add_subplot(grid[row, column])
+            _panel(ax, table[table["parameter"] == f"{kind}_{zone}"], limit)
+            ax.set_title(f"${kind}$ {zone}")
+            if column == 0:
+                ax.set_ylabel("MAP and 95 % interval")
+            if row == 1:
+                ax.set_xlabel("truth")
+    _coverage(fig.add_subplot(grid[2, :]), covered)
+    fig.legend(handles=_legend(table), loc="outside lower center", ncols=4)
+    mse = ((table["map"] - table["truth"]) ** 2).mean()
+    everything = covered.set_index("parameter").loc["all"]
+    style.suptitle(
+        fig,
+        f"Recovery of {cases} simulated test cases, {emulator}: parameter MSE {mse:.3g}, "
+        f"95 % intervals cover {100 * everything['coverage95']:.1f} %",
+        warning_of(len(failed & set(table["case"])), cases),
+    )
+    joined = pd.concat(
+        [table.assign(panel="recovery"), covered.assign(panel="coverage")], ignore_index=True
+    )
+    joined.insert(0, "panel", joined.pop("panel"))
+    style.save(fig, joined, png, csv)
+
+
+def warning_of(failed: int, cases: int) -> str:
+    """Sentence about posteriors that failed their gate; empty if none did."""
+    return f"{failed} OF {cases} POSTERIORS FAILED THEIR CONVERGENCE GATE (grey)" if failed else ""
+
+
+def _panel(ax: Axes, part: pd.DataFrame, limit: float) -> None:
+    covered = part["covered"].astype(bool)
+    for chosen, colour, line in (
+        (covered & ~part["failed"], style.BLUE, "-"),
+        (~covered & ~part["failed"], style.VERMILLION, "-"),
+        (part["failed"], style.GREY, "--"),
+    ):
+        here = part[chosen]
+        ax.vlines(
+            here["truth"],
+            here["lower95"],
+            here["upper95"],
+            colors=colour,
+            linestyles=line,
+            linewidth=0.8,
+            alpha=0.7,
+        )
+        ax.scatter(here["truth"], here["map"], c=colour, s=7, linewidths=0, zorder=3)
+    ax.plot([0, limit], [0, limit], color=style.BLACK, linewidth=0.6)
+    ax.set(xlim=(0, limit), ylim=(0, limit), aspect="equal")
+    mse = ((part["map"] - part["truth"]) ** 2).mean()
+    ax.text(
+        0.04,
+        0.97,
+        f"MSE {mse:.2g}\ncovered {100 * covered.mean():.1f} %",
+        transform=ax.transAxes,
+        va="top",
+        fontsize=8,
+    )
+
+
+def _coverage(ax: Axes, table: pd.DataFrame) -> None:
+    names = [*aha.PARAMETERS, "all"]
+    table = table.set_index("parameter").loc[names]
+    at = np.arange(len(names)) + np.r_[np.zeros(len(names) - 1), 0.5]
+    for place, (level, colour) in enumerate(LEVEL_COLOURS.items()):
+        value = 100 * table[f"coverage{level}"].to_numpy()
+        ends = 100 * table[[f"coverage{level}_lower", f"coverage{level}_upper"]].to_numpy()
+        shift = 0.18 * (place - 1)
+        ax.axhline(level, color=colour, linestyle="--", linewidth=1)
+        ax.vlines(at + shift, *ends.T, colors=colour)
+        ax.plot(at + shift, value, "o", color=colour, markersize=4)
+        ax.annotate(
+            f"{level} %",
+            (1, level),
+            xycoords=("axes fraction", "data"),
+            xytext=(3, 0),
+            textcoords="offset points",
+            va="center",
+            color=colour,
+        )
+    ax.set_xticks(at, [style.parameter_label(n).replace(" ", "\n") for n in names])
+    ax.set(ylabel="intervals that cover (%)", ylim=(None, 101))
+    ax.set_title("Coverage of the 50, 80 and 95 % intervals, with binomial 95 % intervals")
+
+
+def _legend(table: pd.DataFrame) -> list[Line2D]:
+    handles = [
+        Line2D([], [], color=style.BLUE, marker="o", markersize=3, label="interval covers"),
+        Line2D([], [], color=style.VERMILLION, marker="o", markersize=3, label="does not cover"),
+    ]
+    if table["failed"].any():
+        handles.append(
+            Line2D([], [], color=style.GREY, linestyle="--", label="posterior failed its gate")
+        )
+    return handles

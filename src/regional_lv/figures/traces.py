@@ -1,0 +1,121 @@
+"""Chains, marginal posteriors and autocorrelation (the paper's Figures 6, S1 and S6)."""
+
+from pathlib import Path
+
+import arviz as az
+import numpy as np
+import pandas as pd
+
+from regional_lv import aha
+from regional_lv.figures import style
+from regional_lv.figures.posterior import density, read
+
+MAX_LAG = 40
+
+
+@style.context
+def draw(
+    nc: Path,
+    diagnostics: Path,
+    source: str,
+    png: Path,
+    csv: Path,
+    truth: Path | None = None,
+    case: str | None = None,
+) -> None:
+    """Draw every parameter and noise scale of one case: trace, marginal, autocorrelation.
+
+    case: needed if `nc` holds several. Truth is dashed green, the 95 % HPD interval dotted
+    vermillion. The table is long: parameter, item (draw, density, autocorrelation, median,
+    lower95, upper95, truth), chain, x (draw, value or lag), y.
+    """
+    posterior = read(nc, diagnostics, case=case, truth=truth)
+    summary = posterior.summary()
+    names = list(posterior.draws)
+    fig = style.figure(10.5, 1.15 * len(names) + 1.2)
+    axes = fig.subplots(len(names), 3, width_ratios=[2.4, 1.2, 1.0])
+    _share(axes, names)
+    rows = []
+    for (trace, marginal, memory), name in zip(axes, names, strict=True):
+        draws = posterior.draws[name]
+        row = summary.loc[name]
+        _trace(trace, name, draws, rows)
+        _marginal(marginal, name, draws, rows)
+        _autocorrelation(memory, name, draws, rows)
+        for item in summary.columns:
+            rows.append((name, item, None, row[item], None))
+        for limit in (row["lower95"], row["upper95"]):
+            trace.axhline(limit, color=style.VERMILLION, linestyle=":", linewidth=1)
+            marginal.axvline(limit, color=style.VERMILLION, linestyle=":", linewidth=1.2)
+        if name in posterior.truth:
+            value = posterior.truth[name]
+            rows.append((name, "truth", None, value, None))
+            trace.axhline(value, color=style.GREEN, linestyle="--", linewidth=1.4, zorder=4)
+            marginal.axvline(value, color=style.GREEN, linestyle="--", linewidth=1.4)
+    titles = {"Trace": "draw", "Posterior": "value", "Autocorrelation": "lag"}
+    for (title, label), column in zip(titles.items(), axes.T, strict=True):
+        column[0].set_title(title)
+        column[-1].set_xlabel(label)
+    fig.align_ylabels(axes[:, 0])
+    _legend(fig, axes[0, 0], len(draws), bool(posterior.truth))
+    style.suptitle(
+        fig,
+        posterior.title(f"Convergence gate {posterior.verdict.split(':')[0]}", source),
+        posterior.warning,
+    )
+    table = pd.DataFrame(rows, columns=["parameter", "item", "chain", "x", "y"])
+    table.insert(0, "case", posterior.case)
+    table["verdict"] = posterior.verdict
+    style.save(fig, table, png, csv)
+
+
+def _share(axes: np.ndarray, names: list[str]) -> None:
+    """One axis of draws, one of lags, one of values for the ten parameters; noise scales apart."""
+    parameters = sum(name in aha.PARAMETERS for name in names)
+    for column, rows in ((0, len(names)), (1, parameters), (2, len(names))):
+        for ax in axes[1:rows, column]:
+            ax.sharex(axes[0, column])
+        for ax in axes[: rows - 1, column]:
+            ax.tick_params(labelbottom=False)
+
+
+def _trace(ax, name: str, draws: np.ndarray, rows: list) -> None:
+    for chain, values in enumerate(draws):
+        colour = style.CHAIN_COLOURS[chain % len(style.CHAIN_COLOURS)]
+        ax.plot(values, color=colour, linewidth=0.5, alpha=0.8)
+        rows += [(name, "draw", chain, i, v) for i, v in enumerate(values)]
+    ax.set_ylabel(
+        style.parameter_label(name).replace(" ", "\n"), rotation=0, ha="right", va="center"
+    )
+    ax.margins(x=0.01)
+
+
+def _marginal(ax, name: str, draws: np.ndarray, rows: list) -> None:
+    ax.hist(draws.ravel(), bins=40, density=True, color=style.LIGHT)
+    values, heights = density(draws)
+    ax.plot(values, heights, color=style.BLUE)
+    rows += [(name, "density", None, v, h) for v, h in zip(values, heights, strict=True)]
+    ax.set_yticks([])
+    ax.spines["left"].set_visible(False)
+
+
+def _autocorrelation(ax, name: str, draws: np.ndarray, rows: list) -> None:
+    lags = min(MAX_LAG, draws.shape[1] - 1)
+    # About zero, 95 % of an uncorrelated sequence of this length.
+    ax.axhspan(*(np.array([-1, 1]) * 1.96 / np.sqrt(draws.shape[1])), color=style.LIGHT, zorder=0)
+    for chain, values in enumerate(draws):
+        colour = style.CHAIN_COLOURS[chain % len(style.CHAIN_COLOURS)]
+        correlation = az.autocorr(values)[: lags + 1]
+        ax.plot(correlation, color=colour, linewidth=1)
+        rows += [(name, "autocorrelation", chain, i, v) for i, v in enumerate(correlation)]
+    ax.set(ylim=(-0.35, 1.05), yticks=[0, 1])
+
+
+def _legend(fig, ax, chains: int, has_truth: bool) -> None:
+    for chain in range(chains):
+        colour = style.CHAIN_COLOURS[chain % len(style.CHAIN_COLOURS)]
+        ax.plot([], [], color=colour, label=f"chain {chain + 1}")
+    ax.plot([], [], ":", color=style.VERMILLION, label="95 % HPD interval")
+    if has_truth:
+        ax.plot([], [], "--", color=style.GREEN, label="truth")
+    fig.legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncols=chains + 2)

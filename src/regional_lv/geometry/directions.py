@@ -1,0 +1,71 @@
+"""Local directions and fibres, in the form that the simulator mirrors, and at the nodes."""
+
+import numpy as np
+
+from regional_lv.geometry.elements import NODES, jacobians, lagrange
+
+
+def local_directions(gradient_of_transmural):
+    """Unit circumferential, radial and longitudinal directions (c, r, l) from grad t.
+
+        r = grad t / |grad t|,     c = (e_z x r) / |e_z x r|,     l = r x c
+
+    `gradient_of_transmural` has shape (..., 3); so have the results. r points from endocardium to
+    epicardium, c counter-clockwise seen from the base, l towards the base; (r, c, l) is
+    right-handed. c and l do not exist where r is parallel to the long axis: at the pole only.
+    """
+    radial = gradient_of_transmural / np.linalg.norm(gradient_of_transmural, axis=-1)[..., None]
+    circumferential = np.stack(
+        [-radial[..., 1], radial[..., 0], np.zeros_like(radial[..., 0])], axis=-1
+    )
+    circumferential /= np.linalg.norm(circumferential, axis=-1)[..., None]
+    return circumferential, radial, np.cross(radial, circumferential)
+
+
+def fibre_directions(t, circumferential, radial, longitudinal, fibres):
+    """Unit fibre and sheet directions at transmural depth t (rule-based).
+
+        h = (1 - t) helix_endo + t helix_epi          f = cos(h) c + sin(h) l
+        n = -sin(h) c + cos(h) l                      (normal to the fibre, tangent to the wall)
+        b = (1 - t) sheet_endo + t sheet_epi          s = cos(b) r + sin(b) n
+
+    t has shape (...), the directions (..., 3); `fibres` holds helix_endo_deg, helix_epi_deg,
+    sheet_endo_deg, sheet_epi_deg. A positive helix angle turns the fibre from the circumferential
+    direction (counter-clockwise seen from the base) towards the base: a right-handed helix, the
+    endocardium's in the common convention (Streeter et al. 1969, doi 10.1161/01.RES.24.3.339).
+    """
+
+    def angle(kind):
+        endo, epi = (np.radians(fibres[f"{kind}_{side}_deg"]) for side in ("endo", "epi"))
+        return ((1 - t) * endo + t * epi)[..., None]
+
+    helix, sheet = angle("helix"), angle("sheet")
+    fibre = np.cos(helix) * circumferential + np.sin(helix) * longitudinal
+    normal = -np.sin(helix) * circumferential + np.cos(helix) * longitudinal
+    return fibre, np.cos(sheet) * radial + np.sin(sheet) * normal
+
+
+def nodal_transmural_gradient(mesh):
+    """grad t (n, 3) at the nodes, averaged over the elements that share a node."""
+    jacobian = jacobians(mesh, NODES)
+    local = np.einsum("en,qnd->eqd", mesh.transmural[mesh.cells], lagrange(NODES)[1])
+    gradient = np.linalg.solve(np.swapaxes(jacobian, -1, -2), local[..., None])[..., 0]
+    total = np.zeros_like(mesh.points)
+    np.add.at(total, mesh.cells, gradient)
+    return total / np.bincount(mesh.cells.ravel(), minlength=len(total))[:, None]
+
+
+def nodal_directions(mesh, fibres):
+    """Direction fields (n, 3) at the nodes, for viewing; at the pole c is set to +x."""
+    gradient = nodal_transmural_gradient(mesh)
+    on_axis = np.hypot(mesh.points[:, 0], mesh.points[:, 1]) < 1e-6
+    gradient[on_axis] = [0.0, -1e-9, -1.0]
+    c, r, longitudinal = local_directions(gradient)
+    fibre, sheet = fibre_directions(mesh.transmural, c, r, longitudinal, fibres)
+    return {
+        "fibre": fibre,
+        "sheet": sheet,
+        "circumferential": c,
+        "radial": r,
+        "longitudinal_direction": longitudinal,
+    }

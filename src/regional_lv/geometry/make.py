@@ -1,0 +1,78 @@
+"""From the segment table to the mesh file, in one call."""
+
+import json
+from pathlib import Path
+
+from regional_lv.errors import InputError
+from regional_lv.geometry.directions import nodal_directions
+from regional_lv.geometry.mesh import write_mesh
+from regional_lv.geometry.meshing import convert_mesh, write_gmsh
+from regional_lv.geometry.summary import summarise
+from regional_lv.geometry.surfaces import Surfaces
+from regional_lv.geometry.table import read_segments
+
+
+def _check_apices(path, table, endo_apex_z_mm, epi_apex_z_mm):
+    bottom = table["z_bottom_mm"].iloc[15]
+    if not epi_apex_z_mm < endo_apex_z_mm < bottom:
+        raise InputError(
+            f"geometry.endo_apex_z_mm {endo_apex_z_mm:g} and geometry.epi_apex_z_mm "
+            f"{epi_apex_z_mm:g} must lie, in this order, below the apical level of {path}, which "
+            f"ends at {bottom:g}"
+        )
+    given = table["z_bottom_mm"].iloc[16]
+    if not epi_apex_z_mm - 0.5 <= given <= endo_apex_z_mm + 0.5:
+        raise InputError(
+            f"{path}, line {table['line'].iloc[16]}: segment 17 ends at z = {given:g} mm, not at "
+            f"the apex (geometry.endo_apex_z_mm {endo_apex_z_mm:g}, geometry.epi_apex_z_mm "
+            f"{epi_apex_z_mm:g}); correct one of them"
+        )
+
+
+def _check_mesh_config(mesh):
+    n = mesh["circumferential"]
+    if n < 16 or n % 8:
+        raise InputError(
+            f"mesh.circumferential is {n}; use 16, 24, 32, 40 or 48 (the apex patch has a quarter "
+            "of it along each side, and a node at the pole)"
+        )
+    for key in ("basal", "mid", "apical", "apex", "transmural"):
+        if mesh[key] < 1:
+            raise InputError(f"mesh.{key} is {mesh[key]}; use at least 1")
+
+
+def make_mesh(
+    segments_csv,
+    endo_apex_z_mm,
+    epi_apex_z_mm,
+    mesh_cfg,
+    fibres_cfg,
+    msh_path,
+    vtu_path,
+    segments_out_csv,
+    summary_json,
+):
+    """Make the parametric left ventricle: gmsh file, .vtu for ParaView, segment table, summary.
+
+    `mesh_cfg` holds circumferential (16, 24, 32, 40 or 48 elements), basal, mid, apical, apex
+    (rows of elements per level) and transmural (layers); `fibres_cfg` the angles of
+    `fibre_directions`. The .vtu carries `segment`, `zone` (1-5), `surface` per cell and per point
+    `transmural`, `longitudinal` (0 apex to 1 base) and the direction fields. Same input, same
+    bytes. Raises InputError for a table that cannot be used, or whose surfaces cross.
+    """
+    table = read_segments(segments_csv)
+    _check_apices(segments_csv, table, endo_apex_z_mm, epi_apex_z_mm)
+    _check_mesh_config(mesh_cfg)
+    surfaces = Surfaces(table, endo_apex_z_mm, epi_apex_z_mm)
+    write_gmsh(table, surfaces, mesh_cfg, msh_path)
+    mesh = convert_mesh(msh_path)
+    segments, summary = summarise(mesh, table)
+    if summary["scaled_jacobian_min"] <= 0:
+        raise InputError(
+            f"{segments_csv}: the wall folds in segment {summary['worst_segment']}; its thickness "
+            "or radius differs too much from its neighbours', or two sector borders nearly "
+            "coincide; check the row, or raise mesh.circumferential"
+        )
+    write_mesh(mesh, vtu_path, nodal_directions(mesh, fibres_cfg))
+    segments.to_csv(segments_out_csv, index=False, float_format="%.6g")
+    Path(summary_json).write_text(json.dumps(summary, indent=2) + "\n")

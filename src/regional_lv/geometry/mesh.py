@@ -1,0 +1,73 @@
+"""The mesh as the project passes it on, and its file."""
+
+from dataclasses import dataclass
+
+import meshio
+import numpy as np
+
+from regional_lv.aha import SEGMENT_ZONE
+from regional_lv.errors import InputError
+
+ENDOCARDIUM, EPICARDIUM, BASE = 1, 2, 3
+SURFACES = {ENDOCARDIUM: "endocardium", EPICARDIUM: "epicardium", BASE: "base"}
+
+
+@dataclass
+class Mesh:
+    """Quadratic hexahedral mesh of the wall.
+
+    points (n, 3) mm; cells (m, 27) node numbers in VTK's triquadratic order; segment (m,) AHA
+    number 1-17; facets (k, 9) in VTK's biquadratic order; surface (k,) 1 endocardium,
+    2 epicardium, 3 base; transmural (n,) 0 endocardium to 1 epicardium; longitudinal (n,) 0 apex
+    to 1 base.
+    """
+
+    points: np.ndarray
+    cells: np.ndarray
+    segment: np.ndarray
+    facets: np.ndarray
+    surface: np.ndarray
+    transmural: np.ndarray
+    longitudinal: np.ndarray
+
+
+def read_mesh(vtu_path):
+    """Read the mesh that `make_mesh` wrote (.vtu)."""
+    raw = meshio.read(vtu_path)
+    kinds = [block.type for block in raw.cells]
+    if sorted(kinds) != ["hexahedron27", "quad9"]:
+        raise InputError(
+            f"{vtu_path}: holds {sorted(set(kinds))}; expected one block of hexahedron27 and one "
+            "of quad9, as geometry.make_mesh writes them"
+        )
+    solid, skin = kinds.index("hexahedron27"), kinds.index("quad9")
+    return Mesh(
+        points=raw.points,
+        cells=raw.cells[solid].data.astype(np.int64),
+        segment=raw.cell_data["segment"][solid],
+        facets=raw.cells[skin].data.astype(np.int64),
+        surface=raw.cell_data["surface"][skin],
+        transmural=raw.point_data["transmural"],
+        longitudinal=raw.point_data["longitudinal"],
+    )
+
+
+def write_mesh(mesh, vtu_path, point_data):
+    """Write a Mesh as one .vtu for ParaView; `point_data` adds fields of shape (n,) or (n, 3)."""
+    solid, skin = len(mesh.cells), len(mesh.facets)
+    zone = SEGMENT_ZONE[mesh.segment - 1] + 1
+    none = [np.zeros(k, dtype=np.int32) for k in (solid, skin)]
+    meshio.Mesh(
+        mesh.points,
+        [("hexahedron27", mesh.cells), ("quad9", mesh.facets)],
+        point_data={
+            "transmural": mesh.transmural,
+            "longitudinal": mesh.longitudinal,
+            **point_data,
+        },
+        cell_data={
+            "segment": [mesh.segment.astype(np.int32), none[1]],
+            "zone": [zone.astype(np.int32), none[1]],
+            "surface": [none[0], mesh.surface.astype(np.int32)],
+        },
+    ).write(vtu_path)

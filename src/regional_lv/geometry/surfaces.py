@@ -1,0 +1,223 @@
+"""Smooth endocardium and epicardium through the figures of a segment table.
+
+A point of the wall's two surfaces is named by a latitude `u` (0 at the base, pi/2 at
+the apex) and an angle `phi`, or by its place on the bullseye: the unit disk with the apex in the
+centre and the base as its rim,
+
+    X = (1 - 2 u / pi) cos(phi),        Y = (1 - 2 u / pi) sin(phi).
+
+With the endocardial apex at z = -c the endocardium is a generalised ellipsoid
+
+    r = R(X, Y) cos(u),                 z = -c sin(u),
+
+and the epicardium lies at the wall thickness T(X, Y) from it, along the line that would join the
+points of equal latitude of two ellipsoids of revolution, the epicardial one with its apex at
+z = -c_epi and the table's mean thickness:
+
+    r_epi = r + T cos(w),   z_epi = z - T sin(w),   tan(w) = (c_epi - c) / mean(T) tan(u).
+
+R and T are polynomials in X and Y, softly kept positive: on such a disk an angular harmonic of
+order m fades at least like the m-th power of the distance from the pole, so both surfaces are
+smooth there. Their coefficients minimise the energy of a thin plate under tension, subject to the
+table's averages and, for T, to the distance of the two apices with zero slope at the pole.
+
+What the table's figures mean: `endo_radius_mm` is the endocardium's distance from the long
+axis and `wall_thickness_mm` is T; both are means over the segment's range of angle and latitude.
+"""
+
+import numpy as np
+from numpy.polynomial import chebyshev, legendre
+from scipy.linalg import eigh
+
+from regional_lv.errors import InputError
+
+# Polynomials of this degree resolve six sectors and four levels; more changes nothing visible.
+DEGREE = 12
+# Weight of the squared slope beside the squared second derivatives, and the softness of the bound
+# that keeps R and T positive, as a share of their mean: both against overshoot.
+TENSION = 100.0
+SOFTNESS = 0.2
+QUARTER = np.pi / 2
+
+
+def _polynomials(x, y, dx=0, dy=0):
+    """Chebyshev products of total degree DEGREE at (n,) points, or a derivative: (n, basis)."""
+    unit = np.eye(DEGREE + 1)
+    px = chebyshev.chebval(x, chebyshev.chebder(unit, dx) if dx else unit)
+    py = chebyshev.chebval(y, chebyshev.chebder(unit, dy) if dy else unit)
+    pairs = [(i, j) for i in range(DEGREE + 1) for j in range(DEGREE + 1 - i)]
+    return np.stack([px[i] * py[j] for i, j in pairs], axis=-1)
+
+
+def bullseye(phi, u):
+    rho = 1 - u / QUARTER
+    return rho * np.cos(phi), rho * np.sin(phi)
+
+
+def _smooth_modes():
+    """(modes, energies): combinations of the polynomials, orthonormal on the disk, by roughness.
+
+    The energy is that of a thin plate under tension: the integral over the unit disk of
+    f_XX^2 + 2 f_XY^2 + f_YY^2 + TENSION (f_X^2 + f_Y^2).
+    """
+    nodes, weights = legendre.leggauss(DEGREE + 2)
+    radius, angle = np.meshgrid((nodes + 1) / 2, np.arange(4 * DEGREE) * QUARTER / DEGREE)
+    weight = np.broadcast_to(weights * (nodes + 1), radius.shape).ravel()
+    x, y = (radius * np.cos(angle)).ravel(), (radius * np.sin(angle)).ravel()
+
+    def gram(*order):
+        values = _polynomials(x, y, *order)
+        return (values * weight[:, None]).T @ values
+
+    plate = gram(2, 0) + 2 * gram(1, 1) + gram(0, 2)
+    energies, modes = eigh(plate + TENSION * (gram(1, 0) + gram(0, 1)), gram(0, 0))
+    # The constant has no energy; this little (the next has 345) lets one divide by it.
+    return modes, np.maximum(energies, 1.0)
+
+
+class Field:
+    """Positive smooth function on the bullseye with given averages.
+
+    F = s log(1 + exp(f / s)), which is f where f is well above s, with the polynomial f of least
+    energy for which `average @ F` equals `values`. `average` (m, q) holds weights at the q bullseye
+    points `at` = (X, Y). `apex` optionally fixes F in the centre, with zero slope. `settled` tells
+    whether such a function was found.
+    """
+
+    def __init__(self, at, average, values, apex=None):
+        modes, energies = _smooth_modes()
+        basis = _polynomials(*at) @ modes
+        self._mean = (values / average.sum(axis=1)).mean()
+        self._scale = SOFTNESS * self._mean
+        fixed, right = np.zeros((0, len(energies))), np.zeros(0)
+        if apex is not None:
+            centre, orders = np.zeros(1), ((0, 0), (1, 0), (0, 1))
+            fixed = np.concatenate([_polynomials(centre, centre, *o) for o in orders]) @ modes
+            centre_value = self._scale * np.log(np.expm1(apex / self._scale))
+            right = np.array([centre_value - self._mean, 0.0, 0.0])
+        # f is sought as a deviation from the mean, so that the constant's share stays small.
+        f = np.full(len(basis), self._mean)
+        coefficients = None
+        # Least energy under the constraints linearised about the last f, until they hold.
+        for _ in range(200):
+            slope = average / (1 + np.exp(-f / self._scale))
+            gap = values - average @ self._bend(f)
+            if coefficients is not None and np.abs(gap).max() < 1e-8 * values.max():
+                break
+            rows = np.concatenate([slope @ basis, fixed])
+            target = np.concatenate([gap + slope @ (f - self._mean), right])
+            scaled = rows / energies
+            coefficients = scaled.T @ np.linalg.solve(scaled @ rows.T, target)
+            f = self._mean + basis @ coefficients
+        self.settled = bool(np.abs(gap).max() < 1e-4 * values.max())
+        self._coefficients = modes @ coefficients
+
+    def _bend(self, f):
+        return self._scale * np.logaddexp(0, f / self._scale)
+
+    def __call__(self, x, y):
+        return self._bend(self._mean + _polynomials(x, y) @ self._coefficients)
+
+
+class Surfaces:
+    """Smooth endocardium and epicardium through the averages of a segment table.
+
+    Arguments: the table of `read_segments` and the z of the two apices (mm). Methods take arrays
+    of angles `phi` (rad) and latitudes `u` (rad, 0 base to pi/2 apex) of one shape and give mm.
+    Raises InputError if the smoothest surfaces leave no cavity or no wall somewhere.
+    """
+
+    def __init__(self, table, endo_apex_z_mm, epi_apex_z_mm):
+        self.endo_apex, self.epi_apex = endo_apex_z_mm, epi_apex_z_mm
+        thickness = table["wall_thickness_mm"].to_numpy(float)
+        self._tilt = (endo_apex_z_mm - epi_apex_z_mm) / thickness.mean()
+        phi, u, weight, row = self._quadrature(table)
+        average = np.zeros((len(table), len(phi)))
+        average[row, np.arange(len(phi))] = weight
+        average /= average.sum(axis=1, keepdims=True)
+        at = bullseye(phi, u)
+        radius = table["endo_radius_mm"].to_numpy(float)
+        self._radius = Field(at, average * np.cos(u), radius)
+        # At the pole T is the distance of the apices and has no slope, so that both surfaces are
+        # perpendicular to the long axis there.
+        self._thickness = Field(at, average, thickness, endo_apex_z_mm - epi_apex_z_mm)
+        for what, field in (
+            ("endo_radius_mm", self._radius),
+            ("wall_thickness_mm", self._thickness),
+        ):
+            if not field.settled:
+                raise InputError(
+                    f"segment table: no smooth surface goes through the {what} column; look for a "
+                    "value that differs too much from its neighbours'"
+                )
+
+    def _quadrature(self, table):
+        """Angles, latitudes, weights and row numbers of Gauss points in all segments."""
+        nodes, weights = legendre.leggauss(12)
+        parts = []
+        for i, row in enumerate(table.itertuples()):
+            low, high = np.radians([row.angle_from_deg, row.angle_to_deg])
+            top, bottom = (self.latitude(z) for z in (row.z_top_mm, row.z_bottom_mm))
+            pieces = max(1, round((high - low) / np.radians(60)))
+            edges = np.linspace(low, high, pieces + 1)
+            angles = ((edges[1:] + edges[:-1])[:, None] + np.diff(edges)[:, None] * nodes) / 2
+            phi, u = np.meshgrid(angles.ravel(), (top + bottom + (bottom - top) * nodes) / 2)
+            weight = np.outer(weights, np.tile(weights, pieces))
+            parts.append([a.ravel() for a in (phi, u, weight, np.full(phi.shape, i))])
+        return (np.concatenate(column) for column in zip(*parts, strict=True))
+
+    def latitude(self, z):
+        """Latitude of the endocardium at height z; pi/2 below its apex."""
+        return np.arcsin(np.clip(z / self.endo_apex, 0, 1))
+
+    def radius(self, phi, u):
+        """Distance of the endocardium from the long axis."""
+        return self._radius(*bullseye(phi, u)) * np.cos(u)
+
+    def thickness(self, phi, u):
+        """Wall thickness T."""
+        return self._thickness(*bullseye(phi, u))
+
+    def endocardium(self, phi, u):
+        """(r, z) of the endocardium."""
+        return self.radius(phi, u), self.endo_apex * np.sin(u)
+
+    def epicardium(self, phi, u):
+        """(r, z) of the epicardium."""
+        cosine, sine = np.cos(u), self._tilt * np.sin(u)
+        length = np.hypot(cosine, sine)
+        thickness = self.thickness(phi, u)
+        r, z = self.endocardium(phi, u)
+        return r + thickness * cosine / length, z - thickness * sine / length
+
+    def epicardial_latitude(self, phi, z):
+        """Latitude at which the epicardium crosses the height z, by bisection."""
+        low, high = np.zeros(np.shape(phi)), np.full(np.shape(phi), QUARTER)
+        for _ in range(50):
+            middle = (low + high) / 2
+            above = self.epicardium(phi, middle)[1] > z
+            low, high = np.where(above, middle, low), np.where(above, high, middle)
+        return (low + high) / 2
+
+    def wall(self, phi, rho, t, rho_border):
+        """Points (n, 3) at angle phi, distance rho from the bullseye's centre, transmural depth t.
+
+        From the base (rho = 1) to `rho_border` the lines through the wall are horizontal, so that
+        the borders between levels are short-axis planes. Below, they fan out and join the apices.
+        """
+        u_endo = QUARTER * (1 - rho)
+        u_border = QUARTER * (1 - rho_border)
+        plane = self.endo_apex * np.sin(np.minimum(u_endo, u_border))
+        u_epi = self.epicardial_latitude(phi, plane)
+        lower = rho < rho_border
+        if lower.any():
+            ring = np.linspace(0, 4 * QUARTER, 90, endpoint=False)
+            z_border = np.full(90, self.endo_apex * np.sin(u_border))
+            mean = QUARTER - self.epicardial_latitude(ring, z_border).mean()
+            # The angular variation of the epicardial border fades towards the pole like f^3.
+            f = rho / rho_border
+            gap = f * mean + f**3 * (QUARTER - u_epi - mean)
+            u_epi = np.where(lower, QUARTER - gap, u_epi)
+        (r0, z0), (r1, z1) = self.endocardium(phi, u_endo), self.epicardium(phi, u_epi)
+        r, z = (1 - t) * r0 + t * r1, (1 - t) * z0 + t * z1
+        return np.stack([r * np.cos(phi), r * np.sin(phi), z], axis=-1)

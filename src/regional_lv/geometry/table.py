@@ -1,0 +1,159 @@
+"""The segment table: read, checked, and in AHA order."""
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from regional_lv.aha import LEVELS, SEGMENTS
+from regional_lv.errors import InputError
+
+COLUMNS = (
+    "aha_segment",
+    "name",
+    "zone",
+    "wall_thickness_mm",
+    "endo_radius_mm",
+    "angle_from_deg",
+    "angle_to_deg",
+    "z_top_mm",
+    "z_bottom_mm",
+)
+# Segment averages that a human left ventricle, thin scar to gross dilatation, can have.
+PLAUSIBLE_MM = {"wall_thickness_mm": (2.0, 30.0), "endo_radius_mm": (3.0, 80.0)}
+
+
+def read_segments(path):
+    """Read and check a segment table (CSV); one row per AHA segment, returned in AHA order.
+
+    Columns: aha_segment (1-17), name, zone, wall_thickness_mm, endo_radius_mm (both as the module
+    defines them), angle_from_deg, angle_to_deg (sector, counter-clockwise seen from the base),
+    z_top_mm, z_bottom_mm (level, base plane at 0). Further columns are kept and not used. Raises
+    InputError that names the file, the row and the remedy.
+    """
+    path = Path(path)
+    try:
+        table = pd.read_csv(path, skipinitialspace=True)
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file; give geometry.segments a segment table") from None
+    except (pd.errors.ParserError, pd.errors.EmptyDataError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: not a CSV table ({error}); save it as CSV in UTF-8") from None
+    missing = [c for c in COLUMNS if c not in table.columns]
+    if missing:
+        raise InputError(f"{path}: column {', '.join(missing)} is missing; add it to the header")
+
+    # A row is named by its line in the file, the header being line 1.
+    table.index += 2
+    for column in [c for c in COLUMNS if c not in ("name", "zone")]:
+        numbers = pd.to_numeric(table[column], errors="coerce")
+        for line in table.index[~np.isfinite(numbers)]:
+            raise InputError(
+                f"{path}, line {line}: {column} is {table.at[line, column]!r}; give a finite number"
+            )
+        table[column] = numbers.astype(float)
+    for line, number in table["aha_segment"].items():
+        if number not in range(1, 18):
+            raise InputError(
+                f"{path}, line {line}: aha_segment {number:g} does not exist; use 1 to 17"
+            )
+    table["aha_segment"] = table["aha_segment"].astype(int)
+    for line in table.index[table["aha_segment"].duplicated()]:
+        raise InputError(
+            f"{path}, line {line}: segment {table.at[line, 'aha_segment']} was given before; "
+            "keep one row per segment"
+        )
+    absent = sorted(set(range(1, 18)) - set(table["aha_segment"]))
+    if absent:
+        raise InputError(f"{path}: segment {', '.join(map(str, absent))} is missing; add its row")
+    table = table.sort_values("aha_segment")
+
+    for line, row in table.iterrows():
+        segment = SEGMENTS[row["aha_segment"] - 1]
+        for column in ("name", "zone"):
+            if str(row[column]).strip() != getattr(segment, column):
+                raise InputError(
+                    f"{path}, line {line}: {column} of segment {segment.number} is "
+                    f"{row[column]!r}; it must be {getattr(segment, column)!r}"
+                )
+    _check_sizes(path, table)
+    _check_levels(path, table)
+    _check_sectors(path, table)
+    table.index = table.index.rename("line")
+    return table.reset_index()
+
+
+def _check_sizes(path, table):
+    for column, (low, high) in PLAUSIBLE_MM.items():
+        for unit, factor in (("cm", 10), ("m", 1000)):
+            if (table[column] * factor).between(low, high).all() and table[column].median() < low:
+                raise InputError(
+                    f"{path}: column {column} looks like {unit}; multiply by {factor} to give mm"
+                )
+        for line, value in table[column].items():
+            if not low <= value <= high:
+                raise InputError(
+                    f"{path}, line {line}: {column} is {value:g}; a left ventricle has between "
+                    f"{low:g} and {high:g} mm"
+                )
+
+
+def _check_levels(path, table):
+    """One z range per level, and ranges that join from the base plane z = 0 downwards."""
+    above, name_above = 0.0, "the base plane"
+    for level, numbers in LEVELS.items():
+        rows = table[table["aha_segment"].isin(numbers)]
+        first = rows.iloc[0]
+        for line, row in rows.iterrows():
+            if row["z_top_mm"] != first["z_top_mm"] or row["z_bottom_mm"] != first["z_bottom_mm"]:
+                raise InputError(
+                    f"{path}, line {line}: the z range of segment {row['aha_segment']} differs "
+                    f"from segment {first['aha_segment']}'s; give the {level} level one z range"
+                )
+        line = rows.index[0]
+        if abs(first["z_top_mm"] - above) > 1e-6:
+            raise InputError(
+                f"{path}, line {line}: the {level} level begins at z = {first['z_top_mm']:g} mm "
+                f"but {name_above} is at {above:g}; make them meet"
+            )
+        if first["z_bottom_mm"] >= first["z_top_mm"]:
+            raise InputError(
+                f"{path}, line {line}: z_bottom_mm {first['z_bottom_mm']:g} is not below z_top_mm "
+                f"{first['z_top_mm']:g}; the apex points to negative z"
+            )
+        above, name_above = first["z_bottom_mm"], f"the {level} level's end"
+    if -above < 30:
+        raise InputError(
+            f"{path}: the ventricle is {-above:g} mm long; z looks like cm, multiply by 10"
+            if -above > 3
+            else f"{path}: the ventricle is {-above:g} mm long; give z in mm"
+        )
+
+
+def _check_sectors(path, table):
+    """Sectors that tile each level, numbered clockwise seen from the base as the AHA does."""
+    width = table["angle_to_deg"] - table["angle_from_deg"]
+    for line, degrees in width.items():
+        if not 0 < degrees <= 360:
+            raise InputError(
+                f"{path}, line {line}: the sector is {degrees:g} degrees wide; angle_to_deg must "
+                "exceed angle_from_deg by at most 360 (write 165 to 255, not 165 to -105)"
+            )
+    for level, numbers in LEVELS.items():
+        rows = table[table["aha_segment"].isin(numbers)]
+        for (line, row), (_, following) in zip(
+            rows.iterrows(), [*list(rows.iterrows())[1:], next(rows.iterrows())], strict=True
+        ):
+            gap = (row["angle_from_deg"] - following["angle_to_deg"] + 180) % 360 - 180
+            if abs(gap) > 1e-6:
+                raise InputError(
+                    f"{path}, line {line}: the sector of segment {row['aha_segment']} begins at "
+                    f"{row['angle_from_deg']:g} degrees but that of segment "
+                    f"{following['aha_segment']} ends at {following['angle_to_deg']:g}; the "
+                    f"{level} sectors must tile 360 degrees, numbered clockwise seen from the base"
+                )
+        total = width[rows.index].sum()
+        if abs(total - 360) > 1e-6:
+            raise InputError(
+                f"{path}, line {rows.index[0]}: the {level} sectors add up to {total:g} degrees; "
+                "they must tile 360"
+            )

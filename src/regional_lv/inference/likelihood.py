@@ -1,0 +1,213 @@
+"""How probable the observed outputs are at theta: emulator error and measurement noise together."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import torch
+
+from regional_lv import aha
+from regional_lv.emulators.base import Emulator, SeparablePrediction
+
+LOG_2PI = math.log(2 * math.pi)
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Measurement noise, independent between outputs.
+
+    sd: (D,) known standard deviations in natural units, 0 where an output counts as exact.
+    groups: direction -> (D,) unit of the noise that is unknown there, 0 elsewhere: the noise of
+    an output is sigma (one per direction, inferred) times its unit, the training sd.
+    prior_scale: scale of the half-normal prior on each sigma.
+    """
+
+    sd: torch.Tensor
+    groups: dict[str, torch.Tensor] = field(default_factory=dict)
+    prior_scale: float = 1.0
+
+    @classmethod
+    def none(cls, emulator: Emulator) -> "Noise":
+        """Simulated data: the emulator's error is all there is."""
+        return cls(torch.zeros_like(emulator.output_sd))
+
+    @classmethod
+    def known(cls, sd: torch.Tensor) -> "Noise":
+        """Standard deviations (D,) that come with the data; NaN counts as 0."""
+        return cls(torch.nan_to_num(torch.as_tensor(sd, dtype=torch.float64)))
+
+    @classmethod
+    def inferred(
+        cls, emulator: Emulator, prior_scale: float, sd: torch.Tensor | None = None
+    ) -> "Noise":
+        """One unknown scale per strain direction that `emulator` has; the volume has its own `sd`.
+
+        Without `sd` the volume is exact up to the emulator's error, as in the paper.
+        """
+        groups = {}
+        for direction in aha.DIRECTIONS:
+            here = torch.tensor([name.startswith(direction) for name in emulator.outputs])
+            if here.any():
+                groups[direction] = torch.where(here, emulator.output_sd, 0.0)
+        known = torch.zeros_like(emulator.output_sd)
+        if sd is not None:
+            strain = sum(groups.values()) > 0
+            known = torch.where(strain, known, torch.nan_to_num(sd))
+        return cls(known, groups, float(prior_scale))
+
+    @property
+    def directions(self) -> tuple[str, ...]:
+        return tuple(self.groups)
+
+    def variance(self, log_sigma: torch.Tensor) -> torch.Tensor:
+        """Variance of each output, (..., D), at `log_sigma` (..., G)."""
+        total = self.sd.square().expand(*log_sigma.shape[:-1], -1)
+        for i, unit in enumerate(self.groups.values()):
+            total = total + torch.exp(2 * log_sigma[..., i, None]) * unit.square()
+        return total
+
+    def log_prior(self, log_sigma: torch.Tensor) -> torch.Tensor:
+        """Log density of the half-normal prior of sigma (not of its logarithm), (...)."""
+        s = self.prior_scale
+        constant = 0.5 * math.log(2 / math.pi) - math.log(s)
+        return (constant - 0.5 * torch.exp(2 * log_sigma) / s**2).sum(-1)
+
+
+class Likelihood:
+    """Log density of `y` (..., D) under N(emulator mean, emulator covariance + noise).
+
+    y: one observation, or several with leading dimensions that broadcast against those of theta.
+    Uses the paper's multi-output form; the predictive covariance varies with theta, so its
+    determinant is part of the density.
+
+    Where the emulator's covariance is a scalar times a fixed matrix B and the noise is known, both
+    are made diagonal once: with B = L L' and L^-1 R L^-T = U diag(rho) U', the covariance v B + R
+    has the variances v + rho along the columns of L^-T U.
+    """
+
+    def __init__(self, emulator: Emulator, y: torch.Tensor, noise: Noise):
+        self.emulator, self.y, self.noise = emulator, y, noise
+        middle = math.sqrt(emulator.lower * emulator.upper)
+        theta = torch.full((len(aha.PARAMETERS),), middle, dtype=torch.float64)
+        with torch.no_grad():
+            prediction = emulator.predict(theta)
+        self.separable = isinstance(prediction, SeparablePrediction)
+        self._whiten = None
+        if self.separable and not noise.groups:
+            factor = torch.linalg.cholesky(prediction.output_covariance)
+            half = torch.linalg.solve_triangular(factor, torch.diag(noise.sd), upper=False)
+            rho, basis = torch.linalg.eigh(half @ half.T)
+            inverse_rows = torch.linalg.solve_triangular(factor.T, basis, upper=True)
+            self._whiten = inverse_rows.contiguous()  # residual @ this is whitened, (D, D)
+            self._rho = rho.clamp(min=0.0)
+            self._constant = -factor.diagonal().log().sum() - 0.5 * len(rho) * LOG_2PI
+
+    def at(self, y: torch.Tensor) -> "Likelihood":
+        """The same likelihood for other observations; nothing is factorised again."""
+        other = object.__new__(Likelihood)
+        other.__dict__.update(self.__dict__, y=y)
+        return other
+
+    def tempered(self, level: float) -> "Likelihood":
+        """The same observations with further noise of `level` training sd on every output."""
+        more = (self.noise.sd.square() + (level * self.emulator.output_sd).square()).sqrt()
+        return Likelihood(self.emulator, self.y, replace(self.noise, sd=more))
+
+    def log_density(
+        self, theta: torch.Tensor, log_sigma: torch.Tensor | None = None
+    ) -> torch.Tensor:
+        """Log p(y | theta, sigma), (...), at `theta` (..., 10) and `log_sigma` (..., G)."""
+        prediction = self.emulator.predict(theta)
+        residual = self.y - prediction.mean
+        if self._whiten is not None:
+            variances = prediction.variance[..., None] + self._rho
+            white = residual @ self._whiten
+            return self._constant - 0.5 * (white * white / variances + variances.log()).sum(-1)
+        factor = torch.linalg.cholesky(self._covariance(prediction, log_sigma))
+        white = torch.linalg.solve_triangular(factor, residual[..., None], upper=False)[..., 0]
+        logs = factor.diagonal(dim1=-2, dim2=-1).log()
+        return -0.5 * (white.square() + LOG_2PI).sum(-1) - logs.sum(-1)
+
+    def _covariance(self, prediction, log_sigma) -> torch.Tensor:
+        if log_sigma is None:
+            log_sigma = torch.zeros(*prediction.mean.shape[:-1], 0, dtype=torch.float64)
+        return prediction.covariance + torch.diag_embed(self.noise.variance(log_sigma))
+
+    def information(
+        self, theta: torch.Tensor, log_sigma: torch.Tensor | None = None
+    ) -> torch.Tensor:
+        """Expected information (..., P, P) about (log theta, log sigma); positive semi-definite.
+
+        J' S^-1 J from the mean and, for every number c the covariance S depends on, half
+        tr(S^-1 S_a S^-1 S_b). The variation of a covariance that is not separable is left out.
+        """
+        with torch.no_grad():
+            prediction = self.emulator.predict(theta)
+            by_theta, variance_slope = self.emulator.jacobian(theta)
+            jacobian = by_theta * theta[..., None, :]
+            if self._whiten is not None:
+                weights = 1 / (prediction.variance[..., None] + self._rho)
+                white = self._whiten.T @ jacobian
+                slope = variance_slope * theta
+                strength = 0.5 * weights.square().sum(-1)
+                return white.mT @ (weights[..., None] * white) + strength[..., None, None] * (
+                    slope[..., :, None] * slope[..., None, :]
+                )
+            return self._dense_information(theta, log_sigma, prediction, jacobian, variance_slope)
+
+    def _dense_information(self, theta, log_sigma, prediction, jacobian, variance_slope):
+        factor = torch.linalg.cholesky(self._covariance(prediction, log_sigma))
+        white = torch.linalg.solve_triangular(factor, jacobian, upper=False)
+        p, g = jacobian.shape[-1], len(self.noise.groups)
+        information = torch.zeros(*theta.shape[:-1], p + g, p + g, dtype=theta.dtype)
+        information[..., :p, :p] = white.mT @ white
+        # What the covariance depends on: the separable variance (if any), then each sigma.
+        changes = [
+            torch.diag_embed(2 * torch.exp(2 * log_sigma[..., i, None]) * unit.square())
+            for i, unit in enumerate(self.noise.groups.values())
+        ]
+        to_parameters = torch.zeros(*theta.shape[:-1], len(changes), p + g, dtype=theta.dtype)
+        to_parameters[..., range(g), range(p, p + g)] = 1.0
+        if self.separable:
+            changes.insert(0, prediction.output_covariance.expand(*theta.shape[:-1], -1, -1))
+            row = torch.zeros(*theta.shape[:-1], 1, p + g, dtype=theta.dtype)
+            row[..., 0, :p] = variance_slope * theta
+            to_parameters = torch.cat([row, to_parameters], dim=-2)
+        if changes:
+            ratios = [torch.cholesky_solve(change, factor) for change in changes]
+            fisher = torch.stack(
+                [
+                    torch.stack([0.5 * (a * b.mT).sum((-2, -1)) for b in ratios], dim=-1)
+                    for a in ratios
+                ],
+                dim=-2,
+            )
+            information = information + to_parameters.mT @ fisher @ to_parameters
+        return information
+
+
+def draw_observations(
+    emulator: Emulator,
+    noise: Noise,
+    theta: torch.Tensor,
+    log_sigma: torch.Tensor,
+    generator: torch.Generator,
+) -> torch.Tensor:
+    """One draw of the outputs (S, D), natural units, per row of `theta` (S, 10): posterior
+    predictive with the emulator's error and the measurement noise."""
+    with torch.no_grad():
+        prediction = emulator.predict(theta)
+        deviates = torch.randn(prediction.mean.shape, generator=generator, dtype=torch.float64)
+        if isinstance(prediction, SeparablePrediction):
+            factor = torch.linalg.cholesky(prediction.output_covariance)
+            error = prediction.variance[:, None].sqrt() * (deviates @ factor.T)
+        else:
+            factor = torch.linalg.cholesky(prediction.covariance)
+            error = (factor @ deviates[..., None])[..., 0]
+        more = torch.randn(prediction.mean.shape, generator=generator, dtype=torch.float64)
+        return prediction.mean + error + more * noise.variance(log_sigma).sqrt()
+
+
+def outputs_measured(names: Sequence[str]) -> tuple[str, ...]:
+    """`names` in the project's order of outputs."""
+    return tuple(name for name in aha.OUTPUTS if name in set(names))

@@ -1,0 +1,1 @@
+"""The simulator: a Holzapfel-Ogden left ventricle inflated to its end-diastolic pressure."""

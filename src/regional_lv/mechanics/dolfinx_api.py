@@ -1,0 +1,164 @@
+"""Every call whose form depends on the dolfinx version, and nothing else.
+
+Debian 12 ships dolfinx 0.5.2; conda-forge and Debian 13 ship 0.9 and later. The rest of the
+package asks for what it needs in its own words and never imports dolfinx itself.
+"""
+
+import importlib.metadata
+
+import dolfinx
+import numpy as np
+import ufl
+from dolfinx import cpp, fem
+from mpi4py import MPI
+
+VERSION = tuple(int(part) for part in dolfinx.__version__.split(".")[:2])
+_LEGACY = VERSION < (0, 8)
+
+# Compiled by the C compiler once per form and kept in a cache on disk: -O3 costs a few seconds
+# there and pays in every Newton step.
+_JIT_OPTIONS = {"cffi_extra_compile_args": ["-O3"]}
+
+
+def versions() -> dict[str, str]:
+    """Versions of the finite element packages, for the record beside the results."""
+    return {
+        "dolfinx": dolfinx.__version__,
+        "ufl": getattr(ufl, "__version__", None) or importlib.metadata.version("fenics-ufl"),
+    }
+
+
+def hexahedral_mesh(points: np.ndarray, cells: np.ndarray):
+    """Mesh of 27-node hexahedra.
+
+    `points` (n, 3) in mm and `cells` (m, 27) in VTK order. Returns the dolfinx mesh and, for each
+    of its cells, the row of `cells` that it came from.
+    """
+    permutation = np.asarray(cpp.io.perm_vtk(cpp.mesh.CellType.hexahedron, 27))
+    cells = np.ascontiguousarray(cells[:, permutation], dtype=np.int64)
+    points = np.ascontiguousarray(points, dtype=np.float64)
+    if _LEGACY:
+        domain = ufl.Mesh(ufl.VectorElement("Lagrange", ufl.hexahedron, 2))
+        mesh = dolfinx.mesh.create_mesh(MPI.COMM_SELF, cells, points, domain)
+        return mesh, np.asarray(mesh.topology.original_cell_index)
+    import basix.ufl
+
+    element = basix.ufl.element("Lagrange", "hexahedron", 2, shape=(3,))
+    mesh = dolfinx.mesh.create_mesh(MPI.COMM_SELF, cells=cells, x=points, e=ufl.Mesh(element))
+    return mesh, np.asarray(mesh.topology.original_cell_index)
+
+
+def mixed_space(mesh):
+    """Quadratic displacement and linear pressure (Taylor-Hood) on hexahedra."""
+    if _LEGACY:
+        cell = mesh.ufl_cell()
+        displacement = ufl.VectorElement("Lagrange", cell, 2)
+        pressure = ufl.FiniteElement("Lagrange", cell, 1)
+        return fem.FunctionSpace(mesh, ufl.MixedElement([displacement, pressure]))
+    import basix.ufl
+
+    displacement = basix.ufl.element("Lagrange", mesh.basix_cell(), 2, shape=(3,))
+    pressure = basix.ufl.element("Lagrange", mesh.basix_cell(), 1)
+    return fem.functionspace(mesh, basix.ufl.mixed_element([displacement, pressure]))
+
+
+def space(mesh, family: str, degree: int, components: int = 1):
+    """Scalar or vector function space, `family` being "Lagrange" or "DG"."""
+    if _LEGACY:
+        make = fem.FunctionSpace if components == 1 else fem.VectorFunctionSpace
+        return (
+            make(mesh, (family, degree))
+            if components == 1
+            else make(mesh, (family, degree), dim=components)
+        )
+    shape = () if components == 1 else (components,)
+    return fem.functionspace(mesh, (family, degree, shape))
+
+
+def require_cellwise_order(mesh) -> None:
+    """Raise if the degree of freedom of a piecewise constant is not the number of its cell."""
+    dofmap = space(mesh, "DG", 0).dofmap
+    dofs = np.array([dofmap.cell_dofs(c)[0] for c in range(len(mesh.topology.original_cell_index))])
+    if not np.array_equal(dofs, np.arange(len(dofs))):
+        raise RuntimeError("piecewise constants are not numbered by cell in this dolfinx")
+
+
+def compile_form(form):
+    """Compile a UFL form."""
+    if _LEGACY:
+        return fem.form(form, jit_params=_JIT_OPTIONS)
+    return fem.form(form, jit_options=_JIT_OPTIONS)
+
+
+def facet_tags(mesh, facets: np.ndarray, tags: np.ndarray):
+    """Tag facets given by the geometry nodes of their four corners.
+
+    `facets` (k, 4) holds rows of the `points` array that the mesh was made from, in any order.
+    """
+    dim = mesh.topology.dim - 1
+    mesh.topology.create_entities(dim)
+    mesh.topology.create_connectivity(dim, dim + 1)
+    if _LEGACY:
+        exterior = np.asarray(cpp.mesh.exterior_facet_indices(mesh.topology))
+    else:
+        exterior = np.asarray(dolfinx.mesh.exterior_facet_indices(mesh.topology))
+    exterior = np.sort(exterior).astype(np.int32)
+    inputs = np.asarray(mesh.geometry.input_global_indices)
+    nodes = inputs[_facet_corners(mesh, exterior)]
+    wanted = {tuple(sorted(row)): tag for row, tag in zip(facets, tags, strict=True)}
+    values = np.array([wanted.get(tuple(sorted(row)), 0) for row in nodes], dtype=np.int32)
+    return dolfinx.mesh.meshtags(mesh, dim, exterior, values)
+
+
+def cell_tags(mesh, cells: np.ndarray):
+    """Tag 1 on the given cells."""
+    cells = np.sort(cells).astype(np.int32)
+    return dolfinx.mesh.meshtags(
+        mesh, mesh.topology.dim, cells, np.ones(len(cells), dtype=np.int32)
+    )
+
+
+def _facet_corners(mesh, facets: np.ndarray) -> np.ndarray:
+    """Geometry nodes of the four corners of exterior facets, (k, 4)."""
+    # Corners of the reference hexahedron's faces, in its own order; the first eight geometry
+    # nodes of a cell are its corners.
+    faces = np.array(
+        [(0, 1, 2, 3), (0, 1, 4, 5), (0, 2, 4, 6), (1, 3, 5, 7), (2, 3, 6, 7), (4, 5, 6, 7)]
+    )
+    topology = mesh.topology
+    topology.create_connectivity(2, 3)
+    topology.create_connectivity(3, 2)
+    cell_of, faces_of = topology.connectivity(2, 3), topology.connectivity(3, 2)
+    corners = []
+    for facet in facets:
+        cell = cell_of.links(facet)[0]
+        local = int(np.flatnonzero(faces_of.links(cell) == facet)[0])
+        nodes = mesh.geometry.dofmap.links(cell) if _LEGACY else mesh.geometry.dofmap[cell]
+        corners.append(nodes[faces[local]])
+    return np.asarray(corners)
+
+
+def create_matrix(form):
+    """Empty sparse matrix with the pattern of a compiled bilinear form."""
+    if _LEGACY:
+        return fem.assemble.create_matrix(form)
+    return fem.create_matrix(form)
+
+
+def assemble_matrix(matrix, form) -> None:
+    """Assemble a compiled bilinear form into `matrix`, replacing what it held."""
+    matrix.set(0.0) if _LEGACY else matrix.set_value(0.0)
+    fem.assemble_matrix(matrix, form)
+
+
+def assemble_vector(array: np.ndarray, form) -> np.ndarray:
+    """Assemble a compiled linear form into `array`, replacing what it held."""
+    array[:] = 0.0
+    fem.assemble_vector(array, form)
+    return array
+
+
+def tabulated_dofs(subspace) -> tuple[np.ndarray, np.ndarray]:
+    """Degrees of freedom of a scalar sub-space in its parent, and their coordinates (n, 3)."""
+    collapsed, parent = subspace.collapse()
+    return np.asarray(parent), collapsed.tabulate_dof_coordinates()

@@ -1,0 +1,65 @@
+"""Logs of scripts, and how far a long loop has got."""
+
+import logging
+import sys
+import time
+from pathlib import Path
+
+FORMAT = "%(asctime)s %(levelname)s %(message)s"
+
+
+def start_log(path: str | Path) -> None:
+    """Send log records, warnings and the error a script ends with to `path` and to stderr.
+
+    A second call in the same process goes on with the new file alone.
+    """
+    Path(path).parent.mkdir(parents=True, exist_ok=True)
+    handlers = [logging.FileHandler(path, mode="w"), logging.StreamHandler(sys.stderr)]
+    logging.basicConfig(level=logging.INFO, format=FORMAT, handlers=handlers, force=True)
+    logging.captureWarnings(True)
+    sys.excepthook = _log_error
+
+
+def _log_error(kind, error, traceback) -> None:
+    logging.getLogger(__name__).critical("stopped", exc_info=(kind, error, traceback))
+
+
+class Progress:
+    """Logs "name: done d/n, failed f, elapsed, left" as a loop of `total` items goes on.
+
+    At most one line in `interval` seconds, and one at the end; the first one comes early, with the
+    first item that is done, so that a long loop shows at once how long it takes.
+    """
+
+    def __init__(self, name: str, total: int, interval: float = 10.0):
+        self.name, self.total, self.interval = name, total, interval
+        self.done = self.failed = 0
+        self._start = time.monotonic()
+        self._last = -float("inf")
+        self._log = logging.getLogger(__name__)
+
+    def step(self, failed: bool = False, count: int = 1) -> None:
+        """`count` more items are done; with `failed`, they count as failed as well."""
+        self.done += count
+        self.failed += count * failed
+        now = time.monotonic()
+        if self.done >= self.total or now - self._last >= self.interval:
+            self._last = now
+            self._log.info(self.line(now - self._start))
+
+    def line(self, elapsed: float) -> str:
+        """The line after `elapsed` seconds."""
+        left = elapsed / self.done * (self.total - self.done) if self.done else float("nan")
+        return (
+            f"{self.name}: done {self.done}/{self.total}, failed {self.failed}, "
+            f"elapsed {duration(elapsed)}, left {duration(left)}"
+        )
+
+
+def duration(seconds: float) -> str:
+    """Seconds in words: `7.5 s`, `12 min 05 s`, `3 h 07 min`."""
+    if seconds < 60 or seconds != seconds:
+        return f"{seconds:.1f} s"
+    if seconds < 3600:
+        return f"{int(seconds // 60)} min {int(seconds % 60):02d} s"
+    return f"{int(seconds // 3600)} h {int(seconds % 3600 // 60):02d} min"

@@ -1,0 +1,114 @@
+"""The study's tables: CSV for programs, LaTeX (booktabs) for papers."""
+
+from pathlib import Path
+
+import pandas as pd
+
+from regional_lv import aha
+from regional_lv.figures import posterior
+
+
+def diagnostics(test: Path, subjects: list[Path]) -> pd.DataFrame:
+    """Convergence per parameter, as in the paper's Tables S3-S6.
+
+    test, subjects: `diagnostics.csv` files (case, parameter, rhat, ess_bulk, ess_tail,
+    divergences, passed, verdict). The test set is summarised over its cases by mean, median and
+    worst value; each subject stands for itself. Columns: posterior, parameter, cases, rhat_mean,
+    rhat_median, rhat_max, ess_bulk_mean, ess_bulk_median, ess_bulk_min, ess_tail_min, divergences
+    (sum over cases), failed_cases, verdict.
+    """
+    test_set = pd.read_csv(test, dtype={"case": str})
+    parts = [("test set", test_set)]
+    for path in subjects:
+        parts += list(pd.read_csv(path, dtype={"case": str}).groupby("case", sort=False))
+    return pd.concat([_convergence(name, part) for name, part in parts], ignore_index=True)
+
+
+def _convergence(name: str, part: pd.DataFrame) -> pd.DataFrame:
+    groups = part.groupby("parameter", sort=False)
+    table = groups.agg(
+        cases=("case", "nunique"),
+        rhat_mean=("rhat", "mean"),
+        rhat_median=("rhat", "median"),
+        rhat_max=("rhat", "max"),
+        ess_bulk_mean=("ess_bulk", "mean"),
+        ess_bulk_median=("ess_bulk", "median"),
+        ess_bulk_min=("ess_bulk", "min"),
+        ess_tail_min=("ess_tail", "min"),
+        divergences=("divergences", "sum"),
+    ).reset_index()
+    table.insert(0, "posterior", name)
+    verdicts = part.groupby("case")["verdict"].agg(lambda v: set(v) - {"passed"})
+    failed = int(verdicts.map(bool).sum())
+    table["failed_cases"] = failed
+    if part["case"].nunique() == 1:
+        table["verdict"] = "; ".join(sorted(verdicts.iloc[0])) or "passed"
+    else:
+        table["verdict"] = f"failed: {failed} cases" if failed else "passed"
+    return table
+
+
+def subjects(posteriors: list[Path], diagnostics: Path, sources: list[str]) -> pd.DataFrame:
+    """Stiffness and noise of every subject: posterior median and 95 % HPD interval.
+
+    posteriors: InferenceData files of one subject each; diagnostics: CSV with their verdicts;
+    sources: `subjects.<name>.source` of the config, in the same order. Columns: subject, data,
+    parameter, median, lower95, upper95, verdict. Noise scales are in standardised units.
+    """
+    tables = []
+    for nc, source in zip(posteriors, sources, strict=True):
+        one = posterior.read(nc, diagnostics)
+        table = one.summary().reset_index()
+        table.insert(0, "subject", one.case)
+        table.insert(1, "data", posterior.SOURCES[source])
+        table["verdict"] = one.verdict
+        tables.append(table)
+    columns = ["subject", "data", "parameter", "median", "lower95", "upper95", "verdict"]
+    return pd.concat(tables, ignore_index=True) if tables else pd.DataFrame(columns=columns)
+
+
+def recovery(per_case: Path, coverage: Path, diagnostics: Path) -> pd.DataFrame:
+    """Accuracy on the test set per parameter and over all.
+
+    per_case: `recovery.csv`; coverage: `coverage.csv`; diagnostics: verdicts of the cases. Columns:
+    parameter, cases, failed_cases (posteriors that did not pass their gate; they count like the
+    others), map_mse, mean_mse (of the posterior mean), crps, variance_ratio (posterior to prior,
+    mean over cases), then the columns of `coverage`.
+    """
+    table = pd.read_csv(per_case, dtype={"case": str})
+    table["map_mse"] = (table["map"] - table["truth"]) ** 2
+    table["mean_mse"] = (table["mean"] - table["truth"]) ** 2
+    both = pd.concat([table, table.assign(parameter="all")])
+    summary = both.groupby("parameter").agg(
+        cases=("case", "nunique"),
+        map_mse=("map_mse", "mean"),
+        mean_mse=("mean_mse", "mean"),
+        crps=("crps", "mean"),
+        variance_ratio=("variance_ratio", "mean"),
+    )
+    failed = posterior.failed_cases(diagnostics) & set(table["case"])
+    summary.insert(1, "failed_cases", len(failed))
+    covered = pd.read_csv(coverage).set_index("parameter")
+    covered = covered.drop(columns=covered.columns.intersection(summary.columns))
+    return summary.join(covered).loc[[*aha.PARAMETERS, "all"]].reset_index()
+
+
+def save(table: pd.DataFrame, csv: Path, tex: Path) -> None:
+    """Write a table as CSV (all digits that matter) and as a LaTeX tabular (four digits)."""
+    for path in (csv, tex):
+        Path(path).parent.mkdir(parents=True, exist_ok=True)
+    table.to_csv(csv, index=False, float_format="%.8g")
+    head = " & ".join(_tex(name) for name in table.columns)
+    body = [" & ".join(_tex(v) for v in row) for row in table.itertuples(index=False)]
+    columns = "".join("r" if pd.api.types.is_numeric_dtype(t) else "l" for t in table.dtypes)
+    lines = [rf"\begin{{tabular}}{{@{{}}{columns}@{{}}}}", r"\toprule", rf"{head} \\", r"\midrule"]
+    lines += [rf"{row} \\" for row in body] + [r"\bottomrule", r"\end{tabular}"]
+    Path(tex).write_text("\n".join(lines) + "\n")
+
+
+def _tex(value: object) -> str:
+    if isinstance(value, str):
+        if value in aha.PARAMETERS:
+            return f"$C_{value[2]}$ {value[4:]}"
+        return value.replace("_", r"\_").replace("%", r"\%")
+    return f"{value:.4g}" if isinstance(value, float) else str(value)

@@ -1,0 +1,161 @@
+"""The discretised problem against finite differences and exact laws of mechanics."""
+
+import numpy as np
+import pytest
+
+from regional_lv import aha
+from regional_lv.mechanics.continuation import Effort, Solver, WarmStarts
+from regional_lv.simulations import make_simulator
+
+from .conftest import PRESSURE, THETA
+
+
+def test_tangent_is_the_derivative_of_the_residual(simulator, solved):
+    """A wrong tangent still converges, slowly and not everywhere: nothing else would show it."""
+    simulator.set(THETA, PRESSURE)
+    rng = np.random.default_rng(0)
+    direction = rng.normal(size=simulator.size)
+    direction[simulator.fixed] = 0.0
+    cylindrical = direction.copy()
+    cartesian = simulator._rotate(direction, -1.0)
+    h = 1e-6
+    numeric = (
+        simulator.residual(solved.w + h * cartesian) - simulator.residual(solved.w - h * cartesian)
+    ) / (2 * h)
+    simulator.factorise(solved.w)
+    # The factor solves K x = r: K^-1 of the numeric product must give the direction back.
+    np.testing.assert_allclose(
+        simulator._rotate(simulator.solve(numeric)), cylindrical, rtol=0, atol=2e-5
+    )
+
+
+@pytest.mark.parametrize("parameter", range(10))
+def test_sensitivities_match_resolved_differences(simulator, solver, solved, parameter):
+    solver.newton(solved.w, THETA, PRESSURE, Effort())
+    tangents = simulator.field_sensitivities(solved.w)
+    exact = simulator.directional_derivatives(solved.w, tangents)[parameter]
+    h, values = 1e-3, []
+    for sign in (1, -1):
+        theta = THETA.copy()
+        theta[parameter] *= np.exp(sign * h)
+        state = solver.newton(solved.w, theta, PRESSURE, Effort())
+        values.append(simulator.observables(state.w))
+    numeric = (values[0] - values[1]) / (2 * h)
+    strains, volume = slice(1, None), 0
+    assert exact[volume] == pytest.approx(numeric[volume], rel=1e-4)
+    scale = np.abs(numeric[strains]).max()
+    np.testing.assert_allclose(exact[strains], numeric[strains], rtol=1e-4, atol=1e-4 * scale)
+
+
+def test_pressure_and_stiffness_scale_together(solver, solved):
+    """All stresses are proportional to the a-type parameters: doubling both changes nothing."""
+    doubled = THETA.copy()
+    doubled[0::2] *= 2
+    state = solver.newton(solved.w, doubled, 2 * PRESSURE, Effort())
+    dofs = solver.simulator.displacement_dofs
+    assert np.abs(state.w[dofs] - solved.w[dofs]).max() < 1e-7
+
+
+def test_volumes_balance(simulator, solved):
+    """Cavity at rest as the mesh has it; the wall keeps its volume on average."""
+    rest = simulator.observables(np.zeros(simulator.size))
+    assert rest[0] == pytest.approx(106.3, rel=0.02)
+    np.testing.assert_allclose(rest[1:], 0.0, atol=1e-12)
+    assert simulator.segment_volume.sum() / 1000 == pytest.approx(122.2, rel=0.02)
+    assert simulator.dilation(solved.w) < 0.02
+
+
+def test_strains_have_the_signs_of_filling(simulator, solved):
+    """Looking back from end diastole the wall was thicker and its circumference shorter."""
+    strains = simulator.observables(solved.w)[1:].reshape(3, 17)
+    assert (strains[0] < 0).all()
+    assert (strains[1] > 0).all()
+    assert (strains[2] < 0.02).all()
+
+
+def test_solution_does_not_depend_on_the_way(solver, solved):
+    """A warm start from elsewhere ends where cold load stepping ends."""
+    simulator = solver.simulator
+    start = solver.inflate(np.full(10, 0.7), PRESSURE, Effort())
+    tangents = simulator.field_sensitivities(start.w)
+    warm = solver.follow(start, tangents, THETA, Effort())
+    np.testing.assert_allclose(
+        simulator.observables(warm.w), simulator.observables(solved.w), rtol=1e-8, atol=1e-9
+    )
+
+
+def test_frames_are_solutions_at_lower_pressure(solver, solved):
+    pool = WarmStarts(solver, PRESSURE, frames=[0.25, 0.5])
+    result = pool.run(THETA)
+    for fraction in (0.25, 0.5):
+        direct = solver.inflate(THETA, fraction * PRESSURE, Effort())
+        np.testing.assert_allclose(
+            result.frames[fraction], solver.simulator.observables(direct.w), rtol=1e-7, atol=1e-8
+        )
+
+
+def test_failure_is_a_result(simulator, smoke_config):
+    """Too bold a load step that may not be halved: the run ends as a row, not as an exception."""
+    bold = {"first_load_fraction": 1.0, "min_load_fraction": 0.5}
+    pool = WarmStarts(Solver(simulator, smoke_config["solver"] | bold), PRESSURE)
+    result = pool.run(np.full(10, 0.1))
+    assert result.status == "failed"
+    assert "mmHg" in result.reason
+    assert 0 <= result.last_pressure < PRESSURE
+    assert result.newton_steps > 0
+    assert np.isnan(result.observables).all()
+    assert result.sensitivity is None
+
+
+@pytest.mark.parametrize("base", ["u_r_u_z_fixed", "u_z_u_theta_fixed", "fixed", "radial_spring"])
+def test_base_supports(small_mesh, smoke_config, base):
+    """Each support holds the components that it names, and leaves the others to move."""
+    config = smoke_config | {"loading": smoke_config["loading"] | {"base": base}}
+    simulator = make_simulator(small_mesh, config)
+    state = Solver(simulator, config["solver"]).inflate(np.ones(10), 2.0, Effort())
+    x = simulator.displacement_nodes
+    on_base = np.abs(x[:, 2]) < 1e-6
+    u = state.w[simulator.displacement_dofs[on_base]]
+    radial = x[on_base, :2] / np.linalg.norm(x[on_base, :2], axis=1)[:, None]
+    u_r = np.abs((u[:, :2] * radial).sum(axis=1)).max()
+    u_theta = np.abs(u[:, 1] * radial[:, 0] - u[:, 0] * radial[:, 1]).max()
+    assert np.abs(u[:, 2]).max() < 1e-12
+    assert (u_r < 1e-12) == (base in ("u_r_u_z_fixed", "fixed"))
+    assert (u_theta < 1e-12) == (base in ("u_z_u_theta_fixed", "fixed"))
+
+
+def test_a_stiff_spring_is_a_fixed_radius(small_mesh, smoke_config):
+    volumes = {}
+    for base, stiffness in (("u_r_u_z_fixed", 1.0), ("radial_spring", 1e4), ("radial_spring", 0.1)):
+        loading = smoke_config["loading"] | {"base": base, "base_spring_kpa_per_mm": stiffness}
+        simulator = make_simulator(small_mesh, smoke_config | {"loading": loading})
+        state = Solver(simulator, smoke_config["solver"]).inflate(np.ones(10), 2.0, Effort())
+        volumes[base, stiffness] = simulator.observables(state.w)[0]
+    fixed = volumes["u_r_u_z_fixed", 1.0]
+    assert volumes["radial_spring", 1e4] == pytest.approx(fixed, rel=1e-3)
+    assert volumes["radial_spring", 0.1] > fixed * 1.005
+
+
+def test_layers_make_up_the_wall(small_mesh, smoke_config, simulator, solved):
+    """Strain decreases from endocardium to epicardium, and the wall's mean lies between."""
+    by_layer = {}
+    for region in ("endocardium", "midwall", "epicardium"):
+        layered = make_simulator(small_mesh, smoke_config | {"observables": {"region": region}})
+        by_layer[region] = layered.observables(solved.w)[1:18]
+        volumes = layered.segment_volume
+        assert (volumes > 0).all()
+    wall = simulator.observables(solved.w)[1:18]
+    assert by_layer["endocardium"].mean() < wall.mean() < by_layer["epicardium"].mean()
+
+
+def test_outputs_are_in_the_order_of_their_names(simulator):
+    assert len(simulator.observables(np.zeros(simulator.size))) == len(aha.OUTPUTS)
+
+
+def test_the_same_theta_twice_gives_the_same_sensitivities(solver):
+    """The second run starts on its own solution: its tangents must not come from another's."""
+    pool = WarmStarts(solver, PRESSURE)
+    first = pool.run(THETA)
+    pool.run(np.full(10, 2.0))
+    again = pool.run(THETA)
+    np.testing.assert_allclose(again.sensitivity, first.sensitivity, rtol=1e-6, atol=1e-7)

@@ -1,0 +1,434 @@
+"""Figures and tables: they are made, they carry their numbers, and they hide no failure."""
+
+import json
+
+import arviz as az
+import meshio
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+from matplotlib.image import imread
+from matplotlib.path import Path as Outline
+from vtkmodules.vtkCommonDataModel import vtkTriQuadraticHexahedron
+
+from regional_lv import aha, tables
+from regional_lv.errors import InputError
+from regional_lv.figures import (
+    bullseye,
+    bullseye_posterior,
+    design,
+    explained_variance,
+    parity,
+    posterior,
+    posterior_predictive,
+    recovery,
+    style,
+    traces,
+    zones,
+)
+
+FAILED = "failed: R-hat 1.6 of C_a_septal above 1.01"
+OBSERVED = [o for o in aha.OUTPUTS if not o.startswith("longitudinal") and "17" not in o]
+
+
+@pytest.fixture
+def figures(monkeypatch):
+    """Every figure that `style.save` has seen."""
+    seen = []
+    save = style.save
+
+    def remember(fig, *args):
+        seen.append(fig)
+        save(fig, *args)
+
+    monkeypatch.setattr(style, "save", remember)
+    return seen
+
+
+@pytest.fixture
+def paths(tmp_path):
+    return tmp_path / "figures" / "one.png", tmp_path / "figures" / "one.csv"
+
+
+@pytest.fixture
+def subject(tmp_path):
+    """A posterior with noise scales, its verdict, its truth: (nc, diagnostics, truth)."""
+
+    def make(verdict="passed", inside=True):
+        rng = np.random.default_rng(0)
+        truth = dict(zip(aha.PARAMETERS, np.linspace(0.5, 2.0, 10), strict=True))
+        theta = np.array(list(truth.values())) * np.exp(0.1 * rng.normal(size=(2, 50, 1, 10)))
+        predicted = 0.1 + 0.01 * rng.normal(size=(2, 50, 1, len(OBSERVED)))
+        observed = np.full((1, len(OBSERVED)), 0.1)
+        observed[0, 3] += 0.0 if inside else 1.0
+        case = {"case": ["heart"]}
+        az.InferenceData(
+            posterior=xr.Dataset(
+                {
+                    "theta": (("chain", "draw", "case", "parameter"), theta),
+                    "sigma": (("chain", "draw", "case", "direction"), 0.3 * theta[..., :2]),
+                },
+                {**case, "parameter": list(aha.PARAMETERS), "direction": list(aha.DIRECTIONS[:2])},
+            ),
+            constant_data=xr.Dataset(
+                {"y_obs": (("case", "output"), observed)}, {**case, "output": OBSERVED}
+            ),
+            posterior_predictive=xr.Dataset(
+                {"y": (("chain", "draw", "case", "output"), predicted)},
+                {**case, "output": OBSERVED},
+            ),
+        ).to_netcdf(str(tmp_path / "heart.nc"))
+        names = [*aha.PARAMETERS, "sigma_circumferential", "sigma_radial"]
+        pd.DataFrame(
+            {
+                "case": "heart",
+                "parameter": names,
+                "rhat": 1.0,
+                "ess_bulk": 900.0,
+                "ess_tail": 800.0,
+                "divergences": 1,
+                "passed": verdict == "passed",
+                "verdict": verdict,
+                "seconds": 1.0,
+            }
+        ).to_csv(tmp_path / "diagnostics.csv", index=False)
+        (tmp_path / "truth.json").write_text(json.dumps({"theta": truth}))
+        return tmp_path / "heart.nc", tmp_path / "diagnostics.csv", tmp_path / "truth.json"
+
+    return make
+
+
+@pytest.fixture
+def test_set(tmp_path):
+    """recovery.csv, coverage.csv and diagnostics.csv of three cases, of which one failed."""
+    rows = [
+        (case, name, 1.0, 1.1, 1.2, 0.1, low, 1.4, low < 1.0, 0.05, 0.01)
+        for case, low in (("0", 0.9), ("1", 0.8), ("2", 1.05))
+        for name in aha.PARAMETERS
+    ]
+    columns = "case parameter truth map mean sd lower95 upper95 covered crps variance_ratio".split()
+    pd.DataFrame(rows, columns=columns).to_csv(tmp_path / "recovery.csv", index=False)
+    covered = pd.DataFrame({"parameter": [*aha.PARAMETERS, "all"]})
+    for level in (50, 80, 95):
+        covered[f"coverage{level}"] = 2 / 3
+        covered[f"coverage{level}_lower"] = 0.09
+        covered[f"coverage{level}_upper"] = 0.99
+    covered.to_csv(tmp_path / "coverage.csv", index=False)
+    pd.DataFrame(
+        [
+            (case, name, rhat, 500.0, 500.0, 0, verdict == "passed", verdict)
+            for case, rhat, verdict in (
+                ("0", 1.0, "passed"),
+                ("1", 1.0, "passed"),
+                ("2", 1.3, FAILED),
+            )
+            for name in aha.PARAMETERS
+        ],
+        columns="case parameter rhat ess_bulk ess_tail divergences passed verdict".split(),
+    ).to_csv(tmp_path / "diagnostics.csv", index=False)
+    return [tmp_path / f"{name}.csv" for name in ("recovery", "coverage", "diagnostics")]
+
+
+def read(paths) -> pd.DataFrame:
+    """The table beside a figure, once the figure has been seen to hold more than paper."""
+    png, csv = paths
+    assert np.ptp(imread(png)[..., :3]) > 0.5
+    return pd.read_csv(csv)
+
+
+# Bullseye
+
+
+def test_segment_1_is_at_the_top_and_numbers_run_towards_the_septum():
+    centres = np.array([cell.centre for cell in bullseye.SEGMENT_CELLS])
+    assert centres[0] == pytest.approx((0, 0.875))
+    assert centres[6] == pytest.approx((0, 0.625))
+    assert centres[12] == pytest.approx((0, 0.375))
+    assert centres[16] == pytest.approx((0, 0))
+    septal = [s.number - 1 for s in aha.SEGMENTS if s.zone == "septal"]
+    lateral = [s.number - 1 for s in aha.SEGMENTS if s.zone == "lateral"]
+    assert (centres[septal, 0] < 0).all()
+    assert (centres[lateral, 0] > 0).all()
+    assert centres[3] == pytest.approx((0, -0.875))
+
+
+@pytest.mark.parametrize("cells", [bullseye.SEGMENT_CELLS, tuple(bullseye.ZONE_CELLS.values())])
+def test_cells_tile_the_disk(cells):
+    rng = np.random.default_rng(1)
+    points = rng.uniform(-1, 1, (4000, 2))
+    points = points[np.hypot(*points.T) < 0.999]
+    inside = sum(Outline(c.outline()).contains_points(points).astype(int) for c in cells)
+    # Borders drawn with straight strokes of one degree may claim or lose a point beside them.
+    assert (inside == 1).mean() > 0.998
+    area = sum((c.outer**2 - c.inner**2) * np.radians(c.stop - c.start) / 2 for c in cells)
+    assert area == pytest.approx(np.pi)
+
+
+def test_zone_cells_hold_the_centres_of_their_segments():
+    for segment, cell in zip(aha.SEGMENTS, bullseye.SEGMENT_CELLS, strict=True):
+        for zone, outer in bullseye.ZONE_CELLS.items():
+            holds = Outline(outer.outline()).contains_point(cell.centre)
+            assert holds == (zone == segment.zone)
+
+
+def test_values_colour_their_own_segment():
+    fig = style.figure(3, 3)
+    ax = fig.subplots()
+    values = np.arange(17.0)
+    values[4] = np.nan
+    scale = bullseye.paint_values(ax, values, bullseye.Normalize(0, 16), "viridis")
+    faces = [patch.get_facecolor() for patch in ax.patches[:17]]
+    assert faces[9] == pytest.approx(scale.to_rgba(9.0))
+    assert faces[4][:3] == pytest.approx([0xEE / 255] * 3)
+
+
+# One test per figure: made, and its numbers beside it
+
+
+@pytest.fixture
+def mesh(tmp_path):
+    """Seventeen quadratic hexahedra in a ring, one per segment, with a facet on each."""
+    local = np.array(vtkTriQuadraticHexahedron().GetParametricCoords()).reshape(27, 3)
+    points = []
+    for i in range(17):
+        angle = 2 * np.pi * (i + local[:, 0]) / 17
+        radius = 35 - 10 * local[:, 1]  # inwards: a right-handed element
+        points.append(np.c_[radius * np.cos(angle), radius * np.sin(angle), 60 * local[:, 2] - 60])
+    cells = np.arange(17 * 27).reshape(17, 27)
+    numbers = np.arange(1, 18)
+    meshio.Mesh(
+        np.concatenate(points),
+        [("hexahedron27", cells), ("quad9", cells[:, :9])],
+        cell_data={"segment": [numbers, numbers * 0]},
+    ).write(tmp_path / "mesh.vtu")
+    return tmp_path / "mesh.vtu"
+
+
+def test_zones(mesh, paths):
+    zones.draw(mesh, *paths)
+    table = read(paths)
+    assert list(table["segment"]) == list(range(1, 18))
+    assert list(table["colour"]) == [aha.ZONE_COLOURS[s.zone] for s in aha.SEGMENTS]
+    assert (table["elements"] == 1).all()
+
+
+def test_subdivision_follows_the_curved_element(mesh):
+    grid = zones.straight_cells(mesh)
+    radius = np.hypot(*grid.points[:, :2].T)
+    assert radius.min() == pytest.approx(25, abs=0.01)
+    assert radius.max() == pytest.approx(35, abs=0.01)
+    volumes = grid.compute_cell_sizes(length=False, area=False).cell_data["Volume"]
+    assert volumes.min() > 0
+    assert volumes.sum() == pytest.approx(np.pi * (35**2 - 25**2) * 60, rel=2e-3)
+
+
+def test_zones_need_segment_numbers(tmp_path, paths):
+    meshio.Mesh(np.eye(3), [("triangle", [[0, 1, 2]])]).write(tmp_path / "bare.vtu")
+    with pytest.raises(InputError, match=r"bare\.vtu"):
+        zones.draw(tmp_path / "bare.vtu", *paths)
+
+
+def simulations(tmp_path, scales):
+    rng = np.random.default_rng(2)
+    table = pd.DataFrame(rng.normal(size=(len(scales), 52)), columns=list(aha.OUTPUTS))
+    table.insert(0, "scale", scales)
+    table.insert(0, "sample", np.arange(len(scales)))
+    table.to_parquet(tmp_path / "train.parquet")
+    return table
+
+
+@pytest.mark.parametrize("scales", [["natural"] * 30 + ["log"] * 20, ["natural"] * 5])
+def test_design(tmp_path, paths, scales):
+    table = simulations(tmp_path, scales)
+    lost = pd.DataFrame({"sample": [99], "scale": ["natural"], "reason": ["no"]})
+    lost = lost.assign(**{f"place_{name}": 0.25 for name in aha.PARAMETERS})
+    lost.to_csv(tmp_path / "excluded.csv", index=False)
+    design.draw(tmp_path / "train.parquet", tmp_path / "excluded.csv", *paths)
+    drawn = read(paths)
+    counts = drawn[(drawn["panel"] == "volume") & (drawn["scale"] == "natural")]["value"]
+    assert counts.sum() == scales.count("natural")
+    median = drawn[
+        (drawn["item"] == "radial_05")
+        & (drawn["scale"] == "natural")
+        & (drawn["statistic"] == "median")
+    ]["value"].item()
+    natural = table.loc[table["scale"] == "natural", "radial_05"]
+    assert median == pytest.approx(natural.median())
+    assert (drawn.loc[drawn["panel"] == "excluded", "value"] == 0.25).sum() == 10
+
+
+def test_design_without_failures_says_so(tmp_path, paths, figures):
+    simulations(tmp_path, ["natural"] * 5)
+    lost = pd.DataFrame(columns=["sample", "scale", *(f"place_{n}" for n in aha.PARAMETERS)])
+    lost.to_csv(tmp_path / "excluded.csv", index=False)
+    design.draw(tmp_path / "train.parquet", tmp_path / "excluded.csv", *paths)
+    texts = [t.get_text() for ax in figures[0].axes for t in ax.texts]
+    assert "every simulation converged" in texts
+
+
+def test_explained_variance(tmp_path, paths, figures):
+    explained = np.array([0.9, 0.0985, 0.001, 0.0005])
+    pd.DataFrame(
+        {"component": [1, 2, 3, 4], "explained": explained, "cumulative": explained.cumsum()}
+    ).to_csv(tmp_path / "explained.csv", index=False)
+    explained_variance.draw(tmp_path / "explained.csv", *paths)
+    assert list(read(paths)["kept"]) == [True, True, True, False]
+    assert figures[0].get_suptitle().startswith("3 of 4 components")
+
+
+def test_parity(tmp_path, paths):
+    table = pd.DataFrame(
+        [(case, o, 1.0, 1.0 + 0.1 * case, 0.1) for case in (0, 1, 3) for o in aha.OUTPUTS],
+        columns=["case", "output", "truth", "mean", "sd"],
+    )
+    table.to_parquet(tmp_path / "test.parquet")
+    parity.draw(tmp_path / "test.parquet", "exact_gp", *paths)
+    drawn = read(paths).groupby("quantity")[["rmse", "coverage95"]].first()
+    assert len(drawn) == 4
+    # Errors 0, 1 and 3 standard deviations of 0.1: the last lies outside its bar.
+    assert drawn["rmse"].to_numpy() == pytest.approx(0.1 * np.sqrt(10 / 3))
+    assert drawn["coverage95"].to_numpy() == pytest.approx(2 / 3)
+
+
+def test_recovery(test_set, paths, figures):
+    recovery.draw(*test_set, "exact_gp", *paths)
+    drawn = read(paths)
+    cases = drawn[drawn["panel"] == "recovery"]
+    assert list(cases.groupby("case")["failed"].first()) == [False, False, True]
+    assert (drawn["panel"] == "coverage").sum() == 11
+    assert "1 OF 3 POSTERIORS FAILED" in figures[0].get_suptitle()
+
+
+def test_bullseye_posterior(subject, paths):
+    nc, diagnostics, truth = subject()
+    bullseye_posterior.draw(nc, diagnostics, "synthetic", *paths, truth=truth)
+    drawn = read(paths).set_index(["parameter", "item"])["value"].sort_index()
+    draws = posterior.read(nc, diagnostics).draws
+    for name, values in draws.items():
+        assert drawn[name, "median"].item() == pytest.approx(np.median(values))
+        inside = (values >= drawn[name, "lower95"].item()) & (
+            values <= drawn[name, "upper95"].item()
+        )
+        assert inside.mean() == pytest.approx(0.95, abs=0.015)
+    known = json.loads(truth.read_text())["theta"]
+    for name in aha.PARAMETERS:
+        assert drawn[name, "truth"].item() == pytest.approx(known[name])
+
+
+@pytest.mark.parametrize(("inside", "outside"), [(True, 0), (False, 1)])
+def test_posterior_predictive(subject, paths, figures, inside, outside):
+    nc, diagnostics, _ = subject(inside=inside)
+    posterior_predictive.draw(nc, diagnostics, "file", *paths)
+    drawn = read(paths)
+    observed = drawn[drawn["item"] == "observed"].set_index("output")
+    assert list(observed.index.sort_values()) == sorted(OBSERVED)
+    assert (observed["inside"].astype(str) == "False").sum() == outside
+    assert f"{outside} of {len(OBSERVED)} observations outside" in figures[0].get_suptitle()
+
+
+def test_traces(subject, paths):
+    nc, diagnostics, truth = subject()
+    traces.draw(nc, diagnostics, "synthetic", *paths, truth=truth)
+    drawn = read(paths)
+    draws = posterior.read(nc, diagnostics).draws
+    for name, values in draws.items():
+        rows = drawn[(drawn["parameter"] == name) & (drawn["item"] == "draw")]
+        assert rows["y"].to_numpy() == pytest.approx(values.ravel())
+    first = drawn[(drawn["item"] == "autocorrelation") & (drawn["x"] == 0)]
+    assert first["y"].to_numpy() == pytest.approx(1.0)
+
+
+# What no figure of a subject may hide
+
+
+def draw_subject(module, files, source, paths):
+    nc, diagnostics, _ = files
+    module.draw(nc, diagnostics, source, *paths)
+
+
+SUBJECT_FIGURES = [bullseye_posterior, posterior_predictive, traces]
+
+
+@pytest.mark.parametrize("module", SUBJECT_FIGURES)
+def test_failed_gate_is_in_the_title(module, subject, paths, figures):
+    draw_subject(module, subject(FAILED), "file", paths)
+    title = " ".join(figures[0].get_suptitle().split())
+    assert "POSTERIOR FAILED ITS CONVERGENCE GATE (R-hat 1.6 of C_a_septal above 1.01)" in title
+    assert set(read(paths)["verdict"]) == {FAILED}
+
+
+@pytest.mark.parametrize("module", SUBJECT_FIGURES)
+@pytest.mark.parametrize("source", ["synthetic", "file"])
+def test_title_says_where_the_data_come_from(module, source, subject, paths, figures):
+    draw_subject(module, subject(), source, paths)
+    title = figures[0].get_suptitle()
+    assert posterior.SOURCES[source] in title
+    assert ("synthetic" in title) == (source == "synthetic")
+    assert "FAILED" not in title
+
+
+def test_the_same_figure_is_the_same_file(subject, tmp_path):
+    files = subject()
+    both = []
+    for name in ("a", "b"):
+        draw_subject(bullseye_posterior, files, "file", (tmp_path / f"{name}.png", tmp_path / "c"))
+        both.append((tmp_path / f"{name}.png").read_bytes())
+    assert both[0] == both[1]
+
+
+def test_unknown_case_and_missing_verdict_are_named(subject, tmp_path):
+    nc, diagnostics, _ = subject()
+    with pytest.raises(InputError, match="no case 'other'"):
+        posterior.read(nc, diagnostics, case="other")
+    empty = pd.read_csv(diagnostics).iloc[:0]
+    empty.to_csv(tmp_path / "empty.csv", index=False)
+    with pytest.raises(InputError, match="no row for case 'heart'"):
+        posterior.read(nc, tmp_path / "empty.csv")
+
+
+def test_constant_draws_have_a_density():
+    values, heights = posterior.density(np.full((2, 10), 1.5))
+    assert values[heights.argmax()] == 1.5
+
+
+# Tables
+
+
+def test_table_of_diagnostics(test_set, subject, tmp_path):
+    test = tmp_path / "test.csv"
+    test.write_bytes(test_set[2].read_bytes())
+    _, diagnostics, _ = subject(FAILED)
+    table = tables.diagnostics(test, [diagnostics]).set_index(["posterior", "parameter"])
+    row = table.loc["test set", "C_a_septal"]
+    assert (row["cases"], row["failed_cases"], row["rhat_max"]) == (3, 1, 1.3)
+    assert row["rhat_mean"] == pytest.approx(1.1)
+    assert row["rhat_median"] == 1.0
+    assert table.loc[("heart", "sigma_radial"), "verdict"] == FAILED
+
+
+def test_table_of_subjects(subject, tmp_path):
+    nc, diagnostics, _ = subject(FAILED)
+    table = tables.subjects([nc], diagnostics, ["synthetic"])
+    assert len(table) == 12
+    assert set(table["data"]) == {"synthetic data"}
+    assert set(table["verdict"]) == {FAILED}
+    assert (table["lower95"] < table["median"]).all() and (table["median"] < table["upper95"]).all()
+    tables.save(table, tmp_path / "t" / "s.csv", tmp_path / "t" / "s.tex")
+    assert pd.read_csv(tmp_path / "t" / "s.csv")["median"].to_numpy() == pytest.approx(
+        table["median"].to_numpy()
+    )
+    lines = (tmp_path / "t" / "s.tex").read_text().splitlines()
+    assert sum(line.endswith(r"\\") for line in lines) == 13
+    assert r"$C_a$ septal" in "".join(lines) and "_circumferential" not in "".join(lines).replace(
+        r"\_circumferential", ""
+    )
+
+
+def test_table_of_recovery(test_set):
+    table = tables.recovery(*test_set).set_index("parameter")
+    assert list(table.index) == [*aha.PARAMETERS, "all"]
+    assert table["map_mse"].to_numpy() == pytest.approx(0.01)
+    assert table["mean_mse"].to_numpy() == pytest.approx(0.04)
+    assert set(table["failed_cases"]) == {1}
+    assert table.loc["all", "coverage95"] == pytest.approx(2 / 3)

@@ -1,0 +1,233 @@
+"""The workflow, run as users run it: the smoke study from mesh to report, then edits and reruns.
+
+One copy of the project is run with two cores and serves most tests; a second copy is killed on
+its way and finished with one core.
+"""
+
+import json
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pandas as pd
+import pytest
+import yaml
+
+PARTS = ("Snakefile", "workflow", "config", "src", "resources", "envs", "profiles")
+TIMES = {"cpu_s", "seconds", "cpu_s_mean", "cpu_s_median", "cpu_s_p95"}
+"""Columns that say how long something took: they alone may differ between two runs."""
+
+
+def copy_project(root: Path, target: Path) -> Path:
+    for part in PARTS:
+        source = root / part
+        if source.is_dir():
+            shutil.copytree(source, target / part, ignore=shutil.ignore_patterns("__pycache__"))
+        else:
+            target.mkdir(parents=True, exist_ok=True)
+            shutil.copy2(source, target / part)
+    return target
+
+
+def command(*arguments: str) -> list[str]:
+    return [sys.executable, "-m", "snakemake", "--configfile", "config/smoke.yaml", *arguments]
+
+
+def run(project: Path, *arguments: str, check: bool = True) -> str:
+    done = subprocess.run(
+        command(*arguments), cwd=project, capture_output=True, text=True, timeout=1200
+    )
+    output = done.stdout + done.stderr
+    if check and done.returncode:
+        pytest.fail(f"snakemake {' '.join(arguments)} failed:\n{output[-6000:]}")
+    return output
+
+
+def planned(project: Path) -> set[str]:
+    """Rules that a dry run would run."""
+    output = run(project, "--cores", "1", "--dry-run")
+    return set(re.findall(r"^(?:rule|localrule) (\w+):", output, flags=re.MULTILINE))
+
+
+def edit_config(project: Path, change) -> None:
+    path = project / "config" / "smoke.yaml"
+    config = yaml.safe_load(path.read_text())
+    change(config)
+    path.write_text(yaml.safe_dump(config))
+
+
+@pytest.fixture(scope="module")
+def study(root, tmp_path_factory) -> Path:
+    """A copy in which the smoke study has been run with two cores."""
+    project = copy_project(root, tmp_path_factory.mktemp("study") / "project")
+    run(project, "--cores", "2")
+    return project
+
+
+@pytest.fixture
+def editable(study):
+    """The same copy; what a test edits is put back."""
+    kept = {
+        p: p.read_bytes()
+        for d in ("config", "src")
+        for p in (study / d).rglob("*.*")
+        if p.is_file() and "__pycache__" not in p.parts
+    }
+    yield study
+    for path, content in kept.items():
+        if path.read_bytes() != content:
+            path.write_bytes(content)
+
+
+SIMULATING = {"make_mesh", "solve_baseline", "make_design", "simulate_batch", "simulate_subject"}
+
+
+def test_everything_is_made(study):
+    results = study / "results" / "smoke"
+    config = yaml.safe_load((study / "config" / "smoke.yaml").read_text())
+    for figure in ("zones", "design", "explained_variance", "parity", "recovery"):
+        assert (results / "figures" / f"{figure}.png").stat().st_size > 10_000
+        assert (results / "figures" / f"{figure}.csv").stat().st_size > 0
+    kept = pd.read_parquet(results / "screening" / "train.parquet")
+    assert len(kept) == config["design"]["natural"] + config["design"]["log"]
+    assert kept["sensitivity"].map(len).eq(520).all()
+    truth = json.loads((results / "truth" / "synthetic_lateral.json").read_text())
+    assert truth["theta"]["C_a_lateral"] == 2.0
+    measured = pd.read_csv(results / "measured" / "synthetic_lateral.csv")
+    assert measured["source"].str.contains("synthetic").all()
+    assert list(results.glob("posteriors/exact_gp/subjects/synthetic_lateral.nc"))
+    assert list((results / "logs").rglob("*.log"))
+
+
+def test_report_is_one_page(study):
+    run(study, "--report", "report.html")
+    page = (study / "report.html").read_text()
+    assert "bullseye" in page and len(page) > 500_000
+
+
+def test_unedited_study_has_nothing_to_do(study):
+    assert planned(study) == set()
+
+
+def test_draws_rerun_posteriors_only(editable):
+    edit_config(editable, lambda c: c["nuts"].update(draws=160))
+    rules = planned(editable)
+    assert {"sample_posteriors", "sample_subject", "plot_traces"} <= rules
+    assert not rules & (SIMULATING | {"train_emulator", "fit_reduction"})
+
+
+def test_inference_module_reruns_posteriors_only(editable):
+    module = editable / "src" / "regional_lv" / "inference" / "nuts.py"
+    module.write_text(module.read_text() + "\n# edited\n")
+    rules = planned(editable)
+    assert {"sample_posteriors", "sample_subject"} <= rules
+    assert not rules & (SIMULATING | {"train_emulator", "fit_reduction"})
+
+
+def test_mesh_reruns_everything_after_it(editable):
+    edit_config(editable, lambda c: c["mesh"].update(apex=2))
+    rules = planned(editable)
+    assert {
+        "make_mesh",
+        "solve_baseline",
+        "simulate_batch",
+        "screen_simulations",
+        "fit_reduction",
+        "train_emulator",
+        "sample_posteriors",
+        "simulate_subject",
+        "plot_zones",
+    } <= rules
+    assert "make_design" not in rules
+
+
+def test_figure_module_reruns_that_figure_only(editable):
+    module = editable / "src" / "regional_lv" / "figures" / "parity.py"
+    module.write_text(module.read_text() + "\n# edited\n")
+    assert planned(editable) - {"all"} == {"plot_parity"}
+
+
+def test_typo_in_the_config_names_key_and_remedy(editable):
+    edit_config(editable, lambda c: c["nuts"].update(drwas=10))
+    output = run(editable, "--cores", "1", "--dry-run", check=False)
+    assert "drwas" in output and "draws" in output
+    assert "Traceback" not in output
+
+
+def test_bad_geometry_table_stops_before_anything_runs(editable):
+    table = pd.read_csv(editable / "resources" / "volunteer_segments.csv")
+    table["wall_thickness_mm"] /= 10
+    table.to_csv(editable / "resources" / "in_cm.csv", index=False)
+    edit_config(editable, lambda c: c.update(geometry={"segments": "resources/in_cm.csv"}))
+    output = run(editable, "--cores", "1", "--dry-run", check=False)
+    assert "in_cm.csv" in output and "cm" in output
+    assert "wall_thickness_mm" in output
+
+
+def test_bad_measured_file_stops_before_anything_runs(editable):
+    path = editable / "resources" / "patient.csv"
+    path.write_text(
+        "quantity,segment,value,unit\nvolume,,150,mL\ncircumferential,1,-0.16,1\n"
+        "circumferential,1,-0.17,1\n"
+    )
+    edit_config(
+        editable,
+        lambda c: c["subjects"].update(p1={"source": "file", "measured": "resources/patient.csv"}),
+    )
+    output = run(editable, "--cores", "1", "--dry-run", check=False)
+    assert "patient.csv" in output and "4" in output
+
+
+def read_table(path: Path) -> pd.DataFrame:
+    table = pd.read_parquet(path) if path.suffix == ".parquet" else pd.read_csv(path)
+    return table.drop(columns=[c for c in table.columns if c in TIMES])
+
+
+def test_killed_run_continues_and_one_core_gives_the_same_tables(study, root, tmp_path):
+    project = copy_project(root, tmp_path / "project")
+    first = project / "results/smoke/simulations/train/batch-0000.parquet"
+    process = subprocess.Popen(
+        command("--cores", "1"),
+        cwd=project,
+        start_new_session=True,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        env=os.environ.copy(),
+    )
+    deadline = time.monotonic() + 600
+    batches = project / "results/smoke/simulations/train"
+    while not list(batches.glob("*.parquet")) and time.monotonic() < deadline:
+        time.sleep(0.2)
+    finished = {p: p.stat().st_mtime_ns for p in batches.glob("*.parquet")}
+    assert finished, f"{first.parent} stayed empty"
+    time.sleep(1.0)  # into the next batch
+    finished = {p: p.stat().st_mtime_ns for p in finished}
+    os.killpg(process.pid, signal.SIGKILL)
+    process.wait()
+    run(project, "--unlock")
+    run(project, "--cores", "1")
+    for path, modified in finished.items():
+        assert path.stat().st_mtime_ns == modified, f"{path} was made again"
+
+    results, other = study / "results/smoke", project / "results/smoke"
+    tables = [
+        p.relative_to(results)
+        for pattern in ("*.csv", "*.parquet")
+        for p in results.rglob(pattern)
+        if "benchmarks" not in p.parts
+    ]
+    assert len(tables) > 20
+    for name in tables:
+        pd.testing.assert_frame_equal(
+            read_table(results / name), read_table(other / name), check_exact=True, obj=str(name)
+        )
+
+
+def test_lint(root):
+    done = subprocess.run(command("--lint"), cwd=root, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stdout + done.stderr

@@ -1,0 +1,31 @@
+"""The fan-out: batches of simulations, each from the same start and from nothing else."""
+
+SIMULATION_BATCHES = {
+    "train": batches(
+        config["design"]["natural"] + config["design"]["log"],
+        config["simulations"]["batch_size"],
+    ),
+    "test": batches(config["design"]["test"], config["simulations"]["batch_size"]),
+}
+
+
+rule simulate_batch:
+    input:
+        mesh=f"{R}/geometry/mesh.vtu",
+        start=f"{R}/mechanics/baseline.npz",
+        design=f"{R}/design/{{set}}.parquet",
+        library=library("simulations"),
+    output:
+        f"{R}/simulations/{{set}}/batch-{{batch}}.parquet",
+    params:
+        physics=PHYSICS,
+        batch_size=config["simulations"]["batch_size"],
+    log:
+        f"{LOGS}/simulations/{{set}}/batch-{{batch}}.log",
+    benchmark:
+        f"{R}/benchmarks/simulations/{{set}}/batch-{{batch}}.tsv"
+    threads: 1
+    conda:
+        "../../envs/mechanics.yaml"
+    script:
+        "../scripts/simulate_batch.py"

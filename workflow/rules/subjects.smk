@@ -1,0 +1,93 @@
+"""Measured files: of synthetic subjects, of the published volunteer, and the user's own."""
+
+from regional_lv.resources import VOLUNTEER, fetched_path, volunteer_available
+from regional_lv.seeds import derive
+
+SUBJECT_SOURCES = {
+    name: subject["source"]
+    for name, subject in config["subjects"].items()
+    if subject["source"] != "published_volunteer" or volunteer_available(config)
+}
+SUBJECTS = list(SUBJECT_SOURCES)
+SYNTHETIC = [name for name, source in SUBJECT_SOURCES.items() if source == "synthetic"]
+
+
+def subjects_from(source):
+    """Wildcard constraint: the subjects of one source (or what no name can be)."""
+    names = [name for name, where in SUBJECT_SOURCES.items() if where == source]
+    return "|".join(names) or "(?!)"
+
+
+def subject_seed(name):
+    seed = config["synthetic_subjects"][name]["seed"]
+    return derive(config["seed"], "subject", name) if seed is None else seed
+
+
+rule simulate_subject:
+    """The only rule that writes a truth; no rule that infers reads it."""
+    input:
+        mesh=f"{R}/geometry/mesh.vtu",
+        start=f"{R}/mechanics/baseline.npz",
+        library=library("subjects"),
+    output:
+        measured=f"{R}/measured/{{subject}}.csv",
+        truth=f"{R}/truth/{{subject}}.json",
+    params:
+        physics=PHYSICS,
+        subject=lambda wildcards: config["synthetic_subjects"][wildcards.subject],
+        seed=lambda wildcards: subject_seed(wildcards.subject),
+    wildcard_constraints:
+        subject=subjects_from("synthetic"),
+    log:
+        f"{LOGS}/subjects/simulate_{{subject}}.log",
+    conda:
+        "../../envs/mechanics.yaml"
+    script:
+        "../scripts/simulate_subject.py"
+
+
+rule fetch_volunteer:
+    """Where the file was found is no parameter: its content cannot differ (checksum)."""
+    input:
+        library=library("resources"),
+    output:
+        fetched_path(config["study"], VOLUNTEER),
+    log:
+        f"{LOGS}/subjects/fetch_volunteer.log",
+    conda:
+        "../../envs/statistics.yaml"
+    script:
+        "../scripts/fetch_volunteer.py"
+
+
+rule import_volunteer:
+    input:
+        case=fetched_path(config["study"], VOLUNTEER),
+        library=library("measured"),
+    output:
+        f"{R}/measured/{{subject}}.csv",
+    wildcard_constraints:
+        subject=subjects_from("published_volunteer"),
+    log:
+        f"{LOGS}/subjects/import_{{subject}}.log",
+    conda:
+        "../../envs/statistics.yaml"
+    script:
+        "../scripts/import_volunteer.py"
+
+
+rule import_measured:
+    """A subject of the user's: checked, then written in the units used inside."""
+    input:
+        measured=lambda wildcards: config["subjects"][wildcards.subject]["measured"],
+        library=library("measured"),
+    output:
+        f"{R}/measured/{{subject}}.csv",
+    wildcard_constraints:
+        subject=subjects_from("file"),
+    log:
+        f"{LOGS}/subjects/import_{{subject}}.log",
+    conda:
+        "../../envs/statistics.yaml"
+    script:
+        "../scripts/import_measured.py"

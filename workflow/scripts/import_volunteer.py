@@ -1,0 +1,7 @@
+"""Write the published volunteer in the tidy form."""
+
+from regional_lv.measured import published_volunteer, write_measured
+from regional_lv.progress import start_log
+
+start_log(snakemake.log[0])
+write_measured(published_volunteer(snakemake.input.case), snakemake.output[0])

@@ -1,0 +1,8 @@
+"""Write the table of convergence."""
+
+from regional_lv import tables
+from regional_lv.progress import start_log
+
+start_log(snakemake.log[0])
+table = tables.diagnostics(snakemake.input.test, snakemake.input.subjects)
+tables.save(table, snakemake.output.csv, snakemake.output.tex)
