@@ -15,7 +15,9 @@ def start_log(path: str | Path) -> None:
     """
     Path(path).parent.mkdir(parents=True, exist_ok=True)
     handlers = [logging.FileHandler(path, mode="w"), logging.StreamHandler(sys.stderr)]
-    logging.basicConfig(level=logging.INFO, format=FORMAT, handlers=handlers, force=True)
+    # Other packages' chatter (each compiled form is a dozen lines) would bury the progress.
+    logging.basicConfig(level=logging.WARNING, format=FORMAT, handlers=handlers, force=True)
+    logging.getLogger("regional_lv").setLevel(logging.INFO)
     logging.captureWarnings(True)
     sys.excepthook = _log_error
 

@@ -48,16 +48,18 @@ def _convergence(name: str, part: pd.DataFrame) -> pd.DataFrame:
     return table
 
 
-def subjects(posteriors: list[Path], diagnostics: Path, sources: list[str]) -> pd.DataFrame:
+def subjects(
+    posteriors: list[Path], diagnostics: list[Path], sources: list[str]
+) -> pd.DataFrame:
     """Stiffness and noise of every subject: posterior median and 95 % HPD interval.
 
-    posteriors: InferenceData files of one subject each; diagnostics: CSV with their verdicts;
-    sources: `subjects.<name>.source` of the config, in the same order. Columns: subject, data,
+    posteriors: InferenceData files of one subject each; diagnostics: CSV with its verdict, and
+    sources: `subjects.<name>.source` of the config, both in the same order. Columns: subject, data,
     parameter, median, lower95, upper95, verdict. Noise scales are in standardised units.
     """
     tables = []
-    for nc, source in zip(posteriors, sources, strict=True):
-        one = posterior.read(nc, diagnostics)
+    for nc, check, source in zip(posteriors, diagnostics, sources, strict=True):
+        one = posterior.read(nc, check)
         table = one.summary().reset_index()
         table.insert(0, "subject", one.case)
         table.insert(1, "data", posterior.SOURCES[source])

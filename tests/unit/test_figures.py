@@ -409,7 +409,7 @@ def test_table_of_diagnostics(test_set, subject, tmp_path):
 
 def test_table_of_subjects(subject, tmp_path):
     nc, diagnostics, _ = subject(FAILED)
-    table = tables.subjects([nc], diagnostics, ["synthetic"])
+    table = tables.subjects([nc], [diagnostics], ["synthetic"])
     assert len(table) == 12
     assert set(table["data"]) == {"synthetic data"}
     assert set(table["verdict"]) == {FAILED}

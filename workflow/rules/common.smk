@@ -1,4 +1,4 @@
-"""What every rule file uses: the checked config, the paths, the library dependencies."""
+"""The checked config, the paths, the dependencies on the library, for all other files here."""
 
 import os
 import sys
@@ -15,10 +15,19 @@ os.environ["PYTHONPATH"] = str(SOURCE)
 # seeded: compiled forms would not be found again, and sums would differ in their last digit.
 os.environ["PYTHONHASHSEED"] = "0"
 
+
+envvars:
+    "PYTHONPATH",
+    "PYTHONHASHSEED",
+
+
+
 from regional_lv import config as study_config  # noqa: E402
 from regional_lv import dependencies  # noqa: E402
 from regional_lv.errors import InputError  # noqa: E402
 from regional_lv.geometry.table import read_segments  # noqa: E402
+from regional_lv.resources import VOLUNTEER, fetched_path, volunteer_available  # noqa: E402
+from regional_lv.seeds import derive  # noqa: E402
 
 try:
     config.update(study_config.load(config))
@@ -35,6 +44,14 @@ PHYSICS = {
     for section in ("material", "fibres", "loading", "observables", "solver")
 }
 
+SUBJECT_SOURCES = {
+    name: subject["source"]
+    for name, subject in config["subjects"].items()
+    if subject["source"] != "published_volunteer" or volunteer_available(config)
+}
+SUBJECTS = list(SUBJECT_SOURCES)
+SYNTHETIC = [name for name, source in SUBJECT_SOURCES.items() if source == "synthetic"]
+
 # Modules that decide how things are reported, never what comes out.
 WITHOUT_EFFECT = {"progress", "errors"}
 
@@ -43,7 +60,7 @@ WITHOUT_EFFECT = {"progress", "errors"}
 def library(*modules):
     """Files of the library modules that a script imports, followed through their imports.
 
-    Named as input, they make a rule run again when the code that it depends on changes.
+    Named as input, they make what depends on code run again when that code changes.
     """
     return dependencies.files(SOURCE, modules, without=WITHOUT_EFFECT)
 
@@ -51,3 +68,15 @@ def library(*modules):
 def batches(size, per_batch):
     """Names of the batches that `size` items make: batch-0000, batch-0001, ..."""
     return [f"batch-{i:04d}" for i in range(-(-size // per_batch))]
+
+
+def subjects_from(source):
+    """Wildcard constraint: the subjects of one source (or what no name can be)."""
+    names = [name for name, where in SUBJECT_SOURCES.items() if where == source]
+    return "|".join(names) or "(?!)"
+
+
+def subject_seed(name):
+    """Seed of a synthetic subject's noise: its own, or derived from the study's."""
+    seed = config["synthetic_subjects"][name]["seed"]
+    return derive(config["seed"], "subject", name) if seed is None else seed

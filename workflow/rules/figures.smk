@@ -119,7 +119,7 @@ rule plot_recovery:
 rule plot_bullseye_posterior:
     input:
         posterior=f"{POSTERIORS}/subjects/{{subject}}.nc",
-        diagnostics=f"{POSTERIORS}/subjects/diagnostics.csv",
+        diagnostics=f"{POSTERIORS}/subjects/{{subject}}.csv",
         truth=lambda wildcards: TRUTHS.get(wildcards.subject, []),
         library=library("figures.bullseye_posterior"),
     output:
@@ -143,7 +143,7 @@ rule plot_bullseye_posterior:
 rule plot_posterior_predictive:
     input:
         posterior=f"{POSTERIORS}/subjects/{{subject}}.nc",
-        diagnostics=f"{POSTERIORS}/subjects/diagnostics.csv",
+        diagnostics=f"{POSTERIORS}/subjects/{{subject}}.csv",
         library=library("figures.posterior_predictive"),
     output:
         png=report(
@@ -166,7 +166,7 @@ rule plot_posterior_predictive:
 rule plot_traces:
     input:
         posterior=f"{POSTERIORS}/subjects/{{subject}}.nc",
-        diagnostics=f"{POSTERIORS}/subjects/diagnostics.csv",
+        diagnostics=f"{POSTERIORS}/subjects/{{subject}}.csv",
         truth=lambda wildcards: TRUTHS.get(wildcards.subject, []),
         library=library("figures.traces"),
     output:
@@ -190,7 +190,7 @@ rule plot_traces:
 rule make_table_diagnostics:
     input:
         test=f"{POSTERIORS}/test/diagnostics.csv",
-        subjects=[f"{POSTERIORS}/subjects/diagnostics.csv"] if SUBJECTS else [],
+        subjects=expand(f"{POSTERIORS}/subjects/{{subject}}.csv", subject=SUBJECTS),
         library=library("tables"),
     output:
         csv=report(
@@ -231,7 +231,7 @@ rule make_table_recovery:
 rule make_table_subjects:
     input:
         posteriors=expand(f"{POSTERIORS}/subjects/{{subject}}.nc", subject=SUBJECTS),
-        diagnostics=f"{POSTERIORS}/subjects/diagnostics.csv",
+        diagnostics=expand(f"{POSTERIORS}/subjects/{{subject}}.csv", subject=SUBJECTS),
         library=library("tables"),
     output:
         csv=report(

@@ -1,28 +1,5 @@
 """Measured files: of synthetic subjects, of the published volunteer, and the user's own."""
 
-from regional_lv.resources import VOLUNTEER, fetched_path, volunteer_available
-from regional_lv.seeds import derive
-
-SUBJECT_SOURCES = {
-    name: subject["source"]
-    for name, subject in config["subjects"].items()
-    if subject["source"] != "published_volunteer" or volunteer_available(config)
-}
-SUBJECTS = list(SUBJECT_SOURCES)
-SYNTHETIC = [name for name, source in SUBJECT_SOURCES.items() if source == "synthetic"]
-
-
-def subjects_from(source):
-    """Wildcard constraint: the subjects of one source (or what no name can be)."""
-    names = [name for name, where in SUBJECT_SOURCES.items() if where == source]
-    return "|".join(names) or "(?!)"
-
-
-def subject_seed(name):
-    seed = config["synthetic_subjects"][name]["seed"]
-    return derive(config["seed"], "subject", name) if seed is None else seed
-
-
 rule simulate_subject:
     """The only rule that writes a truth; no rule that infers reads it."""
     input:

@@ -1,7 +1,6 @@
 """The interface that every emulator has: fit, predict with covariance, save, load."""
 
 import copy
-import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from pathlib import Path
@@ -40,10 +39,25 @@ class SeparablePrediction(Prediction):
     """A prediction with covariance `variance` (...) times `output_covariance` (D, D).
 
     The likelihood diagonalises `output_covariance` once instead of factorising at every theta.
+
+    determinant_weight: 1 / f for a covariance that was inflated by f to be right for inference.
+    Errors of the outputs are no larger than the covariance before says, but more of them lies in
+    the few directions in which theta moves the outputs. Inflating all directions for that makes
+    the distances to the data f times smaller; the log determinant has to give way by the same
+    factor, or it pulls the estimate to where the emulator is most certain. Together this is the
+    magnitude adjustment of a misspecified likelihood (Ribatet, Cooley and Davison 2012,
+    doi 10.5705/ss.2009.249), and it leaves the maximum where it was.
     """
 
-    def __init__(self, mean, variance: torch.Tensor, output_covariance: torch.Tensor):
+    def __init__(
+        self,
+        mean: torch.Tensor,
+        variance: torch.Tensor,
+        output_covariance: torch.Tensor,
+        determinant_weight: float = 1.0,
+    ):
         super().__init__(mean, output_covariance)
+        self.determinant_weight = determinant_weight
         self.variance = variance
         self.output_covariance = output_covariance
 
@@ -200,6 +214,10 @@ class Emulator(ABC):
         transformed = torch.log(theta) if self._log else theta
         return (transformed - self.input_mean) / self.input_sd
 
+    def _unstandardise(self, x: torch.Tensor) -> torch.Tensor:
+        transformed = self.input_mean + self.input_sd * x
+        return torch.exp(transformed) if self._log else transformed
+
     def standardise_slope(self, theta: torch.Tensor) -> torch.Tensor:
         """d(standardised input)/d(theta), (..., 10): the transform acts on each parameter alone."""
         slope = 1 / self.input_sd
@@ -235,8 +253,3 @@ def _check_training_set(theta: np.ndarray, y: np.ndarray, outputs: Sequence[str]
             f"training set: {', '.join(still)} has one and the same value in every simulation; "
             "leave the output out or check the simulator"
         )
-
-
-def warn_jitter(name: str, jitter: float) -> None:
-    """Say that a matrix was only positive definite with more on its diagonal."""
-    warnings.warn(f"{name}: nugget raised to {jitter:.1e} for a Cholesky factor", stacklevel=3)

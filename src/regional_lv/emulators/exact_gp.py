@@ -25,7 +25,7 @@ HYPERPARAMETER_ROWS = 1500
 evaluation and a dozen numbers are well determined long before."""
 
 RESTARTS = 2
-CALIBRATIONS = ("log_linear", "variance_factor", "none")
+CALIBRATIONS = ("variance_factor", "none")
 SHRINKAGES = (0.0, *np.logspace(-6, 0, 13))
 
 
@@ -70,9 +70,9 @@ class ExactGP(Emulator):
 
     kernel: rq, rbf or matern52, with one length scale per parameter. nugget: smallest value added
     to the diagonal of the correlation matrix; a larger one is learnt where the data ask for it.
-    iterations: L-BFGS iterations per start. calibration: how leave-one-out errors set the
-    predictive variance: `log_linear` (a factor exp(c + g . x) on it, x the standardised inputs),
-    `variance_factor` (one factor), `none` (the likelihood's own B).
+    iterations: L-BFGS iterations per start. calibration: `variance_factor` multiplies the
+    predictive variance by what the leave-one-out errors of the training set ask for, `none` leaves
+    it as the likelihood has it.
 
     Raises InputError for settings that are not offered.
     """
@@ -85,7 +85,7 @@ class ExactGP(Emulator):
         input_transform: str = "log",
         nugget: float = 1e-8,
         iterations: int = 150,
-        calibration: str = "log_linear",
+        calibration: str = "variance_factor",
     ):
         super().__init__(input_transform)
         for key, value, offered in (
@@ -215,36 +215,44 @@ class ExactGP(Emulator):
         return KERNELS[self.settings["kernel"]](d2, self.alpha)
 
     def _calibrate(self, x, y, residuals, variances) -> None:
-        """B and the factor on the variance, from leave-one-out errors of the training set alone."""
-        gradient = torch.zeros(x.shape[1], dtype=x.dtype)
-        intercept, shrinkage = 0.0, 0.0
-        if self.settings["calibration"] == "none":
-            b = y.T @ _projected_precision(self.cholesky)[0] @ y / (len(y) - 1)
-            b = b + 1e-9 * torch.eye(len(b), dtype=b.dtype)
-            raw = float("nan")
-        else:
-            scale = torch.ones(len(x), dtype=x.dtype)
-            for _ in range(3 if self.settings["calibration"] == "log_linear" else 1):
-                z = residuals / torch.sqrt(variances * scale)[:, None]
-                b, shrinkage, distance = estimate_output_covariance(z)
-                ratio = distance / y.shape[1]
-                raw = float(ratio.mean())
-                if self.settings["calibration"] == "log_linear":
-                    intercept, gradient = fit_log_linear_scale(x, ratio * scale, y.shape[1])
-                    scale = torch.exp(intercept + x @ gradient)
-                else:
-                    intercept = math.log(raw)
-        self.output_b = b
-        self.log_scale, self.log_scale_gradient = float(intercept), gradient
+        """B, and the factor on the variance from leave-one-out errors of the training set alone."""
+        b = y.T @ _projected_precision(self.cholesky)[0] @ y / (len(y) - 1)
+        shrinkage = 0.0
+        if len(y) < 4 * y.shape[1]:
+            shrinkage = choose_shrinkage(residuals / variances.sqrt()[:, None])
+        b = (b + shrinkage * torch.diag(b.diagonal())) / (1 + shrinkage)
+        self.output_b = b + 1e-9 * torch.eye(len(b), dtype=b.dtype)
         self._set_output_covariance()
+        self.variance_factor = 1.0
+        theta = self._unstandardise(x)
+        by_theta = torch.cat([self.jacobian(part)[0] for part in theta.split(256)])
+        along = self._squared_length_along(by_theta / self.output_sd[:, None], residuals, variances)
+        if self.settings["calibration"] == "variance_factor":
+            self.variance_factor = max(1.0, float(along.mean()))
+        distance = _squared_length(residuals, self.output_b) / variances
         self.info = {
             "calibration": self.settings["calibration"],
-            "calibration_log_factor": self.log_scale,
-            "calibration_log_factor_gradient": gradient.tolist(),
-            "calibration_shrinkage": shrinkage,
-            "loo_mean_squared_mahalanobis_per_output": raw,
+            "variance_factor": self.variance_factor,
+            "output_shrinkage": shrinkage,
+            "loo_squared_distance_per_output": float(distance.mean() / y.shape[1]),
+            "loo_squared_distance_per_parameter": float(along.mean()),
             "loo_rmse_standardised": float(residuals.square().mean().sqrt()),
         }
+
+    def _squared_length_along(self, jacobian, residuals, variances) -> torch.Tensor:
+        """Squared length (N,), per parameter, of the errors in the directions in which theta moves
+        the outputs, in units of their predicted variance.
+
+        An error along the columns of the Jacobian is what inference mistakes for a change of
+        theta: the estimate moves by (J' S^-1 J)^-1 J' S^-1 e, which has the covariance
+        (J' S^-1 J)^-1 if S is right, and the squared length 1 per parameter.
+        """
+        factor = torch.linalg.cholesky(self.output_b)
+        white = torch.linalg.solve_triangular(factor, jacobian, upper=False)
+        error = torch.linalg.solve_triangular(factor, residuals.T, upper=False).T
+        basis, _ = torch.linalg.qr(white)
+        along = (basis.mT @ error[..., None])[..., 0]
+        return along.square().mean(-1) / variances
 
     def _set_output_covariance(self) -> None:
         self.output_covariance = self.output_sd[:, None] * self.output_b * self.output_sd
@@ -256,7 +264,10 @@ class ExactGP(Emulator):
         mean, variance = _Evaluate.apply(flat, self)
         shape = theta.shape[:-1]
         return SeparablePrediction(
-            mean.reshape(*shape, -1), variance.reshape(shape), self.output_covariance
+            mean.reshape(*shape, -1),
+            variance.reshape(shape),
+            self.output_covariance,
+            determinant_weight=1 / self.variance_factor,
         )
 
     def _forward(self, theta: torch.Tensor) -> dict[str, torch.Tensor]:
@@ -268,12 +279,10 @@ class ExactGP(Emulator):
         rest = 1 - (self._ones.T @ half)[0]
         variance = 1 + self.nugget - (half * half).sum(0) + rest * rest / self._total
         variance = variance.clamp(min=self.nugget)
-        factor = torch.exp(self.log_scale + x @ self.log_scale_gradient)
         mean = self.output_mean + self.output_sd * (self.mean + k @ self.weights)
         return {
             "mean": mean,
-            "variance": variance * factor,
-            "factor": factor,
+            "variance": self.variance_factor * variance,
             "scaled": scaled,
             "slope": slope,
             "half": half,
@@ -281,17 +290,20 @@ class ExactGP(Emulator):
         }
 
     def _variance_weights(self, half, rest) -> torch.Tensor:
-        """d(variance)/d(k) (M, N) before the calibration factor."""
+        """d(variance)/d(k), (M, N)."""
         inner = half + self._ones * (rest / self._total)
-        return -2 * torch.linalg.solve_triangular(self.cholesky.T, inner, upper=True).T
+        return (
+            -2
+            * self.variance_factor
+            * torch.linalg.solve_triangular(self.cholesky.T, inner, upper=True).T
+        )
 
     def jacobian(self, theta: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """As in the base class, from the kernel's derivative."""
         shape = theta.shape[:-1]
         flat = theta.detach().reshape(-1, theta.shape[-1])
         f = self._forward(flat)
-        scale = self.standardise_slope(flat)
-        to_theta = scale / self.length_scales
+        to_theta = self.standardise_slope(flat) / self.length_scales
         # d k_n / d scaled_p = 2 slope_n (scaled_p - scaled_np)
         slope = f["slope"]
         means = torch.empty(len(flat), len(self.outputs), flat.shape[1], dtype=flat.dtype)
@@ -302,8 +314,6 @@ class ExactGP(Emulator):
         means *= self.output_sd[:, None] * to_theta[:, None, :]
         by_k = self._variance_weights(f["half"], f["rest"]) * slope
         variance = 2 * (by_k.sum(1, keepdim=True) * f["scaled"] - by_k @ self._scaled) * to_theta
-        variance = variance * f["factor"][:, None]
-        variance += f["variance"][:, None] * self.log_scale_gradient * scale
         return means.reshape(*shape, *means.shape[1:]), variance.reshape(*shape, -1)
 
     # --------------------------------------------------------------------------- keeping
@@ -326,7 +336,7 @@ class ExactGP(Emulator):
 
 _STATE = (
     *("inputs", "length_scales", "alpha", "nugget", "mean", "weights", "output_b"),
-    *("log_scale", "log_scale_gradient"),
+    "variance_factor",
 )
 
 
@@ -337,23 +347,19 @@ class _Evaluate(torch.autograd.Function):
     def forward(ctx, theta, gp):
         f = gp._forward(theta)
         ctx.gp = gp
-        ctx.save_for_backward(
-            theta, *(f[key] for key in ("scaled", "slope", "half", "rest", "factor", "variance"))
-        )
+        ctx.save_for_backward(theta, *(f[key] for key in ("scaled", "slope", "half", "rest")))
         return f["mean"], f["variance"]
 
     @staticmethod
     @torch.autograd.function.once_differentiable
     def backward(ctx, by_mean, by_variance):
         gp = ctx.gp
-        theta, scaled, slope, half, rest, factor, variance = ctx.saved_tensors
+        theta, scaled, slope, half, rest = ctx.saved_tensors
         by_k = (by_mean * gp.output_sd) @ gp.weights.T
-        by_k += gp._variance_weights(half, rest) * (by_variance * factor)[:, None]
+        by_k += gp._variance_weights(half, rest) * by_variance[:, None]
         by_k *= slope
         by_scaled = 2 * (by_k.sum(1, keepdim=True) * scaled - by_k @ gp._scaled)
-        by_x = by_scaled / gp.length_scales
-        by_x += (by_variance * variance)[:, None] * gp.log_scale_gradient
-        return by_x * gp.standardise_slope(theta), None
+        return by_scaled / gp.length_scales * gp.standardise_slope(theta), None
 
 
 # ------------------------------------------------------------------------- linear algebra, LOO
@@ -389,55 +395,33 @@ def leave_one_out(factor: torch.Tensor, y: torch.Tensor) -> tuple[torch.Tensor, 
     return (precision @ y) / diagonal[:, None], 1 / diagonal
 
 
-def estimate_output_covariance(z: torch.Tensor) -> tuple[torch.Tensor, float, torch.Tensor]:
-    """B from scaled leave-one-out errors `z` (N, D); shrinkage; squared distances (N,).
+def _squared_length(errors: torch.Tensor, b: torch.Tensor) -> torch.Tensor:
+    """e_i' B^-1 e_i, (N,)."""
+    factor = torch.linalg.cholesky(b)
+    return torch.linalg.solve_triangular(factor, errors.T, upper=False).square().sum(0)
 
-    B = (Z'Z + w N diag(Z'Z)/N) / N (1 + w): with few simulations the sample covariance of many
-    outputs is singular or too narrow, so it is drawn to its diagonal by the weight w that
-    predicts each error best from the others. The distances are z_i' B_(-i)^-1 z_i with B
-    estimated without row i; their mean over D is the factor by which B is still too narrow.
+
+def choose_shrinkage(z: torch.Tensor) -> float:
+    """Weight w that draws the covariance of `z` (N, D) to its diagonal, (C + w diag C) / (1 + w).
+
+    With few simulations the sample covariance of many outputs is singular or too narrow; the
+    weight is the one under which each row is most likely given the covariance of the others.
     """
     n, d = z.shape
     gram = z.T @ z
-    best = None
+    best = (-math.inf, SHRINKAGES[-1])
     for weight in SHRINKAGES:
-        target = weight * torch.diag(gram.diagonal())
-        factor, failed = torch.linalg.cholesky_ex(gram + target)
+        factor, failed = torch.linalg.cholesky_ex(gram + weight * torch.diag(gram.diagonal()))
         if failed:
             continue
-        leverage = (torch.linalg.solve_triangular(factor, z.T, upper=False) ** 2).sum(0)
-        if leverage.max() >= 1 - 1e-9:
+        leverage = torch.linalg.solve_triangular(factor, z.T, upper=False).square().sum(0)
+        if leverage.max() > 1 - 1e-9:
             continue
-        # Sherman-Morrison: without row i the gram loses z_i z_i'.
+        # Sherman-Morrison: without row i the gram loses z_i z_i'. The diagonal that it is drawn to
+        # keeps that row: one number per output, out of N.
         size = (n - 1) * (1 + weight)
         distance = size * leverage / (1 - leverage)
         determinant = 2 * factor.diagonal().log().sum() + torch.log1p(-leverage) - d * np.log(size)
-        score = -0.5 * (d * torch.log(distance.mean() / d) + determinant + d).mean()
-        if best is None or score > best[0]:
-            best = (score, (gram + target) / (n * (1 + weight)), float(weight), distance)
-    return best[1:]
-
-
-def fit_log_linear_scale(
-    x: torch.Tensor, ratio: torch.Tensor, d: int, ridge: float = 1.0
-) -> tuple[float, torch.Tensor]:
-    """Intercept c and gradient g (P,) of the factor exp(c + g . x) on the variance.
-
-    ratio: (N,) squared distances per output, with expectation exp(c + g . x); fitted as a gamma
-    regression by Fisher scoring, the gradient held back a little by `ridge` (in units of
-    simulations).
-    """
-    design = torch.cat([torch.ones(len(x), 1, dtype=x.dtype), x], 1)
-    penalty = torch.full((design.shape[1],), ridge, dtype=x.dtype)
-    penalty[0] = 0.0
-    coefficients = torch.zeros(design.shape[1], dtype=x.dtype)
-    coefficients[0] = torch.log(ratio.mean())
-    information = design.T @ design + torch.diag(penalty)
-    for _ in range(50):
-        misfit = ratio * torch.exp(-(design @ coefficients)) - 1
-        step = torch.linalg.solve(information, design.T @ misfit - penalty * coefficients)
-        step = step * min(1.0, 1.0 / float(step.abs().max().clamp(min=1e-300)))
-        coefficients = coefficients + step
-        if step.abs().max() < 1e-10:
-            break
-    return float(coefficients[0]), coefficients[1:]
+        score = float(-0.5 * (distance + determinant).mean())
+        best = max(best, (score, float(weight)))
+    return best[1]

@@ -1,5 +1,238 @@
 """Did the chains converge, and does the posterior find the truth?"""
 
+from collections.abc import Sequence
+from pathlib import Path
 
-def gate(chains, names, diverging, rhat_max, ess_min):
-    return None, "passed"
+import arviz as az
+import numpy as np
+import pandas as pd
+from scipy import stats
+
+from regional_lv import aha
+from regional_lv.errors import InputError
+
+LEVELS = (50, 80, 95)
+"""Central credible intervals whose coverage is counted, in per cent."""
+
+
+# -------------------------------------------------------------------------------- convergence
+
+
+def gate(
+    chains: np.ndarray,
+    names: Sequence[str],
+    diverging: np.ndarray,
+    rhat_max: float,
+    ess_min: float,
+) -> tuple[pd.DataFrame, str]:
+    """Convergence of one case: a row per parameter, and the verdict.
+
+    chains: (chain, draw, P). diverging: (chain, draw). Rank-normalised split R-hat, bulk and tail
+    effective sample size (Vehtari et al. 2021, doi 10.1214/20-BA1221). Columns: parameter, rhat,
+    ess_bulk, ess_tail, divergences, passed. The verdict is "passed", or "failed: " and every
+    reason; one diverging draw is reason enough.
+    """
+    data = az.convert_to_dataset({"x": chains})
+    table = pd.DataFrame(
+        {
+            "parameter": list(names),
+            "rhat": az.rhat(data, method="rank")["x"].to_numpy(),
+            "ess_bulk": az.ess(data, method="bulk")["x"].to_numpy(),
+            "ess_tail": az.ess(data, method="tail")["x"].to_numpy(),
+            "divergences": int(diverging.sum()),
+        }
+    )
+    mixed = table["rhat"] <= rhat_max
+    enough = (table["ess_bulk"] >= ess_min) & (table["ess_tail"] >= ess_min)
+    table["passed"] = mixed & enough & (table["divergences"] == 0)
+    reasons = []
+    if not mixed.all():
+        reasons.append(f"R-hat {table['rhat'].max():.3f} > {rhat_max:g}")
+    for kind in ("bulk", "tail"):
+        if not (table[f"ess_{kind}"] >= ess_min).all():
+            reasons.append(f"{kind} ESS {table[f'ess_{kind}'].min():.0f} < {ess_min:g}")
+    if diverging.any():
+        reasons.append(f"{int(diverging.sum())} divergences")
+    return table, "failed: " + "; ".join(reasons) if reasons else "passed"
+
+
+def diagnose(data: az.InferenceData) -> pd.DataFrame:
+    """Diagnostics of every case in a file of posteriors.
+
+    Columns: case, parameter, rhat, ess_bulk, ess_tail, divergences, passed, verdict, seconds.
+    Inferred noise scales appear as `sigma_<direction>`. The gate is the one that the sampler
+    worked with, kept in the file.
+    """
+    posterior = data.posterior
+    tables = []
+    for case in posterior["case"].to_numpy():
+        chains, names = _chains(posterior.sel(case=case))
+        table, verdict = gate(
+            chains,
+            names,
+            data.sample_stats["diverging"].sel(case=case).transpose("chain", "draw").to_numpy(),
+            posterior.attrs["rhat_max"],
+            posterior.attrs["ess_min"],
+        )
+        table.insert(0, "case", str(case))
+        table["verdict"] = verdict
+        table["seconds"] = float(data.constant_data["seconds"].sel(case=case))
+        tables.append(table)
+    return pd.concat(tables, ignore_index=True)
+
+
+def _chains(posterior) -> tuple[np.ndarray, list[str]]:
+    """(chain, draw, P) and names of one case: the ten parameters, then the noise scales."""
+    parts = [posterior["theta"].transpose("chain", "draw", "parameter").to_numpy()]
+    names = [str(name) for name in posterior["parameter"].to_numpy()]
+    if "sigma" in posterior:
+        parts.append(posterior["sigma"].transpose("chain", "draw", "direction").to_numpy())
+        names += [f"sigma_{name}" for name in posterior["direction"].to_numpy()]
+    return np.concatenate(parts, axis=-1), names
+
+
+# ----------------------------------------------------------------------------------- recovery
+
+
+def crps(draws: np.ndarray, truth: float) -> float:
+    """Continuous ranked probability score of M draws, the paper's formula.
+
+    mean |x_m - truth| - sum_mm' |x_m - x_m'| / (2 M^2); the double sum from sorted draws, as
+    sum_mm' |x_m - x_m'| = 2 sum_m (2 m - M - 1) x_(m).
+    """
+    x = np.sort(np.ravel(draws))
+    m = len(x)
+    weights = 2 * np.arange(1, m + 1) - m - 1
+    return float(np.abs(x - truth).mean() - (weights @ x) / m**2)
+
+
+def recovery(data: az.InferenceData, verdicts: pd.DataFrame, lower: float, upper: float):
+    """How every posterior of a file with `theta_true` compares with the truth.
+
+    Columns: case, parameter, truth, map, mean, sd, median, lower95, upper95 (central interval),
+    covered (by it), covered50, covered80, covered95, hpd_lower95, hpd_upper95, hpd_width95,
+    crps, variance_ratio (posterior over the uniform prior's variance), verdict.
+    """
+    verdict = dict(zip(verdicts["case"], verdicts["verdict"], strict=True))
+    prior_variance = (upper - lower) ** 2 / 12
+    theta = data.posterior["theta"].transpose("case", "parameter", "chain", "draw")
+    constant = data.constant_data
+    rows = []
+    for case in theta["case"].to_numpy():
+        for name in theta["parameter"].to_numpy():
+            draws = theta.sel(case=case, parameter=name).to_numpy().ravel()
+            truth = float(constant["theta_true"].sel(case=case, parameter=name))
+            hpd = az.hdi(draws, hdi_prob=0.95)
+            row = {
+                "case": str(case),
+                "parameter": str(name),
+                "truth": truth,
+                "map": float(constant["theta_map"].sel(case=case, parameter=name)),
+                "mean": draws.mean(),
+                "sd": draws.std(ddof=1),
+                "median": np.median(draws),
+            }
+            inside = {}
+            for level in LEVELS:
+                ends = np.quantile(draws, [0.5 - level / 200, 0.5 + level / 200])
+                inside[f"covered{level}"] = bool(ends[0] <= truth <= ends[1])
+            row |= {"lower95": ends[0], "upper95": ends[1], "covered": inside["covered95"]}
+            row |= inside | {
+                "hpd_lower95": hpd[0],
+                "hpd_upper95": hpd[1],
+                "hpd_width95": hpd[1] - hpd[0],
+                "crps": crps(draws, truth),
+                "variance_ratio": row["sd"] ** 2 / prior_variance,
+                "verdict": verdict[str(case)],
+            }
+            rows.append(row)
+    return pd.DataFrame(rows)
+
+
+def binomial_interval(hits: float, trials: float, level: float = 0.95) -> tuple[float, float]:
+    """Clopper-Pearson interval of a proportion; `hits` and `trials` need not be whole numbers."""
+    tail = (1 - level) / 2
+    low = stats.beta.ppf(tail, hits, trials - hits + 1) if hits > 0 else 0.0
+    high = stats.beta.ppf(1 - tail, hits + 1, trials - hits) if hits < trials else 1.0
+    return float(low), float(high)
+
+
+def clustered_interval(hits: np.ndarray) -> tuple[float, float]:
+    """Interval of the overall proportion of `hits` (cases, parameters), 0 or 1.
+
+    The ten parameters of a case share its emulator error, so that they are worth fewer than ten
+    independent trials: Clopper-Pearson with the effective number (Korn and Graubard 1998).
+    """
+    cases, each = hits.shape
+    total, share = cases * each, float(hits.mean())
+    spread = hits.mean(axis=1).var(ddof=1) / cases if cases > 1 else 0.0
+    effective = total
+    if 0 < share < 1 and spread > 0:
+        effective = min(total, max(cases, share * (1 - share) / spread))
+    return binomial_interval(share * effective, effective)
+
+
+def coverage(table: pd.DataFrame) -> pd.DataFrame:
+    """Per parameter and over `all`: how often the truth lies in the central intervals, and errors.
+
+    table: of `recovery`. Columns: parameter, cases, failed (posteriors whose gate failed; they
+    count), coverage<level>, its 95 % interval coverage<level>_lower and _upper for 50, 80 and
+    95 %, bias and mse of the MAP, crps, variance_ratio, hpd_width95 (means).
+    """
+    cases = table["case"].nunique()
+    failed = table.loc[table["verdict"] != "passed", "case"].nunique()
+    groups = {name: table[table["parameter"] == name] for name in aha.PARAMETERS} | {"all": table}
+    rows = []
+    for name, part in groups.items():
+        row = {"parameter": name, "cases": cases, "failed": failed}
+        for level in LEVELS:
+            hits = part[f"covered{level}"].to_numpy(float)
+            if name == "all":
+                ends = clustered_interval(hits.reshape(cases, -1))
+            else:
+                ends = binomial_interval(hits.sum(), cases)
+            row[f"coverage{level}"] = hits.mean()
+            row[f"coverage{level}_lower"], row[f"coverage{level}_upper"] = ends
+        error = part["map"] - part["truth"]
+        row |= {"bias": error.mean(), "mse": (error**2).mean()}
+        row |= {key: part[key].mean() for key in ("crps", "variance_ratio", "hpd_width95")}
+        rows.append(row)
+    return pd.DataFrame(rows)
+
+
+def map_errors(table: pd.DataFrame) -> pd.DataFrame:
+    """Mean squared error over the ten parameters of each case's MAP: case, mse, crps, verdict."""
+    squared = table.assign(mse=(table["map"] - table["truth"]) ** 2)
+    return (
+        squared.groupby("case", sort=False)
+        .agg(mse=("mse", "mean"), crps=("crps", "mean"), verdict=("verdict", "first"))
+        .reset_index()
+    )
+
+
+def summarise_posteriors(
+    posteriors: Sequence[str | Path],
+    diagnostics: str | Path,
+    recovered: str | Path,
+    covered: str | Path,
+    mse: str | Path,
+) -> None:
+    """Summarise batches of test posteriors (NetCDF) in four CSV tables.
+
+    `diagnose`, `recovery`, `coverage` and `map_errors` say what is in them.
+    Raises InputError if a file has no `theta_true`.
+    """
+    checks, tables = [], []
+    for path in posteriors:
+        data = az.from_netcdf(path)
+        if "theta_true" not in data.constant_data:
+            raise InputError(f"{path}: no `theta_true`; summarise posteriors of a test set")
+        check = diagnose(data)
+        bounds = (data.posterior.attrs["lower"], data.posterior.attrs["upper"])
+        tables.append(recovery(data, check, *bounds))
+        checks.append(check)
+    table = pd.concat(tables, ignore_index=True)
+    pd.concat(checks, ignore_index=True).to_csv(diagnostics, index=False)
+    table.to_csv(recovered, index=False)
+    coverage(table).to_csv(covered, index=False)
+    map_errors(table).to_csv(mse, index=False)

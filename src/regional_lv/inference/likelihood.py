@@ -100,6 +100,7 @@ class Likelihood:
             inverse_rows = torch.linalg.solve_triangular(factor.T, basis, upper=True)
             self._whiten = inverse_rows.contiguous()  # residual @ this is whitened, (D, D)
             self._rho = rho.clamp(min=0.0)
+            self._weight = prediction.determinant_weight
             self._constant = -factor.diagonal().log().sum() - 0.5 * len(rho) * LOG_2PI
 
     def at(self, y: torch.Tensor) -> "Likelihood":
@@ -122,7 +123,9 @@ class Likelihood:
         if self._whiten is not None:
             variances = prediction.variance[..., None] + self._rho
             white = residual @ self._whiten
-            return self._constant - 0.5 * (white * white / variances + variances.log()).sum(-1)
+            return self._constant - 0.5 * (
+                (white * white / variances).sum(-1) + self._weight * variances.log().sum(-1)
+            )
         factor = torch.linalg.cholesky(self._covariance(prediction, log_sigma))
         white = torch.linalg.solve_triangular(factor, residual[..., None], upper=False)[..., 0]
         logs = factor.diagonal(dim1=-2, dim2=-1).log()

@@ -1,11 +1,13 @@
 """Posteriors by the No-U-Turn Sampler (Hoffman and Gelman 2014) of Pyro, one case at a time.
 
-The sampler works in a space without bounds: theta = lower + (upper - lower) sigmoid(u), sigma =
-exp(s). There it is moved and whitened by the Laplace approximation at the mode: (u, s) = mode +
-M z. The ten parameters of one case differ in scale by a factor of a hundred and are strongly
-correlated; warm-up would spend its few hundred draws on finding that out with tiny steps. In z the
-posterior is close to a standard normal from the first draw, and the dense mass matrix has only to
-learn what the Laplace approximation misses.
+The sampler works in a space without bounds: log theta = log lower + log(upper / lower) Phi(u) with
+the normal distribution function Phi, sigma = exp(s). In log theta the ridges along which C_a and
+C_b compensate are straight, and Phi gives a parameter of which the data say nothing, or one that
+leans against a bound, the light tails that a logistic map lacks. There the space is moved and
+whitened by the Laplace approximation at the mode: (u, s) = mode + M z. The parameters of one case
+differ in scale by a factor of a hundred and are strongly correlated; warm-up would spend its few
+hundred draws on finding that out with tiny steps. In z the posterior is close to a standard normal
+from the first draw, and the dense mass matrix has only to learn what the approximation misses.
 """
 
 import logging
@@ -30,9 +32,9 @@ P = len(aha.PARAMETERS)
 DISPERSION = 1.5
 """Chains start from draws this many times as wide as the Laplace approximation."""
 
-WEAKEST_CURVATURE = 0.05
-"""Where the data say nothing, u has the curvature of a logistic distribution at most; flatter
-directions (or bent ones) are whitened as if they had this one."""
+WEAKEST_CURVATURE = 0.5
+"""Where the data say nothing, u has a curvature near 1 from the prior; flatter directions (or bent
+ones) are whitened as if they had this one."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +53,7 @@ class Settings:
 @dataclass(frozen=True)
 class Draws:
     """One case: theta (chain, draw, 10), sigma (chain, draw, G), sampler statistics
-    (chain, draw), seconds, and whether the warm-up was doubled."""
+    (chain, draw), seconds, and whether the case was sampled a second time."""
 
     theta: np.ndarray
     sigma: np.ndarray
@@ -68,24 +70,24 @@ class Target:
     def __init__(self, likelihood: Likelihood):
         self.likelihood = likelihood
         self.lower, self.upper = likelihood.emulator.lower, likelihood.emulator.upper
+        self._span = math.log(self.upper / self.lower)
         self.size = P + len(likelihood.noise.groups)
 
     def unconstrain(self, theta: torch.Tensor, log_sigma: torch.Tensor) -> torch.Tensor:
-        """Position (..., P + G); theta on a bound is moved inside by a thousandth of the box."""
-        share = ((theta - self.lower) / (self.upper - self.lower)).clamp(1e-3, 1 - 1e-3)
-        return torch.cat([torch.logit(share), log_sigma], dim=-1)
+        """Position (..., P + G); theta on a bound is moved inside by a thousandth of the range."""
+        share = (torch.log(theta / self.lower) / self._span).clamp(1e-3, 1 - 1e-3)
+        return torch.cat([torch.special.ndtri(share), log_sigma], dim=-1)
 
     def constrain(self, position: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Theta (..., 10) and log sigma (..., G)."""
-        share = torch.sigmoid(position[..., :P])
-        return self.lower + (self.upper - self.lower) * share, position[..., P:]
+        share = torch.special.ndtr(position[..., :P])
+        return self.lower * torch.exp(self._span * share), position[..., P:]
 
     def potential(self, position: torch.Tensor) -> torch.Tensor:
         """-log posterior density of the position (P + G,), with the Jacobian of the map."""
-        u, log_sigma = position[:P], position[P:]
-        theta, _ = self.constrain(position)
-        # log d(theta)/du = log(share (1 - share)) + constant = -|u| - 2 log(1 + exp(-|u|))
-        jacobian = -(u + 2 * torch.nn.functional.softplus(-u)).sum()
+        theta, log_sigma = self.constrain(position)
+        # d(theta)/du = theta span phi(u), phi the normal density; constants left out
+        jacobian = torch.log(theta).sum() - 0.5 * position[:P].square().sum()
         if len(log_sigma):
             jacobian = jacobian + log_sigma.sum() + self.likelihood.noise.log_prior(log_sigma)
         return -(self.likelihood.log_density(theta, log_sigma) + jacobian)
@@ -98,7 +100,7 @@ class Target:
         except torch.linalg.LinAlgError:
             return float("inf"), np.zeros_like(position)
         (gradient,) = torch.autograd.grad(value, here)
-        return float(value), gradient.numpy()
+        return value.item(), gradient.numpy()
 
     def laplace(self, start: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Mode (P + G,) near `start` and whitening M (P + G, P + G), M M' the covariance there."""
@@ -107,7 +109,7 @@ class Target:
             start.numpy(),
             jac=True,
             method="L-BFGS-B",
-            bounds=[(-12.0, 12.0)] * self.size,
+            bounds=[(-8.0, 8.0)] * self.size,
             options={"maxiter": 500, "maxfun": 1000, "ftol": 1e-13, "gtol": 1e-6},
         )
         mode = result.x
@@ -131,7 +133,8 @@ def sample_case(
     seed: int,
     name: str,
 ) -> Draws:
-    """Sample one posterior; once more with doubled warm-up if it fails its gate.
+    """Sample one posterior; once more with a doubled warm-up, keeping every second draw of twice
+    as many, if it fails its gate.
 
     likelihood: of one observation (D,). theta_map (10,), log_sigma_map (G,): where to start.
     The same seed gives the same draws.
@@ -139,15 +142,15 @@ def sample_case(
     started = time.monotonic()
     target = Target(likelihood)
     mode, whitening = target.laplace(target.unconstrain(theta_map, log_sigma_map))
-    draws = _run(target, mode, whitening, settings, derive(seed, "first"))
+    draws = _run(target, mode, whitening, settings, 1, derive(seed, "first"))
     verdict = _verdict(draws, settings)
     if verdict != "passed":
-        log.warning("case %s %s; sampled again with doubled warm-up", name, verdict)
+        log.warning("case %s %s; sampled again, longer", name, verdict)
         longer = replace(settings, warmup=2 * settings.warmup)
-        draws = _run(target, mode, whitening, longer, derive(seed, "second"))
+        draws = _run(target, mode, whitening, longer, 2, derive(seed, "second"))
         verdict = _verdict(draws, settings)
         if verdict != "passed":
-            log.warning("case %s %s, after doubled warm-up too", name, verdict)
+            log.warning("case %s %s, the second time too", name, verdict)
         draws = replace(draws, repeated=True)
     return replace(draws, seconds=time.monotonic() - started)
 
@@ -158,8 +161,8 @@ def _verdict(draws: Draws, settings: Settings) -> str:
     return gate(chains, names, draws.diverging, settings.rhat_max, settings.ess_min)[1]
 
 
-def _run(target: Target, mode, whitening, settings: Settings, seed: int) -> Draws:
-    """All chains, one after the other, in this process."""
+def _run(target: Target, mode, whitening, settings: Settings, thin: int, seed: int) -> Draws:
+    """All chains, one after the other, in this process; every `thin`-th draw is kept."""
     pyro.set_rng_seed(seed)
     pyro.clear_param_store()
 
@@ -176,21 +179,21 @@ def _run(target: Target, mode, whitening, settings: Settings, seed: int) -> Draw
     previous = [0.0]
 
     def record(kernel, _, stage, i):
-        if stage == "Sample" or stage.startswith("Sample"):
+        if stage.startswith("Sample"):
             # The kernel keeps the running mean over the draws so far.
             mean = kernel._mean_accept_prob
             acceptance.append(mean * (i + 1) - previous[0] * i)
             previous[0] = mean
             energies.append(float(kernel._potential_energy_last))
 
-    diverging = np.zeros((settings.chains, settings.draws), dtype=bool)
+    diverging = np.zeros((settings.chains, thin * settings.draws), dtype=bool)
     with pyro.validation_enabled(False):
         for chain in range(settings.chains):
             previous[0] = 0.0
             start = _start(target, mode, whitening)
             sampler = MCMC(
                 kernel,
-                num_samples=settings.draws,
+                num_samples=thin * settings.draws,
                 warmup_steps=settings.warmup,
                 num_chains=1,
                 initial_params={"z": start},
@@ -199,17 +202,18 @@ def _run(target: Target, mode, whitening, settings: Settings, seed: int) -> Draw
                 hook_fn=record,
             )
             sampler.run()
-            kept.append(sampler.get_samples()["z"])
+            kept.append(sampler.get_samples()["z"][thin - 1 :: thin])
             diverging[chain, sampler.diagnostics()["divergences"]["chain 0"]] = True
     z = torch.stack(kept)
     theta, log_sigma = target.constrain(mode + z @ whitening.T)
-    shape = (settings.chains, settings.draws)
+    shape = (settings.chains, settings.draws, thin)
     return Draws(
         theta=theta.numpy(),
         sigma=torch.exp(log_sigma).numpy(),
-        acceptance_rate=np.reshape(acceptance, shape),
-        diverging=diverging,
-        energy=np.reshape(energies, shape),
+        acceptance_rate=np.reshape(acceptance, shape).mean(axis=-1),
+        # A divergence counts, whether its draw is kept or not.
+        diverging=diverging.reshape(shape).any(axis=-1),
+        energy=np.reshape(energies, shape)[..., -1],
         seconds=math.nan,
     )
 

@@ -1,0 +1,150 @@
+"""The likelihood against SciPy, its two paths against each other, its derivatives."""
+
+import numpy as np
+import pytest
+import torch
+from scipy import stats
+
+from regional_lv import aha
+from regional_lv.emulators import Emulator, Prediction, SeparablePrediction
+from regional_lv.inference.likelihood import Likelihood, Noise, draw_observations
+
+OUTPUTS = ("volume_ml", *(f"{d}_{s:02d}" for s in (1, 4, 7, 9) for d in aha.DIRECTIONS))
+
+
+class LinearEmulator(Emulator):
+    """Mean `base + slopes theta`, covariance `matrix` times exp(growth * sum(log theta)).
+
+    The stand-in with known answers: with growth 0 and bounds far away the posterior is Gaussian.
+    """
+
+    name = "linear"
+
+    def __init__(self, slopes, base, matrix, growth=0.0, separable=True):
+        super().__init__("identity")
+        self.slopes, self.base, self.matrix = slopes, base, matrix
+        self.growth, self.separable = growth, separable
+        self.lower, self.upper = 0.1, 5.0
+        self.outputs = OUTPUTS
+        self.output_sd = torch.linspace(0.5, 1.5, len(OUTPUTS), dtype=torch.float64)
+
+    def _predict(self, theta):
+        mean = self.base + theta @ self.slopes.T
+        variance = torch.exp(self.growth * theta.log().sum(-1))
+        if self.separable:
+            return SeparablePrediction(mean, variance, self.matrix)
+        return Prediction(mean, variance[..., None, None] * self.matrix)
+
+    def _fit(self, x, y, seed): ...
+    def _select(self, index): ...
+    def _restore(self, state): ...
+    def _state(self):
+        return {}
+
+
+def linear(error: float, growth: float = 0.0, separable: bool = True) -> LinearEmulator:
+    rng = np.random.default_rng(1)
+    d = len(OUTPUTS)
+    half = np.eye(d) + 0.3 * rng.normal(size=(d, d))
+    slopes, base, matrix = rng.normal(size=(d, 10)), rng.normal(size=d), error**2 * half @ half.T
+    tensors = (torch.as_tensor(a) for a in (slopes, base, matrix))
+    return LinearEmulator(*tensors, growth, separable)
+
+
+THETA = torch.as_tensor(np.random.default_rng(2).uniform(0.5, 4.0, size=(3, 10)))
+
+
+def noises(emulator: Emulator) -> dict[str, Noise]:
+    sd = torch.full((len(OUTPUTS),), 0.2, dtype=torch.float64)
+    sd[0] = float("nan")
+    return {
+        "none": Noise.none(emulator),
+        "known": Noise.known(sd),
+        "inferred": Noise.inferred(emulator, 0.7),
+    }
+
+
+@pytest.mark.parametrize("separable", [True, False])
+@pytest.mark.parametrize("kind", ["none", "known", "inferred"])
+def test_against_scipy(kind, separable):
+    emulator = linear(0.3, 0.1, separable)
+    noise = noises(emulator)[kind]
+    y = emulator.base + 2.0
+    log_sigma = torch.tensor([[-1.0, 0.2, 0.5]] * 3, dtype=torch.float64)[:, : len(noise.groups)]
+    density = Likelihood(emulator, y, noise).log_density(THETA, log_sigma)
+    unit = np.array([0 if n == "volume_ml" else aha.DIRECTIONS.index(n[:-3]) for n in OUTPUTS])
+    for i, theta in enumerate(THETA):
+        prediction = emulator.predict(theta)
+        variance = np.zeros(len(OUTPUTS))
+        if kind == "known":
+            variance[1:] = 0.04
+        elif kind == "inferred":
+            sigma = np.exp([-1.0, 0.2, 0.5])
+            variance[1:] = ((sigma[unit] * emulator.output_sd.numpy()) ** 2)[1:]
+        covariance = prediction.covariance.numpy() + np.diag(variance)
+        expected = stats.multivariate_normal(prediction.mean.numpy(), covariance).logpdf(y.numpy())
+        assert float(density[i]) == pytest.approx(expected, rel=1e-9)
+
+
+@pytest.mark.parametrize("kind", ["none", "known", "inferred"])
+def test_gradient_against_finite_differences(kind):
+    emulator = linear(0.3, 0.1)
+    noise = noises(emulator)[kind]
+    likelihood = Likelihood(emulator, emulator.base + 2.0, noise)
+    inputs = [THETA.clone().requires_grad_(True)]
+    if noise.groups:
+        inputs.append(torch.zeros(3, 3, dtype=torch.float64, requires_grad=True))
+    assert torch.autograd.gradcheck(likelihood.log_density, inputs)
+
+
+@pytest.mark.parametrize("kind", ["none", "known", "inferred"])
+def test_information_is_the_expected_curvature(kind):
+    """Monte-Carlo mean of score times score, over data drawn from the model."""
+    emulator = linear(0.3, 0.1)
+    noise = noises(emulator)[kind]
+    n, groups = 20000, len(noise.groups)
+    generator = torch.Generator().manual_seed(1)
+    position = torch.cat([THETA[0].log(), torch.zeros(groups, dtype=torch.float64)])
+    many = position.expand(n, -1).clone().requires_grad_(True)
+    theta, log_sigma = many[:, :10].exp(), many[:, 10:]
+    y = draw_observations(emulator, noise, theta.detach(), log_sigma.detach(), generator)
+    value = Likelihood(emulator, y, noise).log_density(theta, log_sigma)
+    (score,) = torch.autograd.grad(value.sum(), many)
+    simulated = score.T @ score / n
+    likelihood = Likelihood(emulator, y[0], noise)
+    information = likelihood.information(theta[0].detach(), log_sigma[0].detach())
+    scale = information.diagonal().sqrt()
+    difference = (simulated - information) / torch.outer(scale, scale)
+    assert difference.abs().max() < 0.06
+
+
+def test_emulator_uncertainty_enters():
+    """The same residuals say less where the emulator knows less."""
+    information = [
+        Likelihood(e, e.base, Noise.none(e)).information(THETA[0])
+        for e in (linear(0.1), linear(0.2))
+    ]
+    torch.testing.assert_close(information[0], 4 * information[1])
+
+
+def test_determinant_enters():
+    """With nothing to choose between the means, the density prefers the smaller covariance."""
+    emulator = linear(0.3, 0.5)
+    emulator.slopes = torch.zeros_like(emulator.slopes)
+    likelihood = Likelihood(emulator, emulator.base, Noise.none(emulator))
+    small, large = (torch.full((10,), t, dtype=torch.float64) for t in (0.5, 2.0))
+    expected = 0.5 * len(OUTPUTS) * 0.5 * 10 * np.log(4.0)
+    difference = likelihood.log_density(small) - likelihood.log_density(large)
+    assert float(difference) == pytest.approx(expected)
+
+
+def test_draws_have_the_covariance_of_the_likelihood():
+    emulator = linear(0.3)
+    noise = noises(emulator)["inferred"]
+    theta = THETA[:1].expand(40000, -1)
+    log_sigma = torch.tensor([[-1.0, 0.2, 0.5]], dtype=torch.float64).expand(40000, -1)
+    y = draw_observations(emulator, noise, theta, log_sigma, torch.Generator().manual_seed(2))
+    expected = emulator.matrix + torch.diag(noise.variance(log_sigma[0]))
+    scale = expected.diagonal().sqrt()
+    assert ((y.T.cov() - expected) / torch.outer(scale, scale)).abs().max() < 0.04
+    assert ((y.mean(0) - emulator.predict(THETA[0]).mean) / scale).abs().max() < 0.03

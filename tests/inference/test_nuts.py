@@ -1,0 +1,215 @@
+"""The sampler against posteriors that are known, and the files that it makes."""
+
+import arviz as az
+import numpy as np
+import pandas as pd
+import pytest
+import torch
+from scipy import stats
+
+from regional_lv import aha, emulators, inference
+from regional_lv.emulators.exact_gp import ExactGP
+from regional_lv.errors import InputError
+from regional_lv.inference.diagnostics import summarise_posteriors
+from regional_lv.inference.likelihood import Likelihood, Noise
+from regional_lv.inference.nuts import Settings, Target, sample_case
+from tests.inference.test_likelihood import linear
+
+NUTS = {
+    "chains": 2,
+    "warmup": 200,
+    "draws": 300,
+    "target_accept": 0.8,
+    "max_tree_depth": 8,
+    "rhat_max": 1.05,
+    "ess_min": 50,
+    "cases_per_batch": 2,
+}
+POINT = {"starts": 2, "iterations": 60}
+
+
+def test_gaussian_posterior():
+    emulator = linear(0.02)
+    truth = torch.linspace(2.0, 3.0, 10, dtype=torch.float64)
+    y = emulator.predict(truth).mean
+    likelihood = Likelihood(emulator, y, Noise.none(emulator))
+    none = torch.zeros(0, dtype=torch.float64)
+    settings = Settings(warmup=200, draws=600)
+    draws = sample_case(likelihood, truth, none, settings, 7, "known")
+    assert not draws.repeated and not draws.diverging.any()
+    a = emulator.slopes
+    expected = torch.linalg.inv(a.T @ torch.linalg.solve(emulator.matrix, a)).numpy()
+    sd = np.sqrt(expected.diagonal())
+    assert sd.max() < 0.3  # the bounds at 0.1 and 5 do not matter
+    theta = draws.theta.reshape(-1, 10)
+    assert np.abs((theta.mean(0) - truth.numpy()) / sd).max() < 0.15
+    np.testing.assert_allclose(
+        np.cov(theta, rowvar=False) / np.outer(sd, sd),
+        expected / np.outer(sd, sd),
+        atol=0.15,
+    )
+    again = sample_case(likelihood, truth, none, settings, 7, "known")
+    np.testing.assert_array_equal(again.theta, draws.theta)
+
+
+def test_noise_scale_and_uniform_prior():
+    """Means that do not depend on theta: theta keeps its prior, sigma has a posterior on a grid."""
+    emulator = linear(1e-4)
+    emulator.slopes = torch.zeros_like(emulator.slopes)
+    noise = Noise.inferred(emulator, 0.6)
+    residual = torch.as_tensor(np.random.default_rng(3).normal(size=len(emulator.outputs)))
+    y = emulator.base + 0.5 * residual * emulator.output_sd
+    y[0] = emulator.base[0]
+    middle = torch.full((10,), 1.0, dtype=torch.float64)
+    start = torch.full((3,), -0.5, dtype=torch.float64)
+    settings = Settings(warmup=300, draws=1500)
+    likelihood = Likelihood(emulator, y, noise)
+    draws = sample_case(likelihood, middle, start, settings, 8, "noise")
+    theta = draws.theta.reshape(-1, 10)
+    assert np.abs(theta.mean(0) - 2.55).max() < 0.15
+    np.testing.assert_allclose(theta.std(0), 4.9 / np.sqrt(12), rtol=0.06)
+    grid = np.linspace(1e-3, 4.0, 4000)
+    for i, direction in enumerate(aha.DIRECTIONS):
+        here = [name.startswith(direction) for name in emulator.outputs]
+        z = 0.5 * residual.numpy()[here]
+        logs = stats.norm(0, grid[:, None]).logpdf(z).sum(1) + stats.halfnorm(0, 0.6).logpdf(grid)
+        weights = np.exp(logs - logs.max())
+        weights /= weights.sum()
+        mean = weights @ grid
+        sd = np.sqrt(weights @ (grid - mean) ** 2)
+        sigma = draws.sigma[..., i].ravel()
+        assert abs(sigma.mean() - mean) < 0.15 * sd
+        assert sigma.std() == pytest.approx(sd, rel=0.12)
+
+
+def test_potential_is_that_of_the_density():
+    emulator = linear(0.5, 0.1)
+    likelihood = Likelihood(emulator, emulator.base + 1.0, Noise.none(emulator))
+    target = Target(likelihood)
+    a, b = (torch.as_tensor(np.random.default_rng(i).normal(size=10)) for i in (1, 2))
+
+    def log_density(position):
+        theta, _ = target.constrain(position)
+        jacobian = torch.autograd.functional.jacobian(lambda p: target.constrain(p)[0], position)
+        return likelihood.log_density(theta) + torch.linalg.slogdet(jacobian)[1]
+
+    difference = target.potential(a) - target.potential(b)
+    assert float(difference) == pytest.approx(float(log_density(b) - log_density(a)))
+    theta, log_sigma = target.constrain(a)
+    torch.testing.assert_close(target.unconstrain(theta, log_sigma), a)
+
+
+def test_a_failed_posterior_is_sampled_again_and_kept(caplog):
+    emulator = linear(0.02)
+    truth = torch.full((10,), 2.0, dtype=torch.float64)
+    likelihood = Likelihood(emulator, emulator.predict(truth).mean, Noise.none(emulator))
+    settings = Settings(warmup=30, draws=20, ess_min=1e6)
+    none = torch.zeros(0, dtype=torch.float64)
+    draws = sample_case(likelihood, truth, none, settings, 9, "hopeless")
+    assert draws.repeated and draws.theta.shape == (2, 20, 10)
+    assert "sampled again" in caplog.text and "second time" in caplog.text
+
+
+# ------------------------------------------------------------------------------------ files
+
+
+def simulate(theta: np.ndarray) -> pd.DataFrame:
+    """A table of 52 smooth outputs with the signs and sizes of volume and strains."""
+    rng = np.random.default_rng(6)
+    x = np.log(theta)
+    columns = [150 - 10 * x @ rng.uniform(0.5, 1.0, 10)]
+    for direction, level in (("c", -0.15), ("r", 0.3), ("l", -0.15)):
+        for _ in range(17):
+            weights = rng.uniform(-0.5, 1.0, 10)
+            columns.append(level * np.exp(-0.15 * np.tanh(x @ weights) - 0.02 * x @ weights))
+    frame = pd.DataFrame(theta, columns=list(aha.PARAMETERS))
+    frame.insert(0, "sample", np.arange(len(theta)))
+    return pd.concat([frame, pd.DataFrame(np.stack(columns, 1), columns=list(aha.OUTPUTS))], axis=1)
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory):
+    """Emulator, test table and a measured file of a toy study."""
+    folder = tmp_path_factory.mktemp("study")
+    rng = np.random.default_rng(7)
+    train = np.exp(rng.uniform(np.log(0.1), np.log(5.0), size=(300, 10)))
+    table = simulate(train)
+    emulator = ExactGP(iterations=60).fit(
+        train, table[list(aha.OUTPUTS)].to_numpy(), lower=0.1, upper=5.0
+    )
+    emulator.save(folder / "emulator.pt")
+    test = simulate(rng.uniform(0.3, 4.0, size=(4, 10)))
+    test["sample"] = [3, 5, 8, 9]
+    test.to_parquet(folder / "test.parquet")
+    rows = ["quantity,segment,value,unit", f"volume,,{test['volume_ml'][0]},mL"]
+    for direction in ("circumferential", "radial"):
+        for segment in range(1, 17):
+            value = test[f"{direction}_{segment:02d}"][0] + rng.normal(0, 0.01)
+            rows.append(f"{direction},{segment},{value},1")
+    (folder / "subject.csv").write_text("\n".join(rows) + "\n")
+    with_sd = [rows[0] + ",sd", rows[1] + ",2.0", *(row + ",0.01" for row in rows[2:])]
+    (folder / "with_sd.csv").write_text("\n".join(with_sd) + "\n")
+    return folder
+
+
+def test_test_set(study):
+    batches = [study / f"batch-{i}.nc" for i in range(2)]
+    for i, path in enumerate(batches):
+        inference.sample_test_batch(
+            study / "emulator.pt", study / "test.parquet", i, i + 1, NUTS, POINT, 1, path
+        )
+    data = az.from_netcdf(batches[1])
+    assert data.posterior["theta"].dims == ("chain", "draw", "case", "parameter")
+    assert data.posterior["theta"].shape == (2, 300, 1, 10)
+    assert data.posterior["case"].to_numpy().tolist() == ["5"]
+    assert data.posterior["parameter"].to_numpy().tolist() == list(aha.PARAMETERS)
+    assert set(data.constant_data) == {"theta_map", "theta_true", "y_obs", "seconds", "repeated"}
+    names = ("diagnostics", "recovery", "coverage", "map_mse")
+    tables = [study / f"{name}.csv" for name in names]
+    summarise_posteriors(batches, *tables)
+    diagnostics, recovery, coverage, mse = (pd.read_csv(path) for path in tables)
+    assert len(diagnostics) == len(recovery) == 20
+    assert coverage["parameter"].tolist() == [*aha.PARAMETERS, "all"]
+    assert mse["case"].tolist() == [3, 5]
+    assert recovery["variance_ratio"].max() < 1
+    with pytest.raises(InputError, match="no row 9"):
+        inference.sample_test_batch(
+            study / "emulator.pt", study / "test.parquet", 9, 12, NUTS, POINT, 1, batches[0]
+        )
+
+
+def test_a_case_does_not_depend_on_its_batch(study):
+    paths = study / "alone.nc", study / "both.nc"
+    few = NUTS | {"warmup": 40, "draws": 20, "ess_min": 0, "rhat_max": 10.0}
+    for first, path in ((1, paths[0]), (0, paths[1])):
+        inference.sample_test_batch(
+            study / "emulator.pt", study / "test.parquet", first, 2, few, POINT, 1, path
+        )
+    alone, both = (az.from_netcdf(p).posterior["theta"].sel(case="5").to_numpy() for p in paths)
+    np.testing.assert_allclose(alone, both, rtol=1e-6)
+
+
+@pytest.mark.parametrize("measured", ["subject.csv", "with_sd.csv"])
+def test_subject(study, measured):
+    files = study / f"{measured}.nc", study / f"{measured}.diagnostics.csv"
+    inference.sample_subject(
+        study / "emulator.pt", study / measured, "someone", NUTS, POINT, 1.0, 1, *files
+    )
+    data, table = az.from_netcdf(files[0]), pd.read_csv(files[1])
+    inferred = measured == "subject.csv"
+    assert ("sigma" in data.posterior) == inferred
+    if inferred:
+        assert data.posterior["direction"].to_numpy().tolist() == ["circumferential", "radial"]
+        assert data.posterior["sigma"].shape == (2, 300, 1, 2)
+    assert len(table) == (12 if inferred else 10)
+    predicted = data.posterior_predictive["y"]
+    assert predicted.shape == (2, 300, 1, 33)
+    low, high = predicted.quantile([0.01, 0.99], ("chain", "draw"))
+    observed = data.observed_data["y"]
+    assert int(((observed < low) | (observed > high)).sum()) <= 3
+
+
+def test_outputs_that_the_emulator_lacks(study):
+    emulator = emulators.load(study / "emulator.pt").select(["volume_ml", "radial_01"])
+    with pytest.raises(InputError, match="radial_02"):
+        emulator.select(["radial_02"])

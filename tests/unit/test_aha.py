@@ -1,0 +1,60 @@
+"""Names and orders: an exchange of segments would go through the whole study unseen."""
+
+import numpy as np
+
+from regional_lv import aha
+from regional_lv.seeds import derive
+
+
+def test_zones_are_those_of_the_paper():
+    members = {zone: [s.number for s in aha.SEGMENTS if s.zone == zone] for zone in aha.ZONES}
+    assert members == {
+        "anterior": [1, 7],
+        "inferior": [4, 10],
+        "lateral": [5, 6, 11, 12],
+        "septal": [2, 3, 8, 9],
+        "apical": [13, 14, 15, 16, 17],
+    }
+
+
+def test_published_order_is_a_permutation_and_converts_by_name():
+    assert sorted(s.published_order for s in aha.SEGMENTS) == list(range(1, 18))
+    published = np.array(
+        [
+            "basal inferoseptal",
+            "basal anteroseptal",
+            "basal anterior",
+            "basal anterolateral",
+            "basal inferolateral",
+            "basal inferior",
+            "mid inferoseptal",
+            "mid anteroseptal",
+            "mid anterior",
+            "mid anterolateral",
+            "mid inferolateral",
+            "mid inferior",
+            "apical septal",
+            "apical anterior",
+            "apical lateral",
+            "apical inferior",
+            "apex",
+        ]
+    )
+    assert published[aha.published_to_aha].tolist() == [s.name for s in aha.SEGMENTS]
+    round_trip = published[aha.published_to_aha][aha.aha_to_published]
+    assert round_trip.tolist() == published.tolist()
+
+
+def test_outputs_from_the_published_table_keep_volume_and_directions():
+    row = np.arange(52.0)
+    converted = aha.outputs_from_published(row)
+    assert converted[0] == 0
+    assert converted[aha.OUTPUTS.index("circumferential_01")] == 3  # basal anterior is third
+    assert converted[aha.OUTPUTS.index("radial_17")] == 1 + 17 + 16
+
+
+def test_derived_seeds_depend_on_every_name():
+    seeds = {derive(1), derive(2), derive(1, "a"), derive(1, "a", "b"), derive(1, "ab")}
+    assert len(seeds) == 5
+    assert all(0 <= seed < 2**31 for seed in seeds)
+    assert derive(1, "a") == derive(1, "a")

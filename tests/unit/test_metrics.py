@@ -1,0 +1,116 @@
+"""Scores, intervals and the convergence gate against what is known in closed form."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from regional_lv import aha
+from regional_lv.inference.diagnostics import (
+    binomial_interval,
+    clustered_interval,
+    coverage,
+    crps,
+    gate,
+    map_errors,
+)
+
+
+def test_crps_of_a_gaussian():
+    draws = stats.norm(1.0, 2.0).ppf((np.arange(20000) + 0.5) / 20000)
+    for truth in (-1.0, 1.0, 3.5):
+        z = (truth - 1.0) / 2.0
+        phi, density = stats.norm.cdf(z), stats.norm.pdf(z)
+        expected = 2.0 * (z * (2 * phi - 1) + 2 * density - 1 / np.sqrt(np.pi))
+        assert crps(draws, truth) == pytest.approx(expected, rel=1e-3)
+
+
+def test_crps_is_the_double_sum():
+    x = np.random.default_rng(1).normal(size=50)
+    double = np.abs(x[:, None] - x).sum() / (2 * 50**2)
+    assert crps(x, 0.3) == pytest.approx(np.abs(x - 0.3).mean() - double)
+
+
+def test_binomial_interval():
+    assert binomial_interval(0, 10) == pytest.approx((0, 1 - 0.025**0.1))
+    assert binomial_interval(10, 10) == pytest.approx((0.025**0.1, 1))
+    expected = stats.binomtest(114, 120).proportion_ci(method="exact")
+    assert binomial_interval(114, 120) == pytest.approx((expected.low, expected.high))
+
+
+def test_cases_that_fail_together_are_worth_less():
+    apart = np.ones((40, 10))
+    apart[:20, 0] = 0
+    together = np.ones((40, 10))
+    together[:2] = 0
+    width = [np.diff(clustered_interval(hits))[0] for hits in (apart, together)]
+    assert width[1] > 1.5 * width[0]
+    assert clustered_interval(apart) == pytest.approx(binomial_interval(380, 400))
+
+
+def test_clustered_interval_covers():
+    rng = np.random.default_rng(2)
+    inside = 0
+    for _ in range(200):
+        p = stats.beta(9, 1).rvs(60, random_state=rng)  # shared within a case; mean 0.9
+        low, high = clustered_interval((rng.random((60, 10)) < p[:, None]).astype(float))
+        inside += low <= 0.9 <= high
+    assert inside >= 182
+
+
+@pytest.fixture
+def chains() -> np.ndarray:
+    return np.random.default_rng(3).normal(size=(2, 600, 3))
+
+
+def test_gate_passes_independent_draws(chains):
+    table, verdict = gate(chains, ["a", "b", "c"], np.zeros((2, 600), bool), 1.01, 400)
+    assert verdict == "passed" and table["passed"].all()
+    assert table["parameter"].tolist() == ["a", "b", "c"]
+
+
+def test_gate_names_every_reason(chains):
+    chains[1, :, 1] += 1.0
+    diverging = np.zeros((2, 600), bool)
+    diverging[0, 5] = True
+    table, verdict = gate(chains, ["a", "b", "c"], diverging, 1.01, 400)
+    assert verdict.startswith("failed: R-hat") and "ESS" in verdict and "1 divergences" in verdict
+    assert not table["passed"].any()
+
+
+def _recovered(cases: int):
+    import pandas as pd
+
+    rows = [
+        {
+            "case": str(case),
+            "parameter": name,
+            "truth": 1.0,
+            "map": 1.1 if name == "C_a_apical" else 1.0,
+            "covered50": case % 2 == 0,
+            "covered80": True,
+            "covered95": True,
+            "crps": 0.1,
+            "variance_ratio": 0.01,
+            "hpd_width95": 0.3,
+            "verdict": "passed" if case else "failed: R-hat 1.2 > 1.01",
+        }
+        for case in range(cases)
+        for name in aha.PARAMETERS
+    ]
+    return pd.DataFrame(rows)
+
+
+def test_coverage_table():
+    table = coverage(_recovered(20)).set_index("parameter")
+    assert list(table.index) == [*aha.PARAMETERS, "all"]
+    assert (table["coverage50"] == 0.5).all() and (table["coverage95"] == 1).all()
+    assert (table["coverage50_lower"] < 0.5).all() and (table["coverage50_upper"] > 0.5).all()
+    assert (table["failed"] == 1).all()
+    assert table.loc["C_a_apical", "bias"] == pytest.approx(0.1)
+    assert table.loc["all", "mse"] == pytest.approx(0.001)
+
+
+def test_map_errors_per_case():
+    table = map_errors(_recovered(3))
+    assert table["case"].tolist() == ["0", "1", "2"]
+    np.testing.assert_allclose(table["mse"], 0.001)

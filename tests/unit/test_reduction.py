@@ -1,0 +1,64 @@
+"""Principal components of the strains: what is kept, what is thrown away, what comes back."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from regional_lv import aha
+from regional_lv.errors import InputError
+from regional_lv.reduction import Reduction, fit_reduction
+
+
+@pytest.fixture
+def outputs() -> np.ndarray:
+    """400 rows of 52 outputs that four hidden numbers make, and a little of a fifth."""
+    rng = np.random.default_rng(1)
+    hidden = rng.normal(size=(400, 5)) * [1.0, 1.0, 0.5, 0.5, 0.02]
+    y = hidden @ rng.normal(size=(5, 52)) * 0.1
+    y[:, 0] = 150 + 20 * y[:, 0]
+    return y
+
+
+def test_keeps_the_fewest_components_that_explain_enough(outputs):
+    reduction = Reduction.fit(outputs, 0.999)
+    table = reduction.explained()
+    assert reduction.components == 4
+    assert table["cumulative"].iloc[3] >= 0.999 > table["cumulative"].iloc[2]
+    assert table["explained"].sum() == pytest.approx(1)
+
+
+def test_all_components_reproduce_everything(outputs):
+    reduction = Reduction.fit(outputs, 1.0)
+    np.testing.assert_allclose(reduction.inverse(reduction.transform(outputs)), outputs, atol=1e-10)
+    np.testing.assert_allclose(reduction.truncation_covariance(), 0, atol=1e-12)
+
+
+def test_truncation_covariance_is_that_of_the_residuals(outputs):
+    reduction = Reduction.fit(outputs, 0.99)
+    residual = outputs - reduction.inverse(reduction.transform(outputs))
+    expected = np.cov(residual, rowvar=False)
+    np.testing.assert_allclose(reduction.truncation_covariance(), expected, atol=1e-10)
+    assert not reduction.truncation_covariance()[0].any()  # the volume is not reduced
+
+
+def test_inverse_matrix_is_the_linear_part_of_the_inverse(outputs):
+    reduction = Reduction.fit(outputs, 0.99)
+    reduced = reduction.transform(outputs[:3])
+    expected = reduced @ reduction.inverse_matrix().T + reduction.mean
+    np.testing.assert_allclose(reduction.inverse(reduced), expected)
+
+
+def test_file_brings_it_back(outputs, tmp_path):
+    table = pd.DataFrame(outputs, columns=list(aha.OUTPUTS))
+    table.to_parquet(tmp_path / "train.parquet")
+    files = tmp_path / "reduction.npz", tmp_path / "explained.csv"
+    fit_reduction(tmp_path / "train.parquet", 0.99, *files)
+    loaded, fitted = Reduction.load(files[0]), Reduction.fit(outputs, 0.99)
+    np.testing.assert_array_equal(loaded.transform(outputs), fitted.transform(outputs))
+    assert len(pd.read_csv(files[1])) == 51
+
+
+def test_refuses_rows_that_are_not_finite(outputs):
+    outputs[3, 7] = np.nan
+    with pytest.raises(InputError, match="not finite"):
+        Reduction.fit(outputs, 0.99)
