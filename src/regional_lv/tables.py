@@ -48,9 +48,7 @@ def _convergence(name: str, part: pd.DataFrame) -> pd.DataFrame:
     return table
 
 
-def subjects(
-    posteriors: list[Path], diagnostics: list[Path], sources: list[str]
-) -> pd.DataFrame:
+def subjects(posteriors: list[Path], diagnostics: list[Path], sources: list[str]) -> pd.DataFrame:
     """Stiffness and noise of every subject: posterior median and 95 % HPD interval.
 
     posteriors: InferenceData files of one subject each; diagnostics: CSV with its verdict, and

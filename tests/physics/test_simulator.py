@@ -1,10 +1,16 @@
 """The discretised problem against finite differences and exact laws of mechanics."""
 
+import meshio
 import numpy as np
 import pytest
+import ufl
+from scipy.spatial import cKDTree
 
 from regional_lv import aha
+from regional_lv.geometry.mesh import read_mesh
+from regional_lv.mechanics import dolfinx_api as api
 from regional_lv.mechanics.continuation import Effort, Solver, WarmStarts
+from regional_lv.mechanics.simulator import fibre_directions
 from regional_lv.simulations import make_simulator
 
 from .conftest import PRESSURE, THETA
@@ -159,3 +165,20 @@ def test_the_same_theta_twice_gives_the_same_sensitivities(solver):
     pool.run(np.full(10, 2.0))
     again = pool.run(THETA)
     np.testing.assert_allclose(again.sensitivity, first.sensitivity, rtol=1e-6, atol=1e-7)
+
+
+def test_fibres_in_the_simulator_are_those_in_the_mesh_file(simulator, small_mesh, smoke_config):
+    """The same angles are written twice, in NumPy for the eye and in UFL for the physics."""
+    fields = meshio.read(small_mesh).point_data
+    mesh = read_mesh(small_mesh)
+    scalar = api.fem.Function(api.space(simulator.domain, "Lagrange", 2))
+    nodes = scalar.function_space.tabulate_dof_coordinates()
+    scalar.x.array[:] = mesh.transmural[cKDTree(mesh.points).query(nodes)[1]]
+    fibre, _ = fibre_directions(scalar, smoke_config["fibres"])
+    written = api.fem.Function(api.space(simulator.domain, "Lagrange", 2, components=3))
+    nodes = written.function_space.tabulate_dof_coordinates()
+    written.x.array[:] = fields["fibre"][cKDTree(mesh.points).query(nodes)[1]].ravel()
+    cosine = ufl.dot(fibre, written) / ufl.sqrt(ufl.dot(written, written))
+    alignment = api.compile_form(cosine**2 * ufl.dx(degree=4))
+    # Not 1, because the file has the vectors at nodes only; a helix of the other hand gives 0.3.
+    assert api.fem.assemble_scalar(alignment) / simulator.segment_volume.sum() > 0.97

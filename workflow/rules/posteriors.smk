@@ -19,6 +19,7 @@ rule sample_posteriors:
         last=lambda wildcards: min(
             (int(wildcards.batch) + 1) * config["nuts"]["cases_per_batch"], TEST_CASES
         ),
+        sampler=config["test_posteriors"]["sampler"],
         nuts=config["nuts"],
         map=config["map"],
         seed=config["seed"],

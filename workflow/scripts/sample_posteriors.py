@@ -12,6 +12,7 @@ sample_test_batch(
     snakemake.input.test,
     snakemake.params.first,
     snakemake.params.last,
+    snakemake.params.sampler,
     snakemake.params.nuts,
     snakemake.params.map,
     snakemake.params.seed,

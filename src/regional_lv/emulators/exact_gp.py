@@ -26,6 +26,10 @@ evaluation and a dozen numbers are well determined long before."""
 
 RESTARTS = 2
 CALIBRATIONS = ("variance_factor", "none")
+FEW_ROWS_SHRINKAGE = 0.1
+"""Least shrinkage with no more simulations than outputs: the errors then lie in a subspace, and
+leaving one out says nothing of the directions outside it."""
+
 SHRINKAGES = (0.0, *np.logspace(-6, 0, 13))
 
 
@@ -178,9 +182,13 @@ class ExactGP(Emulator):
             return 1e12, np.zeros(len(p))
         precision, total = _projected_precision(factor)
         weights = precision @ y
-        # The ridge keeps B regular where there are fewer simulations than outputs.
-        b = y.T @ weights / (n - 1) + (1e-9 if n > 2 * d else 1e-4) * torch.eye(d, dtype=y.dtype)
-        b_factor = torch.linalg.cholesky(b)
+        b = _regular(y.T @ weights / (n - 1))
+        if n <= d:
+            # Fewer simulations than outputs leave B singular, and the likelihood without bound.
+            b = torch.diag(b.diagonal())
+        b_factor, failed = torch.linalg.cholesky_ex(b)
+        if failed:
+            return 1e12, np.zeros(len(p))
         value = (n - 1) * b_factor.diagonal().log().sum()
         value = value + d * (factor.diagonal().log().sum() + 0.5 * torch.log(total))
         sensitivity = 0.5 * (d * precision - weights @ torch.cholesky_solve(weights.T, b_factor))
@@ -221,7 +229,7 @@ class ExactGP(Emulator):
         if len(y) < 4 * y.shape[1]:
             shrinkage = choose_shrinkage(residuals / variances.sqrt()[:, None])
         b = (b + shrinkage * torch.diag(b.diagonal())) / (1 + shrinkage)
-        self.output_b = b + 1e-9 * torch.eye(len(b), dtype=b.dtype)
+        self.output_b = _regular(b)
         self._set_output_covariance()
         self.variance_factor = 1.0
         theta = self._unstandardise(x)
@@ -376,6 +384,11 @@ def _projected_precision(factor: torch.Tensor) -> tuple[torch.Tensor, torch.Tens
     return precision - torch.outer(sums, sums) / total, total
 
 
+def _regular(b: torch.Tensor) -> torch.Tensor:
+    """`b` with a little on its diagonal, for outputs that depend on one another exactly."""
+    return b + 1e-9 * b.diagonal().mean() * torch.eye(len(b), dtype=b.dtype)
+
+
 def _condition(factor: torch.Tensor, y: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
     """Generalised least-squares mean (D,) and weights K^-1 (y - mean) (N, D)."""
     ones = torch.ones(len(y), 1, dtype=y.dtype)
@@ -411,6 +424,8 @@ def choose_shrinkage(z: torch.Tensor) -> float:
     gram = z.T @ z
     best = (-math.inf, SHRINKAGES[-1])
     for weight in SHRINKAGES:
+        if n <= d and weight < FEW_ROWS_SHRINKAGE:
+            continue
         factor, failed = torch.linalg.cholesky_ex(gram + weight * torch.diag(gram.diagonal()))
         if failed:
             continue

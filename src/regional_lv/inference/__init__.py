@@ -15,8 +15,9 @@ from regional_lv import aha, emulators
 from regional_lv.emulators.base import Emulator
 from regional_lv.errors import InputError
 from regional_lv.inference.diagnostics import diagnose
+from regional_lv.inference.hmc import sample_batch
 from regional_lv.inference.likelihood import Likelihood, Noise, draw_observations
-from regional_lv.inference.nuts import Draws, Settings, sample_case
+from regional_lv.inference.nuts import Draws, Settings, sample_case, verdict
 from regional_lv.inference.point import find_map
 from regional_lv.measured import read_measured
 from regional_lv.progress import Progress
@@ -55,21 +56,69 @@ def sample_cases(
     """
     settings = Settings(**{k: v for k, v in nuts.items() if k in Settings.__dataclass_fields__})
     name = likelihood.emulator.name
-    log.info("%s, %s: maxima of %d cases", name, set_name, len(cases))
-    points = find_map(likelihood, starts, iterations, derive(seed, "map", name, set_name))
-    progress, draws = Progress(f"{name}, {set_name}: posteriors", len(cases)), []
+    progress = Progress(f"{name}, {set_name}: posteriors", len(cases))
+    maxima, draws = [], []
     for i, case in enumerate(cases):
-        one = sample_case(
-            likelihood.at(likelihood.y[i]),
-            points.theta[i],
-            points.log_sigma[i],
-            settings,
-            derive(seed, "nuts", name, set_name, case),
-            f"{set_name}/{case}",
+        # One by one: matrix products round differently in batches of another size, and a case
+        # must not depend on the batch that it is in.
+        point = find_map(
+            likelihood.at(likelihood.y[i : i + 1]),
+            starts,
+            iterations,
+            derive(seed, "map", name, set_name),
         )
-        draws.append(one)
+        maxima.append(point.theta)
+        draws.append(
+            sample_case(
+                likelihood.at(likelihood.y[i]),
+                point.theta[0],
+                point.log_sigma[0],
+                settings,
+                derive(seed, "nuts", name, set_name, case),
+                f"{set_name}/{case}",
+            )
+        )
         progress.step()
+    return Sampled(tuple(cases), likelihood.y, torch.cat(maxima), tuple(draws))
+
+
+def sample_together(
+    likelihood: Likelihood,
+    cases: Sequence[str],
+    nuts: dict,
+    starts: int,
+    iterations: int,
+    seed: int,
+    set_name: str,
+) -> Sampled:
+    """As `sample_cases`, all cases at once by batched HMC; NUTS for those that fail their gate.
+
+    Numbers depend in their last digits on which cases share a batch.
+    """
+    settings = Settings(**{k: v for k, v in nuts.items() if k in Settings.__dataclass_fields__})
+    name = likelihood.emulator.name
+    points = find_map(likelihood, starts, iterations, derive(seed, "map", name, set_name))
+    seeds = [derive(seed, "hmc", name, set_name, case) for case in cases]
+    draws = sample_batch(likelihood, points.theta, settings, seeds)
+    progress = Progress(f"{name}, {set_name}: posteriors", len(cases))
+    for i, case in enumerate(cases):
+        outcome = verdict(draws[i], settings)
+        if outcome != "passed":
+            log.warning("case %s/%s %s by batched HMC; sampled by NUTS", set_name, case, outcome)
+            draws[i] = sample_case(
+                likelihood.at(likelihood.y[i]),
+                points.theta[i],
+                points.log_sigma[i],
+                settings,
+                derive(seed, "nuts", name, set_name, case),
+                f"{set_name}/{case}",
+            )
+        progress.step(failed=verdict(draws[i], settings) != "passed")
     return Sampled(tuple(cases), likelihood.y, points.theta, tuple(draws))
+
+
+SAMPLERS = {"hmc": sample_together, "nuts": sample_cases}
+"""`test_posteriors.sampler` of the config -> how a set of simulated cases is sampled."""
 
 
 def sample_test_batch(
@@ -77,6 +126,7 @@ def sample_test_batch(
     test: str | Path,
     first: int,
     last: int,
+    sampler: str,
     nuts: dict,
     point: dict,
     seed: int,
@@ -97,7 +147,7 @@ def sample_test_batch(
         )
     at = [aha.OUTPUTS.index(name) for name in emulator.outputs]
     likelihood = Likelihood(emulator, torch.as_tensor(y[chosen][:, at]), Noise.none(emulator))
-    sampled = sample_cases(
+    sampled = SAMPLERS[sampler](
         likelihood, samples[chosen], nuts, point["starts"], point["iterations"], seed, "test"
     )
     sampled = Sampled(**{**sampled.__dict__, "truth": theta[chosen]})

@@ -28,9 +28,9 @@ def gate(
     """Convergence of one case: a row per parameter, and the verdict.
 
     chains: (chain, draw, P). diverging: (chain, draw). Rank-normalised split R-hat, bulk and tail
-    effective sample size (Vehtari et al. 2021, doi 10.1214/20-BA1221). Columns: parameter, rhat,
-    ess_bulk, ess_tail, divergences, passed. The verdict is "passed", or "failed: " and every
-    reason; one diverging draw is reason enough.
+    effective sample size (Vehtari et al. 2021, doi 10.1214/20-BA1221), both at least `ess_min`.
+    Columns: parameter, rhat, ess_bulk, ess_tail, divergences, passed. The verdict is "passed", or
+    "failed: " and every reason; one diverging draw is reason enough.
     """
     data = az.convert_to_dataset({"x": chains})
     table = pd.DataFrame(
@@ -43,13 +43,13 @@ def gate(
         }
     )
     mixed = table["rhat"] <= rhat_max
-    enough = (table["ess_bulk"] >= ess_min) & (table["ess_tail"] >= ess_min)
-    table["passed"] = mixed & enough & (table["divergences"] == 0)
+    enough = {kind: table[f"ess_{kind}"] >= ess_min for kind in ("bulk", "tail")}
+    table["passed"] = mixed & enough["bulk"] & enough["tail"] & (table["divergences"] == 0)
     reasons = []
     if not mixed.all():
         reasons.append(f"R-hat {table['rhat'].max():.3f} > {rhat_max:g}")
-    for kind in ("bulk", "tail"):
-        if not (table[f"ess_{kind}"] >= ess_min).all():
+    for kind, is_enough in enough.items():
+        if not is_enough.all():
             reasons.append(f"{kind} ESS {table[f'ess_{kind}'].min():.0f} < {ess_min:g}")
     if diverging.any():
         reasons.append(f"{int(diverging.sum())} divergences")

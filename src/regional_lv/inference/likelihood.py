@@ -126,10 +126,7 @@ class Likelihood:
             return self._constant - 0.5 * (
                 (white * white / variances).sum(-1) + self._weight * variances.log().sum(-1)
             )
-        factor = torch.linalg.cholesky(self._covariance(prediction, log_sigma))
-        white = torch.linalg.solve_triangular(factor, residual[..., None], upper=False)[..., 0]
-        logs = factor.diagonal(dim1=-2, dim2=-1).log()
-        return -0.5 * (white.square() + LOG_2PI).sum(-1) - logs.sum(-1)
+        return _LogNormal.apply(residual, self._covariance(prediction, log_sigma))
 
     def _covariance(self, prediction, log_sigma) -> torch.Tensor:
         if log_sigma is None:
@@ -187,6 +184,27 @@ class Likelihood:
             )
             information = information + to_parameters.mT @ fisher @ to_parameters
         return information
+
+
+class _LogNormal(torch.autograd.Function):
+    """Log density of residuals (..., D) under N(0, S), S (..., D, D), with its closed-form
+    gradient: -alpha and (alpha alpha' - S^-1) / 2, alpha = S^-1 residual."""
+
+    @staticmethod
+    def forward(ctx, residual, covariance):
+        factor = torch.linalg.cholesky(covariance)
+        alpha = torch.cholesky_solve(residual[..., None], factor)
+        ctx.save_for_backward(alpha, factor)
+        logs = factor.diagonal(dim1=-2, dim2=-1).log().sum(-1)
+        distance = (residual * alpha[..., 0]).sum(-1)
+        return -0.5 * (distance + residual.shape[-1] * LOG_2PI) - logs
+
+    @staticmethod
+    @torch.autograd.function.once_differentiable
+    def backward(ctx, by_value):
+        alpha, factor = ctx.saved_tensors
+        by_covariance = 0.5 * (alpha * alpha.mT - torch.cholesky_inverse(factor))
+        return -by_value[..., None] * alpha[..., 0], by_value[..., None, None] * by_covariance
 
 
 def draw_observations(

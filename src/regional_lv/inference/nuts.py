@@ -4,10 +4,15 @@ The sampler works in a space without bounds: log theta = log lower + log(upper /
 the normal distribution function Phi, sigma = exp(s). In log theta the ridges along which C_a and
 C_b compensate are straight, and Phi gives a parameter of which the data say nothing, or one that
 leans against a bound, the light tails that a logistic map lacks. There the space is moved and
-whitened by the Laplace approximation at the mode: (u, s) = mode + M z. The parameters of one case
-differ in scale by a factor of a hundred and are strongly correlated; warm-up would spend its few
-hundred draws on finding that out with tiny steps. In z the posterior is close to a standard normal
-from the first draw, and the dense mass matrix has only to learn what the approximation misses.
+whitened, (u, s) = centre + M z, by the Laplace approximation at the mode, made better by a few
+rounds of importance sampling: those are batches, for which emulators are fast. The parameters of
+one case differ in scale by a factor of a hundred and are strongly correlated; warm-up would spend
+its few hundred draws on finding that out with tiny steps. In z the posterior is close to a
+standard normal, M M' is the dense mass matrix, and warm-up is left with the step size: a dense
+matrix estimated from a hundred correlated draws serves less well (18,700 to 20,500 gradients per
+posterior instead of 13,200 for the same effective sample size, mean of six posteriors on published
+simulations). Where the gate shows that this was not good enough, the second attempt adapts the
+dense matrix too.
 """
 
 import logging
@@ -24,6 +29,7 @@ from scipy.optimize import minimize
 from regional_lv import aha
 from regional_lv.inference.diagnostics import gate
 from regional_lv.inference.likelihood import Likelihood
+from regional_lv.inference.point import CHUNK
 from regional_lv.seeds import derive
 
 log = logging.getLogger(__name__)
@@ -35,6 +41,10 @@ DISPERSION = 1.5
 WEAKEST_CURVATURE = 0.5
 """Where the data say nothing, u has a curvature near 1 from the prior; flatter directions (or bent
 ones) are whitened as if they had this one."""
+
+
+ROUNDS, ROUND_SIZE, FREEDOM = 4, 2000, 6
+"""Importance sampling: rounds, draws in each, degrees of freedom of the proposal."""
 
 
 @dataclass(frozen=True)
@@ -84,12 +94,12 @@ class Target:
         return self.lower * torch.exp(self._span * share), position[..., P:]
 
     def potential(self, position: torch.Tensor) -> torch.Tensor:
-        """-log posterior density of the position (P + G,), with the Jacobian of the map."""
+        """-log posterior density (...) of positions (..., P + G), with the Jacobian of the map."""
         theta, log_sigma = self.constrain(position)
         # d(theta)/du = theta span phi(u), phi the normal density; constants left out
-        jacobian = torch.log(theta).sum() - 0.5 * position[:P].square().sum()
-        if len(log_sigma):
-            jacobian = jacobian + log_sigma.sum() + self.likelihood.noise.log_prior(log_sigma)
+        jacobian = torch.log(theta).sum(-1) - 0.5 * position[..., :P].square().sum(-1)
+        if log_sigma.shape[-1]:
+            jacobian = jacobian + log_sigma.sum(-1) + self.likelihood.noise.log_prior(log_sigma)
         return -(self.likelihood.log_density(theta, log_sigma) + jacobian)
 
     def value_and_gradient(self, position: np.ndarray) -> tuple[float, np.ndarray]:
@@ -125,6 +135,39 @@ class Target:
         return torch.as_tensor(mode), torch.as_tensor(vectors * scale)
 
 
+def refine(target: Target, mode, whitening, seed: int) -> tuple[torch.Tensor, torch.Tensor]:
+    """Centre and M from the posterior's own mean and covariance (population Monte Carlo, Cappe et
+    al. 2004, doi 10.1198/106186004X12803).
+
+    Every round draws from a Student t with the moments of the last one and weighs the draws by
+    posterior over proposal. The largest weights are cut, so that one draw far out does not
+    decide: a biased M costs speed, not correctness.
+    """
+    generator = torch.Generator().manual_seed(seed)
+    size = target.size
+    centre, factor = torch.zeros(size, dtype=torch.float64), torch.eye(size, dtype=torch.float64)
+    for _ in range(ROUNDS):
+        deviates = torch.randn(ROUND_SIZE, size + FREEDOM, generator=generator, dtype=torch.float64)
+        chi2 = deviates[:, size:].square().sum(1, keepdim=True)
+        t = deviates[:, :size] * torch.sqrt(FREEDOM / chi2)
+        z = centre + t @ factor.T
+        try:
+            with torch.no_grad():
+                parts = (mode + z @ whitening.T).split(CHUNK)
+                density = -torch.cat([target.potential(part) for part in parts])
+        except torch.linalg.LinAlgError:
+            break
+        proposal = -0.5 * (FREEDOM + size) * torch.log1p(t.square().sum(1) / FREEDOM)
+        log_weight = torch.nan_to_num(density - proposal, nan=-math.inf, posinf=-math.inf)
+        cut = log_weight.topk(ROUND_SIZE // 50).values[-1]
+        weight = torch.softmax(log_weight.clamp(max=cut), dim=0)
+        centre = weight @ z
+        spread = (z - centre) * weight.sqrt()[:, None]
+        covariance = spread.T @ spread + 1e-6 * torch.eye(size, dtype=torch.float64)
+        factor = torch.linalg.cholesky(covariance)
+    return mode + whitening @ centre, whitening @ factor
+
+
 def sample_case(
     likelihood: Likelihood,
     theta_map: torch.Tensor,
@@ -133,8 +176,8 @@ def sample_case(
     seed: int,
     name: str,
 ) -> Draws:
-    """Sample one posterior; once more with a doubled warm-up, keeping every second draw of twice
-    as many, if it fails its gate.
+    """Sample one posterior; once more if it fails its gate, with a doubled warm-up and keeping
+    every fourth draw of four times as many.
 
     likelihood: of one observation (D,). theta_map (10,), log_sigma_map (G,): where to start.
     The same seed gives the same draws.
@@ -142,26 +185,28 @@ def sample_case(
     started = time.monotonic()
     target = Target(likelihood)
     mode, whitening = target.laplace(target.unconstrain(theta_map, log_sigma_map))
-    draws = _run(target, mode, whitening, settings, 1, derive(seed, "first"))
-    verdict = _verdict(draws, settings)
-    if verdict != "passed":
-        log.warning("case %s %s; sampled again, longer", name, verdict)
+    mode, whitening = refine(target, mode, whitening, derive(seed, "refine"))
+    draws = _run(target, mode, whitening, settings, derive(seed, "first"))
+    outcome = verdict(draws, settings)
+    if outcome != "passed":
+        log.warning("case %s %s; sampled again, longer", name, outcome)
         longer = replace(settings, warmup=2 * settings.warmup)
-        draws = _run(target, mode, whitening, longer, 2, derive(seed, "second"))
-        verdict = _verdict(draws, settings)
-        if verdict != "passed":
-            log.warning("case %s %s, the second time too", name, verdict)
+        draws = _run(target, mode, whitening, longer, derive(seed, "second"), thin=4)
+        outcome = verdict(draws, settings)
+        if outcome != "passed":
+            log.warning("case %s %s, the second time too", name, outcome)
         draws = replace(draws, repeated=True)
     return replace(draws, seconds=time.monotonic() - started)
 
 
-def _verdict(draws: Draws, settings: Settings) -> str:
+def verdict(draws: Draws, settings: Settings) -> str:
+    """`passed`, or `failed:` and what of R-hat, ESS and divergences misses the gate."""
     chains = np.concatenate([draws.theta, draws.sigma], axis=-1)
     names = [*aha.PARAMETERS, *(f"sigma {i + 1}" for i in range(draws.sigma.shape[-1]))]
     return gate(chains, names, draws.diverging, settings.rhat_max, settings.ess_min)[1]
 
 
-def _run(target: Target, mode, whitening, settings: Settings, thin: int, seed: int) -> Draws:
+def _run(target: Target, mode, whitening, settings: Settings, seed: int, thin: int = 1) -> Draws:
     """All chains, one after the other, in this process; every `thin`-th draw is kept."""
     pyro.set_rng_seed(seed)
     pyro.clear_param_store()
@@ -172,6 +217,7 @@ def _run(target: Target, mode, whitening, settings: Settings, thin: int, seed: i
     kernel = NUTS(
         potential_fn=potential,
         full_mass=True,
+        adapt_mass_matrix=thin > 1,
         target_accept_prob=settings.target_accept,
         max_tree_depth=settings.max_tree_depth,
     )

@@ -93,9 +93,12 @@ def find_map(likelihood: Likelihood, starts: int, iterations: int, seed: int) ->
     best = values.argmax(dim=1)
     row = torch.arange(cases)
     p = len(aha.PARAMETERS)
+    place = ends[row, best, :p]
+    # exp(log(bound)) misses the bound by round-off
+    theta = torch.where(place <= low[:p], bounds[0], place.exp())
+    theta = torch.where(place >= high[:p], bounds[1], theta)
     return PointEstimate(
-        # exp(log(bound)) may miss the bound by round-off
-        ends[row, best, :p].exp().clamp(*bounds),
+        theta,
         ends[row, best, p:],
         values[row, best],
         (values > values[row, best, None] - 0.01).double().mean(1),
