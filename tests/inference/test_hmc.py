@@ -16,7 +16,7 @@ NONE = torch.zeros(0, dtype=torch.float64)
 def cases(spread: float):
     """Three cases of a linear emulator, observed without error, and their likelihood."""
     emulator = linear(spread)
-    truth = torch.stack([torch.full((10,), c, dtype=torch.float64) for c in (1.5, 2.0, 3.0)])
+    truth = torch.stack([torch.full((10,), c, dtype=torch.float64) for c in (1.5, 2.0, 4.8)])
     return emulator, truth, Likelihood(emulator, emulator.predict(truth).mean, Noise.none(emulator))
 
 
@@ -38,14 +38,14 @@ def test_gaussian_posteriors_side_by_side():
 
 def test_agrees_with_nuts_where_the_bounds_cut_the_posterior():
     _, truth, likelihood = cases(0.2)
-    settings = Settings(warmup=200, draws=600)
+    settings = Settings(warmup=150, draws=250)
     together = sample_batch(likelihood, truth, settings, [1, 2, 3])[2]
     alone = sample_case(likelihood.at(likelihood.y[2]), truth[2], NONE, settings, 5, "third")
     a, b = (d.theta.reshape(-1, 10) for d in (together, alone))
     assert b.max() > 4.9  # the upper bound is felt
-    # Both means have Monte Carlo errors near 0.04 sd, and the largest of ten is looked at.
-    assert np.abs((a.mean(0) - b.mean(0)) / b.std(0)).max() < 0.2
-    np.testing.assert_allclose(a.std(0), b.std(0), rtol=0.15)
+    # Both means have Monte Carlo errors near 0.05 sd, and the largest of ten is looked at.
+    assert np.abs((a.mean(0) - b.mean(0)) / b.std(0)).max() < 0.25
+    np.testing.assert_allclose(a.std(0), b.std(0), rtol=0.2)
 
 
 def test_same_seeds_same_draws_and_others_differ():

@@ -62,7 +62,7 @@ def test_noise_scale_and_uniform_prior():
     y[0] = emulator.base[0]
     middle = torch.full((10,), 1.0, dtype=torch.float64)
     start = torch.full((3,), -0.5, dtype=torch.float64)
-    settings = Settings(warmup=200, draws=1000)
+    settings = Settings(warmup=200, draws=600)
     likelihood = Likelihood(emulator, y, noise)
     draws = sample_case(likelihood, middle, start, settings, 8, "noise")
     theta = draws.theta.reshape(-1, 10)
