@@ -177,7 +177,9 @@ def test_bad_measured_file_stops_before_anything_runs(editable):
     )
     edit_config(
         editable,
-        lambda c: c["subjects"].update(p1={"source": "file", "measured": "resources/patient.csv"}),
+        lambda c: c.update(
+            subjects={"patient": {"source": "file", "measured": "resources/patient.csv"}}
+        ),
     )
     output = run(editable, "--cores", "1", "--dry-run", check=False)
     assert "patient.csv" in output and "4" in output
