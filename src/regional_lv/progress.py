@@ -15,11 +15,16 @@ def start_log(path: str | Path) -> None:
     """
     Path(path).parent.mkdir(parents=True, exist_ok=True)
     handlers = [logging.FileHandler(path, mode="w"), logging.StreamHandler(sys.stderr)]
-    # Other packages' chatter (each compiled form is a dozen lines) would bury the progress.
-    logging.basicConfig(level=logging.WARNING, format=FORMAT, handlers=handlers, force=True)
-    logging.getLogger("regional_lv").setLevel(logging.INFO)
+    for handler in handlers:
+        handler.addFilter(_ours_or_important)
+    logging.basicConfig(level=logging.INFO, format=FORMAT, handlers=handlers, force=True)
     logging.captureWarnings(True)
     sys.excepthook = _log_error
+
+
+def _ours_or_important(record: logging.LogRecord) -> bool:
+    """Other packages' chatter (each compiled form is a dozen lines) would bury the progress."""
+    return record.levelno >= logging.WARNING or record.name.startswith("regional_lv")
 
 
 def _log_error(kind, error, traceback) -> None:

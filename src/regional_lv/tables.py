@@ -89,7 +89,9 @@ def recovery(per_case: Path, coverage: Path, diagnostics: Path) -> pd.DataFrame:
     failed = posterior.failed_cases(diagnostics) & set(table["case"])
     summary.insert(1, "failed_cases", len(failed))
     covered = pd.read_csv(coverage).set_index("parameter")
-    covered = covered.drop(columns=covered.columns.intersection(summary.columns))
+    # What `coverage` says of the MAP's errors and of failures stands in the summary already.
+    again = [*covered.columns.intersection(summary.columns), "failed", "mse"]
+    covered = covered.drop(columns=again, errors="ignore")
     return summary.join(covered).loc[[*aha.PARAMETERS, "all"]].reset_index()
 
 

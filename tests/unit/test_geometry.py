@@ -7,6 +7,7 @@ import meshio
 import numpy as np
 import pandas as pd
 import pytest
+import vtk
 
 from regional_lv.aha import LEVELS, SEGMENT_ZONE
 from regional_lv.errors import InputError
@@ -199,7 +200,6 @@ def test_gmsh_file_names_its_parts(made):
 
 
 def test_node_order_is_that_of_vtk():
-    vtk = pytest.importorskip("vtk")
     for cell, nodes in (
         (vtk.vtkTriQuadraticHexahedron(), NODES),
         (vtk.vtkBiQuadraticQuad(), QUAD_NODES),
