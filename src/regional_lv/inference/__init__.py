@@ -54,8 +54,7 @@ def sample_cases(
     nuts: section of the config (keys that are no setting of the sampler are ignored). seed: the
     study's master seed; every case has its own, so that batches may be cut in any way.
     """
-    settings = Settings(**{k: v for k, v in nuts.items() if k in Settings.__dataclass_fields__})
-    name = likelihood.emulator.name
+    settings, name = Settings.from_config(nuts), likelihood.emulator.name
     progress = Progress(f"{name}, {set_name}: posteriors", len(cases))
     maxima, draws = [], []
     for i, case in enumerate(cases):
@@ -95,8 +94,7 @@ def sample_together(
 
     Numbers depend in their last digits on which cases share a batch.
     """
-    settings = Settings(**{k: v for k, v in nuts.items() if k in Settings.__dataclass_fields__})
-    name = likelihood.emulator.name
+    settings, name = Settings.from_config(nuts), likelihood.emulator.name
     points = find_map(likelihood, starts, iterations, derive(seed, "map", name, set_name))
     seeds = [derive(seed, "hmc", name, set_name, case) for case in cases]
     draws = sample_batch(likelihood, points.theta, settings, seeds)
@@ -113,7 +111,8 @@ def sample_together(
                 derive(seed, "nuts", name, set_name, case),
                 f"{set_name}/{case}",
             )
-        progress.step(failed=verdict(draws[i], settings) != "passed")
+            outcome = verdict(draws[i], settings)
+        progress.step(failed=outcome != "passed")
     return Sampled(tuple(cases), likelihood.y, points.theta, tuple(draws))
 
 

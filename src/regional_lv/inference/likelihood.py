@@ -1,7 +1,6 @@
 """How probable the observed outputs are at theta: emulator error and measurement noise together."""
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import torch
@@ -227,8 +226,3 @@ def draw_observations(
             error = (factor @ deviates[..., None])[..., 0]
         more = torch.randn(prediction.mean.shape, generator=generator, dtype=torch.float64)
         return prediction.mean + error + more * noise.variance(log_sigma).sqrt()
-
-
-def outputs_measured(names: Sequence[str]) -> tuple[str, ...]:
-    """`names` in the project's order of outputs."""
-    return tuple(name for name in aha.OUTPUTS if name in set(names))

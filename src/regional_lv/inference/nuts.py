@@ -68,6 +68,11 @@ class Settings:
     rhat_max: float = 1.01
     ess_min: float = 400.0
 
+    @classmethod
+    def from_config(cls, nuts: dict) -> "Settings":
+        """Read the section; its keys that are no setting of the sampler are left aside."""
+        return cls(**{key: nuts[key] for key in cls.__dataclass_fields__ if key in nuts})
+
 
 @dataclass(frozen=True)
 class Draws:

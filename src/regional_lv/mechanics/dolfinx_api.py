@@ -4,8 +4,6 @@ Debian 12 ships dolfinx 0.5.2; conda-forge and Debian 13 ship 0.9 and later. The
 package asks for what it needs in its own words and never imports dolfinx itself.
 """
 
-import importlib.metadata
-
 import dolfinx
 import numpy as np
 import ufl
@@ -18,14 +16,6 @@ _LEGACY = VERSION < (0, 8)
 # Compiled by the C compiler once per form and kept in a cache on disk: -O3 costs a few seconds
 # there and pays in every Newton step.
 _JIT_OPTIONS = {"cffi_extra_compile_args": ["-O3"]}
-
-
-def versions() -> dict[str, str]:
-    """Versions of the finite element packages, for the record beside the results."""
-    return {
-        "dolfinx": dolfinx.__version__,
-        "ufl": getattr(ufl, "__version__", None) or importlib.metadata.version("fenics-ufl"),
-    }
 
 
 def hexahedral_mesh(points: np.ndarray, cells: np.ndarray):

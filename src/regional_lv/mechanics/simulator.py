@@ -246,11 +246,6 @@ class Simulator:
         vector[self.fixed] = 0.0
         return vector
 
-    def load_norm(self) -> float:
-        """Norm of the pressure load at the present state, the scale of the residual."""
-        vector = api.assemble_vector(np.zeros(self.size), self._load)
-        return float(self.pressure_kpa.value * np.linalg.norm(vector))
-
     def factorise(self, w: np.ndarray) -> None:
         """Assemble and factorise the tangent at `w`; `solve` then uses it."""
         self.w.x.array[:] = w
