@@ -9,7 +9,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from regional_lv.mechanics.simulator import LinearSolveError, Simulator, State
+from regional_lv.mechanics.equilibrium import LinearSolveError
+from regional_lv.mechanics.simulator import Simulator, State
 
 
 class NotConverged(ArithmeticError):
