@@ -3,13 +3,14 @@
 # make smoke    every step once
 # make test     lint, format, workflow lint, all tests
 # make env      the environment (the targets above make it themselves)
+# make test-dolfinx-next   the physics tests with dolfinx 0.9 (as root; Debian 13, 2.6 GB, kept)
 # make lint     the checks of `make test` without its tests
 # make format   format the code, write the tables of config/README.md
 
 SHELL := bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help env quick paper smoke test lint format
+.PHONY: help env quick paper smoke test test-dolfinx-next lint format
 
 CORES ?= 2
 export CORES
@@ -36,6 +37,9 @@ smoke: env
 
 test: lint
 	pytest
+
+test-dolfinx-next:
+	envs/test-dolfinx-next.sh
 
 lint: env
 	ruff check .

@@ -19,6 +19,7 @@ import jsonschema
 import yaml
 
 from regional_lv.errors import InputError
+from regional_lv.resources import PUBLISHED_HEART
 
 SCHEMA_FILE = Path(__file__).resolve().parents[2] / "workflow" / "schemas" / "config.schema.yaml"
 MARK = "<!-- The tables below are written from the schema by `make format`. -->\n"
@@ -223,11 +224,7 @@ def _cross_check(config: dict) -> Iterator[str]:
     geometry, design, loading = config["geometry"], config["design"], config["loading"]
     if geometry["epi_apex_z_mm"] >= geometry["endo_apex_z_mm"]:
         yield "geometry.epi_apex_z_mm: must lie below geometry.endo_apex_z_mm; lower it"
-    if not Path(geometry["segments"]).is_file():
-        yield (
-            f"geometry.segments: there is no file {geometry['segments']}; give its path from the "
-            "folder in which you start"
-        )
+    yield from _check_geometry_files(geometry)
     if design["lower"] >= design["upper"]:
         yield (
             f"design.lower: {design['lower']} is not below design.upper ({design['upper']}); "
@@ -258,6 +255,29 @@ def _cross_check(config: dict) -> Iterator[str]:
                     f"[{design['lower']}, {design['upper']}] (design.lower, design.upper), where "
                     "nothing is simulated; move it inside"
                 )
+
+
+def _check_geometry_files(geometry: dict) -> Iterator[str]:
+    """Files that the geometry's source needs and that are not there."""
+    imported = geometry["imported"]
+    if geometry["source"] == "segments":
+        needed = {"geometry.segments": geometry["segments"]}
+    elif imported["file"] is None:
+        yield "geometry.imported.file: missing; source `mesh` needs a mesh, give its path"
+        return
+    elif imported["file"] == PUBLISHED_HEART:
+        if imported["segments"] is not None:
+            yield (
+                f"geometry.imported.segments: {PUBLISHED_HEART} comes with its segments; remove it"
+            )
+        return
+    else:
+        needed = {f"geometry.imported.{key}": imported[key] for key in ("file", "segments")}
+    for key, path in needed.items():
+        if path is not None and not Path(path).is_file():
+            yield (
+                f"{key}: there is no file {path}; give its path from the folder in which you start"
+            )
 
 
 def _check_subject(key: str, subject: dict, name: str, synthetic: dict) -> Iterator[str]:

@@ -24,6 +24,12 @@ NETWORK_VARIABLE = "REGIONAL_LV_REPOSITORY_ANSWERS"
 """Set by the first process that asked; the jobs it starts inherit the answer."""
 
 VOLUNTEER = "measured/ACase.csv"
+HEART_MESH = "mesh/hexheartLVmeshF60S45.inp"
+HEART_SEGMENTS = "mesh/AHALVMeshDivisionPCAReconstructed.mat"
+TRAINING_INPUTS = "simulations/X_train_Final_10.csv"
+TRAINING_OUTPUTS = "simulations/Y_data_train_Final.csv"
+PUBLISHED_HEART = "published_heart"
+"""What a config calls `HEART_MESH` with `HEART_SEGMENTS`."""
 
 
 class Published(NamedTuple):
@@ -36,6 +42,22 @@ class Published(NamedTuple):
 FILES = {
     VOLUNTEER: Published(
         "ACase/ACase.csv", "62a4c71de9f7608cb22edabb06e9b63aa58c6fa291f887bf7c2856d216e39906"
+    ),
+    HEART_MESH: Published(
+        "LVmeshV/hexheartLVmeshF60S45.inp",
+        "28542da10e407e9544738da2c651ed3152d9fdcb6ba2c66446c9abb070add74a",
+    ),
+    HEART_SEGMENTS: Published(
+        "LVmeshV/AHALVMeshDivisionPCAReconstructed.mat",
+        "9bb1871e650f547ecb7068865ad9993b00de7a389735065f07a7018a18811448",
+    ),
+    TRAINING_INPUTS: Published(
+        "Data/Data20260110/X_train_Final_10.csv",
+        "3b234f39a4d032b5d000e3e29b0c55a4d8fda9417254fd180c81840de5722723",
+    ),
+    TRAINING_OUTPUTS: Published(
+        "Data/Data20260110/Y_data_train_Final.csv",
+        "08c4df7d0431bcfda79689cdb653561e9d2b3fade1fe74bd3058f99dac46b4c5",
     ),
 }
 """Published files by their path in a mirror. A mirror may also be a clone of the repository."""

@@ -26,12 +26,23 @@ from regional_lv import config as study_config  # noqa: E402
 from regional_lv import dependencies  # noqa: E402
 from regional_lv.errors import InputError  # noqa: E402
 from regional_lv.geometry.table import read_segments  # noqa: E402
-from regional_lv.resources import VOLUNTEER, fetched_path, volunteer_available  # noqa: E402
+from regional_lv.resources import (  # noqa: E402
+    FILES,
+    HEART_MESH,
+    HEART_SEGMENTS,
+    PUBLISHED_HEART,
+    TRAINING_INPUTS,
+    TRAINING_OUTPUTS,
+    VOLUNTEER,
+    fetched_path,
+    volunteer_available,
+)
 from regional_lv.seeds import derive  # noqa: E402
 
 try:
     config.update(study_config.load(config))
-    read_segments(config["geometry"]["segments"])
+    if config["geometry"]["source"] == "segments":
+        read_segments(config["geometry"]["segments"])
 except InputError as error:
     raise WorkflowError(str(error))
 
@@ -51,6 +62,20 @@ SUBJECT_SOURCES = {
 }
 SUBJECTS = list(SUBJECT_SOURCES)
 SYNTHETIC = [name for name, source in SUBJECT_SOURCES.items() if source == "synthetic"]
+
+IMPORTED = config["geometry"]["imported"]
+
+
+def imported_files():
+    """The mesh to import and, if there is one, the file of its segments; by name."""
+    if IMPORTED["file"] == PUBLISHED_HEART:
+        return {
+            "mesh": fetched_path(config["study"], HEART_MESH),
+            "segments": fetched_path(config["study"], HEART_SEGMENTS),
+        }
+    files = {"mesh": IMPORTED["file"], "segments": IMPORTED["segments"]}
+    return {name: path for name, path in files.items() if path is not None}
+
 
 # Modules that decide how things are reported, never what comes out.
 WITHOUT_EFFECT = {"progress", "errors"}

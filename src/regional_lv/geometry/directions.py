@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from regional_lv.geometry.elements import NODES, jacobians, lagrange
+from regional_lv.geometry.elements import jacobians, lagrange, nodes_of
 
 
 def local_directions(gradient_of_transmural):
@@ -47,8 +47,9 @@ def fibre_directions(t, circumferential, radial, longitudinal, fibres):
 
 def nodal_transmural_gradient(mesh):
     """grad t (n, 3) at the nodes, averaged over the elements that share a node."""
-    jacobian = jacobians(mesh, NODES)
-    local = np.einsum("en,qnd->eqd", mesh.transmural[mesh.cells], lagrange(NODES)[1])
+    nodes = nodes_of(mesh)
+    jacobian = jacobians(mesh, nodes)
+    local = np.einsum("en,qnd->eqd", mesh.transmural[mesh.cells], lagrange(nodes, nodes)[1])
     gradient = np.linalg.solve(np.swapaxes(jacobian, -1, -2), local[..., None])[..., 0]
     total = np.zeros_like(mesh.points)
     np.add.at(total, mesh.cells, gradient)

@@ -1,4 +1,4 @@
-"""Quadratic elements: shape functions, Jacobians, normals."""
+"""Linear and quadratic elements: shape functions, Jacobians, normals, facets."""
 
 import numpy as np
 from numpy.polynomial import legendre
@@ -12,6 +12,10 @@ HEXAHEDRON_PARENTS = (
     *((0, 3, 4, 7), (1, 2, 5, 6), (0, 1, 4, 5), (2, 3, 6, 7), (0, 1, 2, 3), (4, 5, 6, 7)),
     tuple(range(8)),
 )
+# Corners of the hexahedron's six faces, turned so that their normals point out of the cell.
+FACES = np.array(
+    [(0, 4, 7, 3), (1, 2, 6, 5), (0, 1, 5, 4), (3, 7, 6, 2), (0, 3, 2, 1), (4, 5, 6, 7)]
+)
 
 # Corner signs of the reference hexahedron and quadrilateral [-1, 1]^d, and from them all nodes.
 _CORNERS = np.array(
@@ -23,14 +27,19 @@ QUAD_NODES = np.array([_CORNERS[list(p), :2].mean(axis=0) for p in _QUAD_PARENTS
 
 
 def lagrange(points, nodes=NODES):
-    """Quadratic Lagrange shape functions (q, nodes) and derivatives (q, nodes, d) at (q, d) points.
+    """Lagrange shape functions (q, nodes) and derivatives (q, nodes, d) at (q, d) points.
 
-    `nodes` are reference coordinates in [-1, 1]: of the hexahedron (default) or of the quad.
+    `nodes` are reference coordinates in [-1, 1], of the hexahedron (default) or of the quad: all of
+    them for quadratic functions, the corners alone for linear ones.
     """
     x, a = points[:, None, :], nodes[None]
-    value = np.where(a == 0, 1 - x**2, x * (x + a) / 2)
-    slope = np.where(a == 0, -2 * x, x + a / 2)
     dimension = nodes.shape[1]
+    if len(nodes) == 2**dimension:
+        value = (1 + x * a) / 2
+        slope = np.broadcast_to(a / 2, value.shape)
+    else:
+        value = np.where(a == 0, 1 - x**2, x * (x + a) / 2)
+        slope = np.where(a == 0, -2 * x, x + a / 2)
     gradient = np.stack(
         [slope[..., d] * np.prod(np.delete(value, d, axis=-1), axis=-1) for d in range(dimension)],
         axis=-1,
@@ -46,20 +55,50 @@ def gauss(dimension, n=3):
     return grid, weights
 
 
+def nodes_of(mesh):
+    """Reference coordinates (27 or 8, 3) of the nodes of the mesh's cells."""
+    return NODES[: mesh.cells.shape[1]]
+
+
+def facet_nodes_of(mesh):
+    """Reference coordinates (9 or 4, 2) of the nodes of the mesh's facets."""
+    return QUAD_NODES[: mesh.facets.shape[1]]
+
+
 def jacobians(mesh, points):
     """Jacobian matrices dx/dxi (cells, q, 3, 3) of the mesh at reference points (q, 3)."""
-    return np.einsum("enx,qnd->eqxd", mesh.points[mesh.cells], lagrange(points)[1])
+    gradient = lagrange(points, nodes_of(mesh))[1]
+    return np.einsum("enx,qnd->eqxd", mesh.points[mesh.cells], gradient, optimize=True)
+
+
+def facet_points(mesh, points):
+    """Places (facets, q, 3) at reference points (q, 2) of the mesh's facets."""
+    shape = lagrange(points, facet_nodes_of(mesh))[0]
+    return np.einsum("qn,knx->kqx", shape, mesh.points[mesh.facets])
 
 
 def facet_normals(mesh, points):
     """Normals (facets, q, 3) at reference points (q, 2), of length area per reference area."""
-    tangents = np.einsum("knx,qnd->kqdx", mesh.points[mesh.facets], lagrange(points, QUAD_NODES)[1])
+    gradient = lagrange(points, facet_nodes_of(mesh))[1]
+    tangents = np.einsum("knx,qnd->kqdx", mesh.points[mesh.facets], gradient)
     return np.cross(tangents[..., 0, :], tangents[..., 1, :])
 
 
+def exterior_faces(cells):
+    """(corners, owner): faces that one cell alone has, (k, 4) nodes turned outwards and (k,) cell.
+
+    `cells` (m, >= 8) begin with their corners in VTK's order.
+    """
+    corners = cells[:, FACES].reshape(-1, 4)
+    _, first, count = np.unique(
+        np.sort(corners, axis=1), axis=0, return_index=True, return_counts=True
+    )
+    alone = np.sort(first[count == 1])
+    return corners[alone], alone // len(FACES)
+
+
 def facet_cells(mesh):
-    """Cell (k,) that each facet belongs to, found by the node in the facet's middle."""
-    owner = np.full(len(mesh.points), -1)
-    for face in range(20, 26):
-        owner[mesh.cells[:, face]] = np.arange(len(mesh.cells))
-    return owner[mesh.facets[:, 8]]
+    """Cell (k,) that each facet belongs to, found by its corners."""
+    corners, owner = exterior_faces(mesh.cells)
+    cell_of = {tuple(row): cell for row, cell in zip(np.sort(corners, axis=1), owner, strict=True)}
+    return np.array([cell_of[tuple(row)] for row in np.sort(mesh.facets[:, :4], axis=1)], dtype=int)

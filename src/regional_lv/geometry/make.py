@@ -29,7 +29,8 @@ def _check_apices(path, table, endo_apex_z_mm, epi_apex_z_mm):
         )
 
 
-def _check_mesh_config(mesh):
+def check_mesh_config(mesh):
+    """Raise InputError for a config section `mesh` that cannot be meshed."""
     n = mesh["circumferential"]
     if n < 16 or n % 8:
         raise InputError(
@@ -62,7 +63,7 @@ def make_mesh(
     """
     table = read_segments(segments_csv)
     _check_apices(segments_csv, table, endo_apex_z_mm, epi_apex_z_mm)
-    _check_mesh_config(mesh_cfg)
+    check_mesh_config(mesh_cfg)
     surfaces = Surfaces(table, endo_apex_z_mm, epi_apex_z_mm)
     write_gmsh(table, surfaces, mesh_cfg, msh_path)
     mesh = convert_mesh(msh_path)

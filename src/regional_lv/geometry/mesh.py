@@ -9,17 +9,19 @@ from regional_lv.aha import SEGMENT_ZONE
 from regional_lv.errors import InputError
 
 ENDOCARDIUM, EPICARDIUM, BASE = 1, 2, 3
+# meshio's names of cells and facets by the number of a cell's nodes.
+KINDS = {27: ("hexahedron27", "quad9"), 8: ("hexahedron", "quad")}
 SURFACES = {ENDOCARDIUM: "endocardium", EPICARDIUM: "epicardium", BASE: "base"}
 
 
 @dataclass
 class Mesh:
-    """Quadratic hexahedral mesh of the wall.
+    """Hexahedral mesh of the wall, quadratic or linear.
 
-    points (n, 3) mm; cells (m, 27) node numbers in VTK's triquadratic order; segment (m,) AHA
-    number 1-17; facets (k, 9) in VTK's biquadratic order; surface (k,) 1 endocardium,
-    2 epicardium, 3 base; transmural (n,) 0 endocardium to 1 epicardium; longitudinal (n,) 0 apex
-    to 1 base.
+    points (n, 3) mm; cells (m, 27) node numbers in VTK's triquadratic order, or (m, 8) corners;
+    segment (m,) AHA number 1-17; facets (k, 9) in VTK's biquadratic order, or (k, 4); surface (k,)
+    1 endocardium, 2 epicardium, 3 base; transmural (n,) 0 endocardium to 1 epicardium;
+    longitudinal (n,) 0 apex to 1 base.
     """
 
     points: np.ndarray
@@ -32,15 +34,16 @@ class Mesh:
 
 
 def read_mesh(vtu_path):
-    """Read the mesh that `make_mesh` wrote (.vtu)."""
+    """Read a mesh that `write_mesh` wrote (.vtu)."""
     raw = meshio.read(vtu_path)
     kinds = [block.type for block in raw.cells]
-    if sorted(kinds) != ["hexahedron27", "quad9"]:
+    pair = next((pair for pair in KINDS.values() if sorted(kinds) == list(pair)), None)
+    if pair is None:
         raise InputError(
             f"{vtu_path}: holds {sorted(set(kinds))}; expected one block of hexahedron27 and one "
-            "of quad9, as geometry.make_mesh writes them"
+            "of quad9 (or of hexahedron and quad), as the geometry's rules write them"
         )
-    solid, skin = kinds.index("hexahedron27"), kinds.index("quad9")
+    solid, skin = (kinds.index(kind) for kind in pair)
     return Mesh(
         points=raw.points,
         cells=raw.cells[solid].data.astype(np.int64),
@@ -59,7 +62,7 @@ def write_mesh(mesh, vtu_path, point_data):
     none = [np.zeros(k, dtype=np.int32) for k in (solid, skin)]
     meshio.Mesh(
         mesh.points,
-        [("hexahedron27", mesh.cells), ("quad9", mesh.facets)],
+        list(zip(KINDS[mesh.cells.shape[1]], (mesh.cells, mesh.facets), strict=True)),
         point_data={
             "transmural": mesh.transmural,
             "longitudinal": mesh.longitudinal,

@@ -9,6 +9,7 @@ from regional_lv.geometry.elements import (
     QUAD_NODES,
     facet_cells,
     facet_normals,
+    facet_points,
     gauss,
     jacobians,
     lagrange,
@@ -26,8 +27,7 @@ def summarise(mesh, table):
     Jacobian (det J over the product of its columns' lengths; 1 is a brick) at corners, edges,
     faces and Gauss points.
     """
-    points, weights = gauss(3, 4)
-    volume = np.linalg.det(jacobians(mesh, points)) @ weights / 1e3
+    volume = segment_volumes(mesh)
     owner = facet_cells(mesh)[mesh.surface == ENDOCARDIUM]
     radius, thickness, weight = _endocardial_samples(mesh, table)
     rows = []
@@ -42,7 +42,7 @@ def summarise(mesh, table):
                 "aha_segment": segment.number,
                 "name": segment.name,
                 "zone": segment.zone,
-                "volume_ml": volume[mesh.segment == segment.number].sum(),
+                "volume_ml": volume[segment.number - 1],
                 "thickness_mm": mean["thickness"],
                 "thickness_table_mm": given.wall_thickness_mm,
                 "endo_radius_mm": mean["endo_radius"],
@@ -51,24 +51,41 @@ def summarise(mesh, table):
             }
         )
     segments = pd.DataFrame(rows)
-    quality = scaled_jacobians(mesh)
     deviation = {
         name: float((segments[f"{name}_mm"] - segments[f"{name}_table_mm"]).abs().max())
         for name in ("thickness", "endo_radius")
     }
-    summary = {
+    summary = summarise_mesh(mesh) | {
+        "largest_thickness_deviation_mm": deviation["thickness"],
+        "largest_endo_radius_deviation_mm": deviation["endo_radius"],
+    }
+    return segments, summary
+
+
+def summarise_mesh(mesh):
+    """Volumes (mL), counts and scaled Jacobians of any mesh."""
+    quality = scaled_jacobians(mesh)
+    return {
         "cavity_volume_ml": cavity_volume(mesh),
-        "wall_volume_ml": float(volume.sum()),
+        "wall_volume_ml": float(segment_volumes(mesh).sum()),
         "nodes": len(mesh.points),
         "elements": len(mesh.cells),
         "facets": {name: int((mesh.surface == k).sum()) for k, name in SURFACES.items()},
-        "largest_thickness_deviation_mm": deviation["thickness"],
-        "largest_endo_radius_deviation_mm": deviation["endo_radius"],
         "scaled_jacobian_min": float(quality.min()),
         "scaled_jacobian_median": float(np.median(quality)),
         "worst_segment": int(mesh.segment[quality.min(axis=1).argmin()]),
     }
-    return segments, summary
+
+
+def cell_volumes(mesh):
+    """Volume (cells,) in mL."""
+    points, weights = gauss(3, 4)
+    return np.linalg.det(jacobians(mesh, points)) @ weights / 1e3
+
+
+def segment_volumes(mesh):
+    """Volume (17,) in mL of the AHA segments."""
+    return np.bincount(mesh.segment - 1, cell_volumes(mesh), minlength=len(SEGMENTS))
 
 
 def scaled_jacobians(mesh):
@@ -82,8 +99,7 @@ def cavity_volume(mesh):
     points, weights = gauss(2, 4)
     inner = mesh.surface == ENDOCARDIUM
     normal = facet_normals(mesh, points)[inner]
-    shape, _ = lagrange(points, QUAD_NODES)
-    x = np.einsum("qn,knx->kqx", shape, mesh.points[mesh.facets[inner]])
+    x = facet_points(mesh, points)[inner]
     # The plane z = 0 adds nothing, as x . n vanishes on it; normals point into the cavity.
     return float(-np.einsum("kqx,kqx,q->", x, normal, weights) / 3e3)
 

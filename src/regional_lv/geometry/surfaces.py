@@ -40,13 +40,17 @@ SOFTNESS = 0.2
 QUARTER = np.pi / 2
 
 
-def _polynomials(x, y, dx=0, dy=0):
-    """Chebyshev products of total degree DEGREE at (n,) points, or a derivative: (n, basis)."""
-    unit = np.eye(DEGREE + 1)
+def polynomials(x, y, dx=0, dy=0, degree=DEGREE):
+    """Chebyshev products of this total degree at (n,) points, or a derivative: (n, basis)."""
+    unit = np.eye(degree + 1)
     px = chebyshev.chebval(x, chebyshev.chebder(unit, dx) if dx else unit)
     py = chebyshev.chebval(y, chebyshev.chebder(unit, dy) if dy else unit)
-    pairs = [(i, j) for i in range(DEGREE + 1) for j in range(DEGREE + 1 - i)]
-    return np.stack([px[i] * py[j] for i, j in pairs], axis=-1)
+    return np.stack([px[i] * py[j] for i, j in powers(degree)], axis=-1)
+
+
+def powers(degree):
+    """Orders (i, j) of the Chebyshev products of this total degree."""
+    return [(i, j) for i in range(degree + 1) for j in range(degree + 1 - i)]
 
 
 def bullseye(phi, u):
@@ -66,7 +70,7 @@ def _smooth_modes():
     x, y = (radius * np.cos(angle)).ravel(), (radius * np.sin(angle)).ravel()
 
     def gram(*order):
-        values = _polynomials(x, y, *order)
+        values = polynomials(x, y, *order)
         return (values * weight[:, None]).T @ values
 
     plate = gram(2, 0) + 2 * gram(1, 1) + gram(0, 2)
@@ -86,13 +90,13 @@ class Field:
 
     def __init__(self, at, average, values, apex=None):
         modes, energies = _smooth_modes()
-        basis = _polynomials(*at) @ modes
+        basis = polynomials(*at) @ modes
         self._mean = (values / average.sum(axis=1)).mean()
         self._scale = SOFTNESS * self._mean
         fixed, right = np.zeros((0, len(energies))), np.zeros(0)
         if apex is not None:
             centre, orders = np.zeros(1), ((0, 0), (1, 0), (0, 1))
-            fixed = np.concatenate([_polynomials(centre, centre, *o) for o in orders]) @ modes
+            fixed = np.concatenate([polynomials(centre, centre, *o) for o in orders]) @ modes
             centre_value = self._scale * np.log(np.expm1(apex / self._scale))
             right = np.array([centre_value - self._mean, 0.0, 0.0])
         # f is sought as a deviation from the mean, so that the constant's share stays small.
@@ -116,7 +120,7 @@ class Field:
         return self._scale * np.logaddexp(0, f / self._scale)
 
     def __call__(self, x, y):
-        return self._bend(self._mean + _polynomials(x, y) @ self._coefficients)
+        return self._bend(self._mean + polynomials(x, y) @ self._coefficients)
 
 
 class Surfaces:

@@ -12,6 +12,12 @@ import numpy as np
 from regional_lv.mechanics.equilibrium import LinearSolveError
 from regional_lv.mechanics.simulator import Simulator, State
 
+# A kept factorisation is given up when its steps shrink by less than this factor.
+KEPT_RATE = 0.5
+# How far the residual may grow in a step, and the smallest share of a step that is tried.
+MOST_GROWTH = 2.0
+LEAST_SHARE = 1 / 16
+
 
 class NotConverged(ArithmeticError):
     """Newton's method stopped without a solution; the message says how."""
@@ -19,9 +25,14 @@ class NotConverged(ArithmeticError):
 
 @dataclass
 class Effort:
-    """Newton steps (one assembly and factorisation each) spent so far."""
+    """What was spent so far.
+
+    `newton_steps` counts tangents (one assembly and factorisation each), `kept_steps` steps taken
+    with an earlier factorisation.
+    """
 
     newton_steps: int = 0
+    kept_steps: int = 0
 
 
 @dataclass
@@ -69,34 +80,83 @@ class Solver:
         pressure: float,
         effort: Effort,
         on_the_way: bool = False,
+        offset: np.ndarray | float = 0.0,
     ) -> State:
         """Solve at (theta, pressure) from the field `w`; the factor of the last step stays ready.
 
-        States `on_the_way` to another are solved less sharply, `way_tolerance_mm`. A step is
-        accepted when what it leads to is finite: from a predicted field the first step
-        raises the residual, and the iteration still converges.
+        The residual is brought to `offset` (size,), zero in equilibrium.
+
+        A factorisation is kept while it pays: a step with a kept one costs a residual and a
+        substitution, a fortieth of a new one. Steps are shortened until the residual grows no
+        more than `MOST_GROWTH`-fold: of a predicted field it may grow once, but where the
+        exponential law overshoots, every further step would bring it down by Euler's number only.
+        States `on_the_way` to another are solved less sharply, `way_tolerance_mm`. The others end
+        with a factorisation within `tangent_tolerance_mm` of the solution, for sensitivities.
         """
         simulator, settings = self.simulator, self.settings
         simulator.set(theta, pressure)
         dofs = simulator.displacement_dofs
         tolerance = settings["way_tolerance_mm" if on_the_way else "increment_tolerance_mm"]
-        w = w.copy()
-        previous = np.inf
+        near = np.inf if on_the_way else settings["tangent_tolerance_mm"]
+        w = simulator.retract(w)
+        residual = simulator.residual(w) - offset
         for _ in range(settings["max_newton_steps"]):
+            factorised_at, size, share = w, np.inf, 1.0
             effort.newton_steps += 1
             try:
                 simulator.factorise(w)
-                step = simulator.solve(simulator.residual(w))
+                while True:
+                    before = size
+                    step = simulator.solve(residual)
+                    size = np.abs(step[dofs]).max()
+                    # The first step with a new factorisation is taken in any case.
+                    if before < np.inf and size > KEPT_RATE * before:
+                        break
+                    if not size < settings["max_increment_mm"]:
+                        raise NotConverged(f"a Newton step of {size:.3g} mm")
+                    w, residual, share = self._shortened(w, step, residual, offset)
+                    moved = np.abs((w - factorised_at)[dofs]).max()
+                    if size < tolerance and moved < near:
+                        return State(w, np.asarray(theta, dtype=float), pressure)
+                    if share < 1 or size < near < moved:
+                        break
+                    effort.kept_steps += 1
             except LinearSolveError as error:
                 raise NotConverged(str(error)) from error
-            w -= step
-            size = np.abs(step[dofs]).max()
-            if size < tolerance:
-                return State(w, np.asarray(theta, dtype=float), pressure)
-            if size > settings["max_increment_mm"] or (size > 10 * previous and size > 1.0):
-                raise NotConverged(f"the Newton steps grow ({size:.3g} mm)")
-            previous = size
         raise NotConverged(f"no convergence in {settings['max_newton_steps']} Newton steps")
+
+    def _shortened(self, w, step, residual, offset):
+        """Field and residual after as much of `step` as the residual bears, and that share."""
+        bearable = MOST_GROWTH * np.linalg.norm(residual)
+        share = 1.0
+        while True:
+            there = self.simulator.retract(w - share * step)
+            after = self.simulator.residual(there) - offset
+            if np.linalg.norm(after) < bearable or share <= LEAST_SHARE:
+                return there, after, share
+            share /= 2
+
+    def settle(self, w: np.ndarray, theta: np.ndarray, pressure: float, effort: Effort) -> State:
+        """Solve at (theta, pressure) from a field `w` that Newton's method alone may not bear.
+
+        If it does not, the forces that would hold `w` in equilibrium are taken away in steps.
+        """
+        try:
+            return self.newton(w, theta, pressure, effort)
+        except NotConverged:
+            forces = self.simulator.residual(w)
+        left, share = 1.0, 0.5
+        while left > 0:
+            rest = 0.0 if share == 1.0 else left * (1 - share)
+            try:
+                w = self.newton(w, theta, pressure, effort, rest > 0, rest * forces).w
+            except NotConverged:
+                share /= 2
+                if left * share < self.settings["min_release"]:
+                    raise
+                continue
+            left, share = rest, min(1.0, 2 * share)
+        return State(w, np.asarray(theta, dtype=float), pressure)
 
     # ---------------------------------------------------------------- cold start
 

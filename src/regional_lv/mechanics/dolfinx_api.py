@@ -1,7 +1,8 @@
 """Every call whose form depends on the dolfinx version, and nothing else.
 
-Debian 12 ships dolfinx 0.5.2; conda-forge and Debian 13 ship 0.9 and later. The rest of the
-package asks for what it needs in its own words and never imports dolfinx itself.
+Debian 12 ships dolfinx 0.5.2; conda-forge and Debian 13 ship 0.9 and later, which
+`make test-dolfinx-next` runs. The rest of the package asks for what it needs in its own words and
+never imports dolfinx itself.
 """
 
 import dolfinx
@@ -19,36 +20,47 @@ _JIT_OPTIONS = {"cffi_extra_compile_args": ["-O3"]}
 
 
 def hexahedral_mesh(points: np.ndarray, cells: np.ndarray):
-    """Mesh of 27-node hexahedra.
+    """Mesh of 27-node or 8-node hexahedra.
 
-    `points` (n, 3) in mm and `cells` (m, 27) in VTK order. Returns the dolfinx mesh and, for each
-    of its cells, the row of `cells` that it came from.
+    `points` (n, 3) in mm and `cells` (m, 27 or 8) in VTK order. Returns the dolfinx mesh and, for
+    each of its cells, the row of `cells` that it came from.
     """
-    permutation = np.asarray(cpp.io.perm_vtk(cpp.mesh.CellType.hexahedron, 27))
+    degree = element_order(cells)
+    permutation = np.asarray(cpp.io.perm_vtk(cpp.mesh.CellType.hexahedron, cells.shape[1]))
     cells = np.ascontiguousarray(cells[:, permutation], dtype=np.int64)
     points = np.ascontiguousarray(points, dtype=np.float64)
     if _LEGACY:
-        domain = ufl.Mesh(ufl.VectorElement("Lagrange", ufl.hexahedron, 2))
+        domain = ufl.Mesh(ufl.VectorElement("Lagrange", ufl.hexahedron, degree))
         mesh = dolfinx.mesh.create_mesh(MPI.COMM_SELF, cells, points, domain)
         return mesh, np.asarray(mesh.topology.original_cell_index)
     import basix.ufl
 
-    element = basix.ufl.element("Lagrange", "hexahedron", 2, shape=(3,))
+    element = basix.ufl.element("Lagrange", "hexahedron", degree, shape=(3,))
     mesh = dolfinx.mesh.create_mesh(MPI.COMM_SELF, cells=cells, x=points, e=ufl.Mesh(element))
     return mesh, np.asarray(mesh.topology.original_cell_index)
 
 
-def mixed_space(mesh):
-    """Quadratic displacement and linear pressure (Taylor-Hood) on hexahedra."""
+def element_order(cells: np.ndarray) -> int:
+    """Order of hexahedra with 27 (2) or 8 (1) nodes."""
+    return {27: 2, 8: 1}[cells.shape[1]]
+
+
+def mixed_space(mesh, order: int = 2):
+    """Displacement and pressure on hexahedra.
+
+    Order 2: quadratic displacement and linear pressure (Taylor-Hood). Order 1: linear displacement
+    and a constant pressure in each cell (Q1-P0).
+    """
+    family = "Lagrange" if order == 2 else "DG"
     if _LEGACY:
         cell = mesh.ufl_cell()
-        displacement = ufl.VectorElement("Lagrange", cell, 2)
-        pressure = ufl.FiniteElement("Lagrange", cell, 1)
+        displacement = ufl.VectorElement("Lagrange", cell, order)
+        pressure = ufl.FiniteElement(family, cell, order - 1)
         return fem.FunctionSpace(mesh, ufl.MixedElement([displacement, pressure]))
     import basix.ufl
 
-    displacement = basix.ufl.element("Lagrange", mesh.basix_cell(), 2, shape=(3,))
-    pressure = basix.ufl.element("Lagrange", mesh.basix_cell(), 1)
+    displacement = basix.ufl.element("Lagrange", mesh.basix_cell(), order, shape=(3,))
+    pressure = basix.ufl.element(family, mesh.basix_cell(), order - 1)
     return fem.functionspace(mesh, basix.ufl.mixed_element([displacement, pressure]))
 
 
@@ -119,11 +131,12 @@ def _facet_corners(mesh, facets: np.ndarray) -> np.ndarray:
     topology.create_connectivity(2, 3)
     topology.create_connectivity(3, 2)
     cell_of, faces_of = topology.connectivity(2, 3), topology.connectivity(3, 2)
+    nodes_of = mesh.geometry.dofmap if VERSION < (0, 11) else mesh.geometry.dofmaps[0]
     corners = []
     for facet in facets:
         cell = cell_of.links(facet)[0]
         local = int(np.flatnonzero(faces_of.links(cell) == facet)[0])
-        nodes = mesh.geometry.dofmap.links(cell) if _LEGACY else mesh.geometry.dofmap[cell]
+        nodes = nodes_of.links(cell) if _LEGACY else nodes_of[cell]
         corners.append(nodes[faces[local]])
     return np.asarray(corners)
 
@@ -151,4 +164,5 @@ def assemble_vector(array: np.ndarray, form) -> np.ndarray:
 def tabulated_dofs(subspace) -> tuple[np.ndarray, np.ndarray]:
     """Degrees of freedom of a scalar sub-space in its parent, and their coordinates (n, 3)."""
     collapsed, parent = subspace.collapse()
-    return np.asarray(parent), collapsed.tabulate_dof_coordinates()
+    # From 0.11 on there is one array for each type of cell; these meshes have one type.
+    return np.asarray(parent).ravel(), collapsed.tabulate_dof_coordinates()

@@ -21,12 +21,16 @@ class LinearSolveError(ArithmeticError):
 class Rotation:
     """Nodes whose x, y components are turned to r, theta: dofs `x`, `y` and `angle` (rad), (n,).
 
-    Supports in cylindrical components are plain rows and columns of the turned system.
+    Supports in cylindrical components are plain rows and columns of the turned system. With
+    `circle` (n, 2), their x, y in the reference state, the nodes stay on their circles about the
+    axis and r, theta turn with them: held along the first direction alone they would slide along
+    the tangents and widen the ring.
     """
 
     x: np.ndarray
     y: np.ndarray
     angle: np.ndarray
+    circle: np.ndarray | None = None
 
 
 def deformation_gradient(u):
@@ -67,19 +71,29 @@ class Equilibrium:
     w: function in a space of `dolfinx_api.mixed_space`.
     residual: linear form; tangent: its derivative.
     fixed: degrees of freedom that stay zero, after `rotation` (optional) of some nodes.
+    symmetric: whether the tangent is; a symmetric factorisation takes half the operations.
     """
 
-    def __init__(self, w, residual, tangent, fixed: np.ndarray, rotation: Rotation | None = None):
+    def __init__(
+        self,
+        w,
+        residual,
+        tangent,
+        fixed: np.ndarray,
+        rotation: Rotation | None = None,
+        symmetric: bool = False,
+    ):
         self.w = w
         self.size = len(w.x.array)
         self.fixed = np.unique(fixed)
+        self._symmetric = symmetric
         nobody = np.zeros(0, dtype=int)
         turned = rotation or Rotation(nobody, nobody, np.zeros(0))
-        self._x, self._y = turned.x, turned.y
-        self._cos, self._sin = np.cos(turned.angle), np.sin(turned.angle)
+        self._x, self._y, self._circle = turned.x, turned.y, turned.circle
         self._residual = api.compile_form(residual)
         self._tangent = api.compile_form(tangent)
         self._build_linear_solver()
+        self._turn(turned.angle)
 
     def _build_linear_solver(self) -> None:
         self._matrix = api.create_matrix(self._tangent)
@@ -101,8 +115,7 @@ class Equilibrium:
         self._row_pairs = tuple(
             np.concatenate([none, *(entries(d) for d in dofs)]) for dofs in (self._x, self._y)
         )
-        lengths = np.diff(indptr)[self._x]
-        self._row_rotation = np.repeat(self._cos, lengths), np.repeat(self._sin, lengths)
+        self._row_node = np.repeat(np.arange(len(self._x)), np.diff(indptr)[self._x])
 
         place = np.full(self.size, -1)
         place[self._x] = place[self._y] = np.arange(len(self._x))
@@ -111,10 +124,10 @@ class Equilibrium:
         key_x = np.lexsort((place[indices[column_x]], rows[column_x]))
         key_y = np.lexsort((place[indices[column_y]], rows[column_y]))
         self._column_pairs = column_x[key_x], column_y[key_y]
-        node = place[indices[self._column_pairs[0]]]
-        self._column_rotation = self._cos[node], self._sin[node]
+        self._column_node = place[indices[self._column_pairs[0]]]
+        diagonal = np.flatnonzero(rows == indices)
+        self._around_diagonal = diagonal[self._y]
 
-        self._petsc_matrix = None
         self._pattern = indptr, indices
         self._reset_solver()
 
@@ -126,10 +139,32 @@ class Equilibrium:
         self._ksp = PETSc.KSP().create(PETSc.COMM_SELF)
         self._ksp.setOperators(self._petsc_matrix)
         self._ksp.setType("preonly")
-        self._ksp.getPC().setType("lu")
+        self._petsc_matrix.setOption(PETSc.Mat.Option.SYMMETRIC, self._symmetric)
+        self._ksp.getPC().setType("cholesky" if self._symmetric else "lu")
         self._ksp.getPC().setFactorSolverType("mumps")
         self._ksp.setErrorIfNotConverged(False)
         self._rhs, self._solution = self._petsc_matrix.createVecs()
+
+    def _turn(self, angle: np.ndarray) -> None:
+        self._cos, self._sin = np.cos(angle), np.sin(angle)
+
+    def _place(self, w: np.ndarray) -> None:
+        """Take `w` as the field; nodes on circles take their r, theta along."""
+        self.w.x.array[:] = w
+        if self._circle is not None:
+            x, y = self._circle[:, 0] + w[self._x], self._circle[:, 1] + w[self._y]
+            self._turn(np.arctan2(y, x))
+
+    def retract(self, w: np.ndarray) -> np.ndarray:
+        """The field `w` with nodes that stay on circles moved back there, as a copy."""
+        w = w.copy()
+        if self._circle is not None:
+            place = self._circle + np.stack([w[self._x], w[self._y]], axis=1)
+            place *= np.linalg.norm(self._circle, axis=1, keepdims=True) / np.linalg.norm(
+                place, axis=1, keepdims=True
+            )
+            w[self._x], w[self._y] = (place - self._circle).T
+        return w
 
     def _rotate(self, vector: np.ndarray, sign: float = 1.0) -> np.ndarray:
         """Nodes to turn from x, y to r, theta (`sign` 1) or back (-1), in place."""
@@ -138,20 +173,26 @@ class Equilibrium:
         vector[self._y] = self._cos * y - sign * self._sin * x
         return vector
 
-    def residual(self, w: np.ndarray) -> np.ndarray:
-        """Residual (size,) in kPa mm^2, turned nodes in r, theta, supports zero."""
-        self.w.x.array[:] = w
-        vector = self._rotate(api.assemble_vector(np.zeros(self.size), self._residual))
+    def supported(self, w: np.ndarray) -> np.ndarray:
+        """The field `w` with the held degrees of freedom at zero, as a copy."""
+        held = self._rotate(w.copy())
+        held[self.fixed] = 0.0
+        return self._rotate(held, -1.0)
+
+    def _assembled(self, form) -> np.ndarray:
+        """A linear form as a vector (size,), turned nodes in r, theta, supports zero."""
+        vector = self._rotate(api.assemble_vector(np.zeros(self.size), form))
         vector[self.fixed] = 0.0
         return vector
 
+    def residual(self, w: np.ndarray) -> np.ndarray:
+        """Residual (size,) in kPa mm^2, turned nodes in r, theta, supports zero."""
+        self._place(w)
+        return self._assembled(self._residual)
+
     def factorise(self, w: np.ndarray) -> None:
         """Assemble and factorise the tangent at `w`; `solve` then uses it."""
-        self.w.x.array[:] = w
-        api.assemble_matrix(self._matrix, self._tangent)
-        if not np.isfinite(self._data).all():
-            raise LinearSolveError("the tangent is not finite")
-        self.constrain(self._data)
+        self.assemble(w)
         self._petsc_matrix.assemble()
         self._ksp.setOperators(self._petsc_matrix)
         try:
@@ -160,14 +201,23 @@ class Equilibrium:
             self._reset_solver()
             raise LinearSolveError("the tangent could not be factorised") from error
 
-    def constrain(self, data: np.ndarray) -> None:
-        """Turn rows and columns of the tangent's entries and put supports in, in place."""
-        for (a, b), (cos, sin) in (
-            (self._row_pairs, self._row_rotation),
-            (self._column_pairs, self._column_rotation),
+    def assemble(self, w: np.ndarray) -> None:
+        """Assemble the tangent at `w`, nodes turned and supports in place."""
+        self._place(w)
+        data = self._data
+        api.assemble_matrix(self._matrix, self._tangent)
+        if not np.isfinite(data).all():
+            raise LinearSolveError("the tangent is not finite")
+        for (a, b), node in (
+            (self._row_pairs, self._row_node),
+            (self._column_pairs, self._column_node),
         ):
-            x, y = data[a], data[b]
+            cos, sin, x, y = self._cos[node], self._sin[node], data[a], data[b]
             data[a], data[b] = cos * x + sin * y, cos * y - sin * x
+        if self._circle is not None:
+            # A node that moves on turns the force that its circle takes up.
+            force = self._rotate(api.assemble_vector(np.zeros(self.size), self._residual))
+            data[self._around_diagonal] -= force[self._x] / np.linalg.norm(self._circle, axis=1)
         data[self._fixed_entries] = 0.0
         data[self._fixed_diagonal] = 1.0
 
@@ -180,4 +230,3 @@ class Equilibrium:
             self._reset_solver()
             raise LinearSolveError("the Newton step is not finite")
         return self._rotate(solution, -1.0)
-

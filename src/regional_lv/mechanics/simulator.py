@@ -1,8 +1,9 @@
 """The left ventricle's inflation as a finite element problem: residual, tangent, observables.
 
-Quadratic hexahedra for displacement and linear pressure (u-p, incompressible), follower pressure
-on the endocardium, supported base. This module knows one equilibrium problem; how a solution is
-reached is the business of `continuation`.
+Hexahedra for displacement and pressure (u-p, incompressible), quadratic with linear pressure or
+linear with piecewise constant pressure as the mesh is; follower pressure on the endocardium,
+supported base. This module knows one equilibrium problem; how a solution is reached is the business
+of `continuation`.
 """
 
 from dataclasses import dataclass
@@ -59,10 +60,17 @@ class Simulator(Equilibrium):
         self.segment = mesh.segment[origin] - 1
         self.zone = aha.SEGMENT_ZONE[self.segment]
         api.require_cellwise_order(self.domain)
-        space = api.mixed_space(self.domain)
+        space = api.mixed_space(self.domain, api.element_order(mesh.cells))
         residual, tangent = self._build_forms(space, mesh, config)
         self.displacement_dofs, self.displacement_nodes = displacement_nodes(space)
-        super().__init__(self.w, residual, tangent, *self._supports(config["loading"]["base"]))
+        self.pressure_dofs, self.pressure_nodes = api.tabulated_dofs(space.sub(1))
+        # Every support holds the base in its plane: a uniform pressure then has a potential, the
+        # cavity's volume, and the tangent is symmetric.
+        fixed, rotation = self._supports(config["loading"]["base"])
+        # Cell-wise constant pressures leave so many zeros on the diagonal that their symmetric
+        # factorisation takes three times as long as the general one.
+        symmetric = api.element_order(mesh.cells) == 2
+        super().__init__(self.w, residual, tangent, fixed, rotation, symmetric)
 
     # ---------------------------------------------------------------- the weak form
 
@@ -79,7 +87,7 @@ class Simulator(Equilibrium):
 
         self.c_a, self.c_b = (api.fem.Function(api.space(domain, "DG", 0)) for _ in range(2))
         self.pressure_kpa = api.fem.Constant(domain, 0.0)
-        transmural = api.fem.Function(api.space(domain, "Lagrange", 2))
+        transmural = api.fem.Function(api.space(domain, "Lagrange", api.element_order(mesh.cells)))
         transmural.x.array[:] = _nodal_values(transmural, mesh)
         fibre, sheet = fibre_directions(transmural, config["fibres"])
 
@@ -90,9 +98,9 @@ class Simulator(Equilibrium):
         load = ufl.inner(deformed_normal(F, domain), v) * ds(ENDOCARDIUM)
         residual = virtual_work(energy, self.w, test, dx) + self.pressure_kpa * load
         if loading["base"] == "radial_spring":
-            radial = _radial_direction(domain)
-            stiffness = loading["base_spring_kpa_per_mm"]
-            residual += stiffness * ufl.dot(u, radial) * ufl.dot(v, radial) * ds(BASE)
+            stiffness = loading["base_spring_kpa_per_mm"] / 2
+            spring = stiffness * _radial_displacement(domain, u) ** 2 * ds(BASE)
+            residual += ufl.derivative(spring, self.w, test)
         self._load = api.compile_form(load)
 
         # d(residual)/d(log C) of one zone: the same kernel on that zone's cells only.
@@ -160,7 +168,8 @@ class Simulator(Equilibrium):
             # Equilibrium leaves the rotation about the long axis free, and no load turns: holding
             # one node removes it without any reaction. A spring leaves translation to the springs.
             fixed.append(around[:1])
-        return np.concatenate(fixed), Rotation(radial, around, angle)
+        circle = nodes[on_base, :2] if base == "u_r_u_z_fixed" else None
+        return np.concatenate(fixed), Rotation(radial, around, angle, circle)
 
     # --------------------------------------------------------------------- the problem
 
@@ -181,20 +190,16 @@ class Simulator(Equilibrium):
 
     def field_sensitivities(self, w: np.ndarray) -> np.ndarray:
         """d(w)/d(log theta), (10, size), by back-substitution with the factor at hand."""
-        self.w.x.array[:] = w
+        self._place(w)
         rows = []
         for form in self._parameter_forms:
-            vector = self._rotate(api.assemble_vector(np.zeros(self.size), form))
-            vector[self.fixed] = 0.0
-            rows.append(-self.solve(vector))
+            rows.append(-self.solve(self._assembled(form)))
         return np.stack(rows)
 
     def pressure_sensitivity(self, w: np.ndarray) -> np.ndarray:
         """d(w)/d(pressure), (size,), per mmHg, with the factor at hand."""
-        self.w.x.array[:] = w
-        vector = self._rotate(api.assemble_vector(np.zeros(self.size), self._load))
-        vector[self.fixed] = 0.0
-        return -KPA_PER_MMHG * self.solve(vector)
+        self._place(w)
+        return -KPA_PER_MMHG * self.solve(self._assembled(self._load))
 
     def directional_derivatives(self, w: np.ndarray, directions: np.ndarray) -> np.ndarray:
         """Derivatives (k, 52) of the outputs at `w` along fields `directions` (k, size)."""
@@ -254,13 +259,13 @@ def fibre_directions(transmural, fibres: dict):
     return fibre, sheet
 
 
-def _radial_direction(domain):
+def _radial_displacement(domain, u):
     x = ufl.SpatialCoordinate(domain)
-    return ufl.as_vector([x[0], x[1], 0.0]) / ufl.sqrt(x[0] ** 2 + x[1] ** 2)
+    return ufl.sqrt((x[0] + u[0]) ** 2 + (x[1] + u[1]) ** 2) - ufl.sqrt(x[0] ** 2 + x[1] ** 2)
 
 
 def _nodal_values(function, mesh: Mesh) -> np.ndarray:
-    """Values of the mesh's transmural coordinate at a quadratic function's nodes."""
+    """Values of the mesh's transmural coordinate at the nodes of a function of its order."""
     nodes = function.function_space.tabulate_dof_coordinates()
     distance, nearest = cKDTree(mesh.points).query(nodes)
     if distance.max() > 1e-6:

@@ -1,0 +1,249 @@
+"""Smooth surfaces through a mesh from elsewhere, and the borders of its segments.
+
+A surface is seen from the centre of the base, in coordinates scaled so that it is close to a unit
+half sphere: with a the mean radius of its rim and c the depth of its apex below the base,
+
+    r = a D(X, Y) cos(u),        z = -c D(X, Y) sin(u),
+
+u, phi and the bullseye (X, Y) being those of `surfaces`. D is the polynomial of the bullseye that
+fits the surface's nodes best, smooth in the pole wherever on the surface the long axis meets it.
+
+Levels end at a latitude that varies with the angle, on the endocardium and on the epicardium on
+its own: borders that tilt, against the base or through the wall, are followed.
+"""
+
+import numpy as np
+import pandas as pd
+
+from regional_lv.aha import LEVELS, SEGMENTS
+from regional_lv.errors import InputError
+from regional_lv.geometry.elements import facet_cells
+from regional_lv.geometry.mesh import ENDOCARDIUM, EPICARDIUM
+from regional_lv.geometry.summary import cell_volumes
+from regional_lv.geometry.surfaces import QUARTER, bullseye, polynomials, powers
+
+# The polynomials' highest degree, and the nodes that a coefficient needs at least.
+HIGHEST_DEGREE = 22
+NODES_PER_COEFFICIENT = 4
+# Weight of a coefficient's squared order beside the misfit of D: it decides only what the nodes
+# leave open.
+SMOOTHING = 1e-6
+# Angular harmonics of a level's border.
+HARMONICS = 3
+# Sector borders of different levels that lie closer than this share of an element's width become
+# one mesh line.
+SNAP = 1 / 3
+
+
+class StarSurface:
+    """One surface through nodes (n, 3), as the module describes it; methods take phi, u (rad)."""
+
+    def __init__(self, points):
+        rim = points[points[:, 2] > -1e-3 * np.ptp(points[:, 2])]
+        self.rim_radius = np.hypot(rim[:, 0], rim[:, 1]).mean()
+        self.depth = -points[np.hypot(points[:, 0], points[:, 1]).argmin(), 2]
+        phi, u, distance = self.coordinates(points)
+        enough = len(points) / NODES_PER_COEFFICIENT
+        self._degree = max(d for d in range(HIGHEST_DEGREE + 1) if len(powers(d)) <= enough)
+        basis = polynomials(*bullseye(phi, u), degree=self._degree)
+        rough = SMOOTHING * np.diag([(i + j) ** 2.0 for i, j in powers(self._degree)])
+        # The deviation from a half ellipsoid is fitted, so that smoothing pulls towards that.
+        misfit = (distance - 1) / np.sqrt(len(points))
+        self._coefficients = np.linalg.lstsq(
+            np.concatenate([basis / np.sqrt(len(points)), rough]),
+            np.concatenate([misfit, np.zeros(len(rough))]),
+            rcond=None,
+        )[0]
+
+    def coordinates(self, points):
+        """(phi, u, D) of points (n, 3)."""
+        x, y, z = points.T
+        r, depth = np.hypot(x, y) / self.rim_radius, -z / self.depth
+        return np.arctan2(y, x), np.arctan2(depth, r), np.hypot(r, depth)
+
+    def __call__(self, phi, u):
+        """Points (n, 3) of the surface."""
+        distance = 1 + polynomials(*bullseye(phi, u), degree=self._degree) @ self._coefficients
+        r = self.rim_radius * distance * np.cos(u)
+        z = -self.depth * distance * np.sin(u)
+        return np.stack([r * np.cos(phi), r * np.sin(phi), z], axis=-1)
+
+
+class FittedSurfaces:
+    """Endocardium and epicardium of a mesh with tagged segments, for `meshing.write_gmsh`."""
+
+    def __init__(self, mesh):
+        self._sides = []
+        owner = facet_cells(mesh)
+        for number in (ENDOCARDIUM, EPICARDIUM):
+            mine = mesh.surface == number
+            surface = StarSurface(mesh.points[np.unique(mesh.facets[mine])])
+            borders = _level_borders(mesh, mesh.facets[mine], mesh.segment[owner[mine]], surface)
+            self._sides.append((surface, borders))
+        self.endo_apex = -self._sides[0][0].depth
+        # The bullseye's radii on which the rings of borders lie in the mesher's own coordinates.
+        self.border_radii = np.array([1 - b.mean / QUARTER for b in self._sides[0][1]])
+        angle = np.linspace(-np.pi, np.pi, 361)
+        for _, borders in self._sides:
+            rings = np.stack([0 * angle, *(b(angle) for b in borders), 0 * angle + QUARTER])
+            if (np.diff(rings, axis=0) < 0.02).any():
+                raise InputError(
+                    "the levels' borders of the imported mesh touch each other; its segments must "
+                    "lie in four levels from base to apex"
+                )
+
+    def wall(self, phi, rho, t, _rho_border):
+        """Points (n, 3) at angle phi, place rho on the bullseye and transmural depth t.
+
+        `border_radii` are the levels' borders through the whole wall; between them latitudes are
+        interpolated. Lines through the wall are straight.
+        """
+        inner, outer = (
+            surface(phi, _latitude(borders, self.border_radii, phi, rho))
+            for surface, borders in self._sides
+        )
+        return (1 - t)[:, None] * inner + t[:, None] * outer
+
+
+class LevelBorder:
+    """Latitude (rad) of a border between levels, by angle: a Fourier series through edges."""
+
+    def __init__(self, phi, u, weight):
+        root = np.sqrt(weight)
+        self._coefficients = np.linalg.lstsq(
+            self._waves(phi) * root[:, None], u * root, rcond=None
+        )[0]
+        self.mean = self._coefficients[0]
+
+    @staticmethod
+    def _waves(phi):
+        order = np.arange(1, HARMONICS + 1) * np.asarray(phi)[..., None]
+        return np.concatenate([np.ones_like(order[..., :1]), np.cos(order), np.sin(order)], axis=-1)
+
+    def __call__(self, phi):
+        return self._waves(phi) @ self._coefficients
+
+
+def _latitude(borders, radii, phi, rho):
+    """Latitude at the bullseye's radius rho in the mesher's coordinates."""
+    apex = borders[-1]
+    # The angular variation of the lowest border fades towards the pole like f^3.
+    f = rho / radii[-1]
+    u = QUARTER - f * (QUARTER - apex.mean) + f**3 * (apex(phi) - apex.mean)
+    outer_radius, outer = 1.0, np.zeros_like(phi)
+    for border, radius in zip(borders, radii, strict=True):
+        here = border(phi)
+        share = (rho - radius) / (outer_radius - radius)
+        inside = (rho >= radius) & (rho <= outer_radius)
+        u = np.where(inside, here + share * (outer - here), u)
+        outer_radius, outer = radius, here
+    return u
+
+
+def _level_of(segment):
+    """Level 0-3 from base to apex of AHA numbers."""
+    return np.searchsorted([numbers[-1] for numbers in LEVELS.values()], segment)
+
+
+def _level_borders(mesh, facets, segment, surface):
+    """The three `LevelBorder`s of a surface, from the edges between facets of two levels."""
+    level = _level_of(segment)
+    edges = np.sort(facets[:, [[0, 1], [1, 2], [2, 3], [3, 0]]].reshape(-1, 2), axis=1)
+    sides = np.repeat(level, 4)
+    order = np.lexsort((sides, edges[:, 1], edges[:, 0]))
+    edges, sides = edges[order], sides[order]
+    twin = np.flatnonzero((edges[1:] == edges[:-1]).all(axis=1))
+    borders = []
+    for k in range(3):
+        here = twin[(sides[twin] == k) & (sides[twin + 1] == k + 1)]
+        if len(here) < 2 * HARMONICS + 1:
+            names = list(LEVELS)
+            raise InputError(
+                f"the imported mesh has {len(here)} facets' edges between the {names[k]} and the "
+                f"{names[k + 1]} level; segments of neighbouring levels must touch all around"
+            )
+        ends = mesh.points[edges[here]]
+        phi, u, _ = surface.coordinates(ends.mean(axis=1))
+        turn = np.diff(np.arctan2(ends[..., 1], ends[..., 0]), axis=1)[:, 0]
+        # An edge counts for the angle that it spans: steps of a border count for nothing.
+        borders.append(LevelBorder(phi, u, np.abs((turn + np.pi) % (2 * np.pi) - np.pi) + 1e-9))
+    return borders
+
+
+def sector_table(mesh, surfaces, circumferential):
+    """Segment table (17 rows) of the borders read off a mesh's tags, for `meshing.write_gmsh`.
+
+    A sector's border is the angle that keeps the volumes of the two segments beside it.
+    Borders of different levels that would leave less than `SNAP` of an element's width between
+    them are made one. z_top_mm and z_bottom_mm only name the rings of `surfaces`.
+    """
+    corners = mesh.points[mesh.cells[:, :8]]
+    angle = np.degrees(np.arctan2(corners[..., 1], corners[..., 0]))
+    volume = cell_volumes(mesh)
+    lower = {}
+    for name, numbers in LEVELS.items():
+        if name == "apex":
+            continue
+        middle = {}
+        for s in numbers:
+            mine = mesh.segment == s
+            turned = volume[mine, None] * np.exp(1j * np.radians(angle[mine]))
+            middle[s] = np.degrees(np.angle(turned.sum()))
+        for s in numbers:
+            following = numbers[(s - numbers[0] + 1) % len(numbers)]
+            half = (middle[s] - middle[following]) % 360 / 2
+            if not 0 < half < 90:
+                raise InputError(
+                    f"the imported mesh's segments {s} and {following} do not follow each other "
+                    "clockwise seen from the base, as the AHA numbers them; mend the tags, or "
+                    "mirror the mesh"
+                )
+            mine, theirs = mesh.segment == s, mesh.segment == following
+            off = (angle - middle[following] - half + 180) % 360 - 180
+            cut = _cut(off[mine], volume[mine], off[theirs], volume[theirs])
+            lower[s] = (middle[following] + half + cut + 180) % 360 - 180
+    lower = _snap(lower, SNAP * 360 / circumferential)
+    heights = [0.0, *(surfaces.endo_apex * np.sin(QUARTER * (1 - surfaces.border_radii)))]
+    heights.append(surfaces.endo_apex)
+    rows = []
+    for segment in SEGMENTS:
+        level = int(_level_of(segment.number))
+        numbers = list(LEVELS.values())[level]
+        low, high = 0.0, 360.0
+        if level < 3:
+            low = lower[segment.number]
+            before = numbers[(segment.number - numbers[0] - 1) % len(numbers)]
+            high = low + (lower[before] - low) % 360
+        rows.append((segment.number, low, high, heights[level], heights[level + 1]))
+    columns = ["aha_segment", "angle_from_deg", "angle_to_deg", "z_top_mm", "z_bottom_mm"]
+    return pd.DataFrame(rows, columns=columns)
+
+
+def _cut(above, above_volume, below, below_volume):
+    """Angle with as much volume of `above` below it as of `below` above it.
+
+    `above`, `below` (m, 8): angles of elements' corners, between which their volume (m,) is spread
+    evenly. So both sectors keep their volume. Elements further away than 45 degrees are strays,
+    which no border can put right.
+    """
+    near = [(np.abs(corners) < 45).all(axis=1) for corners in (above, below)]
+    sides = [(above[near[0]], above_volume[near[0]]), (below[near[1]], below_volume[near[1]])]
+    cuts = np.unique(np.round(np.concatenate([corners.ravel() for corners, _ in sides]), 2))
+    surplus = np.zeros(len(cuts))
+    for wanted, (corners, volume) in zip((0, 1), sides, strict=True):
+        first, last = corners.min(axis=1), corners.max(axis=1)
+        under = np.clip((cuts[:, None] - first) / (last - first), 0, 1)
+        surplus += (under - wanted) @ volume
+    return np.interp(0.0, surplus, cuts)
+
+
+def _snap(borders, width):
+    """Borders (by segment, degrees) of which those closer than `width` share their mean."""
+    names = sorted(borders, key=borders.get)
+    values = np.array([borders[s] for s in names])
+    start = int(np.argmax(np.diff(values, prepend=values[-1] - 360)))
+    values, names = np.roll(values, -start), names[start:] + names[:start]
+    values = values[0] + (values - values[0]) % 360
+    group = np.cumsum(np.diff(values, prepend=values[0]) > width)
+    means = np.bincount(group, values) / np.bincount(group)
+    return {s: (means[g] + 180) % 360 - 180 for s, g in zip(names, group, strict=True)}

@@ -1,0 +1,129 @@
+"""Gaussian process regression on values and gradients: the algebra, shared by its users.
+
+One rational quadratic kernel with a length scale per input serves all outputs,
+
+    k(x, x') = (1 + r^2 / (2 alpha))^(-alpha),   r^2 = sum_d ((x_d - x'_d) / l_d)^2,
+
+and gradients are further observations of the same process: their covariances are derivatives of
+k (Rasmussen and Williams 2006, section 9.4, ISBN 026218253X). Observations are ordered values
+first, then the derivative along each input in turn: (1 + d) n rows.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from scipy.optimize import minimize
+
+LEAST_NUGGET = 1e-8
+
+
+def rational_quadratic(r2, alpha):
+    """k, dk/d(r^2) and d2k/d(r^2)^2 at squared scaled distances `r2` (arrays or tensors)."""
+    base = 1 + r2 / (2 * alpha)
+    value = base**-alpha
+    first = -value / (2 * base)
+    return value, first, -first * (alpha + 1) / (2 * alpha * base)
+
+
+def joint_covariance(x, y, lengthscales, alpha):
+    """Covariance ((1 + d) n, (1 + d) m) of values and gradients at `x` (n, d) with those at `y`.
+
+    Tensors; `lengthscales` (d,), `alpha` positive.
+    """
+    d = x.shape[1]
+    gap = (x[:, None, :] - y[None, :, :]) / lengthscales  # (n, m, d)
+    value, first, second = rational_quadratic((gap**2).sum(-1), alpha)
+    slope = 2 * first[..., None] * gap / lengthscales  # d/dx, minus d/dy
+    outer = gap[..., :, None] * gap[..., None, :] / torch.outer(lengthscales, lengthscales)
+    curvature = -4 * second[..., None, None] * outer
+    curvature = curvature - 2 * first[..., None, None] * torch.diag(lengthscales**-2)
+    rows = [torch.cat([value, *(-slope).unbind(-1)], dim=1)]
+    rows += [torch.cat([slope[..., i], *curvature[..., i, :].unbind(-1)], dim=1) for i in range(d)]
+    return torch.cat(rows)
+
+
+@dataclass(frozen=True)
+class Hyperparameters:
+    """Length scales (d,), exponent `alpha`, and the noise variances of values and gradients.
+
+    Noise is relative to the process's variance; that of a gradient is for inputs scaled by their
+    length scale.
+    """
+
+    lengthscales: np.ndarray
+    alpha: float
+    value_nugget: float
+    gradient_nugget: float
+
+
+def factorise(x: np.ndarray, hyperparameters: Hyperparameters) -> torch.Tensor:
+    """Lower Cholesky factor of the observations' covariance at `x` (n, d)."""
+    h = hyperparameters
+    scales = torch.as_tensor(h.lengthscales)
+    x = torch.as_tensor(x)
+    covariance = joint_covariance(x, x, scales, torch.tensor(h.alpha))
+    return torch.linalg.cholesky(covariance + torch.diag(_noise(len(x), scales, h)))
+
+
+def _noise(n, lengthscales, h):
+    return torch.cat(
+        [
+            torch.as_tensor(h.value_nugget).expand(n),
+            (h.gradient_nugget / lengthscales**2).repeat_interleave(n),
+        ]
+    )
+
+
+def observations(values: np.ndarray, gradients: np.ndarray) -> np.ndarray:
+    """Values (n, m) and gradients (n, d, m) in the covariance's order: ((1 + d) n, m)."""
+    n, d, m = gradients.shape
+    return np.concatenate([values, gradients.transpose(1, 0, 2).reshape(d * n, m)])
+
+
+def fit(
+    x: np.ndarray,
+    values: np.ndarray,
+    gradients: np.ndarray,
+    start: Hyperparameters | None = None,
+    iterations: int = 60,
+) -> Hyperparameters:
+    """Hyperparameters of largest likelihood, each output with its own variance (profiled out).
+
+    `x` (n, d), `values` (n, m) with mean zero, `gradients` (n, d, m). The cost grows with the cube
+    of (1 + d) n: pass a subset of the rows when they are many.
+    """
+    n, d = x.shape
+    y = torch.as_tensor(observations(values, gradients))
+    points = torch.as_tensor(x)
+    start = start or Hyperparameters(2.0 * x.std(axis=0) + 1e-3, 2.0, 1e-6, 1e-5)
+    first = np.log([*start.lengthscales, start.alpha, start.value_nugget, start.gradient_nugget])
+    rows = len(y)
+
+    def loss(vector):
+        free = torch.tensor(vector, requires_grad=True)
+        parts = torch.exp(free)
+        h = Hyperparameters(parts[:d], parts[d], *(parts[d + 1 :] + LEAST_NUGGET))
+        covariance = joint_covariance(points, points, h.lengthscales, h.alpha)
+        covariance = covariance + torch.diag(_noise(n, h.lengthscales, h))
+        factor, failed = torch.linalg.cholesky_ex(covariance)
+        if failed:
+            return 1e10, np.zeros_like(vector)
+        white = torch.linalg.solve_triangular(factor, y, upper=False)
+        variance = (white**2).sum(0) / rows
+        nll = torch.log(factor.diagonal()).sum() / rows + 0.5 * torch.log(variance).mean()
+        nll.backward()
+        return nll.item(), free.grad.numpy()
+
+    bounds = [(np.log(0.05), np.log(100.0))] * d
+    bounds += [(np.log(0.1), np.log(100.0)), (np.log(1e-12), 0.0), (np.log(1e-10), 0.0)]
+    found = minimize(
+        loss, first, jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": iterations}
+    )
+    best = np.exp(found.x)
+    return Hyperparameters(
+        best[:d],
+        float(best[d]),
+        float(best[d + 1]) + LEAST_NUGGET,
+        float(best[d + 2]) + LEAST_NUGGET,
+    )

@@ -1,0 +1,98 @@
+"""The benchmark and the exact solution, on meshes that a test can afford."""
+
+import numpy as np
+import pandas as pd
+import pytest
+import ufl
+from scipy.integrate import trapezoid
+
+from regional_lv.verification import convergence, land
+from regional_lv.verification.body import block, join
+
+
+@pytest.fixture(scope="module")
+def benchmark(smoke_config):
+    return land.run(smoke_config["solver"], beams=[(20, 2, 2)], ellipsoids=[(3, 9, 2)])
+
+
+@pytest.mark.parametrize("quantity", ["tip_z_mm", "endo_apex_z_mm", "epi_apex_z_mm", "cavity_mm3"])
+def test_benchmark_is_within_the_participants_range(root, benchmark, quantity):
+    published = pd.read_csv(root / "resources" / "land_2015.csv")[quantity]
+    (ours,) = benchmark[quantity].dropna()
+    assert published.min() < ours < published.max()
+
+
+def test_guccione_energy_is_the_benchmarks_formula():
+    """In fibre axes Q = b_f E11^2 + b_t (E22^2 + E33^2 + 2 E23^2) + 2 b_fs (E12^2 + E13^2)."""
+    F = np.eye(3) + 0.2 * np.random.default_rng(0).normal(size=(3, 3))
+    E = (F.T @ F - np.eye(3)) / 2
+    Q = 8 * E[0, 0] ** 2 + 2 * (E[1, 1] ** 2 + E[2, 2] ** 2 + 2 * E[1, 2] ** 2)
+    Q += 8 * (E[0, 1] ** 2 + E[0, 2] ** 2)
+    fibre = ufl.as_vector([1.0, 0.0, 0.0])
+    value = land.guccione(ufl.as_matrix(F.tolist()), 2.0, 8.0, 2.0, 4.0, fibre)
+    assert value(()) == pytest.approx(np.exp(Q) - 1, rel=1e-12)
+
+
+def test_exact_tube_keeps_its_wall_and_carries_the_pressure(smoke_config):
+    tube = convergence.Tube(smoke_config)
+    assert tube.pressure_at(convergence.INNER) == pytest.approx(0.0, abs=1e-12)
+    assert tube.pressure_at(tube.radius) == pytest.approx(tube.pressure)
+    # Work of the pressure on the cavity is the energy of the wall: both per length and angle.
+    radii = np.linspace(convergence.INNER, tube.radius, 201)
+    work = trapezoid([tube.pressure_at(a) * a for a in radii], radii)
+    done = work * convergence.KPA_PER_MMHG
+    assert done == pytest.approx(wall_energy(tube), rel=1e-4)
+
+
+def wall_energy(tube):
+    """Strain energy of the tube per length and angle (kPa mm^2), straight from the material."""
+    R = np.linspace(convergence.INNER, convergence.OUTER, 201)
+    depth = (R - convergence.INNER) / (convergence.OUTER - convergence.INNER)
+    values = []
+    for place, at in zip(R, depth, strict=True):
+        stretch = np.sqrt(1 + tube.shift / place**2)
+        helix = np.deg2rad(
+            (1 - at) * tube.fibres["helix_endo_deg"] + at * tube.fibres["helix_epi_deg"]
+        )
+        value = convergence.strain_energy(
+            ufl.as_matrix(np.diag([1 / stretch, stretch, 1.0]).tolist()),
+            ufl.as_vector([0.0, float(np.cos(helix)), float(np.sin(helix))]),
+            ufl.as_vector([1.0, 0.0, 0.0]),
+            tube.reference,
+            1.0,
+            1.0,
+        )
+        values.append(float(value(())) * place)
+    return trapezoid(values, R)
+
+
+def test_orders_of_convergence(smoke_config):
+    """Theory's orders, less a half for meshes that are not yet fine."""
+    orders = convergence.tube_orders(convergence.run_tube(smoke_config, (2, 4, 6)))
+    assert (orders["order"] > orders["theory"] - 0.5).all(), orders
+
+
+def test_order_of_a_known_sequence():
+    values = [1 + 0.3 * k**-2.7 for k in (1, 2, 3)]
+    ratio = (values[0] - values[1]) / (values[1] - values[2])
+    assert convergence._order(ratio) == pytest.approx(2.7)
+    assert np.isnan(convergence._order(1.0))
+
+
+def test_bullseye_is_a_disk_of_whole_elements():
+    """No point twice, no cell turned over or without area, and a node at the pole."""
+    points, cells = land.bullseye(4, 8, 2)
+    assert len(cells) == (16 + 4 * 4 * 8) * 2
+    assert len(points) == (9**2 + 32 * 16) * 5
+    corner = points[cells[:, :4]][..., :2]
+    ahead = np.roll(corner, -1, axis=1)
+    area = (corner[..., 0] * ahead[..., 1] - corner[..., 1] * ahead[..., 0]).sum(axis=1) / 2
+    assert area.min() > 0
+    assert np.hypot(*points[:, :2].T).min() == 0.0
+
+
+def test_blocks_are_joined_where_they_touch():
+    left, right = (block((1, 1, 1), lambda unit, s=s: unit + np.array([s, 0, 0])) for s in (0, 1))
+    points, cells = join([left, right])
+    assert len(points) == 45
+    assert len(set(cells[0]) & set(cells[1])) == 9

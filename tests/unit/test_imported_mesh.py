@@ -1,0 +1,387 @@
+"""Meshes from elsewhere: imported with tags and surfaces, refused with reasons, meshed anew."""
+
+import dataclasses
+import json
+
+import meshio
+import numpy as np
+import pandas as pd
+import pytest
+
+from regional_lv import aha
+from regional_lv import config as study_config
+from regional_lv.errors import InputError
+from regional_lv.geometry.comparison import surface_distances
+from regional_lv.geometry.elements import exterior_faces, facet_cells
+from regional_lv.geometry.from_mesh import keep_mesh, remesh, write_imported
+from regional_lv.geometry.imported import import_mesh
+from regional_lv.geometry.make import make_mesh
+from regional_lv.geometry.mesh import BASE, ENDOCARDIUM, EPICARDIUM, read_mesh
+from regional_lv.geometry.segment_tags import read_segment_tags
+from regional_lv.geometry.summary import cavity_volume, segment_volumes
+from regional_lv.mechanics.continuation import Effort, Solver
+from regional_lv.mechanics.simulator import Simulator
+
+ROWS = {"circumferential": 16, "basal": 1, "mid": 2, "apical": 1, "apex": 1, "transmural": 1}
+FINE = {"circumferential": 32, "basal": 2, "mid": 5, "apical": 3, "apex": 4, "transmural": 1}
+ANEW = {"circumferential": 24, "basal": 1, "mid": 2, "apical": 1, "apex": 2, "transmural": 1}
+
+
+def make(folder, root, config, rows):
+    """The default heart, quadratic, with these rows of elements."""
+    geometry = config["geometry"]
+    make_mesh(
+        root / geometry["segments"],
+        geometry["endo_apex_z_mm"],
+        geometry["epi_apex_z_mm"],
+        rows,
+        config["fibres"],
+        *(folder / name for name in ("mesh.msh", "mesh.vtu", "segments.csv", "summary.json")),
+    )
+    return read_mesh(folder / "mesh.vtu")
+
+
+def corners_of(mesh):
+    """Points (n, 3), cells (m, 8) and segment (m,) of a quadratic mesh's linear hexahedra."""
+    used, cells = np.unique(mesh.cells[:, :8], return_inverse=True)
+    return mesh.points[used], cells.reshape(-1, 8), mesh.segment
+
+
+@pytest.fixture(scope="module")
+def quadratic(tmp_path_factory, root, smoke_config):
+    return make(tmp_path_factory.mktemp("quadratic"), root, smoke_config, ROWS)
+
+
+@pytest.fixture(scope="module")
+def heart(quadratic):
+    return corners_of(quadratic)
+
+
+def save(path, points, cells, segment=None):
+    """The mesh as .vtu, with the segments as cell data if there are any."""
+    data = {} if segment is None else {"segment": [segment]}
+    meshio.Mesh(points, [("hexahedron", cells)], cell_data=data).write(path)
+    return path
+
+
+def save_abaqus(folder, points, cells, segment, numbers, surfaces=""):
+    """The mesh as .inp with these element numbers, and a CSV of its segments."""
+    lines = ["*Heading", "*Part, name=PART-1", "*Node"]
+    lines += [f"{i}, {x:.9f}, {y:.9f}, {z:.9f}" for i, (x, y, z) in enumerate(points, 1)]
+    lines += ["*Element, type=C3D8H"]
+    lines += [", ".join(map(str, (n, *(cell + 1)))) for n, cell in zip(numbers, cells, strict=True)]
+    lines += [surfaces, "*INCLUDE,INPUT=fibres_that_are_not_there.inp", "*End Part"]
+    (folder / "heart.inp").write_text("\n".join(lines) + "\n")
+    table = pd.DataFrame({"element": numbers, "aha_segment": segment})
+    table.sample(frac=1, random_state=1).to_csv(folder / "segments.csv", index=False)
+    return folder / "heart.inp", folder / "segments.csv"
+
+
+@pytest.fixture(scope="module")
+def imported(tmp_path_factory, heart):
+    return import_mesh(save(tmp_path_factory.mktemp("vtu") / "heart.vtu", *heart))
+
+
+# --- what is imported ------------------------------------------------------------------------
+
+
+def test_cells_tags_and_surfaces(imported, quadratic, heart):
+    points, cells, segment = heart
+    np.testing.assert_allclose(imported.points, points)
+    np.testing.assert_array_equal(imported.cells, cells)
+    np.testing.assert_array_equal(imported.segment, segment)
+    for surface in (ENDOCARDIUM, EPICARDIUM, BASE):
+        assert (imported.surface == surface).sum() == (quadratic.surface == surface).sum()
+        corners = quadratic.points[quadratic.facets[quadratic.surface == surface][:, :4]]
+        mine = imported.points[imported.facets[imported.surface == surface]]
+        np.testing.assert_allclose(
+            np.unique(np.round(corners.reshape(-1, 3), 6), axis=0),
+            np.unique(np.round(mine.reshape(-1, 3), 6), axis=0),
+            atol=1e-5,
+        )
+    assert cavity_volume(imported) == pytest.approx(cavity_volume(quadratic), rel=0.06)
+    np.testing.assert_array_equal(facet_cells(imported), exterior_faces(imported.cells)[1])
+
+
+def test_depth_is_even_and_smooth(imported, quadratic):
+    # The mesh was made with layers of equal thickness, whose depth is known.
+    used = np.unique(quadratic.cells[:, :8])
+    assert np.abs(imported.transmural - quadratic.transmural[used]).max() < 0.05
+    assert imported.transmural.min() == 0
+    assert imported.transmural.max() == 1
+    assert imported.longitudinal.max() == pytest.approx(1)
+    assert imported.longitudinal.min() < 0.05
+
+
+def test_abaqus_with_numbers_of_its_own(tmp_path, heart, imported):
+    points, cells, segment = heart
+    numbers = np.arange(len(cells))[::-1] * 3 + 11
+    mesh = import_mesh(*save_abaqus(tmp_path, points, cells, segment, numbers))
+    np.testing.assert_array_equal(mesh.segment, segment)
+    np.testing.assert_array_equal(mesh.surface, imported.surface)
+    np.testing.assert_allclose(mesh.transmural, imported.transmural, atol=1e-6)
+
+
+def test_named_abaqus_surfaces_are_used(tmp_path, heart, imported):
+    points, cells, segment = heart
+    numbers = np.arange(1, len(cells) + 1)
+    abaqus_faces = [
+        (0, 1, 2, 3),
+        (4, 7, 6, 5),
+        (0, 4, 5, 1),
+        (1, 5, 6, 2),
+        (2, 6, 7, 3),
+        (3, 7, 4, 0),
+    ]
+    names = {ENDOCARDIUM: "Endocardium", EPICARDIUM: "epi", BASE: "BaseSurf"}
+    owner, text = facet_cells(imported), []
+    for surface, name in names.items():
+        text.append(f"*Surface, type=ELEMENT, name={name}")
+        for k in np.flatnonzero(imported.surface == surface):
+            nodes = set(imported.facets[k])
+            face = next(
+                i for i, f in enumerate(abaqus_faces, 1) if set(cells[owner[k]][list(f)]) == nodes
+            )
+            text.append(f"{numbers[owner[k]]}, S{face}")
+    mesh = import_mesh(*save_abaqus(tmp_path, points, cells, segment, numbers, "\n".join(text)))
+    np.testing.assert_array_equal(mesh.surface, imported.surface)
+    # A surface that misses facets is refused and not patched up.
+    short = "\n".join(text[:-3])
+    with pytest.raises(InputError, match="surfaces of endocardium, epicardium and base name"):
+        import_mesh(*save_abaqus(tmp_path, points, cells, segment, numbers, short))
+
+
+def test_published_labels_become_aha_numbers(tmp_path):
+    from scipy.io import savemat
+
+    labels = np.array([1, 2, 3, 13, 14, 17, 6], dtype=np.uint8)
+    savemat(tmp_path / "tags.mat", {"AHALVMeshDivision": {"elRegions": labels}})
+    tags = read_segment_tags(tmp_path / "tags.mat", np.arange(1, 8))
+    order = {s.published_order: s.number for s in aha.SEGMENTS}
+    assert tags.tolist() == [order[label] for label in labels]
+    with pytest.raises(InputError, match="labels 7 elements but the mesh has 5"):
+        read_segment_tags(tmp_path / "tags.mat", np.arange(5))
+
+
+def test_unit_is_converted(tmp_path, heart, imported):
+    points, cells, segment = heart
+    mesh = import_mesh(save(tmp_path / "m.vtu", points / 1000, cells, segment), unit="m")
+    np.testing.assert_allclose(mesh.points, imported.points, atol=1e-9)
+
+
+def test_file_of_a_linear_mesh(tmp_path, heart, smoke_config):
+    source = save(tmp_path / "heart.vtu", *heart)
+    write_imported(source, None, "mm", smoke_config["fibres"], tmp_path / "imported.vtu")
+    names = [tmp_path / name for name in ("mesh.vtu", "segments.csv", "summary.json")]
+    keep_mesh(tmp_path / "imported.vtu", smoke_config["fibres"], *names)
+    mesh = read_mesh(names[0])
+    assert mesh.cells.shape[1] == 8
+    assert mesh.facets.shape[1] == 4
+    fibres = meshio.read(names[0]).point_data["fibre"]
+    np.testing.assert_allclose(np.linalg.norm(fibres, axis=1), 1)
+    table, summary = pd.read_csv(names[1]), json.loads(names[2].read_text())
+    assert table["volume_ml"].sum() == pytest.approx(summary["wall_volume_ml"], rel=1e-5)
+    assert table["elements"].sum() == summary["elements"] == len(mesh.cells)
+
+
+# --- what is refused -------------------------------------------------------------------------
+
+
+def swapped(points, cells, segment):
+    cells = cells.copy()
+    cells[6] = cells[6][[4, 5, 6, 7, 0, 1, 2, 3]]
+    return points, cells, segment
+
+
+def flattened(points, cells, segment):
+    cells = cells.copy()
+    cells[[3, 8], 1] = cells[[3, 8], 0]
+    return points, cells, segment
+
+
+def retagged(old, new):
+    def change(points, cells, segment):
+        return points, cells, np.where(segment == old, new, segment)
+
+    return change
+
+
+def moved(shift):
+    return lambda points, cells, segment: (points + shift, cells, segment)
+
+
+def scaled(factor):
+    return lambda points, cells, segment: (points * factor, cells, segment)
+
+
+def torn(points, cells, segment):
+    return points, cells[segment != 17], segment[segment != 17]
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (scaled(0.001), "looks like one in metres, set geometry.imported.unit to m"),
+        (scaled(0.1), "looks like one in centimetres, set geometry.imported.unit to cm"),
+        (scaled(5), "between 30 and 200 are possible"),
+        (swapped, "element 7 inverted; mend"),
+        (flattened, "elements 4, 9 degenerate"),
+        (lambda p, c, s: (p, c[:, [4, 5, 6, 7, 0, 1, 2, 3]], s), "every element is inside out"),
+        (lambda p, c, s: (p, c, None), "has no cell data `segment`"),
+        (retagged(5, 18), "without an AHA segment from 1 to 17"),
+        (retagged(5, 4), "segment 5 has no element; tag"),
+        (torn, "segment 17 has no element"),
+        (moved([0, 0, 7]), "at z = 7 mm; the base must be the plane z = 0"),
+        (moved([60, 0, 0]), "the z axis does not run through the cavity"),
+    ],
+)
+def test_bad_mesh(change, message, tmp_path, heart):
+    path = save(tmp_path / "heart.vtu", *change(*heart))
+    with pytest.raises(InputError) as error:
+        import_mesh(path)
+    assert str(path) in str(error.value)
+    assert message in str(error.value)
+
+
+def test_hole_in_the_apex(tmp_path, heart):
+    points, cells, segment = heart
+    low = (np.hypot(*points[cells][..., :2].T) < 1e-6).any(axis=0)
+    path = save(tmp_path / "heart.vtu", points, cells[~low], segment[~low])
+    with pytest.raises(InputError, match="the exterior falls into 1 pieces"):
+        import_mesh(path)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda t: t[t["element"] != 4], "element 4 without an AHA segment"),
+        (lambda t: pd.concat([t, t[t["element"] == 4]]), "element 4 was given before"),
+        (lambda t: t.assign(element=t["element"] + 1), "the mesh has no element"),
+        (lambda t: t.assign(aha_segment=1.5), "line 2: aha_segment is 1.5; give a whole number"),
+        (lambda t: t.rename(columns={"aha_segment": "segment"}), "column aha_segment is missing"),
+    ],
+)
+def test_bad_table_of_segments(change, message, tmp_path, heart):
+    numbers = np.arange(1, len(heart[1]) + 1)
+    mesh, table = save_abaqus(tmp_path, *heart, numbers)
+    change(pd.read_csv(table)).to_csv(table, index=False)
+    with pytest.raises(InputError) as error:
+        import_mesh(mesh, table)
+    assert str(table) in str(error.value)
+    assert message in str(error.value)
+
+
+def test_other_cells_and_other_files(tmp_path):
+    meshio.Mesh(np.eye(4, 3), [("tetra", [[0, 1, 2, 3]])]).write(tmp_path / "tetra.vtu")
+    with pytest.raises(InputError, match="holds tetra; a mesh of eight-node hexahedra"):
+        import_mesh(tmp_path / "tetra.vtu")
+    with pytest.raises(InputError, match="no such file"):
+        import_mesh(tmp_path / "none.vtu")
+    (tmp_path / "text.vtu").write_text("not a mesh")
+    with pytest.raises(InputError, match="meshio cannot read it"):
+        import_mesh(tmp_path / "text.vtu")
+
+
+# --- meshed anew -----------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def fine(tmp_path_factory, root, smoke_config):
+    return make(tmp_path_factory.mktemp("fine"), root, smoke_config, FINE)
+
+
+@pytest.fixture(scope="module")
+def remeshed(tmp_path_factory, fine, smoke_config):
+    folder = tmp_path_factory.mktemp("remeshed")
+    fibres = smoke_config["fibres"]
+    source = save(folder / "heart.vtu", *corners_of(fine))
+    write_imported(source, None, "mm", fibres, folder / "imported.vtu")
+    names = ("mesh.msh", "mesh.vtu", "segments.csv", "summary.json", "fit.csv")
+    remesh(folder / "imported.vtu", ANEW, fibres, *(folder / name for name in names))
+    return read_mesh(folder / "mesh.vtu"), folder
+
+
+def test_surfaces_fit(remeshed, fine):
+    mesh, folder = remeshed
+    assert mesh.cells.shape[1] == 27
+    # The corners lie on the smooth heart that the linear mesh was cut from; its facets do not. The
+    # apex of this heart is sharp, and few nodes tell its shape.
+    for surface in (ENDOCARDIUM, EPICARDIUM):
+        distance = surface_distances(fine, mesh, surface)
+        assert np.sqrt((distance**2).mean()) < 0.35
+        assert distance.max() < 1.5
+    assert cavity_volume(mesh) == pytest.approx(cavity_volume(fine), rel=0.01)
+    fit = pd.read_csv(folder / "fit.csv").set_index(["quantity", "part"])
+    cavity = cavity_volume(read_mesh(folder / "imported.vtu"))
+    assert fit.loc[("volume", "cavity"), "imported"] == pytest.approx(cavity, rel=1e-5)
+    summary = json.loads((folder / "summary.json").read_text())
+    assert summary["fit_mm"]["endocardium_max"] == pytest.approx(
+        fit.loc[("distance_max", "endocardium"), "difference"], rel=1e-4
+    )
+
+
+def test_segments_stay(remeshed, fine):
+    mesh, folder = remeshed
+    np.testing.assert_allclose(segment_volumes(mesh), segment_volumes(fine), rtol=0.05)
+    table = pd.read_csv(folder / "segments.csv")
+    percent = 100 * (segment_volumes(mesh) / table["volume_imported_ml"] - 1)
+    np.testing.assert_allclose(table["volume_deviation_percent"], percent, atol=1e-3)
+
+
+def test_sector_borders_are_those_of_the_tags(remeshed, root, smoke_config):
+    table = pd.read_csv(remeshed[1] / "segments.csv")
+    given = pd.read_csv(root / smoke_config["geometry"]["segments"])
+    for side in ("angle_from_deg", "angle_to_deg"):
+        off = (table[side] - given[side] + 180) % 360 - 180
+        assert off[:16].abs().max() < 0.1
+
+
+def test_tags_in_the_wrong_turn(imported):
+    from regional_lv.geometry.fitted import FittedSurfaces, sector_table
+
+    mirror = {2: 6, 6: 2, 3: 5, 5: 3}
+    tags = np.array([mirror.get(s, s) for s in imported.segment])
+    mesh = dataclasses.replace(imported, segment=tags)
+    with pytest.raises(InputError, match="do not follow each other clockwise"):
+        sector_table(mesh, FittedSurfaces(mesh), 24)
+
+
+# --- the simulator on linear hexahedra -------------------------------------------------------
+
+
+def test_linear_hexahedra_inflate_like_quadratic_ones(imported, quadratic, smoke_config):
+    growth, dilations = [], []
+    for mesh in (quadratic, imported):
+        simulator = Simulator(mesh, smoke_config)
+        state = Solver(simulator, smoke_config["solver"]).inflate(np.ones(10), 8.0, Effort())
+        # Relative to the cavity at zero pressure, of which flat facets cut a part off.
+        growth.append(simulator.observables(state.w)[0] / cavity_volume(mesh))
+        dilations.append(simulator.dilation(state.w))
+    assert growth[1] > 1.4
+    assert growth[1] == pytest.approx(growth[0], rel=0.04)
+    assert max(dilations) < 0.06
+
+
+# --- configuration ---------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("imported_cfg", "message"),
+    [
+        ({}, "geometry.imported.file: missing"),
+        ({"file": "none.vtu"}, "geometry.imported.file: there is no file none.vtu"),
+        ({"file": "published_heart", "segments": "x.csv"}, "comes with its segments; remove it"),
+        ({"file": "published_heart", "unit": "inch"}, "choose one of mm, cm, m"),
+    ],
+)
+def test_bad_config(imported_cfg, message):
+    config = {"study": "mine", "geometry": {"source": "mesh", "imported": imported_cfg}}
+    with pytest.raises(InputError) as error:
+        study_config.load(config)
+    assert message in str(error.value)
+
+
+def test_published_heart_is_a_valid_study(root):
+    config = study_config.load(root / "config" / "published_heart.yaml")
+    assert config["geometry"]["source"] == "mesh"
+    assert config["geometry"]["imported"]["remesh"] is True
