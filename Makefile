@@ -4,13 +4,14 @@
 # make test     lint, format, workflow lint, all tests
 # make env      the environment (the targets above make it themselves)
 # make test-dolfinx-next   the physics tests with dolfinx 0.9 (as root; Debian 13, 2.6 GB, kept)
+# make bench-simulator     what a simulation costs, beside cold load stepping
 # make lint     the checks of `make test` without its tests
 # make format   format the code, write the tables of config/README.md
 
 SHELL := bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help env quick paper smoke test test-dolfinx-next lint format
+.PHONY: help env quick paper smoke test test-dolfinx-next bench-simulator lint format
 
 CORES ?= 2
 export CORES
@@ -40,6 +41,10 @@ test: lint
 
 test-dolfinx-next:
 	envs/test-dolfinx-next.sh
+
+bench-simulator: env
+	snakemake --cores "$$CORES" results/paper/mechanics/predictor.npz
+	PYTHONHASHSEED=0 python benchmarks/simulator.py
 
 lint: env
 	ruff check .

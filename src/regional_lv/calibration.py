@@ -13,7 +13,7 @@ from scipy.optimize import least_squares
 
 from regional_lv import aha
 from regional_lv.mechanics.continuation import NotConverged
-from regional_lv.simulations import warm_starts
+from regional_lv.simulations import make_runner
 
 log = logging.getLogger(__name__)
 
@@ -37,14 +37,14 @@ def summary_of(observables: np.ndarray) -> np.ndarray:
     return np.concatenate([observables[..., :1], strains], axis=-1)
 
 
-def calibrate(mesh: Path, physics: dict, start: Path) -> dict:
+def calibrate(mesh: Path, physics: dict, predictor: Path) -> dict:
     """Least squares for (factor_a, factor_b) on `TARGETS`; return factors and fit per theta."""
-    pool = warm_starts(mesh, physics, start)
+    runner = make_runner(mesh, physics, predictor)
     material = physics["material"]
 
     def simulate(factors, scale):
         theta = np.tile(np.asarray(factors) * scale, len(aha.ZONES))
-        result = pool.run(theta)
+        result = runner.run(theta)
         if result.status != "converged":
             raise NotConverged(f"calibration at uniform theta {theta[:2]}: {result.reason}")
         value = summary_of(result.observables)

@@ -12,7 +12,6 @@ import re
 import sys
 import warnings
 from collections.abc import Iterator
-from functools import cache
 from pathlib import Path
 
 import jsonschema
@@ -20,8 +19,8 @@ import yaml
 
 from regional_lv.errors import InputError
 from regional_lv.resources import PUBLISHED_HEART
+from regional_lv.schema import load_schema
 
-SCHEMA_FILE = Path(__file__).resolve().parents[2] / "workflow" / "schemas" / "config.schema.yaml"
 MARK = "<!-- The tables below are written from the schema by `make format`. -->\n"
 """Line of config/README.md after which everything is generated."""
 
@@ -53,22 +52,6 @@ def load(config: str | Path | dict, source: str = "config") -> dict:
     complete = _complete(schema, config)
     _raise(source, list(_cross_check(complete)))
     return complete
-
-
-@cache
-def load_schema() -> dict:
-    """The schema with its references (`$ref`) resolved."""
-    schema = yaml.safe_load(SCHEMA_FILE.read_text())
-    definitions = schema.pop("$defs")
-
-    def resolve(node):
-        if isinstance(node, dict):
-            if "$ref" in node:
-                return definitions[node["$ref"].rsplit("/", 1)[1]]
-            return {key: resolve(value) for key, value in node.items()}
-        return [resolve(item) for item in node] if isinstance(node, list) else node
-
-    return resolve(schema)
 
 
 def _read(path: Path) -> dict:

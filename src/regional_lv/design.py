@@ -21,6 +21,23 @@ def sobol(n: int, lower: float, upper: float, scale: str, seed: int) -> np.ndarr
     return lower + points * (upper - lower)
 
 
+def further_points(
+    design: dict, seed: int, purpose: str, natural: int, log_scale: int
+) -> np.ndarray:
+    """Points of the box (n, 10) that no set of the study has: `natural` ones, then log-scale ones.
+
+    `design` is the config section; `purpose` makes the sequences independent.
+    """
+    return np.concatenate(
+        [
+            sobol(
+                n, design["lower"], design["upper"], scale, derive(seed, "design", purpose, scale)
+            )
+            for n, scale in ((natural, "natural"), (log_scale, "log"))
+        ]
+    )
+
+
 def make_design(design: dict, seed: int) -> dict[str, pd.DataFrame]:
     """The sets `train` (natural, then log) and `test` (natural, a sequence of its own).
 

@@ -1,12 +1,7 @@
 """Gaussian process regression on values and gradients: the algebra, shared by its users.
 
-One rational quadratic kernel with a length scale per input serves all outputs,
-
-    k(x, x') = (1 + r^2 / (2 alpha))^(-alpha),   r^2 = sum_d ((x_d - x'_d) / l_d)^2,
-
-and gradients are further observations of the same process: their covariances are derivatives of
-k (Rasmussen and Williams 2006, section 9.4, ISBN 026218253X). Observations are ordered values
-first, then the derivative along each input in turn: (1 + d) n rows.
+One rational quadratic kernel (`kernel`) with a length scale per input serves all outputs, and
+gradients are further observations of the same process.
 """
 
 from dataclasses import dataclass
@@ -15,32 +10,9 @@ import numpy as np
 import torch
 from scipy.optimize import minimize
 
+from regional_lv.kernel import joint_covariance
+
 LEAST_NUGGET = 1e-8
-
-
-def rational_quadratic(r2, alpha):
-    """k, dk/d(r^2) and d2k/d(r^2)^2 at squared scaled distances `r2` (arrays or tensors)."""
-    base = 1 + r2 / (2 * alpha)
-    value = base**-alpha
-    first = -value / (2 * base)
-    return value, first, -first * (alpha + 1) / (2 * alpha * base)
-
-
-def joint_covariance(x, y, lengthscales, alpha):
-    """Covariance ((1 + d) n, (1 + d) m) of values and gradients at `x` (n, d) with those at `y`.
-
-    Tensors; `lengthscales` (d,), `alpha` positive.
-    """
-    d = x.shape[1]
-    gap = (x[:, None, :] - y[None, :, :]) / lengthscales  # (n, m, d)
-    value, first, second = rational_quadratic((gap**2).sum(-1), alpha)
-    slope = 2 * first[..., None] * gap / lengthscales  # d/dx, minus d/dy
-    outer = gap[..., :, None] * gap[..., None, :] / torch.outer(lengthscales, lengthscales)
-    curvature = -4 * second[..., None, None] * outer
-    curvature = curvature - 2 * first[..., None, None] * torch.diag(lengthscales**-2)
-    rows = [torch.cat([value, *(-slope).unbind(-1)], dim=1)]
-    rows += [torch.cat([slope[..., i], *curvature[..., i, :].unbind(-1)], dim=1) for i in range(d)]
-    return torch.cat(rows)
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,15 @@ import pandas as pd
 
 from regional_lv import aha
 from regional_lv.geometry.mesh import read_mesh
-from regional_lv.mechanics.continuation import Effort, Simulation, Solved, Solver, WarmStarts
-from regional_lv.mechanics.simulator import Simulator, State
+from regional_lv.mechanics.continuation import (
+    Effort,
+    GrowingRunner,
+    Runner,
+    Simulation,
+    Solver,
+)
+from regional_lv.mechanics.predictor import Known, Predictor
+from regional_lv.mechanics.simulator import Simulator
 from regional_lv.progress import Progress
 
 log = logging.getLogger(__name__)
@@ -28,9 +35,8 @@ def frame_column(output: str, fraction: float) -> str:
 def solve_baseline(mesh: Path, physics: dict, bounds: tuple[float, float], start: Path) -> dict:
     """Inflate from nothing at the middle of the box; write the solution with its tangents (npz).
 
-    The middle is the geometric mean of `bounds` in every parameter. Every batch starts from this
-    file, so that batches depend on it and on nothing else. Returns a summary: unknowns, Newton
-    steps, mean dilation and the observables at theta = 1.
+    The middle is the geometric mean of `bounds` in every parameter. All anchors start from this
+    file. Returns a summary: unknowns, Newton steps, mean dilation and the observables at theta = 1.
     """
     simulator = make_simulator(mesh, physics)
     solver, effort = Solver(simulator, physics["solver"]), Effort()
@@ -40,48 +46,87 @@ def solve_baseline(mesh: Path, physics: dict, bounds: tuple[float, float], start
     cold_steps = effort.newton_steps
     tangents = simulator.field_sensitivities(state.w)
     np.savez_compressed(start, w=state.w, theta=state.theta, pressure=pressure, tangents=tangents)
-    reference = solver.follow(state, tangents, np.ones(10), effort)
+    known = Known(simulator.size)
+    known.add(centre, state.w, tangents)
+    reference = Runner(solver, known, pressure).run(np.ones(len(centre)))
     return {
         "unknowns": simulator.size,
         "newton_steps_cold": cold_steps,
-        "mean_dilation": simulator.dilation(reference.w),
-        "observables_theta_1": dict(
-            zip(aha.OUTPUTS, simulator.observables(reference.w).tolist(), strict=True)
-        ),
+        "mean_dilation": simulator.dilation(reference.state.w),
+        "observables_theta_1": dict(zip(aha.OUTPUTS, reference.observables.tolist(), strict=True)),
     }
 
 
-def warm_starts(mesh: Path, physics: dict, start: Path) -> WarmStarts:
-    """A fresh pool of starts that holds the baseline alone."""
-    simulator = make_simulator(mesh, physics)
-    loading = physics["loading"]
-    pool = WarmStarts(
-        Solver(simulator, physics["solver"]), loading["pressure_mmhg"], loading["frames"]
+def anchors_of(design: pd.DataFrame, anchors: int) -> np.ndarray:
+    """Points (n, 10) of a design to solve first: the first ones of its Sobol sequences.
+
+    Half of them natural, half logarithmic, as far as there are so many.
+    """
+    natural, logarithmic = (
+        design.loc[design["scale"] == scale, list(aha.PARAMETERS)].to_numpy()
+        for scale in ("natural", "log")
     )
+    from_log = min(len(logarithmic), anchors - min(len(natural), anchors // 2))
+    return np.concatenate([natural[: anchors - from_log], logarithmic[:from_log]])
+
+
+def solve_anchors(
+    mesh: Path, physics: dict, start: Path, thetas: np.ndarray, path: Path, name: str
+) -> None:
+    """Solve the rows of `thetas` (n, 10); write fields and tangents (npz, single precision).
+
+    A row that fails is left out.
+    """
     with np.load(start) as saved:
-        state = State(saved["w"], saved["theta"], float(saved["pressure"]))
-        pool.pool.append(Solved(state, saved["tangents"]))
-    return pool
+        known = Known(len(saved["w"]))
+        known.add(saved["theta"], saved["w"], saved["tangents"])
+    solver = Solver(make_simulator(mesh, physics), physics["solver"])
+    runner = GrowingRunner(solver, known, physics["loading"]["pressure_mmhg"])
+    progress, solved = Progress(name, len(thetas)), []
+    for row, result in runner.run_all(thetas):
+        progress.step(failed=result.state is None)
+        if result.state is None:
+            log.warning("anchor %d failed: %s", row, result.reason)
+        else:
+            solved.append(result)
+    np.savez(
+        path,
+        theta=np.stack([r.theta for r in solved]),
+        fields=np.stack([r.state.w for r in solved]).astype(np.float32),
+        tangents=np.stack([r.tangents for r in solved]).astype(np.float32),
+        cpu_s=sum(r.cpu_s for r in solved),
+    )
+
+
+def make_runner(mesh: Path, physics: dict, predictor: Path) -> Runner:
+    """Runs simulations from the fields that the predictor file foretells."""
+    loading = physics["loading"]
+    solver = Solver(make_simulator(mesh, physics), physics["solver"])
+    return Runner(solver, Predictor.load(predictor), loading["pressure_mmhg"], loading["frames"])
 
 
 def simulate_batch(
-    mesh: Path, physics: dict, start: Path, design: pd.DataFrame, name: str
+    mesh: Path, physics: dict, predictor: Path, design: pd.DataFrame, name: str
 ) -> pd.DataFrame:
     """Simulate the rows of a design; return the table described in the README, in design order.
 
-    A run that does not converge becomes a row with status "failed", reason and last converged
-    pressure; it never raises.
+    Each simulation depends on the predictor and on its own theta, not on the batch. A run that
+    does not converge becomes a row with status "failed", reason and last converged pressure; it
+    never raises.
     """
-    pool = warm_starts(mesh, physics, start)
-    thetas = design[list(aha.PARAMETERS)].to_numpy()
+    runner = make_runner(mesh, physics, predictor)
     progress = Progress(name, len(design))
-    results: dict[int, Simulation] = {}
-    for row, result in pool.run_all(thetas):
-        results[row] = result
+    results = []
+    for sample, theta in zip(
+        design["sample"], design[list(aha.PARAMETERS)].to_numpy(), strict=True
+    ):
+        result = runner.run(theta)
+        result.state = result.tangents = None  # large, and not tabulated
+        results.append(result)
         if result.status != "converged":
-            log.warning("sample %s failed: %s", design["sample"].iloc[row], result.reason)
+            log.warning("sample %s failed: %s", sample, result.reason)
         progress.step(failed=result.status != "converged")
-    return tabulate(design, [results[row] for row in range(len(design))], pool.frames)
+    return tabulate(design, results, runner.frames)
 
 
 def tabulate(design: pd.DataFrame, results: list[Simulation], frames=()) -> pd.DataFrame:

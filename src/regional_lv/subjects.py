@@ -8,13 +8,13 @@ import pandas as pd
 from regional_lv import aha
 from regional_lv.errors import InputError
 from regional_lv.measured import synthetic_subject
-from regional_lv.simulations import warm_starts
+from regional_lv.simulations import make_runner
 
 log = logging.getLogger(__name__)
 
 
 def simulate_subject(
-    name: str, subject: dict, mesh: Path, physics: dict, start: Path, seed: int
+    name: str, subject: dict, mesh: Path, physics: dict, predictor: Path, seed: int
 ) -> tuple[pd.DataFrame, dict]:
     """Simulate a `synthetic_subjects` entry; return the measured table and the truth.
 
@@ -22,7 +22,7 @@ def simulate_subject(
     InputError if the ventricle cannot be inflated at its theta.
     """
     theta = pd.Series(subject["theta"])[list(aha.PARAMETERS)]
-    result = warm_starts(mesh, physics, start).run(theta.to_numpy())
+    result = make_runner(mesh, physics, predictor).run(theta.to_numpy())
     if result.status != "converged":
         raise InputError(
             f"synthetic_subjects.{name}.theta: no simulation there ({result.reason}); "

@@ -16,7 +16,8 @@ from regional_lv.geometry.elements import QUAD_NODES, facet_normals, gauss, lagr
 from regional_lv.geometry.make import make_mesh
 from regional_lv.geometry.mesh import EPICARDIUM, read_mesh
 from regional_lv.mechanics import dolfinx_api as api
-from regional_lv.mechanics.continuation import Effort, Solver, WarmStarts
+from regional_lv.mechanics.continuation import Effort, Runner, Solver
+from regional_lv.mechanics.predictor import Known
 from regional_lv.mechanics.simulator import fibre_directions
 from regional_lv.simulations import make_simulator
 
@@ -61,8 +62,7 @@ def test_rigid_motion_needs_no_force(simulator):
 def test_sensitivities_match_resolved_differences(simulator, solver, solved, parameter):
     """At a random theta for each parameter, against two more solutions beside it."""
     theta = np.exp(np.random.default_rng(parameter).uniform(np.log(0.3), np.log(3.0), 10))
-    solver.newton(solved.w, THETA, PRESSURE, Effort())
-    state = solver.follow(solved, simulator.field_sensitivities(solved.w), theta, Effort())
+    state = solver.newton(_known(solver, solved).field(theta), theta, PRESSURE, Effort())
     tangents = simulator.field_sensitivities(state.w)
     exact = simulator.directional_derivatives(state.w, tangents)[parameter]
     h, values = 1e-3, []
@@ -140,16 +140,15 @@ def test_solution_does_not_depend_on_the_way(solver, solved):
     """A warm start from elsewhere ends where cold load stepping ends."""
     simulator = solver.simulator
     start = solver.inflate(np.full(10, 0.7), PRESSURE, Effort())
-    tangents = simulator.field_sensitivities(start.w)
-    warm = solver.follow(start, tangents, THETA, Effort())
+    warm = solver.newton(_known(solver, start).field(THETA), THETA, PRESSURE, Effort())
     np.testing.assert_allclose(
         simulator.observables(warm.w), simulator.observables(solved.w), rtol=1e-8, atol=1e-9
     )
 
 
 def test_frames_are_solutions_at_lower_pressure(solver, solved):
-    pool = WarmStarts(solver, PRESSURE, frames=[0.25, 0.5])
-    result = pool.run(THETA)
+    runner = Runner(solver, _known(solver, solved), PRESSURE, frames=[0.25, 0.5])
+    result = runner.run(THETA)
     for fraction in (0.25, 0.5):
         direct = solver.inflate(THETA, fraction * PRESSURE, Effort())
         np.testing.assert_allclose(
@@ -158,10 +157,11 @@ def test_frames_are_solutions_at_lower_pressure(solver, solved):
 
 
 def test_failure_is_a_result(simulator, smoke_config):
-    """Too bold a load step that may not be halved: the run ends as a row, not as an exception."""
+    """Too bold a step that may not be halved: the run ends as a row, not as an exception."""
     bold = {"first_load_fraction": 1.0, "min_load_fraction": 0.5}
-    pool = WarmStarts(Solver(simulator, smoke_config["solver"] | bold), PRESSURE)
-    result = pool.run(np.full(10, 0.1))
+    solver, nothing = Solver(simulator, smoke_config["solver"] | bold), Known(simulator.size)
+    nothing.add(np.ones(10), np.zeros(simulator.size), np.zeros((10, simulator.size)))
+    result = Runner(solver, nothing, PRESSURE).run(np.full(10, 0.1))
     assert result.status == "failed"
     assert "mmHg" in result.reason
     assert 0 <= result.last_pressure < PRESSURE
@@ -221,13 +221,21 @@ def test_outputs_are_in_the_order_of_their_names(simulator):
     assert len(simulator.observables(np.zeros(simulator.size))) == len(aha.OUTPUTS)
 
 
-def test_the_same_theta_twice_gives_the_same_sensitivities(solver):
-    """The second run starts on its own solution: its tangents must not come from another's."""
-    pool = WarmStarts(solver, PRESSURE)
-    first = pool.run(THETA)
-    pool.run(np.full(10, 2.0))
-    again = pool.run(THETA)
+def test_a_solution_as_the_guess_gives_the_same_sensitivities(solver, solved):
+    """No step is left to make then, and the tangents must still be this theta's."""
+    runner = Runner(solver, _known(solver, solved), PRESSURE)
+    first = runner.run(THETA)
+    runner.run(np.full(10, 2.0))
+    again = runner.run(THETA)
     np.testing.assert_allclose(again.sensitivity, first.sensitivity, rtol=1e-6, atol=1e-7)
+
+
+def _known(solver, state):
+    """Guesses from one solution, whose tangent is made here."""
+    again = solver.newton(state.w, state.theta, state.pressure, Effort())
+    known = Known(solver.simulator.size)
+    known.add(again.theta, again.w, solver.simulator.field_sensitivities(again.w))
+    return known
 
 
 def test_fibres_in_the_simulator_are_those_in_the_mesh_file(simulator, small_mesh, smoke_config):

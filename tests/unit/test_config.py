@@ -159,7 +159,7 @@ MISTAKES = [
     (changed("geometry.epi_apex_z_mm", -70), "geometry.epi_apex_z_mm", "lower it"),
     (changed("geometry.segments", "none.csv"), "geometry.segments", "give its path"),
     (changed("emulators.exact_gp.nugget", "1e-8"), "exact_gp.nugget", "write it as 1.0e-8"),
-    (changed("emulators.names", ["mvgp"]), "emulators.names.0", "choose one of exact_gp"),
+    (changed("emulators.names", ["mvpg"]), "emulators.names.0", "did you mean mvgp?"),
     (changed("emulators.names", []), "emulators.names", "name at least one"),
     (changed("solver.min_load_fraction", 0.5), "solver.min_load_fraction", "lower it"),
     (changed("test_posteriors.cases", "most"), "test_posteriors.cases", "`all`"),

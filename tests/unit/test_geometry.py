@@ -28,7 +28,7 @@ from regional_lv.geometry.table import read_segments
 
 TABLE = Path(__file__).parents[2] / "resources" / "volunteer_segments.csv"
 APICES = {"endo_apex_z_mm": -74.4, "epi_apex_z_mm": -81.2}
-ROWS = {"basal": 1, "mid": 2, "apical": 1, "apex": 1, "transmural": 1}
+ROWS = {"basal": 1, "basal_grading": 1.0, "mid": 2, "apical": 1, "apex": 1, "transmural": 1}
 FIBRES = {
     "helix_endo_deg": 60,
     "helix_epi_deg": -60,
@@ -426,3 +426,13 @@ def test_foreign_mesh_is_refused(tmp_path):
     meshio.Mesh(np.eye(4, 3), [("tetra", [[0, 1, 2, 3]])]).write(path)
     with pytest.raises(InputError, match="expected one block of hexahedron27"):
         read_mesh(path)
+
+
+def test_graded_rows_shrink_towards_the_base(tmp_path):
+    mesh, _ = make(tmp_path, basal=3, basal_grading=0.5)
+    on_rim = np.unique(mesh.facets[mesh.surface == ENDOCARDIUM])
+    depths = np.unique(np.round(mesh.points[on_rim, 2], 3))[::-1]
+    # Every other node along a mesh line is a corner; the first three rows are the basal ones.
+    heights = -np.diff(depths[:7:2])
+    assert heights[1] / heights[0] == pytest.approx(2, rel=0.15)
+    assert heights[2] / heights[1] == pytest.approx(2, rel=0.15)

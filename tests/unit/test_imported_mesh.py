@@ -22,9 +22,33 @@ from regional_lv.geometry.summary import cavity_volume, segment_volumes
 from regional_lv.mechanics.continuation import Effort, Solver
 from regional_lv.mechanics.simulator import Simulator
 
-ROWS = {"circumferential": 16, "basal": 1, "mid": 2, "apical": 1, "apex": 1, "transmural": 1}
-FINE = {"circumferential": 32, "basal": 2, "mid": 5, "apical": 3, "apex": 4, "transmural": 1}
-ANEW = {"circumferential": 24, "basal": 1, "mid": 2, "apical": 1, "apex": 2, "transmural": 1}
+ROWS = {
+    "circumferential": 16,
+    "basal": 1,
+    "basal_grading": 1.0,
+    "mid": 2,
+    "apical": 1,
+    "apex": 1,
+    "transmural": 1,
+}
+FINE = {
+    "circumferential": 32,
+    "basal": 2,
+    "basal_grading": 1.0,
+    "mid": 5,
+    "apical": 3,
+    "apex": 4,
+    "transmural": 1,
+}
+ANEW = {
+    "circumferential": 24,
+    "basal": 1,
+    "basal_grading": 1.0,
+    "mid": 2,
+    "apical": 1,
+    "apex": 2,
+    "transmural": 1,
+}
 
 
 def make(folder, root, config, rows):

@@ -84,7 +84,15 @@ def editable(study):
             path.write_bytes(content)
 
 
-SIMULATING = {"make_mesh", "solve_baseline", "make_design", "simulate_batch", "simulate_subject"}
+SIMULATING = {
+    "make_mesh",
+    "solve_baseline",
+    "make_design",
+    "solve_anchors",
+    "fit_predictor",
+    "simulate_batch",
+    "simulate_subject",
+}
 
 
 def test_everything_is_made(study):
@@ -135,6 +143,8 @@ def test_mesh_reruns_everything_after_it(editable):
     assert {
         "make_mesh",
         "solve_baseline",
+        "solve_anchors",
+        "fit_predictor",
         "simulate_batch",
         "screen_simulations",
         "fit_reduction",

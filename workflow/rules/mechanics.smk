@@ -1,7 +1,13 @@
-"""The start of every simulation: one cold inflation, which also compiles the forms once."""
+"""Where every simulation starts: a cold inflation, anchors, and the fields predicted from them."""
+
+ANCHOR_BATCHES = batches(
+    min(config["simulations"]["anchors"], config["design"]["natural"] + config["design"]["log"]),
+    config["simulations"]["batch_size"],
+)
 
 
 rule solve_baseline:
+    """Also compiles the forms once, before many processes ask for them at the same time."""
     input:
         mesh=f"{R}/geometry/mesh.vtu",
         library=library("simulations"),
@@ -21,11 +27,51 @@ rule solve_baseline:
         "../scripts/solve_baseline.py"
 
 
+rule solve_anchors:
+    """Each batch takes every so-manieth anchor, so that all batches span the box."""
+    input:
+        mesh=f"{R}/geometry/mesh.vtu",
+        start=f"{R}/mechanics/baseline.npz",
+        design=f"{R}/design/train.parquet",
+        library=library("simulations"),
+    output:
+        f"{R}/mechanics/anchors/batch-{{batch}}.npz",
+    params:
+        physics=PHYSICS,
+        anchors=config["simulations"]["anchors"],
+        batches=len(ANCHOR_BATCHES),
+    log:
+        f"{LOGS}/mechanics/solve_anchors-{{batch}}.log",
+    benchmark:
+        f"{R}/benchmarks/anchors/batch-{{batch}}.tsv"
+    threads: 1
+    conda:
+        "../../envs/mechanics.yaml"
+    script:
+        "../scripts/solve_anchors.py"
+
+
+rule fit_predictor:
+    input:
+        anchors=expand(f"{R}/mechanics/anchors/{{batch}}.npz", batch=ANCHOR_BATCHES),
+        library=library("mechanics.predictor"),
+    output:
+        f"{R}/mechanics/predictor.npz",
+    log:
+        f"{LOGS}/mechanics/fit_predictor.log",
+    benchmark:
+        f"{R}/benchmarks/fit_predictor.tsv"
+    conda:
+        "../../envs/statistics.yaml"
+    script:
+        "../scripts/fit_predictor.py"
+
+
 rule calibrate_reference:
     """Not part of `all`: its result is written by hand into the config's `material` section."""
     input:
         mesh=f"{R}/geometry/mesh.vtu",
-        start=f"{R}/mechanics/baseline.npz",
+        predictor=f"{R}/mechanics/predictor.npz",
         library=library("calibration"),
     output:
         f"{R}/mechanics/calibration.json",

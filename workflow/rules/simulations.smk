@@ -1,4 +1,4 @@
-"""The fan-out: batches of simulations, each from the same start and from nothing else."""
+"""The fan-out: batches of simulations, each from the predicted field and from nothing else."""
 
 SIMULATION_BATCHES = {
     "train": batches(
@@ -12,7 +12,7 @@ SIMULATION_BATCHES = {
 rule simulate_batch:
     input:
         mesh=f"{R}/geometry/mesh.vtu",
-        start=f"{R}/mechanics/baseline.npz",
+        predictor=f"{R}/mechanics/predictor.npz",
         design=f"{R}/design/{{set}}.parquet",
         library=library("simulations"),
     output:

@@ -4,7 +4,7 @@ rule simulate_subject:
     """The only rule that writes a truth; no rule that infers reads it."""
     input:
         mesh=f"{R}/geometry/mesh.vtu",
-        start=f"{R}/mechanics/baseline.npz",
+        predictor=f"{R}/mechanics/predictor.npz",
         library=library("subjects"),
     output:
         measured=f"{R}/measured/{{subject}}.csv",

@@ -4,6 +4,24 @@ V = f"{R}/verification"
 # Uniform refinement of the heart: elements around, rows of each level and layers grow alike.
 REFINEMENTS = {"1": 16, "2": 32, "3": 48}
 REFINED_ROWS = ["basal", "mid", "apical", "apex", "transmural"]
+# Meshes that are compared with one at least twice as fine as the study's in every direction.
+STUDY_MESHES = {
+    "quick": {"circumferential": 16, "basal": 2, "transmural": 1},
+    "one layer": {"transmural": 1},
+    "equal rows": {"basal_grading": 1.0},
+    "study": {},
+    "three layers": {"transmural": 3},
+    "fine": {"circumferential": 32, "basal": 4, "mid": 3, "apical": 2},
+    "reference": {
+        "circumferential": 48,
+        "basal": 6,
+        "basal_grading": 0.707,
+        "mid": 4,
+        "apical": 2,
+        "apex": 2,
+        "transmural": 4,
+    },
+}
 
 
 rule verify:
@@ -11,10 +29,11 @@ rule verify:
     input:
         expand(
             f"{V}/{{name}}.{{ext}}",
-            name=["land", "convergence"],
+            name=["land", "convergence", "mesh_study"],
             ext=["png", "csv"],
         ),
         f"{V}/orders.csv",
+        f"{V}/mesh_study_summary.csv",
 
 
 rule verify_land:
@@ -46,7 +65,8 @@ rule make_refined_mesh:
     params:
         endo_apex_z_mm=config["geometry"]["endo_apex_z_mm"],
         epi_apex_z_mm=config["geometry"]["epi_apex_z_mm"],
-        mesh=lambda wildcards: {"circumferential": REFINEMENTS[wildcards.refinement]}
+        mesh=lambda wildcards: config["mesh"]
+        | {"circumferential": REFINEMENTS[wildcards.refinement]}
         | dict.fromkeys(REFINED_ROWS, int(wildcards.refinement)),
         fibres=config["fibres"],
     log:
@@ -126,3 +146,78 @@ rule plot_convergence:
         "../../envs/figures.yaml"
     script:
         "../scripts/plot_convergence.py"
+
+
+rule make_study_mesh:
+    input:
+        segments=config["geometry"]["segments"],
+        library=library("geometry.make"),
+    output:
+        msh=temp(f"{V}/meshes/{{mesh}}/mesh.msh"),
+        vtu=f"{V}/meshes/{{mesh}}/mesh.vtu",
+        segments=f"{V}/meshes/{{mesh}}/segments.csv",
+        summary=f"{V}/meshes/{{mesh}}/summary.json",
+    params:
+        endo_apex_z_mm=config["geometry"]["endo_apex_z_mm"],
+        epi_apex_z_mm=config["geometry"]["epi_apex_z_mm"],
+        mesh=lambda wildcards: config["mesh"] | STUDY_MESHES[wildcards.mesh],
+        fibres=config["fibres"],
+    log:
+        f"{LOGS}/verification/make_study_mesh-{{mesh}}.log",
+    conda:
+        "../../envs/geometry.yaml"
+    script:
+        "../scripts/make_mesh.py"
+
+
+rule observe_mesh:
+    """The reference mesh takes about half an hour, all others together a quarter."""
+    input:
+        mesh=f"{V}/meshes/{{mesh}}/mesh.vtu",
+        library=library("verification.mesh_study"),
+    output:
+        f"{V}/meshes/{{mesh}}/observables.parquet",
+    params:
+        physics=PHYSICS,
+        design=config["design"],
+        seed=config["seed"],
+    log:
+        f"{LOGS}/verification/observe_mesh-{{mesh}}.log",
+    benchmark:
+        f"{R}/benchmarks/observe_mesh-{{mesh}}.tsv"
+    conda:
+        "../../envs/mechanics.yaml"
+    script:
+        "../scripts/observe_mesh.py"
+
+
+rule compare_meshes:
+    input:
+        tables=expand(f"{V}/meshes/{{mesh}}/observables.parquet", mesh=STUDY_MESHES),
+        library=library("verification.mesh_study"),
+    output:
+        errors=f"{V}/mesh_errors.csv",
+        summary=f"{V}/mesh_study_summary.csv",
+    params:
+        meshes=list(STUDY_MESHES),
+    log:
+        f"{LOGS}/verification/compare_meshes.log",
+    conda:
+        "../../envs/mechanics.yaml"
+    script:
+        "../scripts/compare_meshes.py"
+
+
+rule plot_mesh_study:
+    input:
+        errors=f"{V}/mesh_errors.csv",
+        library=library("figures.mesh_study"),
+    output:
+        png=f"{V}/mesh_study.png",
+        csv=f"{V}/mesh_study.csv",
+    log:
+        f"{LOGS}/verification/plot_mesh_study.log",
+    conda:
+        "../../envs/figures.yaml"
+    script:
+        "../scripts/plot_mesh_study.py"

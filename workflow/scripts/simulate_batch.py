@@ -11,7 +11,7 @@ design = pd.read_parquet(snakemake.input.design).iloc[batch * size : (batch + 1)
 simulate_batch(
     snakemake.input.mesh,
     snakemake.params.physics,
-    snakemake.input.start,
+    snakemake.input.predictor,
     design,
     name=f"{snakemake.wildcards.set} batch {batch}",
 ).to_parquet(snakemake.output[0], index=False)

@@ -10,7 +10,7 @@ measured, truth = simulate_subject(
     snakemake.params.subject,
     snakemake.input.mesh,
     snakemake.params.physics,
-    snakemake.input.start,
+    snakemake.input.predictor,
     snakemake.params.seed,
 )
 write_measured(measured, snakemake.output.measured)

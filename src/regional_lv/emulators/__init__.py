@@ -1,6 +1,7 @@
 """Emulators by name, and what the workflow does with them.
 
-A new emulator is one file in this folder and one entry in `REGISTRY`.
+A new emulator is one file in this folder, one entry in `REGISTRY` (the test suite then covers it),
+and its settings in the schema of the configuration.
 """
 
 import json
@@ -10,11 +11,21 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import pyarrow.parquet as pq
 import torch
 
 from regional_lv import aha
 from regional_lv.emulators.base import Emulator, Prediction, SeparablePrediction
+from regional_lv.emulators.dgp import DGP
+from regional_lv.emulators.dnn import DNN
 from regional_lv.emulators.exact_gp import ExactGP
+from regional_lv.emulators.gradient_gp import GradientGP
+from regional_lv.emulators.local_dkgp import LocalDeepKernelGP
+from regional_lv.emulators.local_dkmgp import LocalDeepKernelMultiGP
+from regional_lv.emulators.local_gp import LocalSingleGP
+from regional_lv.emulators.local_mgp import LocalMultiGP
+from regional_lv.emulators.mvgp import MVGP
+from regional_lv.emulators.vgp import VGP
 from regional_lv.errors import InputError
 from regional_lv.seeds import derive
 
@@ -22,7 +33,21 @@ __all__ = ["REGISTRY", "Emulator", "Prediction", "SeparablePrediction", "create"
 
 log = logging.getLogger(__name__)
 
-REGISTRY: dict[str, type[Emulator]] = {cls.name: cls for cls in (ExactGP,)}
+REGISTRY: dict[str, type[Emulator]] = {
+    cls.name: cls
+    for cls in (
+        ExactGP,
+        GradientGP,
+        LocalSingleGP,
+        LocalMultiGP,
+        LocalDeepKernelGP,
+        LocalDeepKernelMultiGP,
+        VGP,
+        MVGP,
+        DGP,
+        DNN,
+    )
+}
 """Name in the config -> class."""
 
 
@@ -60,6 +85,27 @@ def read_simulations(path: str | Path) -> tuple[np.ndarray, np.ndarray, pd.Index
     return theta, y, pd.Index(table["sample"].astype(str))
 
 
+def read_sensitivities(path: str | Path) -> np.ndarray:
+    """d(outputs)/d(theta) (N, 52, 10) of a screened table of simulations, in its order.
+
+    Raises InputError if there are none, or if a row has another number of them.
+    """
+    if "sensitivity" not in pq.read_schema(path).names:
+        raise InputError(
+            f"{path}: no column sensitivity, which the emulator learns from; simulate with "
+            "dolfinx, or choose an emulator that does without"
+        )
+    rows = pd.read_parquet(path, columns=["sensitivity"])["sensitivity"]
+    shape = (len(aha.OUTPUTS), len(aha.PARAMETERS))
+    for i, row in enumerate(rows):
+        if np.size(row) != shape[0] * shape[1]:
+            raise InputError(
+                f"{path}: row {i} has {np.size(row)} sensitivities; expected {shape[0]} x "
+                f"{shape[1]}, row by row; simulate it again or remove it"
+            )
+    return np.stack([np.asarray(row, dtype=float).reshape(shape) for row in rows])
+
+
 def train_emulator(
     name: str,
     settings: dict,
@@ -77,7 +123,8 @@ def train_emulator(
     theta, y, _ = read_simulations(train)
     started = time.monotonic()
     emulator = create(name, settings)
-    emulator.fit(theta, y, lower=lower, upper=upper, seed=derive(seed, "emulators", name))
+    slopes = read_sensitivities(train) if emulator.learns_from_sensitivities else None
+    emulator.fit(theta, y, slopes, lower=lower, upper=upper, seed=derive(seed, "emulators", name))
     seconds = time.monotonic() - started
     emulator.save(emulator_file)
     content = {"emulator": name, "settings": emulator.settings, "seconds": seconds}
@@ -89,28 +136,39 @@ def predict_test_set(
 ) -> None:
     """Predict a screened table; write predictions (Parquet) and errors per output (CSV).
 
-    Predictions: case, output, truth, mean, sd (natural units). Errors: output, rmse,
-    rmse_standardised (over the training sd), max_abs_error, coverage95, and a row `all` with the
-    standardised numbers (root mean square, largest) over all outputs.
+    Local emulators are trained for each case, on the neighbours of its outputs. Predictions: case,
+    output, truth, mean, sd (natural units). Errors: output, rmse, rmse_standardised (over the
+    training sd), max_abs_error, coverage95, and a row `all` with the standardised numbers (root
+    mean square, largest) over all outputs.
     """
     emulator = load(emulator_file)
     theta, y, samples = read_simulations(test)
-    with torch.no_grad():
-        prediction = emulator.predict(torch.as_tensor(theta))
     truth = torch.as_tensor(y)
+    # One by one: a local emulator differs from case to case, and covariances of all take room.
+    means, sds = [], []
+    for at, observed in zip(torch.as_tensor(theta), truth, strict=True):
+        local = emulator.localise(observed)
+        with torch.no_grad():
+            prediction = local.predict(at)
+        means.append(prediction.mean)
+        sds.append(prediction.sd)
+    mean, sd = torch.stack(means), torch.stack(sds)
+    far = int(emulator.outside(torch.as_tensor(theta)).sum())
+    if far:
+        log.info("%s: %d of %d simulations lie outside the design", emulator.name, far, len(truth))
     long = pd.DataFrame(
         {
             "case": np.repeat(samples.to_numpy(), len(emulator.outputs)),
             "output": np.tile(emulator.outputs, len(samples)),
             "truth": truth.ravel().numpy(),
-            "mean": prediction.mean.ravel().numpy(),
-            "sd": prediction.sd.ravel().numpy(),
+            "mean": mean.ravel().numpy(),
+            "sd": sd.ravel().numpy(),
         }
     )
     long.to_parquet(predictions, index=False)
-    error = prediction.mean - truth
+    error = mean - truth
     scaled = error / emulator.output_sd
-    covered = (error.abs() <= 1.959963984540054 * prediction.sd).double()
+    covered = (error.abs() <= 1.959963984540054 * sd).double()
     table = pd.DataFrame(
         {
             "output": emulator.outputs,

@@ -3,6 +3,7 @@
 import copy
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
 
@@ -11,8 +12,10 @@ import torch
 
 from regional_lv import aha
 from regional_lv.errors import InputError
+from regional_lv.schema import load_schema
 
-INPUT_TRANSFORMS = ("log", "identity")
+OUTSIDE_QUANTILE = 0.99
+"""Of the training inputs' distances to their nearest neighbours: what is farther is outside."""
 
 
 class Prediction:
@@ -70,6 +73,16 @@ class SeparablePrediction(Prediction):
         return torch.sqrt(self.variance[..., None] * self.output_covariance.diagonal())
 
 
+@dataclass(frozen=True)
+class TrainingSet:
+    """What an emulator learns from, standardised: inputs `x` (N, 10), outputs `y` (N, D), and
+    `slopes` (N, D, 10) = dy/dx for emulators that learn from sensitivities."""
+
+    x: torch.Tensor
+    y: torch.Tensor
+    slopes: torch.Tensor | None = None
+
+
 class Emulator(ABC):
     """A statistical stand-in for the simulator.
 
@@ -77,19 +90,21 @@ class Emulator(ABC):
     training design covers, the same for every parameter), `output_mean` and `output_sd` (D,) of
     the training outputs in natural units, and `info`, what the fit has to say about itself.
 
-    A new emulator is one file with a subclass, and one entry in `emulators.REGISTRY`. It has to
-    implement `_fit`, `_predict`, `_state`, `_restore` and `_select`.
+    A new emulator is one file with a subclass, one entry in `emulators.REGISTRY`, and its settings
+    in the schema of the configuration, where their defaults stand. It has to implement `_fit`,
+    `_predict`, `_state`, `_restore` and `_select`, or less with `reduced.ReducedEmulator` as its
+    base.
+
+    Raises InputError for a setting that the schema does not have or allow.
     """
 
     name: ClassVar[str]
+    learns_from_sensitivities: ClassVar[bool] = False
 
-    def __init__(self, input_transform: str = "log"):
-        if input_transform not in INPUT_TRANSFORMS:
-            raise InputError(
-                f"input_transform: {input_transform!r} is not offered; choose one of "
-                f"{', '.join(INPUT_TRANSFORMS)}"
-            )
-        self.settings = {"input_transform": input_transform}
+    def __init__(self, input_transform: str | None = None, **settings):
+        if input_transform is not None:
+            settings["input_transform"] = input_transform
+        self.settings = _complete(self.name, settings)
         self.outputs: tuple[str, ...] = ()
         self.info: dict = {}
 
@@ -99,6 +114,7 @@ class Emulator(ABC):
         self,
         theta: np.ndarray,
         y: np.ndarray,
+        sensitivities: np.ndarray | None = None,
         *,
         lower: float,
         upper: float,
@@ -107,8 +123,10 @@ class Emulator(ABC):
     ) -> "Emulator":
         """Learn from `theta` (N, 10) and outputs `y` (N, D) in natural units; return self.
 
+        sensitivities: d(outputs)/d(theta) (N, D, 10), for emulators that learn from them.
+
         Raises InputError for too few rows, numbers that are not finite, shapes that do not fit,
-        or an output that does not vary.
+        an output that does not vary, or sensitivities that are needed and missing.
         """
         theta, y = np.asarray(theta, dtype=float), np.asarray(y, dtype=float)
         _check_training_set(theta, y, outputs)
@@ -117,8 +135,37 @@ class Emulator(ABC):
         self.output_mean, self.output_sd = y.mean(0), y.std(0)
         transformed = torch.log(theta) if self._log else theta
         self.input_mean, self.input_sd = transformed.mean(0), transformed.std(0)
-        self._fit(self.standardise(theta), (y - self.output_mean) / self.output_sd, seed)
+        self.inputs = self.standardise(theta)
+        gaps = torch.cdist(self.inputs, self.inputs).fill_diagonal_(torch.inf).amin(1)
+        self.reach = torch.quantile(gaps, OUTSIDE_QUANTILE)
+        slopes = None
+        if self.learns_from_sensitivities:
+            slopes = _check_sensitivities(self.name, sensitivities, (*y.shape, theta.shape[1]))
+            slopes = slopes / self.output_sd[:, None] / self.standardise_slope(theta)[:, None, :]
+        training = TrainingSet(self.inputs, (y - self.output_mean) / self.output_sd, slopes)
+        self._fit(training, seed)
         return self
+
+    def localise(self, y: torch.Tensor) -> "Emulator":
+        """The emulator to use for the observation `y` (D,), natural units.
+
+        A global emulator is the same for all; a local one trains on the simulations whose outputs
+        are nearest to `y`, and can predict only then.
+        """
+        return self
+
+    def outside(self, theta: torch.Tensor) -> torch.Tensor:
+        """Whether each row of `theta` (..., 10) lies where no simulation is near, bool (...).
+
+        On the emulator's own scale of the inputs: outside the box of the training inputs, or
+        farther from the nearest of them than 99 % of them are from theirs. Predictions there are
+        extrapolations; their variance need not say so.
+        """
+        x = self.standardise(theta)
+        low, high = self.inputs.amin(0), self.inputs.amax(0)
+        beyond = ((x < low) | (x > high)).any(-1)
+        flat = x.reshape(-1, x.shape[-1])
+        return beyond | (torch.cdist(flat, self.inputs).amin(1) > self.reach).reshape(beyond.shape)
 
     def predict(self, theta: torch.Tensor) -> Prediction:
         """Predict at `theta` (..., 10), float64; differentiable."""
@@ -185,8 +232,8 @@ class Emulator(ABC):
     # ---------------------------------------------------------------- what a subclass provides
 
     @abstractmethod
-    def _fit(self, x: torch.Tensor, y: torch.Tensor, seed: int) -> None:
-        """Learn from standardised inputs (N, 10) and standardised outputs (N, D)."""
+    def _fit(self, training: TrainingSet, seed: int) -> None:
+        """Learn; `inputs` (the standardised inputs) are kept already."""
 
     @abstractmethod
     def _predict(self, theta: torch.Tensor) -> Prediction:
@@ -224,7 +271,48 @@ class Emulator(ABC):
         return slope / theta if self._log else slope.expand_as(theta)
 
 
-_TENSORS = ("input_mean", "input_sd", "output_mean", "output_sd")
+_TENSORS = ("inputs", "reach", "input_mean", "input_sd", "output_mean", "output_sd")
+
+
+def _complete(name: str, settings: dict) -> dict:
+    """`settings` with the schema's defaults; as they are for an emulator without a section there.
+
+    The schema's limits are checked where configurations are read (`config`)."""
+    section = load_schema()["properties"]["emulators"]["properties"].get(name)
+    if section is None:
+        return settings
+    entries = section["properties"]
+    for key, value in settings.items():
+        if key not in entries:
+            raise InputError(f"{name}.{key}: unknown setting; choose among {', '.join(entries)}")
+        choices = entries[key].get("enum", [value])
+        if value not in choices:
+            raise InputError(
+                f"{name}.{key}: {value!r} is not offered; choose one of {', '.join(choices)}"
+            )
+    return {key: entry["default"] for key, entry in entries.items()} | settings
+
+
+def _check_sensitivities(name: str, sensitivities, shape: tuple[int, ...]) -> torch.Tensor:
+    """Sensitivities as a tensor of `shape` (N, D, 10); InputError if they are anything else."""
+    if sensitivities is None:
+        raise InputError(
+            f"{name}: learns from sensitivities, and there are none; give simulations with the "
+            "column `sensitivity`, or choose another emulator"
+        )
+    sensitivities = np.asarray(sensitivities, dtype=float)
+    if sensitivities.shape != shape:
+        raise InputError(
+            f"training set: sensitivities have the shape {sensitivities.shape}; expected {shape}, "
+            "d(outputs)/d(theta) of every simulation"
+        )
+    bad = np.flatnonzero(~np.isfinite(sensitivities).all(axis=(1, 2)))
+    if bad.size:
+        raise InputError(
+            f"training set: sensitivities of row {bad[0]} (of {bad.size} such rows) hold numbers "
+            "that are not finite; remove these simulations"
+        )
+    return torch.as_tensor(sensitivities)
 
 
 def _check_training_set(theta: np.ndarray, y: np.ndarray, outputs: Sequence[str]) -> None:

@@ -1,9 +1,7 @@
 """Exact Gaussian process for all outputs at once, one kernel shared by all.
 
-Intrinsic coregionalisation (Bonilla et al. 2007): cov(y_k(theta), y_l(theta')) = b_kl K(theta,
-theta'). All outputs are seen at all inputs, so that the covariance of the training set is a
-Kronecker product, one Cholesky factor of the N x N matrix K serves all outputs, and the
-maximum-likelihood B has a closed form given K.
+Intrinsic coregionalisation (`shared_kernel`): the covariance of the training set is a Kronecker
+product, one Cholesky factor of the N x N matrix K serves all outputs.
 """
 
 import logging
@@ -12,11 +10,17 @@ import time
 
 import numpy as np
 import torch
-from scipy.optimize import minimize
 
-from regional_lv.emulators.base import Emulator, Prediction, SeparablePrediction
-from regional_lv.errors import InputError
-from regional_lv.seeds import derive
+from regional_lv.emulators.base import Emulator, Prediction, SeparablePrediction, TrainingSet
+from regional_lv.emulators.kernels import KERNELS, squared_distance
+from regional_lv.emulators.shared_kernel import (
+    cholesky,
+    condition,
+    fit_hyperparameters,
+    projected_precision,
+    regular,
+    subset,
+)
 
 log = logging.getLogger(__name__)
 
@@ -25,7 +29,6 @@ HYPERPARAMETER_ROWS = 1500
 evaluation and a dozen numbers are well determined long before."""
 
 RESTARTS = 2
-CALIBRATIONS = ("variance_factor", "none")
 FEW_ROWS_SHRINKAGE = 0.1
 """Least shrinkage with no more simulations than outputs: the errors then lie in a subspace, and
 leaving one out says nothing of the directions outside it."""
@@ -33,206 +36,88 @@ leaving one out says nothing of the directions outside it."""
 SHRINKAGES = (0.0, *np.logspace(-6, 0, 13))
 
 
-# ------------------------------------------------------------------------------------ kernels
-# Each gives the correlation, its slope with respect to the squared scaled distance d2, and its
-# derivative with respect to log(alpha) (zero without such a parameter).
-
-
-def _rq(d2, alpha):
-    u = 1 + d2 / (2 * alpha)
-    k = u**-alpha
-    return k, -0.5 * k / u
-
-
-def _rbf(d2, alpha):
-    k = torch.exp(-0.5 * d2)
-    return k, -0.5 * k
-
-
-def _matern52(d2, alpha):
-    r = torch.sqrt(5 * d2)
-    decay = torch.exp(-r)
-    return (1 + r + r * r / 3) * decay, -5 / 6 * (1 + r) * decay
-
-
-def _rq_alpha_slope(d2, alpha, k):
-    u = d2 / (2 * alpha)
-    return alpha * k * (u / (1 + u) - torch.log1p(u))
-
-
-KERNELS = {"rq": _rq, "rbf": _rbf, "matern52": _matern52}
-
-
-def _squared_distance(a: torch.Tensor, b: torch.Tensor) -> torch.Tensor:
-    """(M, N) squared distances between rows; one matrix product instead of M N P differences."""
-    d2 = (a * a).sum(-1)[:, None] + (b * b).sum(-1) - 2 * (a @ b.T)
-    return d2.clamp_(min=0.0)
-
-
 class ExactGP(Emulator):
     """Exact multi-output GP with a constant mean (its uncertainty included).
 
-    kernel: rq, rbf or matern52, with one length scale per parameter. nugget: smallest value added
-    to the diagonal of the correlation matrix; a larger one is learnt where the data ask for it.
-    iterations: L-BFGS iterations per start. calibration: `variance_factor` multiplies the
-    predictive variance by what the leave-one-out errors of the training set ask for, `none` leaves
-    it as the likelihood has it.
-
-    Raises InputError for settings that are not offered.
+    Settings: kernel; nugget, the smallest value added to the diagonal of the correlation matrix (a
+    larger one is learnt where the data ask for it); iterations, L-BFGS iterations per start;
+    calibration: `variance_factor` multiplies the predictive variance by what the leave-one-out
+    errors of the training set ask for, `none` leaves it as the likelihood has it.
     """
 
     name = "exact_gp"
 
-    def __init__(
-        self,
-        kernel: str = "rq",
-        input_transform: str = "log",
-        nugget: float = 1e-8,
-        iterations: int = 150,
-        calibration: str = "variance_factor",
-    ):
-        super().__init__(input_transform)
-        for key, value, offered in (
-            ("kernel", kernel, KERNELS),
-            ("calibration", calibration, CALIBRATIONS),
-        ):
-            if value not in offered:
-                raise InputError(
-                    f"exact_gp.{key}: {value!r} is not offered; choose one of {', '.join(offered)}"
-                )
-        self.settings |= {
-            "kernel": kernel,
-            "nugget": float(nugget),
-            "iterations": int(iterations),
-            "calibration": calibration,
-        }
-
     # ------------------------------------------------------------------------------- fitting
 
-    def _fit(self, x: torch.Tensor, y: torch.Tensor, seed: int) -> None:
+    def _fit(self, training: TrainingSet, seed: int) -> None:
         started = time.monotonic()
-        rows = torch.arange(len(x))
-        if len(x) > HYPERPARAMETER_ROWS:
-            shuffled = np.random.default_rng(derive(seed, "rows")).permutation(len(x))
-            rows = torch.as_tensor(np.sort(shuffled[:HYPERPARAMETER_ROWS]))
-        value, parameters = self._fit_hyperparameters(x[rows], y[rows], seed)
-        self.length_scales = torch.exp(parameters[:-2])
-        self.alpha = float(torch.exp(parameters[-2]))
-        self.nugget = self.settings["nugget"] + float(torch.exp(parameters[-1]))
-        self.inputs = x
+        learnt = self._learn_hyperparameters(training, seed)
         self._factorise()
-        self.mean, self.weights = _condition(self.cholesky, y)
-        residuals, variances = leave_one_out(self.cholesky, y)
-        self._calibrate(x, y, residuals, variances)
+        targets = self._targets(training)
+        self.mean, self.weights = condition(self.cholesky, targets, self._constant)
+        self._calibrate(training.y, targets)
         seconds = time.monotonic() - started
         self.info = {
-            "rows": len(x),
-            "hyperparameter_rows": len(rows),
-            "log_marginal_likelihood": -value,
+            "rows": len(training.x),
+            **learnt,
             "length_scales": self.length_scales.tolist(),
             "alpha": self.alpha,
             "nugget": self.nugget,
             "seconds": seconds,
             **self.info,
         }
-        log.info("exact_gp: fitted to %d simulations in %.1f s", len(x), seconds)
+        log.info("%s: fitted to %d simulations in %.1f s", self.name, len(training.x), seconds)
 
-    def _fit_hyperparameters(self, x, y, seed) -> tuple[float, torch.Tensor]:
-        """Best of several seeded starts: (negative log likelihood, log hyperparameters)."""
-        rng = np.random.default_rng(derive(seed, "hyperparameters"))
-        first = np.concatenate([np.full(x.shape[1], math.log(5.0)), [0.0, math.log(1e-6)]])
-        bounds = [(-2.0, 6.0)] * x.shape[1] + [(-3.0, 5.0), (-30.0, 0.0)]
-        best = None
-        for start in range(RESTARTS):
-            guess = first + (rng.normal(0, 0.7, len(first)) if start else 0.0)
-            result = minimize(
-                self._negative_log_likelihood,
-                np.clip(guess, *np.transpose(bounds)),
-                args=(x, y),
-                jac=True,
-                method="L-BFGS-B",
-                bounds=bounds,
-                options={"maxiter": self.settings["iterations"]},
-            )
-            log.info(
-                "exact_gp: start %d of %d, negative log likelihood %.2f after %d evaluations",
-                *(start + 1, RESTARTS, result.fun, result.nfev),
-            )
-            if best is None or result.fun < best.fun:
-                best = result
-        return float(best.fun), torch.as_tensor(best.x)
+    def _learn_hyperparameters(self, training: TrainingSet, seed: int) -> dict:
+        """Set length scales, alpha and nugget; return what the report says of them."""
+        rows = subset(len(training.x), HYPERPARAMETER_ROWS, seed)
+        s = self.settings
+        h = fit_hyperparameters(
+            training.x[rows],
+            training.y[rows],
+            *(s["kernel"], s["nugget"], s["iterations"], RESTARTS, seed),
+        )
+        self.length_scales, self.alpha, self.nugget = h.length_scales, h.alpha, h.nugget
+        return {"hyperparameter_rows": len(rows), "log_marginal_likelihood": -h.value}
 
-    def _negative_log_likelihood(self, p, x, y) -> tuple[float, np.ndarray]:
-        """Restricted log likelihood with B at its maximum, and its gradient.
+    def _targets(self, training: TrainingSet) -> torch.Tensor:
+        """The observations (n, D), in the order of the covariance matrix."""
+        return training.y
 
-        (N - 1)/2 log|B| + D/2 (log|K| + log(1' K^-1 1)), B = Y' Q Y / (N - 1), Q the precision
-        with the constant mean projected out; up to constants.
-        """
-        p = torch.as_tensor(p)
-        scales, alpha = torch.exp(p[:-2]), torch.exp(p[-2])
-        learnt = torch.exp(p[-1])
-        scaled = x / scales
-        d2 = _squared_distance(scaled, scaled)
-        correlation, slope = KERNELS[self.settings["kernel"]](d2, alpha)
-        n, d = y.shape
-        matrix = correlation.clone()
-        matrix.diagonal().add_(self.settings["nugget"] + learnt)
-        factor, failed = torch.linalg.cholesky_ex(matrix)
-        if failed:
-            return 1e12, np.zeros(len(p))
-        precision, total = _projected_precision(factor)
-        weights = precision @ y
-        b = _regular(y.T @ weights / (n - 1))
-        if n <= d:
-            # Fewer simulations than outputs leave B singular, and the likelihood without bound.
-            b = torch.diag(b.diagonal())
-        b_factor, failed = torch.linalg.cholesky_ex(b)
-        if failed:
-            return 1e12, np.zeros(len(p))
-        value = (n - 1) * b_factor.diagonal().log().sum()
-        value = value + d * (factor.diagonal().log().sum() + 0.5 * torch.log(total))
-        sensitivity = 0.5 * (d * precision - weights @ torch.cholesky_solve(weights.T, b_factor))
-        # sum_ij W_ij (a_i - a_j)^2 for every parameter from one product, W symmetric
-        w = sensitivity * slope
-        spread = 2 * ((scaled**2).T @ w.sum(1) - ((w @ scaled) * scaled).sum(0))
-        gradient = [-2 * spread]
-        if self.settings["kernel"] == "rq":
-            by_alpha = (sensitivity * _rq_alpha_slope(d2, alpha, correlation)).sum()
-        else:
-            by_alpha = torch.zeros((), dtype=y.dtype)
-        gradient.append(torch.stack([by_alpha, learnt * sensitivity.diagonal().sum()]))
-        return float(value), torch.cat(gradient).numpy()
+    def _training_covariance(self) -> tuple[torch.Tensor, torch.Tensor]:
+        """Correlations (n, n) of the observations, and what each sees of the mean (n, 1)."""
+        self._scaled = self.inputs / self.length_scales
+        matrix, _ = self._correlate(squared_distance(self._scaled, self._scaled))
+        return matrix, torch.ones(len(matrix), 1, dtype=matrix.dtype)
 
     def _factorise(self) -> None:
-        """Cholesky factor of the correlation matrix of the training inputs, and 1' K^-1 1."""
-        self._scaled = self.inputs / self.length_scales
-        matrix, _ = self._correlate(_squared_distance(self._scaled, self._scaled))
-        matrix.diagonal().add_(self.nugget)
-        factor, failed = torch.linalg.cholesky_ex(matrix)
-        while failed:
-            matrix.diagonal().add_(9 * self.nugget)
-            self.nugget *= 10
-            log.warning("exact_gp: nugget raised to %.1e for a Cholesky factor", self.nugget)
-            factor, failed = torch.linalg.cholesky_ex(matrix)
-        self.cholesky = factor
-        ones = torch.ones(len(factor), 1, dtype=factor.dtype)
-        self._ones = torch.linalg.solve_triangular(factor, ones, upper=False)
+        """Cholesky factor of the observations' correlation matrix, and c' K^-1 c."""
+        matrix, self._constant = self._training_covariance()
+        self.cholesky, self.nugget = cholesky(matrix, self.nugget, self.name)
+        self._ones = torch.linalg.solve_triangular(self.cholesky, self._constant, upper=False)
         self._total = (self._ones**2).sum()
 
     def _correlate(self, d2):
         return KERNELS[self.settings["kernel"]](d2, self.alpha)
 
-    def _calibrate(self, x, y, residuals, variances) -> None:
+    def _leave_one_out(self, precision, targets) -> tuple[torch.Tensor, torch.Tensor]:
+        """Errors (N, D) and variances (N,) of predicting each simulation from all others."""
+        return leave_one_out(precision, targets)
+
+    def _calibrate(self, y, targets) -> None:
         """B, and the factor on the variance from leave-one-out errors of the training set alone."""
-        b = y.T @ _projected_precision(self.cholesky)[0] @ y / (len(y) - 1)
+        precision, _ = projected_precision(self.cholesky, self._constant)
+        b = targets.T @ precision @ targets / (len(targets) - 1)
+        residuals, variances = self._leave_one_out(precision, targets)
+        del precision
         shrinkage = 0.0
         if len(y) < 4 * y.shape[1]:
             shrinkage = choose_shrinkage(residuals / variances.sqrt()[:, None])
         b = (b + shrinkage * torch.diag(b.diagonal())) / (1 + shrinkage)
-        self.output_b = _regular(b)
+        self.output_b = regular(b)
         self._set_output_covariance()
         self.variance_factor = 1.0
-        theta = self._unstandardise(x)
+        theta = self._unstandardise(self.inputs)
         by_theta = torch.cat([self.jacobian(part)[0] for part in theta.split(256)])
         along = self._squared_length_along(by_theta / self.output_sd[:, None], residuals, variances)
         if self.settings["calibration"] == "variance_factor":
@@ -278,11 +163,9 @@ class ExactGP(Emulator):
             determinant_weight=1 / self.variance_factor,
         )
 
-    def _forward(self, theta: torch.Tensor) -> dict[str, torch.Tensor]:
+    def _forward(self, theta: torch.Tensor) -> dict:
         """Everything about predictions at `theta` (M, 10) that values and derivatives need."""
-        x = self.standardise(theta)
-        scaled = x / self.length_scales
-        k, slope = self._correlate(_squared_distance(scaled, self._scaled))
+        k, context = self._rows(self.standardise(theta))
         half = torch.linalg.solve_triangular(self.cholesky, k.T, upper=False)
         rest = 1 - (self._ones.T @ half)[0]
         variance = 1 + self.nugget - (half * half).sum(0) + rest * rest / self._total
@@ -291,11 +174,32 @@ class ExactGP(Emulator):
         return {
             "mean": mean,
             "variance": self.variance_factor * variance,
-            "scaled": scaled,
-            "slope": slope,
             "half": half,
             "rest": rest,
+            "context": context,
         }
+
+    def _rows(self, x: torch.Tensor) -> tuple[torch.Tensor, tuple[torch.Tensor, ...]]:
+        """Correlations k (M, n) of `x` with the observations, and what their derivative needs."""
+        scaled = x / self.length_scales
+        k, slope = self._correlate(squared_distance(scaled, self._scaled))
+        return k, (scaled, slope)
+
+    def _pull_back(self, by_k, scaled, slope) -> torch.Tensor:
+        """Gradient (M, 10) about x of a function whose gradient about k is `by_k` (M, n)."""
+        # d k_n / d scaled_p = 2 slope_n (scaled_p - scaled_np)
+        by_k = by_k * slope
+        by_scaled = 2 * (by_k.sum(1, keepdim=True) * scaled - by_k @ self._scaled)
+        return by_scaled / self.length_scales
+
+    def _mean_slopes(self, scaled, slope) -> torch.Tensor:
+        """d(k weights)/dx, (M, D, 10)."""
+        slopes = torch.empty(*(len(slope), self.weights.shape[1], scaled.shape[1])).to(slope)
+        plain = slope @ self.weights
+        for p in range(scaled.shape[1]):
+            moment = slope @ (self._scaled[:, p, None] * self.weights)
+            slopes[:, :, p] = 2 * (scaled[:, p, None] * plain - moment)
+        return slopes / self.length_scales
 
     def _variance_weights(self, half, rest) -> torch.Tensor:
         """d(variance)/d(k), (M, N)."""
@@ -311,18 +215,10 @@ class ExactGP(Emulator):
         shape = theta.shape[:-1]
         flat = theta.detach().reshape(-1, theta.shape[-1])
         f = self._forward(flat)
-        to_theta = self.standardise_slope(flat) / self.length_scales
-        # d k_n / d scaled_p = 2 slope_n (scaled_p - scaled_np)
-        slope = f["slope"]
-        means = torch.empty(len(flat), len(self.outputs), flat.shape[1], dtype=flat.dtype)
-        plain = slope @ self.weights
-        for p in range(flat.shape[1]):
-            moment = slope @ (self._scaled[:, p, None] * self.weights)
-            means[:, :, p] = 2 * (f["scaled"][:, p, None] * plain - moment)
-        means *= self.output_sd[:, None] * to_theta[:, None, :]
-        by_k = self._variance_weights(f["half"], f["rest"]) * slope
-        variance = 2 * (by_k.sum(1, keepdim=True) * f["scaled"] - by_k @ self._scaled) * to_theta
-        return means.reshape(*shape, *means.shape[1:]), variance.reshape(*shape, -1)
+        to_theta = self.standardise_slope(flat)
+        means = self._mean_slopes(*f["context"]) * self.output_sd[:, None] * to_theta[:, None, :]
+        variance = self._pull_back(self._variance_weights(f["half"], f["rest"]), *f["context"])
+        return means.reshape(*shape, *means.shape[1:]), (variance * to_theta).reshape(*shape, -1)
 
     # --------------------------------------------------------------------------- keeping
 
@@ -343,7 +239,7 @@ class ExactGP(Emulator):
 
 
 _STATE = (
-    *("inputs", "length_scales", "alpha", "nugget", "mean", "weights", "output_b"),
+    *("length_scales", "alpha", "nugget", "mean", "weights", "output_b"),
     "variance_factor",
 )
 
@@ -355,57 +251,31 @@ class _Evaluate(torch.autograd.Function):
     def forward(ctx, theta, gp):
         f = gp._forward(theta)
         ctx.gp = gp
-        ctx.save_for_backward(theta, *(f[key] for key in ("scaled", "slope", "half", "rest")))
+        ctx.save_for_backward(theta, f["half"], f["rest"], *f["context"])
         return f["mean"], f["variance"]
 
     @staticmethod
     @torch.autograd.function.once_differentiable
     def backward(ctx, by_mean, by_variance):
         gp = ctx.gp
-        theta, scaled, slope, half, rest = ctx.saved_tensors
+        theta, half, rest, *context = ctx.saved_tensors
         by_k = (by_mean * gp.output_sd) @ gp.weights.T
         by_k += gp._variance_weights(half, rest) * by_variance[:, None]
-        by_k *= slope
-        by_scaled = 2 * (by_k.sum(1, keepdim=True) * scaled - by_k @ gp._scaled)
-        return by_scaled / gp.length_scales * gp.standardise_slope(theta), None
+        return gp._pull_back(by_k, *context) * gp.standardise_slope(theta), None
 
 
 # ------------------------------------------------------------------------- linear algebra, LOO
 
 
-def _projected_precision(factor: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-    """Q = K^-1 - K^-1 1 1' K^-1 / (1' K^-1 1), and 1' K^-1 1.
-
-    Training needs all of K^-1; predictions never use it.
-    """
-    precision = torch.cholesky_inverse(factor)
-    sums = precision.sum(1)
-    total = sums.sum()
-    return precision - torch.outer(sums, sums) / total, total
-
-
-def _regular(b: torch.Tensor) -> torch.Tensor:
-    """`b` with a little on its diagonal, for outputs that depend on one another exactly."""
-    return b + 1e-9 * b.diagonal().mean() * torch.eye(len(b), dtype=b.dtype)
-
-
-def _condition(factor: torch.Tensor, y: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-    """Generalised least-squares mean (D,) and weights K^-1 (y - mean) (N, D)."""
-    ones = torch.ones(len(y), 1, dtype=y.dtype)
-    solved = torch.cholesky_solve(ones, factor)
-    mean = (solved.T @ y / solved.sum())[0]
-    return mean, torch.cholesky_solve(y - mean, factor)
-
-
-def leave_one_out(factor: torch.Tensor, y: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-    """Errors (N, D) and variances (N,) of predicting each row from all others, in closed form.
+def leave_one_out(precision: torch.Tensor, y: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+    """Errors (..., N, D) and variances (..., N) of predicting each row from all others, in closed
+    form, of the projected precision Q (..., N, N).
 
     With the constant mean estimated anew each time: e_i = [Q y]_i / Q_ii, v_i = 1 / Q_ii
     (Dubrule 1983, doi 10.1007/BF01033233).
     """
-    precision, _ = _projected_precision(factor)
-    diagonal = precision.diagonal()
-    return (precision @ y) / diagonal[:, None], 1 / diagonal
+    diagonal = precision.diagonal(dim1=-2, dim2=-1)
+    return (precision @ y) / diagonal[..., None], 1 / diagonal
 
 
 def _squared_length(errors: torch.Tensor, b: torch.Tensor) -> torch.Tensor:

@@ -48,7 +48,9 @@ def _rings(table, endo_apex_z_mm, mesh):
     patch = borders[0] * half / (half + apex)
     radii, levels = [patch], []
     for level, outer in zip(("apex", "apical", "mid", "basal"), borders, strict=True):
-        radii.extend(np.linspace(radii[-1], outer, mesh[level] + 1)[1:])
+        # Towards the held base, where strains change fast, rows get lower by a constant factor.
+        heights = (mesh["basal_grading"] if level == "basal" else 1.0) ** np.arange(mesh[level])
+        radii.extend(radii[-1] + (outer - radii[-1]) * np.cumsum(heights) / heights.sum())
         levels.extend([level] * mesh[level])
     return np.array(radii), levels, borders[0]
 

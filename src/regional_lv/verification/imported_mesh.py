@@ -8,6 +8,7 @@ from scipy.interpolate import RBFInterpolator
 
 from regional_lv import aha
 from regional_lv.mechanics.continuation import Effort, Solver
+from regional_lv.mechanics.predictor import Known
 from regional_lv.simulations import make_simulator
 
 log = logging.getLogger(__name__)
@@ -28,7 +29,9 @@ def run(imported_vtu, remeshed_vtu, physics, inputs_csv, outputs_csv):
     solver, effort = Solver(coarse, physics["solver"]), Effort()
     pressure = physics["loading"]["pressure_mmhg"]
     one = solver.inflate(np.ones(len(row)), pressure, effort)
-    other = solver.follow(one, coarse.field_sensitivities(one.w), row, effort)
+    known = Known(coarse.size)
+    known.add(one.theta, one.w, coarse.field_sensitivities(one.w))
+    other = solver.newton(known.field(row), row, pressure, effort)
     columns = {"output": aha.OUTPUTS}
     for name, state in (("", one), ("_row_1", other)):
         effort = Effort()

@@ -1,0 +1,32 @@
+"""DNN: a feed-forward network with one scale for all its errors (the paper's error model)."""
+
+from regional_lv.emulators import networks
+from regional_lv.emulators.reduced import ReducedEmulator
+
+
+class DNN(ReducedEmulator):
+    """Network from the inputs to the reduced outputs, on their own scale (not of unit variance).
+
+    Its error model is the paper's: independent between the reduced outputs, with one standard
+    deviation for all of them and everywhere; here that of the errors on held-out simulations
+    (`info["error_sd"]`), where the paper samples it together with theta.
+    Settings: hidden (widths), epochs, learning_rate.
+    """
+
+    name = "dnn"
+    _KEYS = ("layers", "error_sd")
+
+    def _fit_scores(self, x, z, seed):
+        s = self.settings
+        self.layers, errors = networks.train(
+            x, z * self.score_sd, s["hidden"], s["epochs"], s["learning_rate"], seed
+        )
+        self.error_sd = float(errors.square().mean().sqrt())
+        self.info["error_sd"] = self.error_sd
+
+    def _mean(self, x):
+        return networks.forward(self.layers, x) / self.score_sd
+
+    def _covariance(self, x):
+        # The same everywhere, but differentiable about x like that of the others.
+        return (self.error_sd / self.score_sd).square() + 0.0 * x[:, :1]
