@@ -131,16 +131,14 @@ class Solver:
 
     # ---------------------------------------------------------------- cold start
 
-    def inflate(
-        self, theta: np.ndarray, pressure: float, effort: Effort, start: State | None = None
-    ) -> State:
-        """Load stepping from the reference state (or `start`) with secant prediction.
+    def inflate(self, theta: np.ndarray, pressure: float, effort: Effort) -> State:
+        """Load stepping from the reference state with secant prediction.
 
         Raises `NotConverged` whose `last_pressure` attribute says how far it came.
         """
         theta = np.asarray(theta, dtype=float)
         settings = self.settings
-        here = start or State(np.zeros(self.simulator.size), theta, 0.0)
+        here = State(np.zeros(self.simulator.size), theta, 0.0)
         before = None
         step = settings["first_load_fraction"] * pressure
         while here.pressure != pressure:
