@@ -19,6 +19,7 @@ from regional_lv.figures import (
     bullseye_posterior,
     design,
     explained_variance,
+    heart,
     parity,
     posterior,
     posterior_predictive,
@@ -214,7 +215,7 @@ def test_zones(mesh, paths):
 
 
 def test_subdivision_follows_the_curved_element(mesh):
-    grid = zones.straight_cells(mesh)
+    grid = heart.straight_cells(mesh, 4)
     radius = np.hypot(*grid.points[:, :2].T)
     assert radius.min() == pytest.approx(25, abs=0.01)
     assert radius.max() == pytest.approx(35, abs=0.01)

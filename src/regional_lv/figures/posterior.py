@@ -114,6 +114,14 @@ def failed_cases(diagnostics: Path) -> set[str]:
     return set(table.loc[bad, "case"])
 
 
+def warning_of(failed: int, cases: int, drawn: str = "") -> str:
+    """Sentence about posteriors that failed their gate, `drawn` in some way; empty if none did."""
+    if not failed:
+        return ""
+    how = f" ({drawn})" if drawn else ""
+    return f"{failed} OF {cases} POSTERIORS FAILED THEIR CONVERGENCE GATE{how}"
+
+
 def density(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Kernel density estimate of draws: grid and density (128 each).
 

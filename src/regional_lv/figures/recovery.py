@@ -9,7 +9,7 @@ from matplotlib.lines import Line2D
 
 from regional_lv import aha
 from regional_lv.figures import style
-from regional_lv.figures.posterior import failed_cases
+from regional_lv.figures.posterior import failed_cases, warning_of
 
 LEVEL_COLOURS = {50: style.SKY, 80: style.GREEN, 95: style.BLUE}
 
@@ -53,18 +53,13 @@ def draw(
         fig,
         f"Recovery of {cases} simulated test cases, {emulator}: parameter MSE {mse:.3g}, "
         f"95 % intervals cover {100 * everything['coverage95']:.1f} %",
-        warning_of(len(failed & set(table["case"])), cases),
+        warning_of(len(failed & set(table["case"])), cases, "grey"),
     )
     joined = pd.concat(
         [table.assign(panel="recovery"), covered.assign(panel="coverage")], ignore_index=True
     )
     joined.insert(0, "panel", joined.pop("panel"))
     style.save(fig, joined, png, csv)
-
-
-def warning_of(failed: int, cases: int) -> str:
-    """Sentence about posteriors that failed their gate; empty if none did."""
-    return f"{failed} OF {cases} POSTERIORS FAILED THEIR CONVERGENCE GATE (grey)" if failed else ""
 
 
 def _panel(ax: Axes, part: pd.DataFrame, limit: float) -> None:
