@@ -400,7 +400,9 @@ def test_table_of_diagnostics(test_set, subject, tmp_path):
     test = tmp_path / "test.csv"
     test.write_bytes(test_set[2].read_bytes())
     _, diagnostics, _ = subject(FAILED)
-    table = tables.diagnostics(test, [diagnostics]).set_index(["posterior", "parameter"])
+    table = tables.diagnostics({"test set": test}, [diagnostics]).set_index(
+        ["posterior", "parameter"]
+    )
     row = table.loc["test set", "C_a_septal"]
     assert (row["cases"], row["failed_cases"], row["rhat_max"]) == (3, 1, 1.3)
     assert row["rhat_mean"] == pytest.approx(1.1)

@@ -17,12 +17,17 @@ SCALE = {"norm": Normalize(-1, 1), "cmap": "PuOr"}
 
 @style.context
 def draw_zones(
-    tables: Sequence[Path], labels: Sequence[str], title: str, warning: str, png: Path, csv: Path
+    tables: Sequence[Path],
+    recoveries: Sequence[Path],
+    labels: Sequence[str],
+    title: str,
+    png: Path,
+    csv: Path,
 ) -> None:
     """Draw the 5 x 5 correlations of the zones' first components, mean ± standard error.
 
-    tables: `zone_correlations.csv` (zone_1, zone_2, mean, se, cases) of the sets `labels`. The
-    table: set and those columns.
+    tables: `zone_correlations.csv` (zone_1, zone_2, mean, se, cases) of the sets `labels`;
+    recoveries: `recovery.csv` of the same, for verdicts. The table: set and the columns above.
     """
     joined = _read(tables, labels)
     fig = style.figure(3.1 * len(labels) + 1, 4.2)
@@ -34,15 +39,17 @@ def draw_zones(
     for ax in axes[1:]:
         ax.set_yticklabels([])
     fig.colorbar(image, ax=list(axes), label="posterior correlation", shrink=0.75)
+    warning = scenarios.warning(scenarios.read_sets(recoveries, labels))
     style.suptitle(fig, title, warning)
     style.save(fig, joined, png, csv)
 
 
 @style.context
-def draw_parameters(table: Path, label: str, warning: str, png: Path, csv: Path) -> None:
+def draw_parameters(table: Path, recovery: Path, label: str, png: Path, csv: Path) -> None:
     """Draw the 10 x 10 correlations of one set, mean and standard error over its cases.
 
-    table: `correlations.csv` (parameter_1, parameter_2, mean, se, cases).
+    table: `correlations.csv` (parameter_1, parameter_2, mean, se, cases); recovery: `recovery.csv`,
+    for verdicts.
     """
     joined = _read([table], [label])
     fig = style.figure(9.2, 8.0)
@@ -56,6 +63,7 @@ def draw_parameters(table: Path, label: str, warning: str, png: Path, csv: Path)
         ax.axvline(border, color=style.BLACK, linewidth=0.8)
     fig.colorbar(image, ax=ax, label="posterior correlation", shrink=0.8)
     cases = joined["cases"].max()
+    warning = scenarios.warning(scenarios.read_sets([recovery], [label]))
     style.suptitle(
         fig, f"Posterior correlations, {label}: mean ± standard error, {cases} cases", warning
     )

@@ -1,4 +1,4 @@
-"""One test case under every shortlisted emulator: chains and posteriors (the paper's Figures 6, S1).
+"""One test case under every shortlisted emulator: traces, posteriors (the paper's Figures 6, S1).
 
 The case is the one whose mean CRPS under the first emulator is the median of all test cases.
 """
@@ -67,9 +67,8 @@ def middle_case(errors: Path) -> str:
 def _holding(paths: Sequence[Path], case: str) -> Path:
     """The file with that case; the last one if none has it, for `read` to complain about."""
     for path in paths:
-        with az.from_netcdf(path) as data:
-            if case in {str(c) for c in data.posterior["case"].values}:
-                return path
+        if case in {str(c) for c in az.from_netcdf(path).posterior["case"].values}:
+            return path
     return paths[-1]
 
 

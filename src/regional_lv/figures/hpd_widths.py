@@ -29,7 +29,7 @@ def draw(
     """Draw boxes (quartiles) with whiskers (5 and 95 %) of the HPD widths of all cases.
 
     recoveries, noisy: `recovery.csv` of the sets `labels` and of their noisy twins; bounds: of the
-    prior, whose own width is dashed. The table: noise, set, parameters (which), then STATISTICS.
+    prior. The table: noise, set, parameters (which), then STATISTICS.
     """
     rows, warnings = [], []
     fig = style.figure(11.0, 4.8)
@@ -38,14 +38,15 @@ def draw(
         table = scenarios.read_sets(paths, labels)
         warnings.append(scenarios.warning(table))
         rows += _boxes(ax, table, labels, noise)
-        ax.axhline(0.95 * np.ptp(bounds), color=style.BLACK, linestyle="--", linewidth=0.8)
-        ax.text(0.995, 0.95 * np.ptp(bounds), "prior", ha="right", va="bottom",
-                transform=ax.get_yaxis_transform())  # fmt: skip
-        ax.set(title=noise, ylim=(0, 1.04 * np.ptp(bounds)))
-    axes[0].set_ylabel("width of the 95 % HPD interval")
+        ax.set_title(noise)
+    axes[0].set(ylabel="width of the 95 % HPD interval", ylim=(0, None))
     handles = [Patch(color=colour, label=name) for name, colour in GROUPS.items()]
     fig.legend(handles=handles, loc="outside lower center", ncols=3)
-    style.suptitle(fig, "How well single parameters are known", " / ".join(filter(None, warnings)))
+    style.suptitle(
+        fig,
+        f"How well single parameters are known (the prior's width: {0.95 * np.ptp(bounds):.2f})",
+        " / ".join(filter(None, warnings)),
+    )
     style.save(fig, pd.DataFrame(rows), png, csv)
 
 

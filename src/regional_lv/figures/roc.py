@@ -18,16 +18,16 @@ LOOKS = {
 def draw(
     curves: Sequence[Path],
     areas: Sequence[Path],
+    recoveries: Sequence[Path],
     labels: Sequence[str],
-    warning: str,
     png: Path,
     csv: Path,
 ) -> None:
     """Draw the curves of every set: rows without and with noise, a column for each scenario.
 
     curves: `roc.csv` (quantity, zone, threshold, false_positive_rate, true_positive_rate), areas:
-    `auc.csv` (quantity, zone, auc, auc_lower, auc_upper, ...), both of the sets in `labels` and
-    then of their noisy twins. Drawn is zone `all`: every zone of every case is one decision. The
+    `auc.csv` (quantity, zone, auc, auc_lower, auc_upper, ...) and recoveries: `recovery.csv` (for
+    verdicts), all of the sets in `labels` and then of their noisy twins. Drawn is zone `all`: every zone of every case is one decision. The
     table holds the curves of all zones with their area.
     """
     fig = style.figure(3.3 * len(labels) + 0.4, 6.8)
@@ -47,6 +47,7 @@ def draw(
         ax.set_xlabel("baseline zones called stiff")
     for ax in axes[:, 0]:
         ax.set_ylabel("stiffened zones called stiff")
+    warning = scenarios.warning(scenarios.read_sets(recoveries, 2 * list(labels)))
     style.suptitle(fig, "Telling a stiffened zone from the posterior probability", warning)
     style.save(fig, pd.concat(parts, ignore_index=True), png, csv)
 
@@ -67,7 +68,6 @@ def _panel(ax, table: pd.DataFrame) -> None:
             line,
             color=colour,
             label=label,
-            drawstyle="steps-post",
         )
     ax.set(aspect="equal", xlim=(-0.02, 1.02), ylim=(-0.02, 1.02))
     ax.legend(loc="lower right", title="area under the curve", title_fontsize=8)

@@ -25,6 +25,7 @@ def read_sets(recoveries: Sequence[Path], labels: Sequence[str]) -> pd.DataFrame
     for path, label in zip(recoveries, labels, strict=True):
         table = pd.read_csv(path, dtype={"case": str})
         table.insert(0, "set", label)
+        table.insert(0, "file", str(path))
         table["quantity"] = table["parameter"].str[:3]
         table["of"] = table["parameter"].str[4:]
         table["stiffened"] = (table["zone"] == table["of"]) | (table["zone"] == "all")
@@ -35,7 +36,7 @@ def read_sets(recoveries: Sequence[Path], labels: Sequence[str]) -> pd.DataFrame
 
 def warning(table: pd.DataFrame) -> str:
     """Of a table of `read_sets`: the sentence about posteriors that failed, or nothing."""
-    cases = table.groupby(["set", "case"])["failed"].first()
+    cases = table.groupby(["file", "case"])["failed"].first()
     return warning_of(int(cases.sum()), len(cases))
 
 

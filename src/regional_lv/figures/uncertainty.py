@@ -49,7 +49,7 @@ def draw(
     names = [style.parameter_label(n).replace(" ", "\n") for n in (*aha.PARAMETERS, "all")]
     left.set_xticks(np.arange(len(names)), names)
     left.set(ylabel="95 % intervals that cover (%)", ylim=(None, 101), title="Coverage")
-    left.legend(loc="lower right", ncols=len(emulators))
+    fig.legend(*left.get_legend_handles_labels(), loc="outside lower center", ncols=len(emulators))
     right.set_yscale("log")
     right.set_xticks(range(len(emulators)), emulators, rotation=20)
     right.set(ylabel="mean CRPS of a case", title="Probability score")
