@@ -25,6 +25,11 @@ include: "workflow/rules/emulators.smk"
 include: "workflow/rules/subjects.smk"
 include: "workflow/rules/posteriors.smk"
 include: "workflow/rules/figures.smk"
+include: "workflow/rules/figures_study.smk"
+include: "workflow/rules/figures_test_set.smk"
+include: "workflow/rules/figures_scenarios.smk"
+include: "workflow/rules/figures_subjects.smk"
+include: "workflow/rules/paper.smk"
 
 
 rule all:

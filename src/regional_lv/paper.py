@@ -9,14 +9,16 @@ The emulator `final` is the one that the study chose; the paper's choice was MVG
 numbers for MVGP stand against both. `shortlist` is the extreme over the shortlisted emulators.
 """
 
+import json
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
-from regional_lv import aha
+from regional_lv import aha, tables
 from regional_lv.errors import InputError
+from regional_lv.figures.posterior import by_emulator
 
 KEYS = ("quantity", "emulator", "set", "parameter", "statistic")
 COLUMNS = ("place", *KEYS, "relation", "value", "unit")
@@ -27,6 +29,14 @@ FACTOR = 1.5
 
 DIFFERENCE = {"rhat": 0.01, "split_rhat": 0.01, "coverage95": 3.0, "zone_correlation": 0.1}
 """Quantities whose ratio says little: the absolute difference beyond which they need a reason."""
+
+HEADING = """# Paper against this study
+
+Every number that the paper prints as a result, and this study's. `emulator`: `final` is the one
+chosen (in the paper MVGP; for its numbers of MVGP the columns `chosen` give this study's own
+choice), `shortlist` the extreme over the shortlisted ones. `relation`: `<` and `>` are bounds that
+the paper states. A reason is given where the ratio is beyond {factor} either way or, for some
+quantities, the difference beyond a limit ({limits}), and where nothing was computed."""
 
 ABSENT = "not computed in this study"
 UNEXPLAINED = "no reason known"
@@ -109,6 +119,48 @@ def differs(quantity: str, paper: float, relation: str, ours: float) -> bool:
     return not 1 / FACTOR <= ratio <= FACTOR
 
 
+def compare_study(
+    numbers: Path,
+    reasons: Path,
+    screened: Sequence[Path],
+    explained: Path,
+    threshold: float,
+    coverage: Sequence[Path],
+    diagnostics: Sequence[Path],
+    zone_correlations: Sequence[Path],
+    volunteer: Sequence[Path] = (),
+    estimates: Sequence[Path] = (),
+    choice: Path | None = None,
+) -> pd.DataFrame:
+    """`compare` with everything that the study's files hold.
+
+    screened: `screening/<set>.parquet`; explained, threshold: of the reduction; coverage,
+    diagnostics: `posteriors/<emulator>/test/...` of the shortlist and of `final`;
+    zone_correlations: `posteriors/final/<scenario>/...`; volunteer: the three files of
+    `from_volunteer`; estimates: the two of `from_ranking`, with `choice`, the JSON that names the
+    `final` emulator. Volunteer and estimates may be absent.
+    """
+    ours = from_simulations({Path(path).stem: path for path in screened})
+    ours += from_reduction(explained, threshold)
+    ours += from_test_posteriors(
+        {name: paths[0] for name, paths in by_emulator(coverage).items()},
+        {name: paths[0] for name, paths in by_emulator(diagnostics).items()},
+    )
+    ours += from_scenarios({Path(path).parent.name: path for path in zone_correlations})
+    ours += from_volunteer(*volunteer) if volunteer else []
+    if estimates:
+        ours += from_ranking(*estimates, json.loads(Path(choice).read_text())["final"])
+    return compare(numbers, reasons, pd.DataFrame(ours))
+
+
+def save(table: pd.DataFrame, csv: Path, md: Path) -> None:
+    """Write the comparison as CSV and, with an explanation above it, as Markdown."""
+    Path(csv).parent.mkdir(parents=True, exist_ok=True)
+    table.to_csv(csv, index=False, float_format="%.8g")
+    limits = ", ".join(f"{name} {value:g}" for name, value in DIFFERENCE.items())
+    tables.save_markdown(table, md, HEADING.format(factor=FACTOR, limits=limits))
+
+
 # ------------------------------------------------------------------- what this study has to offer
 
 
@@ -138,16 +190,27 @@ def from_reduction(explained: Path, threshold: float) -> list[dict]:
     return [row_of("reduced_outputs", kept + 1, set="train")]
 
 
-def from_ranking(ranking: Path, pairs: Path) -> list[dict]:
-    """Point estimates per emulator (emulator, parameter_mse, output_mse); pairs told apart."""
-    table = pd.read_csv(ranking)
-    found = [
-        row_of(quantity, value, emulator=emulator, set="test", parameter="all", statistic="mean")
-        for quantity in ("parameter_mse", "output_mse")
-        for emulator, value in table.set_index("emulator")[quantity].items()
-    ]
-    rejected = int(pd.read_csv(pairs)["rejected"].sum())
-    return [*found, row_of("pairs_rejected", rejected, set="test", statistic="count")]
+def from_ranking(ranking: Path, pairs: Path, final: str) -> list[dict]:
+    """Point estimates per emulator by least squares, as in the paper; pairs told apart.
+
+    ranking, pairs: of the stage `estimates`. The chosen emulator `final` counts with its estimates
+    weighted by the predictive covariance. A pair counts if the multi-output emulator is the better
+    one and Holm's correction leaves that significant.
+    """
+    table = pd.read_csv(ranking).set_index("emulator")
+    where = {"set": "test", "parameter": "all", "statistic": "mean"}
+    found = []
+    for emulator, row in table.iterrows():
+        mse = row["param_mse_least_squares"]
+        found.append(row_of("parameter_mse", mse, emulator=emulator, **where))
+        found.append(row_of("output_mse", row["output_mse"], emulator=emulator, **where))
+    chosen = table.loc[final]
+    found.append(row_of("parameter_mse", chosen["param_mse_weighted"], emulator="final", **where))
+    found.append(row_of("output_mse", chosen["output_mse"], emulator="final", **where))
+    tests = pd.read_csv(pairs)
+    hits = tests["rejected"] & (tests["better"] == tests["multi"])
+    count = int(hits[tests["estimator"] == "least_squares"].sum())
+    return [*found, row_of("pairs_rejected", count, set="test", statistic="count")]
 
 
 def from_test_posteriors(coverage: dict[str, Path], diagnostics: dict[str, Path]) -> list[dict]:

@@ -198,7 +198,9 @@ def test_sbc(tmp_path, paths, titles, passed):
     ).assign(passed=lambda t: passed | (t["parameter"] != "C_b_septal")).to_csv(
         tmp_path / "test.csv", index=False
     )
-    sbc.draw(tmp_path / "sbc.csv", tmp_path / "test.csv", "exact_gp", *paths)
+    (tmp_path / "final.json").write_text('{"final": "exact_gp"}')
+    files = [tmp_path / name for name in ("sbc.csv", "test.csv", "final.json")]
+    sbc.draw(*files, *paths)
     table = read(paths)
     assert (
         (table["band_lower"] < table["expected"]) & (table["expected"] < table["band_upper"])

@@ -24,6 +24,7 @@ envvars:
 
 from regional_lv import config as study_config  # noqa: E402
 from regional_lv import dependencies  # noqa: E402
+from regional_lv.aha import PARAMETERS  # noqa: E402
 from regional_lv.errors import InputError  # noqa: E402
 from regional_lv.geometry.table import read_segments  # noqa: E402
 from regional_lv.resources import (  # noqa: E402
@@ -62,6 +63,8 @@ SUBJECT_SOURCES = {
 }
 SUBJECTS = list(SUBJECT_SOURCES)
 SYNTHETIC = [name for name, source in SUBJECT_SOURCES.items() if source == "synthetic"]
+
+VOLUNTEERS = [name for name in SUBJECTS if SUBJECT_SOURCES[name] == "published_volunteer"]
 
 IMPORTED = config["geometry"]["imported"]
 
@@ -105,3 +108,10 @@ def subject_seed(name):
     """Seed of a synthetic subject's noise: its own, or derived from the study's."""
     seed = config["synthetic_subjects"][name]["seed"]
     return derive(config["seed"], "subject", name) if seed is None else seed
+
+
+def of_shortlist(*files):
+    """Files of the test set's posteriors, of every shortlisted emulator."""
+    return [
+        f"{R}/posteriors/{emulator}/test/{file}" for emulator in shortlisted() for file in files
+    ]

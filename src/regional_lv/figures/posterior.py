@@ -1,6 +1,7 @@
 """One posterior as the figures and tables need it: draws by name, verdict, truth if known."""
 
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -112,6 +113,14 @@ def failed_cases(diagnostics: Path) -> set[str]:
     table = pd.read_csv(diagnostics, dtype={"case": str})
     bad = (table["verdict"] != "passed") | ~table["passed"].astype(bool)
     return set(table.loc[bad, "case"])
+
+
+def by_emulator(paths: Sequence[Path]) -> dict[str, list[Path]]:
+    """Files `posteriors/<emulator>/<set>/...` by the emulator in their path, in their order."""
+    groups = {}
+    for path in paths:
+        groups.setdefault(Path(path).parent.parent.name, []).append(path)
+    return groups
 
 
 def warning_of(failed: int, cases: int, drawn: str = "") -> str:

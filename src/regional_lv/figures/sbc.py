@@ -1,5 +1,6 @@
 """Rank histograms of simulation-based calibration: flat if posteriors mean what they say."""
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -13,11 +14,12 @@ BAND = 0.99
 
 
 @style.context
-def draw(ranks: Path, tests: Path, emulator: str, png: Path, csv: Path) -> None:
+def draw(ranks: Path, tests: Path, choice: Path, png: Path, csv: Path) -> None:
     """Draw the rank of the truth among the draws, per parameter and over all.
 
     ranks: `sbc.csv` (parameter, draws, cases, bin, lower_rank, upper_rank, count, expected);
-    tests: `sbc_test.csv` (parameter, chi2, p_chi2, p_ecdf, p_holm, passed, ...). The grey band
+    tests: `sbc_test.csv` (parameter, chi2, p_chi2, p_ecdf, p_holm, passed, ...); choice: JSON with
+    the name of the `final` emulator, whose chain this is. The grey band
     holds 99 % of the counts of one bin if the chain is right; over all parameters, which share
     cases, it is drawn as for independent counts and therefore too narrow. The table: `ranks` with
     the band and each parameter's tests.
@@ -44,6 +46,7 @@ def draw(ranks: Path, tests: Path, emulator: str, png: Path, csv: Path) -> None:
     failed = [name for name in checks.index if not checks.loc[name, "passed"]]
     warning = "CALIBRATION REJECTED: " + ", ".join(failed) if failed else ""
     cases = int(table["cases"].max())
+    emulator = json.loads(Path(choice).read_text())["final"]
     style.suptitle(
         fig, f"Simulation-based calibration of the chain, {emulator}, {cases} prior draws", warning
     )
