@@ -1,4 +1,4 @@
-"""Truth against MAP of stiffened or baseline zones on the bullseye (the paper's Figures 7-9)."""
+"""Truth against MAP of stiffened or baseline zones on the bullseye (the paper's Figures 6-8)."""
 
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Posterior correlations, averaged over the cases of a set (the paper's Figures 11, S2-S5)."""
+"""Posterior correlations, averaged over the cases of a set (the paper's Figures 10, S2-S5)."""
 
 from collections.abc import Sequence
 from pathlib import Path

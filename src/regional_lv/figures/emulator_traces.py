@@ -1,4 +1,4 @@
-"""One test case under every shortlisted emulator: traces, posteriors (the paper's Figures 6, S1).
+"""One test case under every shortlisted emulator: traces, posteriors (the paper's Figures 5, S1).
 
 The case is the one whose mean CRPS under the first emulator is the median of all test cases.
 """

@@ -1,4 +1,4 @@
-"""Widths of the 95 % HPD intervals in the stiffening scenarios (the paper's Figure 10)."""
+"""Widths of the 95 % HPD intervals in the stiffening scenarios (the paper's Figure 9)."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -39,7 +39,9 @@ def draw(
         warnings.append(scenarios.warning(table))
         rows += _boxes(ax, table, labels, noise)
         ax.set_title(noise)
-    axes[0].set(ylabel="width of the 95 % HPD interval", ylim=(0, None))
+    axes[0].set(ylabel="width of the 95 % HPD interval", yscale="log")
+    for ax in axes:
+        ax.yaxis.grid(True, which="both", color=style.LIGHT, linewidth=0.5)
     handles = [Patch(color=colour, label=name) for name, colour in GROUPS.items()]
     fig.legend(handles=handles, loc="outside lower center", ncols=3)
     style.suptitle(

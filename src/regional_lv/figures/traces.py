@@ -1,4 +1,4 @@
-"""Chains, marginal posteriors and autocorrelation (the paper's Figures 6, S1 and S6)."""
+"""Chains, marginal posteriors and autocorrelation (the paper's Figure S6)."""
 
 from pathlib import Path
 
@@ -109,7 +109,8 @@ def _autocorrelation(ax, name: str, draws: np.ndarray, rows: list) -> None:
 
 
 def mark(trace, marginal, row: pd.Series, truth: float | None) -> None:
-    """Draw the 95 % HPD interval of `row` (lower95, upper95), and the truth if it is known."""
+    """Draw median and 95 % HPD interval of `row`, and the truth if it is known."""
+    marginal.axvline(row["median"], color=style.BLACK, linewidth=0.9)
     for limit in (row["lower95"], row["upper95"]):
         trace.axhline(limit, color=style.VERMILLION, linestyle=":", linewidth=1)
         marginal.axvline(limit, color=style.VERMILLION, linestyle=":", linewidth=1.2)
@@ -123,7 +124,8 @@ def legend(fig, ax, chains: int, has_truth: bool) -> None:
     for chain in range(chains):
         colour = style.CHAIN_COLOURS[chain % len(style.CHAIN_COLOURS)]
         ax.plot([], [], color=colour, label=f"chain {chain + 1}")
+    ax.plot([], [], color=style.BLACK, linewidth=0.9, label="median")
     ax.plot([], [], ":", color=style.VERMILLION, label="95 % HPD interval")
     if has_truth:
         ax.plot([], [], "--", color=style.GREEN, label="truth")
-    fig.legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncols=chains + 2)
+    fig.legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncols=chains + 3)
