@@ -9,7 +9,6 @@ The emulator `final` is the one that the study chose; the paper's choice was MVG
 numbers for MVGP stand against both. `shortlist` is the extreme over the shortlisted emulators.
 """
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -18,7 +17,7 @@ import pandas as pd
 
 from regional_lv import aha, tables
 from regional_lv.errors import InputError
-from regional_lv.figures.posterior import by_emulator
+from regional_lv.figures.posterior import by_emulator, chosen
 
 KEYS = ("quantity", "emulator", "set", "parameter", "statistic")
 COLUMNS = ("place", *KEYS, "relation", "value", "unit")
@@ -149,7 +148,7 @@ def compare_study(
     ours += from_scenarios({Path(path).parent.name: path for path in zone_correlations})
     ours += from_volunteer(*volunteer) if volunteer else []
     if estimates:
-        ours += from_ranking(*estimates, json.loads(Path(choice).read_text())["final"])
+        ours += from_ranking(*estimates, chosen(choice))
     return compare(numbers, reasons, pd.DataFrame(ours))
 
 

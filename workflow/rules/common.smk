@@ -113,5 +113,5 @@ def subject_seed(name):
 def of_shortlist(*files):
     """Files of the test set's posteriors, of every shortlisted emulator."""
     return [
-        f"{R}/posteriors/{emulator}/test/{file}" for emulator in shortlisted() for file in files
+        f"{R}/posteriors/{emulator}/test/{file}" for emulator in SHORTLIST for file in files
     ]

@@ -1,8 +1,8 @@
 """The registry of figures and tables: everything that a reader looks at, data beside every figure."""
 
-POSTERIORS = f"{R}/posteriors/final"
+POSTERIORS = f"{R}/posteriors/{EMULATOR}"
 TRUTHS = {subject: f"{R}/truth/{subject}.json" for subject in SYNTHETIC}
-LOCAL = [name for name in SCENARIOS if config["scenarios"]["sets"][name]["kind"] == "local"]
+LOCAL = [name for name, scenario in SCENARIOS.items() if scenario["kind"] == "local"]
 GLOBAL = [name for name in SCENARIOS if name not in LOCAL]
 
 STUDY_FIGURES = ["zones", "strain_field", "design", "explained_variance", "parity"]
@@ -16,7 +16,7 @@ SCENARIO_FIGURES = [
     "map_errors",
     "hpd_widths",
     *(f"zone_correlations{noise}" for noise in ("", "-noisy")),
-    *(f"correlations/{name}" for name in SETS[1:]),
+    *(f"correlations/{name}" for name in [*SCENARIOS, *NOISY]),
 ]
 SUBJECT_FIGURES = ["bullseye_posterior", "posterior_predictive", "traces"]
 

@@ -2,7 +2,7 @@
 
 SCENARIO_LABELS = {
     name: f"{scenario['kind']}, μ = {scenario['mu']:g}"
-    for name, scenario in config["scenarios"]["sets"].items()
+    for name, scenario in SCENARIOS.items()
 }
 LOCAL_TWICE = [*LOCAL, *(f"{name}-noisy" for name in LOCAL)]
 BULLSEYES = {

@@ -60,14 +60,13 @@ rule plot_explained_variance:
 rule plot_parity:
     input:
         predictions=f"{R}/emulators/{EMULATOR}/test_predictions.parquet",
+        choice=f"{R}/posteriors/final.json",
         library=library("figures.parity"),
     output:
         png=report(
             f"{R}/figures/parity.png", caption="../report/parity.rst", category="Emulator"
         ),
         csv=f"{R}/figures/parity.csv",
-    params:
-        emulator=EMULATOR,
     log:
         f"{LOGS}/figures/parity.log",
     conda:

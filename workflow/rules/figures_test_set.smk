@@ -8,14 +8,13 @@ rule plot_recovery:
         recovery=f"{POSTERIORS}/test/recovery.csv",
         coverage=f"{POSTERIORS}/test/coverage.csv",
         diagnostics=f"{POSTERIORS}/test/diagnostics.csv",
+        choice=f"{R}/posteriors/final.json",
         library=library("figures.recovery"),
     output:
         png=report(
             f"{R}/figures/recovery.png", caption="../report/recovery.rst", category="Test set"
         ),
         csv=f"{R}/figures/recovery.csv",
-    params:
-        emulator=EMULATOR,
     log:
         f"{LOGS}/figures/recovery.log",
     conda:
@@ -154,7 +153,7 @@ rule make_table_choice:
 rule make_table_diagnostics:
     input:
         shortlist=lambda wildcards: of_shortlist("diagnostics.csv"),
-        scenarios=expand(f"{POSTERIORS}/{{name}}/diagnostics.csv", name=SETS[1:]),
+        scenarios=expand(f"{POSTERIORS}/{{name}}/diagnostics.csv", name=[*SCENARIOS, *NOISY]),
         subjects=expand(f"{POSTERIORS}/subjects/{{subject}}.csv", subject=SUBJECTS),
         library=library("tables"),
     output:

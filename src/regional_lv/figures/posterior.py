@@ -115,6 +115,11 @@ def failed_cases(diagnostics: Path) -> set[str]:
     return set(table.loc[bad, "case"])
 
 
+def chosen(choice: Path) -> str:
+    """Name of the emulator that a study chose, of its `posteriors/final.json`."""
+    return json.loads(Path(choice).read_text())["final"]
+
+
 def by_emulator(paths: Sequence[Path]) -> dict[str, list[Path]]:
     """Files `posteriors/<emulator>/<set>/...` by the emulator in their path, in their order."""
     groups = {}

@@ -1,6 +1,5 @@
 """Rank histograms of simulation-based calibration: flat if posteriors mean what they say."""
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +8,7 @@ from scipy import stats
 
 from regional_lv import aha
 from regional_lv.figures import style
+from regional_lv.figures.posterior import chosen
 
 BAND = 0.99
 
@@ -46,7 +46,7 @@ def draw(ranks: Path, tests: Path, choice: Path, png: Path, csv: Path) -> None:
     failed = [name for name in checks.index if not checks.loc[name, "passed"]]
     warning = "CALIBRATION REJECTED: " + ", ".join(failed) if failed else ""
     cases = int(table["cases"].max())
-    emulator = json.loads(Path(choice).read_text())["final"]
+    emulator = chosen(choice)
     style.suptitle(
         fig, f"Simulation-based calibration of the chain, {emulator}, {cases} prior draws", warning
     )
