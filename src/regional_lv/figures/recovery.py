@@ -23,8 +23,9 @@ def draw(
     recovery: CSV with case, parameter, truth, map, lower95, upper95, covered. coverage: CSV with
     parameter (the ten and "all"), coverage50/80/95 and their binomial 95 % intervals
     (`coverage95_lower`, `coverage95_upper`, ...). diagnostics: verdict of every case; intervals of
-    posteriors that failed are grey and dashed. choice: JSON with the emulator's name. The table holds the rows of `recovery` with their
-    verdict, and of `coverage`, told apart by the column `panel`.
+    posteriors that failed are grey and dashed. choice: JSON with the emulator's name. The table
+    holds the rows of `recovery` with their verdict, and of `coverage`, told apart by the column
+    `panel`.
     """
     table = pd.read_csv(recovery, dtype={"case": str})
     covered = pd.read_csv(coverage)
@@ -64,12 +65,12 @@ def draw(
 
 def _panel(ax: Axes, part: pd.DataFrame, limit: float) -> None:
     covered = part["covered"].astype(bool)
-    for chosen, colour, line in (
+    for which, colour, line in (
         (covered & ~part["failed"], style.BLUE, "-"),
         (~covered & ~part["failed"], style.VERMILLION, "-"),
         (part["failed"], style.GREY, "--"),
     ):
-        here = part[chosen]
+        here = part[which]
         ax.vlines(
             here["truth"],
             here["lower95"],
