@@ -22,6 +22,7 @@ from regional_lv.figures import (
     scenarios,
     strain_field,
     style,
+    trust,
     uncertainty,
 )
 
@@ -380,3 +381,30 @@ def test_weighted_quantiles():
     assert strain_field.weighted_quantiles(values, weights, [0.5])[0] == pytest.approx(2.0)
     heavy = strain_field.weighted_quantiles(values, np.array([98.0, 1.0, 1.0]), [0.5])[0]
     assert heavy > 2.9
+
+
+# Checks of the chain
+
+
+def test_resimulation(tmp_path, paths, titles):
+    rng = np.random.default_rng(4)
+    rows = [
+        (case, draw, output, 0.0, 1.0, z, z, case == 1)
+        for case in (0, 1)
+        for draw in range(3)
+        for output, z in zip(aha.OUTPUTS, rng.normal(size=52), strict=True)
+    ]
+    columns = "case draw output mean sd simulator z outside".split()
+    pd.DataFrame(rows, columns=columns).to_csv(tmp_path / "r.csv", index=False)
+    trust.draw_resimulation(tmp_path / "r.csv", *paths)
+    assert read(paths)["quantity"].value_counts()["radial"] == 6 * 17
+    assert titles[0] == "Simulator at 6 posterior draws of 2 cases; 3 draws far from the design"
+
+
+def test_agreement(tmp_path, paths, titles):
+    rows = [(c, n, 0.05 * c, 1.0, c < 4) for c in range(5) for n in aha.PARAMETERS]
+    columns = "case parameter mean_difference_in_sd sd_ratio agrees".split()
+    pd.DataFrame(rows, columns=columns).to_csv(tmp_path / "a.csv", index=False)
+    trust.draw_agreement(tmp_path / "a.csv", *paths)
+    assert len(read(paths)) == 50
+    assert "5 cases: 80 % agree" in titles[0]

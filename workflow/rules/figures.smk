@@ -6,7 +6,8 @@ LOCAL = [name for name, scenario in SCENARIOS.items() if scenario["kind"] == "lo
 GLOBAL = [name for name in SCENARIOS if name not in LOCAL]
 
 STUDY_FIGURES = ["zones", "strain_field", "design", "explained_variance", "parity"]
-TEST_SET_FIGURES = ["recovery", "uncertainty", "emulator_traces", "emulator_traces_all", "sbc"]
+TEST_SET_FIGURES = ["recovery", "uncertainty", "emulator_traces", "emulator_traces_all"]
+TRUST_FIGURES = ["sbc", "resimulation", "sampler_agreement"]
 LOCAL_FIGURES = [
     *(f"bullseye_{which}{noise}" for which in ("local", "baseline") for noise in ("", "-noisy")),
     "roc",
@@ -25,6 +26,7 @@ FIGURES = expand(
     name=[
         *STUDY_FIGURES,
         *TEST_SET_FIGURES,
+        *TRUST_FIGURES,
         *(LOCAL_FIGURES if LOCAL else []),
         *(GLOBAL_FIGURES if GLOBAL else []),
         *(SCENARIO_FIGURES if SCENARIOS else []),

@@ -169,3 +169,41 @@ rule make_table_diagnostics:
         "../../envs/figures.yaml"
     script:
         "../scripts/make_table_diagnostics.py"
+
+
+rule plot_resimulation:
+    input:
+        resimulated=f"{POSTERIORS}/resimulated.csv",
+        library=library("figures.trust"),
+    output:
+        png=report(
+            f"{R}/figures/resimulation.png",
+            caption="../report/resimulation.rst",
+            category="Test set",
+        ),
+        csv=f"{R}/figures/resimulation.csv",
+    log:
+        f"{LOGS}/figures/resimulation.log",
+    conda:
+        "../../envs/figures.yaml"
+    script:
+        "../scripts/plot_resimulation.py"
+
+
+rule plot_sampler_agreement:
+    input:
+        agreement=f"{POSTERIORS}/sampler_agreement.csv",
+        library=library("figures.trust"),
+    output:
+        png=report(
+            f"{R}/figures/sampler_agreement.png",
+            caption="../report/sampler_agreement.rst",
+            category="Test set",
+        ),
+        csv=f"{R}/figures/sampler_agreement.csv",
+    log:
+        f"{LOGS}/figures/sampler_agreement.log",
+    conda:
+        "../../envs/figures.yaml"
+    script:
+        "../scripts/plot_sampler_agreement.py"
