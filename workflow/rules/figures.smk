@@ -31,7 +31,7 @@ FIGURES = expand(
         *(GLOBAL_FIGURES if GLOBAL else []),
         *(SCENARIO_FIGURES if SCENARIOS else []),
         *(f"{subject}/{name}" for subject in SUBJECTS for name in SUBJECT_FIGURES),
-        *(f"{subject}/noise_prior" for subject in VOLUNTEERS),
+        *(f"{subject}/noise_prior" for subject in NOISE_INFERRED),
     ],
     ext=["png", "csv"],
 )
@@ -45,7 +45,7 @@ TABLES = expand(
         "scenarios",
         *(["subjects"] if SUBJECTS else []),
         *(f"{subject}/convergence" for subject in SUBJECTS),
-        *(f"{subject}/noise_prior" for subject in VOLUNTEERS),
+        *(f"{subject}/noise_prior" for subject in NOISE_INFERRED),
     ],
     ext=["csv", "tex"],
 ) + expand(f"{R}/tables/paper_comparison.{{ext}}", ext=["csv", "md"])

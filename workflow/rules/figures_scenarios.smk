@@ -4,7 +4,6 @@ SCENARIO_LABELS = {
     name: f"{scenario['kind']}, μ = {scenario['mu']:g}"
     for name, scenario in SCENARIOS.items()
 }
-LOCAL_TWICE = [*LOCAL, *(f"{name}-noisy" for name in LOCAL)]
 BULLSEYES = {
     "local": (LOCAL, "stiffened", "Local stiffening"),
     "global": (GLOBAL, "stiffened", "Global stiffening"),
@@ -140,9 +139,9 @@ rule plot_correlations:
 
 rule plot_roc:
     input:
-        curves=expand(f"{POSTERIORS}/{{name}}/roc.csv", name=LOCAL_TWICE),
-        areas=expand(f"{POSTERIORS}/{{name}}/auc.csv", name=LOCAL_TWICE),
-        recovery=expand(f"{POSTERIORS}/{{name}}/recovery.csv", name=LOCAL_TWICE),
+        curves=expand(f"{POSTERIORS}/{{name}}/roc.csv", name=[*SCENARIOS, *NOISY]),
+        areas=expand(f"{POSTERIORS}/{{name}}/auc.csv", name=[*SCENARIOS, *NOISY]),
+        recovery=expand(f"{POSTERIORS}/{{name}}/recovery.csv", name=[*SCENARIOS, *NOISY]),
         library=library("figures.roc"),
     output:
         png=report(
@@ -152,7 +151,7 @@ rule plot_roc:
         ),
         csv=f"{R}/figures/roc.csv",
     params:
-        labels=[SCENARIO_LABELS[n] for n in LOCAL],
+        labels=list(SCENARIO_LABELS.values()),
     log:
         f"{LOGS}/figures/roc.log",
     conda:
@@ -164,7 +163,7 @@ rule plot_roc:
 rule make_table_scenarios:
     input:
         coverage=expand(f"{POSTERIORS}/{{name}}/coverage.csv", name=SETS),
-        areas=expand(f"{POSTERIORS}/{{name}}/auc.csv", name=LOCAL_TWICE),
+        areas=expand(f"{POSTERIORS}/{{name}}/auc.csv", name=[*SCENARIOS, *NOISY]),
         recovery=expand(f"{POSTERIORS}/{{name}}/recovery.csv", name=SETS),
         library=library("tables"),
     output:

@@ -68,7 +68,7 @@ rule plot_emulator_traces:
     input:
         errors=f"{POSTERIORS}/test/map_mse.csv",
         posteriors=lambda wildcards: of_shortlist(
-            *(f"{batch}.nc" for batch in batches(TEST_CASES, config["nuts"]["cases_per_batch"]))
+            *(f"{batch}.nc" for batch in posterior_batches("test"))
         ),
         diagnostics=lambda wildcards: of_shortlist("diagnostics.csv"),
         library=library("figures.emulator_traces"),

@@ -28,7 +28,8 @@ def draw(
     curves: `roc.csv` (quantity, zone, threshold, false_positive_rate, true_positive_rate); areas:
     `auc.csv` (quantity, zone, auc, auc_lower, auc_upper, ...); recoveries: `recovery.csv` (for
     verdicts); all of the sets in `labels` and then of their noisy twins. Drawn is zone `all`: every
-    zone of every case is one decision. The table holds the curves of all zones with their area.
+    zone of every case is one decision; global stiffening, which leaves no zone at baseline, borrows
+    those of the local scenarios. The table holds the curves of all zones with their area.
     """
     fig = style.figure(3.3 * len(labels) + 0.4, 6.8)
     axes = scenarios.panels(fig, 2, len(labels), sharex=True, sharey=True)
