@@ -121,8 +121,9 @@ def render(
     plotter.camera.focal_point = focus
     plotter.camera.position = focus + 400 * np.array(towards)
     plotter.camera.up = (0, 0, 1)
-    width, height = np.hypot(*(high - low)[:2]), high[2] - low[2]
-    plotter.camera.parallel_scale = max(0.66 * height, 0.55 * width * PIXELS[1] / PIXELS[0])
+    across = (grid.points[:, :2] - axis) @ [-np.sin(angle), np.cos(angle)]
+    fits = 1.05 * np.abs(across).max() * PIXELS[1] / PIXELS[0]
+    plotter.camera.parallel_scale = max(0.66 * (high[2] - low[2]), fits)
     plotter.camera.clipping_range = (1, 1000)
     plotter.enable_anti_aliasing("ssaa")
     picture = plotter.screenshot(return_img=True)
