@@ -24,6 +24,7 @@ include: "workflow/rules/reduction.smk"
 include: "workflow/rules/emulators.smk"
 include: "workflow/rules/subjects.smk"
 include: "workflow/rules/posteriors.smk"
+include: "workflow/rules/trust.smk"
 include: "workflow/rules/figures.smk"
 include: "workflow/rules/figures_study.smk"
 include: "workflow/rules/figures_test_set.smk"
@@ -38,3 +39,4 @@ rule all:
     input:
         FIGURES,
         TABLES,
+        SUMMARIES,

@@ -24,6 +24,9 @@ from regional_lv.schema import load_schema
 MARK = "<!-- The tables below are written from the schema by `make format`. -->\n"
 """Line of config/README.md after which everything is generated."""
 
+RESERVED = {"train", "test", "resimulated", "subjects"}
+"""Names that no scenario may have."""
+
 
 def load(config: str | Path | dict, source: str = "config") -> dict:
     """Read, check and complete a configuration.
@@ -220,8 +223,17 @@ def _cross_check(config: dict) -> Iterator[str]:
     if solver["min_load_fraction"] > solver["first_load_fraction"]:
         yield "solver.min_load_fraction: exceeds solver.first_load_fraction; lower it"
     emulators = config["emulators"]
-    if emulators["final"] not in emulators["names"]:
-        yield f"emulators.final: {emulators['final']} is not in emulators.names; add it there"
+    shortlist = emulators["shortlist"]["names"] or emulators["names"]
+    for name in shortlist:
+        if name not in emulators["names"]:
+            yield f"emulators.shortlist.names: {name} is not in emulators.names; add it there"
+    if emulators["final"] not in ("auto", *shortlist):
+        yield (
+            f"emulators.final: {emulators['final']} is not among those whose posteriors are "
+            f"compared ({', '.join(shortlist)}); add it to emulators.names and to "
+            "emulators.shortlist.names, or write `auto`"
+        )
+    yield from _check_scenarios(config["scenarios"], design)
     cases = config["test_posteriors"]["cases"]
     if cases != "all" and cases > design["test"]:
         yield (
@@ -238,6 +250,20 @@ def _cross_check(config: dict) -> Iterator[str]:
                     f"[{design['lower']}, {design['upper']}] (design.lower, design.upper), where "
                     "nothing is simulated; move it inside"
                 )
+
+
+def _check_scenarios(scenarios: dict, design: dict) -> Iterator[str]:
+    """Means outside the bounds, and names that other sets have."""
+    lower, upper = design["lower"], design["upper"]
+    means = {f"sets.{name}.mu": entry["mu"] for name, entry in scenarios["sets"].items()}
+    for key, mean in (means | {"healthy_mean": scenarios["healthy_mean"]}).items():
+        if not lower <= mean <= upper:
+            yield (
+                f"scenarios.{key}: {mean:g} lies outside [{lower:g}, {upper:g}] (design.lower, "
+                "design.upper), where nothing is learnt; move it inside"
+            )
+    for name in sorted(set(scenarios["sets"]) & RESERVED):
+        yield f"scenarios.sets.{name}: the name is taken by another set; choose another"
 
 
 def _check_geometry_files(geometry: dict) -> Iterator[str]:

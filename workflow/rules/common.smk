@@ -1,6 +1,7 @@
 """The checked config, the paths, the dependencies on the library, for all other files here."""
 
 import os
+import re
 import sys
 from functools import cache
 from pathlib import Path
@@ -25,8 +26,10 @@ envvars:
 from regional_lv import config as study_config  # noqa: E402
 from regional_lv import dependencies  # noqa: E402
 from regional_lv.aha import PARAMETERS  # noqa: E402
+from regional_lv.design import scenario_size  # noqa: E402
 from regional_lv.errors import InputError  # noqa: E402
 from regional_lv.geometry.table import read_segments  # noqa: E402
+from regional_lv.measured import states_noise  # noqa: E402
 from regional_lv.resources import (  # noqa: E402
     FILES,
     HEART_MESH,
@@ -49,7 +52,10 @@ except InputError as error:
 
 R = f"results/{config['study']}"
 LOGS = f"{R}/logs"
-EMULATOR = config["emulators"]["final"]
+# The emulator that scenarios, subjects and most figures use; `choose_final` makes it.
+EMULATOR = "final"
+# Emulators whose posteriors on the test set are compared.
+SHORTLIST = config["emulators"]["shortlist"]["names"] or config["emulators"]["names"]
 BOUNDS = [config["design"]["lower"], config["design"]["upper"]]
 PHYSICS = {
     section: config[section]
@@ -62,9 +68,32 @@ SUBJECT_SOURCES = {
     if subject["source"] != "published_volunteer" or volunteer_available(config)
 }
 SUBJECTS = list(SUBJECT_SOURCES)
+# Subjects whose measured files give no sd of the strains, so that their noise is inferred.
+NOISE_INFERRED = [
+    name
+    for name, source in SUBJECT_SOURCES.items()
+    if source == "published_volunteer"
+    or (source == "file" and not states_noise(config["subjects"][name]["measured"]))
+]
 SYNTHETIC = [name for name, source in SUBJECT_SOURCES.items() if source == "synthetic"]
 
 VOLUNTEERS = [name for name in SUBJECTS if SUBJECT_SOURCES[name] == "published_volunteer"]
+
+SCENARIOS = config["scenarios"]["sets"]
+NOISY = {f"{name}-noisy": name for name in SCENARIOS}
+# Sets with a known truth whose posteriors are sampled, and how many cases each has.
+SETS = {
+    "test": config["design"]["test"]
+    if config["test_posteriors"]["cases"] == "all"
+    else config["test_posteriors"]["cases"],
+    **{name: scenario_size(scenario) for name, scenario in SCENARIOS.items()},
+    **{noisy: scenario_size(SCENARIOS[name]) for noisy, name in NOISY.items()},
+}
+
+HEALTHY = {
+    "mean": config["scenarios"]["healthy_mean"],
+    "sd": config["scenarios"]["healthy_sd"],
+}
 
 IMPORTED = config["geometry"]["imported"]
 
@@ -98,10 +127,32 @@ def batches(size, per_batch):
     return [f"batch-{i:04d}" for i in range(-(-size // per_batch))]
 
 
+def posterior_batches(name):
+    """Names of the batches of posteriors of a set."""
+    return batches(SETS[name], config["nuts"]["cases_per_batch"])
+
+
+def posterior_files(emulator, name):
+    """Files of the posteriors of a set."""
+    return expand(
+        f"{R}/posteriors/{emulator}/{name}/{{batch}}.nc", batch=posterior_batches(name)
+    )
+
+
+def local_scenarios(noisy):
+    """Sets in which one zone is stiffened, with or without measurement noise."""
+    names = [name for name, scenario in SCENARIOS.items() if scenario["kind"] == "local"]
+    return [name for name, plain in NOISY.items() if plain in names] if noisy else names
+
+
+def any_of(names):
+    """Wildcard constraint: one of the names, and nothing else."""
+    return "|".join(map(re.escape, names)) or "(?!)"
+
+
 def subjects_from(source):
     """Wildcard constraint: the subjects of one source (or what no name can be)."""
-    names = [name for name, where in SUBJECT_SOURCES.items() if where == source]
-    return "|".join(names) or "(?!)"
+    return any_of([name for name, where in SUBJECT_SOURCES.items() if where == source])
 
 
 def subject_seed(name):
