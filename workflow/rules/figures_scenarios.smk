@@ -30,8 +30,8 @@ rule plot_bullseye_map:
         zones=lambda wildcards: BULLSEYES[wildcards.which][1],
         title=lambda wildcards: BULLSEYES[wildcards.which][2] + NOISE_TITLES[wildcards.noise],
     wildcard_constraints:
-        which="|".join(BULLSEYES),
-        noise="|".join(NOISE_TITLES),
+        which=any_of(BULLSEYES),
+        noise=any_of(NOISE_TITLES),
     log:
         f"{LOGS}/figures/bullseye_{{which}}{{noise}}.log",
     conda:
@@ -103,7 +103,7 @@ rule plot_zone_correlations:
             f"Posterior correlations of zones{NOISE_TITLES[wildcards.noise]}: mean ± standard error"
         ),
     wildcard_constraints:
-        noise="|".join(NOISE_TITLES),
+        noise=any_of(NOISE_TITLES),
     log:
         f"{LOGS}/figures/zone_correlations{{noise}}.log",
     conda:
@@ -127,8 +127,8 @@ rule plot_correlations:
     params:
         label=lambda wildcards: SCENARIO_LABELS[wildcards.name] + NOISE_TITLES[wildcards.noise],
     wildcard_constraints:
-        name="|".join(SCENARIOS) or "(?!)",
-        noise="|".join(NOISE_TITLES),
+        name=any_of(SCENARIOS),
+        noise=any_of(NOISE_TITLES),
     log:
         f"{LOGS}/figures/correlations/{{name}}{{noise}}.log",
     conda:

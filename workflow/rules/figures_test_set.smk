@@ -82,7 +82,7 @@ rule plot_emulator_traces:
     params:
         parameters=lambda wildcards: TRACED[wildcards.which],
     wildcard_constraints:
-        which="|".join(TRACED),
+        which=any_of(TRACED),
     log:
         f"{LOGS}/figures/{{which}}.log",
     conda:
