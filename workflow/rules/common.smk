@@ -34,6 +34,7 @@ from regional_lv.resources import (  # noqa: E402
     TRAINING_INPUTS,
     TRAINING_OUTPUTS,
     VOLUNTEER,
+    VOLUNTEER_CURVES,
     fetched_path,
     volunteer_available,
 )
@@ -105,3 +106,11 @@ def subject_seed(name):
     """Seed of a synthetic subject's noise: its own, or derived from the study's."""
     seed = config["synthetic_subjects"][name]["seed"]
     return derive(config["seed"], "subject", name) if seed is None else seed
+
+
+def volunteer_files(wildcards):
+    """The volunteer's published file, and the curves over time where one frame is asked for."""
+    files = {"case": fetched_path(config["study"], VOLUNTEER)}
+    if config["subjects"][wildcards.subject]["frame"] is not None:
+        files["curves"] = fetched_path(config["study"], VOLUNTEER_CURVES)
+    return files
