@@ -288,9 +288,10 @@ def _check_subject(key: str, subject: dict, name: str, synthetic: dict) -> Itera
         yield f"{key}.measured: only `source: file` reads a file; remove one of the two"
     if subject.get("frame") is not None and source != "published_volunteer":
         yield f"{key}.frame: only `source: published_volunteer` has frames; remove one of the two"
-    if source == "published_simulation" and "row" not in subject:
+    row = subject.get("row")
+    if source == "published_simulation" and row is None:
         yield f"{key}.row: missing; give the row of the published simulation (1, 2, ...)"
-    if source != "published_simulation" and "row" in subject:
+    if source != "published_simulation" and row is not None:
         yield f"{key}.row: only `source: published_simulation` has rows; remove one of the two"
 
 
