@@ -285,7 +285,8 @@ def _check_tables(config: dict) -> Iterator[str]:
             if SENSITIVITY not in columns:
                 yield (
                     f"emulators.names: {learner} learns from sensitivities, and {key} has no "
-                    f"column {SENSITIVITY}; add it (Parquet, 520 numbers per row), or leave {learner} out"
+                    f"column {SENSITIVITY}; add it (Parquet, 520 numbers per row), or leave "
+                    f"{learner} out"
                 )
     for name, subject in config["subjects"].items():
         if subject["source"] == "synthetic":

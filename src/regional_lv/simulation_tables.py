@@ -42,8 +42,8 @@ def read_tables(
         row, column = np.argwhere(outside)[0]
         raise InputError(
             f"{inputs}: row {row + 1}, {aha.PARAMETERS[column]}: {theta[row, column]:g} lies "
-            f"outside [{lower:g}, {upper:g}] ({int(outside.any(axis=1).sum())} such rows); remove them, or "
-            "set design.lower and design.upper to what was simulated"
+            f"outside [{lower:g}, {upper:g}] ({int(outside.any(axis=1).sum())} such rows); "
+            "remove them, or set design.lower and design.upper to what was simulated"
         )
     table = pd.DataFrame({"sample": np.arange(len(theta))})
     table[list(aha.PARAMETERS)] = theta
