@@ -188,7 +188,7 @@ def test_efficiency_figure_shows_all_curves(tmp_path):
                 "predictive_mse": factor * np.array([0.1, 0.03, 0.01]),
                 "predictive_coverage95": 0.95,
                 "param_mse": factor * np.array([0.3, 0.1, 0.02]),
-                "training_seconds": 1.0,
+                "training_seconds": 1.5,
             }
         ).to_csv(tmp_path / f"{name}.csv", index=False)
     paths = [tmp_path / "exact_gp.csv", tmp_path / "gradient_gp.csv"]

@@ -118,7 +118,7 @@ def test_mistakes_name_file_row_and_remedy(mistake, simulations, files):
 
 
 def test_files_that_are_no_tables(tmp_path, files):
-    with pytest.raises(InputError, match="none.csv"):
+    with pytest.raises(InputError, match=r"none\.csv"):
         read_tables(tmp_path / "none.csv", files[1], 0.1, 5.0)
     (tmp_path / "odd.csv").write_text("1,2\n1,2,3\n")
     with pytest.raises(InputError, match="as many cells in every row"):
@@ -214,7 +214,7 @@ def test_config_refuses_before_anything_runs(mistake, files):
 
 
 def test_config_reads_the_tables(files, simulations):
-    theta, y = simulations
+    _, y = simulations
     spoil(y, 4, "radial_07", np.nan).to_csv(files[1], index=False)
     with pytest.raises(InputError, match=r"simulations.tables.train: .*outputs.csv: row 5"):
         config.load(study(files))

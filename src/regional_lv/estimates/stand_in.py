@@ -1,7 +1,7 @@
 """In place of the simulator, where simulations come from tables: a Gaussian process on all of them.
 
-It knows the test simulations as well, which no emulator under test does: at the truth of a test
-case it gives that case's outputs.
+It learns from the test simulations as well, which no emulator under test does: an estimate near
+the truth is checked well, one far from any simulation is not.
 """
 
 from pathlib import Path

@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import pandas as pd
-from matplotlib.ticker import LogLocator, NullFormatter, ScalarFormatter
 
 from regional_lv.emulators import REGISTRY
 from regional_lv.figures import style
@@ -35,9 +34,9 @@ def draw(curves: Sequence[Path], png: Path, csv: Path) -> None:
                 label=f"{REGISTRY[name].architecture.label}, {words}",
             )
         ax.set(xscale="log", yscale="log", xlabel="training simulations", ylabel=label)
-        ax.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-        ax.xaxis.set_major_formatter(ScalarFormatter())
-        ax.xaxis.set_minor_formatter(NullFormatter())
+        sizes = sorted(table["simulations"].unique())
+        ax.set_xticks(sizes, [f"{size}" for size in sizes], rotation=45)
+        ax.minorticks_off()
         ax.grid(True, which="major", color=style.LIGHT, linewidth=0.5)
     fig.legend(handles=axes[0].get_lines(), loc="outside lower center", ncols=2)
     style.suptitle(fig, "Errors on the test set against the number of training simulations")
