@@ -8,6 +8,7 @@ the tables of keys in that page.
 import copy
 import difflib
 import itertools
+import math
 import re
 import sys
 import warnings
@@ -427,7 +428,8 @@ def document() -> str:
 def _default_text(entry: dict) -> str:
     if "default" not in entry:
         return "none"
-    return f"`{yaml.safe_dump(entry['default'], default_flow_style=True).splitlines()[0]}`"
+    text = yaml.safe_dump(entry["default"], default_flow_style=True, width=math.inf)
+    return f"`{text.splitlines()[0]}`"
 
 
 def _meaning(entry: dict) -> str:

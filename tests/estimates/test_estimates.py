@@ -11,9 +11,13 @@ from regional_lv import aha, emulators
 from regional_lv.estimates import stand_in
 from regional_lv.estimates.check import first_cases
 from regional_lv.estimates.efficiency import measure_efficiency
-from regional_lv.estimates.estimate import estimate_parameters, measure_cost, true_column
+from regional_lv.estimates.estimate import (
+    estimate_parameters,
+    localised,
+    measure_cost,
+    true_column,
+)
 from regional_lv.estimates.least_squares import find_least_squares
-from regional_lv.inference.likelihood import Noise, localised
 from tests.inference.test_likelihood import THETA, linear
 
 BOX = {"lower": 0.1, "upper": 5.0}
@@ -94,13 +98,12 @@ def test_adam_and_hops_never_make_it_worse():
     assert hopped <= plain + 1e-12
 
 
-def test_likelihoods_share_out_the_observations(folder):
+def test_local_emulators_take_their_observations_one_by_one(folder):
     y = torch.as_tensor(simulate(np.full((3, 10), 1.0)))
     for name, count in (("exact_gp", 1), ("local_mgp", 3)):
-        emulator = emulators.load(folder / f"{name}.pt")
-        parts = list(localised(emulator, y, Noise.none(emulator)))
+        parts = list(localised(emulators.load(folder / f"{name}.pt"), y))
         assert len(parts) == count
-        assert torch.equal(torch.cat([part.y for part in parts]), y)
+        assert torch.equal(torch.cat([observed for _, observed in parts]), y)
 
 
 @pytest.mark.parametrize("name", ["exact_gp", "local_mgp", "dnn"])

@@ -111,8 +111,6 @@ class Emulator(ABC):
     name: ClassVar[str]
     architecture: ClassVar[Architecture]
     learns_from_sensitivities: ClassVar[bool] = False
-    trains_per_case: ClassVar[bool] = False
-    """Whether `localise` returns another emulator for every observation."""
 
     def __init__(self, input_transform: str | None = None, **settings):
         if input_transform is not None:

@@ -51,7 +51,6 @@ class LocalGP(ReducedEmulator):
     locally for each, and multiplies all variances by what their errors ask for.
     """
 
-    trains_per_case = True
     joint: bool
     deep: bool
     _KEYS = ("scores", "kernel", "start", "variance_factor", "local")

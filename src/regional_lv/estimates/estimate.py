@@ -4,6 +4,7 @@ import json
 import logging
 import statistics
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ import torch
 from regional_lv import aha, emulators
 from regional_lv.emulators.base import Emulator
 from regional_lv.estimates.least_squares import find_least_squares
-from regional_lv.inference.likelihood import Likelihood, Noise, localised
+from regional_lv.inference.likelihood import Likelihood, Noise
 from regional_lv.inference.point import find_map
 from regional_lv.progress import Progress
 from regional_lv.seeds import derive
@@ -55,19 +56,20 @@ def estimate_parameters(
     name, done, tables = emulator.name, 0, []
     progress = Progress(f"{name}: point estimates", len(samples))
     started = time.monotonic()
-    for likelihood in localised(emulator, torch.as_tensor(y), Noise.none(emulator)):
-        rows = slice(done, done + len(likelihood.y))
-        local = time.monotonic() - started
+    for local, observed in localised(emulator, torch.as_tensor(y)):
+        rows = slice(done, done + len(observed))
+        training = time.monotonic() - started
         found = {}
         found["least_squares"] = find_least_squares(
-            *(likelihood.emulator, likelihood.y, starts, iterations, adam_steps, hops),
+            *(local, observed, starts, iterations, adam_steps, hops),
             derive(seed, "least squares", name),
         )
         halfway = time.monotonic()
+        likelihood = Likelihood(local, observed, Noise.none(local))
         point = find_map(likelihood, starts, iterations, derive(seed, "map", name, "test"))
         found["weighted"] = point.theta, -point.log_density
         ended = time.monotonic()
-        seconds = {"least_squares": halfway - started, "weighted": ended - halfway + local}
+        seconds = {"least_squares": halfway - started, "weighted": ended - halfway + training}
         for estimator in ESTIMATORS:
             estimate, objective = found[estimator]
             table = pd.DataFrame({"sample": samples[rows], "estimator": estimator})
@@ -79,7 +81,7 @@ def estimate_parameters(
             table["seconds"] = seconds[estimator] / len(table)
             tables.append(table)
         done = rows.stop
-        progress.step(count=len(likelihood.y))
+        progress.step(count=len(observed))
         started = time.monotonic()
     table = pd.concat(tables, ignore_index=True)
     table.to_parquet(estimates, index=False)
@@ -88,6 +90,18 @@ def estimate_parameters(
             "%s, %s: parameter MSE %.5f over %d cases, %d estimates outside the design",
             *(name, estimator, part["mse"].mean(), len(part), part["outside"].sum()),
         )
+
+
+def localised(emulator: Emulator, y: torch.Tensor) -> Iterator[tuple[Emulator, torch.Tensor]]:
+    """Emulators with the rows of `y` (C, D) that each is for, in order: one for all, or one for
+    each where an emulator trains anew for every observation."""
+    first = emulator.localise(y[0])
+    if first is emulator:
+        yield emulator, y
+        return
+    yield first, y[:1]
+    for i in range(1, len(y)):
+        yield emulator.localise(y[i]), y[i : i + 1]
 
 
 def measure_cost(emulator_file: str | Path, test: str | Path, cost: str | Path) -> None:

@@ -5,12 +5,16 @@ observations together, Levenberg-Marquardt steps with exact Jacobians (`inferenc
 to its minimum, and the best is perturbed and taken down again, `hops` times.
 """
 
+import math
+
+import numpy as np
 import torch
 
 from regional_lv import aha
+from regional_lv.design import sobol
 from regional_lv.emulators.base import Emulator, SeparablePrediction
 from regional_lv.inference.likelihood import Likelihood, Noise
-from regional_lv.inference.point import CHUNK, climb, limits, starting_points
+from regional_lv.inference.point import CHUNK, SCREENED_PER_START, climb
 from regional_lv.seeds import derive
 
 HOP = 0.3
@@ -57,8 +61,11 @@ def find_least_squares(
     """
     flat = MeanOnly(emulator)
     likelihood = Likelihood(flat, y, Noise.none(flat))
-    low, high = limits(likelihood)
-    first = starting_points(likelihood, starts, seed)
+    first = starting_points(emulator, y, starts, seed).log()
+    low, high = (
+        torch.full((len(aha.PARAMETERS),), math.log(bound), dtype=y.dtype)
+        for bound in (emulator.lower, emulator.upper)
+    )
     owner = torch.arange(len(y)).repeat_interleave(first.shape[1])
     position = _adam(likelihood, y[owner], first.flatten(0, 1), low, high, adam_steps)
     position, value = climb(likelihood, y[owner], position, low, high, iterations)
@@ -79,6 +86,24 @@ def find_least_squares(
     with torch.no_grad():
         residual = torch.cat([emulator.predict_mean(part) for part in theta.split(CHUNK)]) - y
     return theta, (residual / emulator.output_sd).square().sum(1)
+
+
+def starting_points(emulator: Emulator, y: torch.Tensor, starts: int, seed: int) -> torch.Tensor:
+    """Theta (C, starts, 10): the Sobol points (half natural, half log scale) whose predictive means
+    are nearest to each row of `y` (C, D)."""
+    count = max(1, SCREENED_PER_START * starts // 2)
+    points = torch.as_tensor(
+        np.concatenate(
+            [
+                sobol(count, emulator.lower, emulator.upper, scale, derive(seed, "starts", scale))
+                for scale in ("natural", "log")
+            ]
+        )
+    )
+    with torch.no_grad():
+        means = torch.cat([emulator.predict_mean(part) for part in points.split(CHUNK)])
+    distance = torch.cdist(y / emulator.output_sd, means / emulator.output_sd)
+    return points[distance.topk(min(starts, len(points)), dim=1, largest=False).indices]
 
 
 def _adam(likelihood, y, position, low, high, steps: int) -> torch.Tensor:

@@ -16,7 +16,7 @@ from regional_lv.emulators.base import Emulator
 from regional_lv.errors import InputError
 from regional_lv.inference.diagnostics import diagnose
 from regional_lv.inference.hmc import sample_batch
-from regional_lv.inference.likelihood import Likelihood, Noise, draw_observations, localised
+from regional_lv.inference.likelihood import Likelihood, Noise, draw_observations
 from regional_lv.inference.nuts import Draws, Settings, sample_case, verdict
 from regional_lv.inference.point import find_map
 from regional_lv.measured import read_measured
@@ -145,21 +145,11 @@ def sample_test_batch(
             f"{first}; lower test_posteriors.cases, or raise design.test"
         )
     at = [aha.OUTPUTS.index(name) for name in emulator.outputs]
-    parts, rest = [], list(samples[chosen])
-    for likelihood in localised(emulator, torch.as_tensor(y[chosen][:, at]), Noise.none(emulator)):
-        cases, rest = rest[: len(likelihood.y)], rest[len(likelihood.y) :]
-        parts.append(
-            SAMPLERS[sampler](
-                likelihood, cases, nuts, point["starts"], point["iterations"], seed, "test"
-            )
-        )
-    sampled = Sampled(
-        tuple(samples[chosen]),
-        torch.cat([part.y for part in parts]),
-        torch.cat([part.theta_map for part in parts]),
-        tuple(draws for part in parts for draws in part.draws),
-        theta[chosen],
+    likelihood = Likelihood(emulator, torch.as_tensor(y[chosen][:, at]), Noise.none(emulator))
+    sampled = SAMPLERS[sampler](
+        likelihood, samples[chosen], nuts, point["starts"], point["iterations"], seed, "test"
     )
+    sampled = Sampled(**{**sampled.__dict__, "truth": theta[chosen]})
     write(to_inference_data(sampled, likelihood, nuts), posteriors)
 
 
@@ -185,8 +175,8 @@ def sample_subject(
     table = read_measured(measured).set_index("output")
     names = [name for name in aha.OUTPUTS if name in table.index]
     table = table.loc[names]
+    emulator = emulators.load(emulator_file).select(names)
     y = torch.as_tensor(table["value"].to_numpy(float))
-    emulator = emulators.load(emulator_file).select(names).localise(y)
     noise = subject_noise(emulator, table["sd"], noise_prior_scale)
     likelihood = Likelihood(emulator, y[None], noise)
     sampled = sample_cases(

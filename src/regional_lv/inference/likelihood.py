@@ -1,13 +1,12 @@
 """How probable the observed outputs are at theta: emulator error and measurement noise together."""
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 
 import torch
 
 from regional_lv import aha
-from regional_lv.emulators.base import Emulator, Prediction, SeparablePrediction
+from regional_lv.emulators.base import Emulator, SeparablePrediction
 
 LOG_2PI = math.log(2 * math.pi)
 
@@ -118,12 +117,7 @@ class Likelihood:
         self, theta: torch.Tensor, log_sigma: torch.Tensor | None = None
     ) -> torch.Tensor:
         """Log p(y | theta, sigma), (...), at `theta` (..., 10) and `log_sigma` (..., G)."""
-        return self.log_density_of(self.emulator.predict(theta), log_sigma)
-
-    def log_density_of(
-        self, prediction: Prediction, log_sigma: torch.Tensor | None = None
-    ) -> torch.Tensor:
-        """As `log_density`, of a prediction that is at hand: one serves many observations."""
+        prediction = self.emulator.predict(theta)
         residual = self.y - prediction.mean
         if self._whiten is not None:
             variances = prediction.variance[..., None] + self._rho
@@ -189,16 +183,6 @@ class Likelihood:
             )
             information = information + to_parameters.mT @ fisher @ to_parameters
         return information
-
-
-def localised(emulator: Emulator, y: torch.Tensor, noise: Noise) -> Iterator[Likelihood]:
-    """Likelihoods that share the observations `y` (C, D) out among them, in order: one of all, or
-    one of each where the emulator trains anew for every observation (as they are asked for)."""
-    if not emulator.trains_per_case:
-        yield Likelihood(emulator, y, noise)
-        return
-    for row in y:
-        yield Likelihood(emulator.localise(row), row[None], noise)
 
 
 class _LogNormal(torch.autograd.Function):

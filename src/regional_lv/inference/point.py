@@ -49,36 +49,10 @@ def find_map(likelihood: Likelihood, starts: int, iterations: int, seed: int) ->
     half on the log scale), each improved by at most `iterations` projected Levenberg-Marquardt
     steps with exact gradients and the expected information as curvature.
     """
-    emulator, y = likelihood.emulator, likelihood.y
+    emulator, noise = likelihood.emulator, likelihood.noise
+    y = likelihood.y
+    cases, groups = len(y), len(noise.groups)
     bounds = (emulator.lower, emulator.upper)
-    first = starting_points(likelihood, starts, seed)
-    low, high = limits(likelihood)
-    flat = first.reshape(-1, first.shape[-1])
-    owner = torch.arange(len(y)).repeat_interleave(first.shape[1])
-    for level in (*TEMPERING, 0.0):
-        stage = likelihood.tempered(level) if level else likelihood
-        flat, values = climb(stage, y[owner], flat, low, high, iterations)
-    ends, values = flat.reshape(first.shape), values.reshape(len(y), -1)
-    best = values.argmax(dim=1)
-    row = torch.arange(len(y))
-    p = len(aha.PARAMETERS)
-    place = ends[row, best, :p]
-    # exp(log(bound)) misses the bound by round-off
-    theta = torch.where(place <= low[:p], bounds[0], place.exp())
-    theta = torch.where(place >= high[:p], bounds[1], theta)
-    return PointEstimate(
-        theta,
-        ends[row, best, p:],
-        values[row, best],
-        (values > values[row, best, None] - 0.01).double().mean(1),
-    )
-
-
-def starting_points(likelihood: Likelihood, starts: int, seed: int) -> torch.Tensor:
-    """The `starts` most likely Sobol points of each row of `likelihood.y` (C, D), as positions
-    (C, starts, 10 + G) in log theta and log sigma; likely under a tempered likelihood."""
-    emulator, noise, y = likelihood.emulator, likelihood.noise, likelihood.y
-    groups, bounds = len(noise.groups), (emulator.lower, emulator.upper)
     count = SCREENED_PER_START * starts
     points = torch.as_tensor(
         np.concatenate(
@@ -91,27 +65,44 @@ def starting_points(likelihood: Likelihood, starts: int, seed: int) -> torch.Ten
     middle = np.log(0.3 * noise.prior_scale)
     log_sigma = torch.full((len(points), groups), middle, dtype=torch.float64)
     broad = likelihood.tempered(TEMPERING[0])
-    screened = []
     with torch.no_grad():
-        for i in range(0, len(points), CHUNK):
-            prediction = emulator.predict(points[i : i + CHUNK])
-            at = log_sigma[i : i + CHUNK]
-            screened.append(
-                torch.stack([broad.at(row).log_density_of(prediction, at) for row in y])
-            )
-    chosen = torch.cat(screened, dim=1).topk(min(starts, len(points)), dim=1).indices
-    return torch.cat([points.log()[chosen], log_sigma[chosen]], dim=-1)
-
-
-def limits(likelihood: Likelihood) -> tuple[torch.Tensor, torch.Tensor]:
-    """Least and largest position (10 + G,)."""
-    groups = len(likelihood.noise.groups)
-    bounds = (likelihood.emulator.lower, likelihood.emulator.upper)
+        screened = torch.stack(
+            [
+                torch.cat(
+                    [
+                        broad.at(row).log_density(points[i : i + CHUNK], log_sigma[i : i + CHUNK])
+                        for i in range(0, len(points), CHUNK)
+                    ]
+                )
+                for row in y
+            ]
+        )
+    chosen = screened.topk(min(starts, len(points)), dim=1).indices
+    first = torch.cat([points.log()[chosen], log_sigma[chosen]], dim=-1)
+    flat = first.reshape(-1, first.shape[-1])
+    owner = torch.arange(cases).repeat_interleave(chosen.shape[1])
     low, high = (
         torch.tensor([np.log(b)] * len(aha.PARAMETERS) + [s] * groups, dtype=torch.float64)
         for b, s in zip(bounds, LOG_SIGMA_BOUNDS, strict=True)
     )
-    return low, high
+    for level in (*TEMPERING, 0.0):
+        stage = likelihood.tempered(level) if level else likelihood
+        flat, values = climb(stage, y[owner], flat, low, high, iterations)
+    ends = flat
+    ends, values = ends.reshape(first.shape), values.reshape(cases, -1)
+    best = values.argmax(dim=1)
+    row = torch.arange(cases)
+    p = len(aha.PARAMETERS)
+    place = ends[row, best, :p]
+    # exp(log(bound)) misses the bound by round-off
+    theta = torch.where(place <= low[:p], bounds[0], place.exp())
+    theta = torch.where(place >= high[:p], bounds[1], theta)
+    return PointEstimate(
+        theta,
+        ends[row, best, p:],
+        values[row, best],
+        (values > values[row, best, None] - 0.01).double().mean(1),
+    )
 
 
 def climb(likelihood, y, position, low, high, iterations):
