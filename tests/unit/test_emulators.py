@@ -313,6 +313,19 @@ def test_local_needs_an_observation_and_neighbours():
         fit("local_mgp", neighbours=140)
 
 
+def test_few_latent_processes_start_with_the_volume_among_them():
+    """It is the last of the scores, and not the least."""
+    theta = points(60, 40)
+    y = many_outputs(theta)
+    emulator = emulators.create("mvgp", {"latents": 3, "inducing": 30, "iterations": 1})
+    emulator.fit(theta, y, seed=3, **BOX)
+    assert emulator.info["scores"] > 3
+    assert emulator.parameters["mixing"][-1].abs().max() > 0.3
+    at = torch.as_tensor(points(20, 41))
+    error = emulator.predict_mean(at)[:, 0] - torch.as_tensor(many_outputs(at.numpy()))[:, 0]
+    assert (error / emulator.output_sd[0]).square().mean() < 0.2
+
+
 def test_what_reduction_leaves_out_is_uncertain():
     """With fewer components the means get worse, and the variances larger by as much."""
     theta = points(60, 30)
