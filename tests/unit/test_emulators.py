@@ -165,6 +165,18 @@ def test_jacobian_is_that_of_autograd(emulator):
         torch.testing.assert_close(a, b, rtol=1e-8, atol=1e-10)
 
 
+def test_mean_alone_is_that_of_the_prediction(emulator):
+    theta = torch.as_tensor(points(6, 24)).reshape(2, 3, 10)
+    torch.testing.assert_close(emulator.predict_mean(theta), emulator.predict(theta).mean)
+    torch.testing.assert_close(emulator.mean_jacobian(theta), emulator.jacobian(theta)[0])
+
+
+def test_architecture_is_said(fitted):
+    kind = fitted.architecture
+    assert kind.training_scope == ("local" if fitted.name.startswith("local") else "global")
+    assert kind.output_structure in ("single-output", "multi-output") and kind.label
+
+
 def test_file_brings_it_back(fitted, emulator, tmp_path):
     theta = torch.as_tensor(points(5, 8))
     for before in (emulator, fitted):
