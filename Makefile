@@ -1,5 +1,6 @@
 # make quick    the whole pipeline on a small design      (CORES=4 for four cores)
 # make paper    the paper's study
+# make published  the statistical half on the paper's own simulations, no simulator needed
 # make smoke    every step once
 # make test     lint, format, workflow lint, all tests
 # make env      the environment (the targets above make it themselves)
@@ -11,7 +12,7 @@
 SHELL := bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help env quick paper smoke test test-dolfinx-next bench-simulator lint format
+.PHONY: help env quick paper published smoke test test-dolfinx-next bench-simulator lint format
 
 CORES ?= 2
 export CORES
@@ -32,6 +33,11 @@ quick: env
 paper: env
 	snakemake --cores "$$CORES"
 	snakemake --cores "$$CORES" --report results/paper/report.html
+
+published: env
+	snakemake --cores "$$CORES" --configfile config/published.yaml
+	snakemake --cores "$$CORES" --configfile config/published.yaml \
+		--report results/published/report.html
 
 smoke: env
 	snakemake --cores "$$CORES" --configfile config/smoke.yaml

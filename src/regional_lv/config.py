@@ -8,6 +8,7 @@ the tables of keys in that page.
 import copy
 import difflib
 import itertools
+import math
 import re
 import sys
 import warnings
@@ -18,11 +19,14 @@ import jsonschema
 import yaml
 
 from regional_lv.errors import InputError
-from regional_lv.resources import PUBLISHED_HEART
+from regional_lv.resources import PUBLISHED, PUBLISHED_HEART, PUBLISHED_ROWS
 from regional_lv.schema import load_schema
 
 MARK = "<!-- The tables below are written from the schema by `make format`. -->\n"
 """Line of config/README.md after which everything is generated."""
+
+LEAST_ROWS = 12
+"""Simulations that every emulator needs: two more than there are parameters."""
 
 
 def load(config: str | Path | dict, source: str = "config") -> dict:
@@ -35,13 +39,14 @@ def load(config: str | Path | dict, source: str = "config") -> dict:
 
     Returns
     -------
-    A new nested dict with every key of the schema. Relative paths stay as they are: they count
+    A new nested dict with every key of the schema; `design.test` is the number of test cases also
+    where they come from a table. Relative paths stay as they are: they count
     from the working directory.
 
     Raises
     ------
     InputError: one line per mistake, each with the key and the remedy; also for a subject's
-        measured file that cannot be used.
+        measured file or a table of simulations that cannot be used.
     """
     if not isinstance(config, dict):
         source = str(config)
@@ -51,6 +56,9 @@ def load(config: str | Path | dict, source: str = "config") -> dict:
     _raise(source, sorted(line for error in errors for line in _explain(error)))
     complete = _complete(schema, config)
     _raise(source, list(_cross_check(complete)))
+    if complete["simulations"]["source"] == "table":
+        # The one place that says how many test cases there are.
+        complete["design"]["test"] = _table_sizes(complete)["test"]
     return complete
 
 
@@ -219,15 +227,17 @@ def _cross_check(config: dict) -> Iterator[str]:
     solver = config["solver"]
     if solver["min_load_fraction"] > solver["first_load_fraction"]:
         yield "solver.min_load_fraction: exceeds solver.first_load_fraction; lower it"
+    mistakes = list(_check_tables(config))
+    yield from mistakes
+    sizes = {"train": design["natural"] + design["log"], "test": design["test"]}
+    if config["simulations"]["source"] == "table":
+        # What cannot be read has been said already.
+        sizes = None if mistakes else _table_sizes(config)
+    if sizes:
+        yield from _check_sizes(config, sizes)
     emulators = config["emulators"]
     if emulators["final"] not in emulators["names"]:
         yield f"emulators.final: {emulators['final']} is not in emulators.names; add it there"
-    cases = config["test_posteriors"]["cases"]
-    if cases != "all" and cases > design["test"]:
-        yield (
-            f"test_posteriors.cases: {cases} posteriors on {design['test']} test cases "
-            "(design.test); lower it, or write `all`"
-        )
     for name, subject in config["subjects"].items():
         yield from _check_subject(f"subjects.{name}", subject, name, config["synthetic_subjects"])
     for name, subject in config["synthetic_subjects"].items():
@@ -238,6 +248,90 @@ def _cross_check(config: dict) -> Iterator[str]:
                     f"[{design['lower']}, {design['upper']}] (design.lower, design.upper), where "
                     "nothing is simulated; move it inside"
                 )
+
+
+def _check_tables(config: dict) -> Iterator[str]:
+    """Tables of simulations that cannot be used, and what cannot be had without a simulator."""
+    simulations, design = config["simulations"], config["design"]
+    tables = simulations["tables"]
+    if simulations["source"] != "table":
+        if tables:
+            yield (
+                "simulations.tables: tables are read with `simulations.source: table` only; set "
+                "that, or remove them"
+            )
+        return
+    if "train" not in tables:
+        yield "simulations.tables.train: missing; give the inputs and outputs to learn from"
+    # Imported here for the same reason as measured files are.
+    from regional_lv.simulation_tables import SENSITIVITY, read_tables
+
+    for name, files in tables.items():
+        key = f"simulations.tables.{name}"
+        if PUBLISHED in files.values():
+            if name != "train" or set(files.values()) != {PUBLISHED}:
+                yield (
+                    f"{key}: `{PUBLISHED}` is the paper's training table, inputs and outputs "
+                    "together; name it for both of `train`, or give paths"
+                )
+            columns = ()
+        else:
+            try:
+                columns = read_tables(**files, lower=design["lower"], upper=design["upper"]).columns
+            except InputError as error:
+                yield f"{key}: {error}"
+                continue
+        learner = "gradient_gp"
+        if name == "train" and learner in config["emulators"]["names"]:
+            if SENSITIVITY not in columns:
+                yield (
+                    f"emulators.names: {learner} learns from sensitivities, and {key} has no "
+                    f"column {SENSITIVITY}; add it (Parquet, 520 numbers per row), or leave "
+                    f"{learner} out"
+                )
+    for name, subject in config["subjects"].items():
+        if subject["source"] == "synthetic":
+            yield (
+                f"subjects.{name}: synthetic subjects come out of the simulator, which "
+                "`simulations.source: table` does without; remove it"
+            )
+
+
+def _table_sizes(config: dict) -> dict[str, int]:
+    """Rows of the sets of source `table`, `train` and `test` after the split."""
+    from regional_lv.simulation_tables import read_tables, split
+
+    simulations, design = config["simulations"], config["design"]
+    sizes = {
+        name: PUBLISHED_ROWS
+        if PUBLISHED in files.values()
+        else len(read_tables(**files, lower=design["lower"], upper=design["upper"]))
+        for name, files in simulations["tables"].items()
+    }
+    holdout = 0 if "test" in sizes else simulations["holdout"]
+    parts = split(sizes["train"], holdout, simulations["rows"], config["seed"])
+    return {"test": holdout} | sizes | {"train": len(parts["train"])}
+
+
+def _check_sizes(config: dict, sizes: dict[str, int]) -> Iterator[str]:
+    """Too few simulations for what is asked of them."""
+    cases = config["test_posteriors"]["cases"]
+    if cases != "all" and cases > sizes["test"]:
+        yield (
+            f"test_posteriors.cases: {cases} posteriors on {sizes['test']} test cases "
+            "(design.test, or the test table); lower it, or write `all`"
+        )
+    rows = sizes["train"]
+    if rows < LEAST_ROWS:
+        yield f"{rows} training simulations are too few for any emulator; give {LEAST_ROWS} or more"
+    for name in config["emulators"]["names"]:
+        settings = config["emulators"][name]
+        if "neighbours" in settings and rows < settings["neighbours"] / 0.9:
+            yield (
+                f"emulators.{name}.neighbours: {rows} training simulations are too few for "
+                f"{settings['neighbours']} neighbours and some to calibrate on; lower it, leave "
+                f"{name} out of emulators.names, or simulate more"
+            )
 
 
 def _check_geometry_files(geometry: dict) -> Iterator[str]:
@@ -341,7 +435,8 @@ def document() -> str:
 def _default_text(entry: dict) -> str:
     if "default" not in entry:
         return "none"
-    return f"`{yaml.safe_dump(entry['default'], default_flow_style=True).splitlines()[0]}`"
+    text = yaml.safe_dump(entry["default"], default_flow_style=True, width=math.inf)
+    return f"`{text.splitlines()[0]}`"
 
 
 def _meaning(entry: dict) -> str:

@@ -31,6 +31,11 @@ TRAINING_INPUTS = "simulations/X_train_Final_10.csv"
 TRAINING_OUTPUTS = "simulations/Y_data_train_Final.csv"
 PUBLISHED_HEART = "published_heart"
 """What a config calls `HEART_MESH` with `HEART_SEGMENTS`."""
+PUBLISHED = "published"
+"""What a config calls `TRAINING_INPUTS` and `TRAINING_OUTPUTS`."""
+TRAINING = {"inputs": TRAINING_INPUTS, "outputs": TRAINING_OUTPUTS}
+PUBLISHED_ROWS = 5661
+"""Rows of both."""
 
 
 class Published(NamedTuple):

@@ -30,7 +30,9 @@ from regional_lv.resources import (  # noqa: E402
     FILES,
     HEART_MESH,
     HEART_SEGMENTS,
+    PUBLISHED,
     PUBLISHED_HEART,
+    TRAINING,
     TRAINING_INPUTS,
     TRAINING_OUTPUTS,
     VOLUNTEER,
@@ -56,6 +58,9 @@ PHYSICS = {
     for section in ("material", "fibres", "loading", "observables", "solver")
 }
 
+FROM_TABLES = config["simulations"]["source"] == "table"
+TABLE_SETS = config["simulations"]["tables"]
+
 SUBJECT_SOURCES = {
     name: subject["source"]
     for name, subject in config["subjects"].items()
@@ -76,6 +81,27 @@ def imported_files():
         }
     files = {"mesh": IMPORTED["file"], "segments": IMPORTED["segments"]}
     return {name: path for name, path in files.items() if path is not None}
+
+
+def simulation_table(name, kind):
+    """File of the `inputs` or `outputs` of a set that comes from a table; what has no table of its
+    own is held out of `train`."""
+    path = TABLE_SETS.get(name, TABLE_SETS["train"])[kind]
+    return fetched_path(config["study"], TRAINING[kind]) if path == PUBLISHED else path
+
+
+# Figures and tables of the stage `estimates`, up to the shortlist.
+COMPARISON_FIGURES = ["per_sample_mse", "sample_efficiency"]
+COMPARISON_TABLES = ["architectures", "ranking", "pairs", "sample_efficiency"]
+
+# Tables of finished simulations need not bring sensitivities; where an emulator is asked for that
+# learns from them, they do (the config is checked for that).
+EFFICIENCY_CURVES = [
+    f"{emulator}-{transform}"
+    for emulator in ("exact_gp", "gradient_gp")
+    for transform in ("log", "identity")
+    if emulator == "exact_gp" or not FROM_TABLES or emulator in config["emulators"]["names"]
+]
 
 
 # Modules that decide how things are reported, never what comes out.

@@ -4,7 +4,8 @@ POSTERIORS = f"{R}/posteriors/{EMULATOR}"
 SUBJECT_FIGURES = ["bullseye_posterior", "posterior_predictive", "traces"]
 FIGURES = expand(
     f"{R}/figures/{{name}}.{{ext}}",
-    name=["zones", "design", "explained_variance", "parity", "recovery"],
+    name=([] if FROM_TABLES else ["zones", "design"])
+    + ["explained_variance", "parity", "recovery", *COMPARISON_FIGURES],
     ext=["png", "csv"],
 ) + expand(
     f"{R}/figures/{{subject}}/{{name}}.{{ext}}",
@@ -14,7 +15,7 @@ FIGURES = expand(
 )
 TABLES = expand(
     f"{R}/tables/{{name}}.{{ext}}",
-    name=["diagnostics", "recovery"] + (["subjects"] if SUBJECTS else []),
+    name=["diagnostics", "recovery", *COMPARISON_TABLES] + (["subjects"] if SUBJECTS else []),
     ext=["csv", "tex"],
 )
 TRUTHS = {subject: f"{R}/truth/{subject}.json" for subject in SYNTHETIC}

@@ -5,7 +5,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 import torch
@@ -83,6 +83,16 @@ class TrainingSet:
     slopes: torch.Tensor | None = None
 
 
+class Architecture(NamedTuple):
+    """What kind of emulator it is, in the words of the paper's Table 1."""
+
+    label: str
+    base_method: str
+    training_scope: str
+    output_structure: str
+    deep_component: str = "none"
+
+
 class Emulator(ABC):
     """A statistical stand-in for the simulator.
 
@@ -90,15 +100,16 @@ class Emulator(ABC):
     training design covers, the same for every parameter), `output_mean` and `output_sd` (D,) of
     the training outputs in natural units, and `info`, what the fit has to say about itself.
 
-    A new emulator is one file with a subclass, one entry in `emulators.REGISTRY`, and its settings
-    in the schema of the configuration, where their defaults stand. It has to implement `_fit`,
-    `_predict`, `_state`, `_restore` and `_select`, or less with `reduced.ReducedEmulator` as its
-    base.
+    A new emulator is one file with a subclass that says its `name` and `architecture`, one entry
+    in `emulators.REGISTRY`, and its settings in the schema of the configuration, where their
+    defaults stand. It has to implement `_fit`, `_predict`, `_state`, `_restore` and `_select`, or
+    less with `reduced.ReducedEmulator` as its base.
 
     Raises InputError for a setting that the schema does not have or allow.
     """
 
     name: ClassVar[str]
+    architecture: ClassVar[Architecture]
     learns_from_sensitivities: ClassVar[bool] = False
 
     def __init__(self, input_transform: str | None = None, **settings):
@@ -170,6 +181,14 @@ class Emulator(ABC):
     def predict(self, theta: torch.Tensor) -> Prediction:
         """Predict at `theta` (..., 10), float64; differentiable."""
         return self._predict(theta)
+
+    def predict_mean(self, theta: torch.Tensor) -> torch.Tensor:
+        """Predictive mean (..., D) alone, differentiable; cheaper where an emulator says how."""
+        return self.predict(theta).mean
+
+    def mean_jacobian(self, theta: torch.Tensor) -> torch.Tensor:
+        """d(mean)/d(theta) (..., D, 10)."""
+        return self.jacobian(theta)[0]
 
     def jacobian(self, theta: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor | None]:
         """d(mean)/d(theta) (..., D, 10); d(variance)/d(theta) (..., 10) if separable, else None.

@@ -1,6 +1,7 @@
 """DNN: a feed-forward network with one scale for all its errors (the paper's error model)."""
 
 from regional_lv.emulators import networks
+from regional_lv.emulators.base import Architecture
 from regional_lv.emulators.reduced import ReducedEmulator
 
 
@@ -14,6 +15,7 @@ class DNN(ReducedEmulator):
     """
 
     name = "dnn"
+    architecture = Architecture("DNN", "network", "global", "multi-output", "feed-forward network")
     _KEYS = ("layers", "error_sd")
 
     def _fit_scores(self, x, z, seed):

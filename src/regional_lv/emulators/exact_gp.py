@@ -11,7 +11,13 @@ import time
 import numpy as np
 import torch
 
-from regional_lv.emulators.base import Emulator, Prediction, SeparablePrediction, TrainingSet
+from regional_lv.emulators.base import (
+    Architecture,
+    Emulator,
+    Prediction,
+    SeparablePrediction,
+    TrainingSet,
+)
 from regional_lv.emulators.kernels import KERNELS, squared_distance
 from regional_lv.emulators.shared_kernel import (
     cholesky,
@@ -46,6 +52,7 @@ class ExactGP(Emulator):
     """
 
     name = "exact_gp"
+    architecture = Architecture("Exact GP", "GP", "global", "multi-output")
 
     # ------------------------------------------------------------------------------- fitting
 
@@ -163,6 +170,20 @@ class ExactGP(Emulator):
             determinant_weight=1 / self.variance_factor,
         )
 
+    def predict_mean(self, theta: torch.Tensor) -> torch.Tensor:
+        """As in the base class: a product with the weights, no triangular solve."""
+        k, _ = self._rows(self.standardise(theta.reshape(-1, theta.shape[-1])))
+        mean = self.output_mean + self.output_sd * (self.mean + k @ self.weights)
+        return mean.reshape(*theta.shape[:-1], -1)
+
+    def mean_jacobian(self, theta: torch.Tensor) -> torch.Tensor:
+        """As in the base class, from the kernel's derivative."""
+        flat = theta.detach().reshape(-1, theta.shape[-1])
+        _, context = self._rows(self.standardise(flat))
+        means = self._mean_slopes(*context) * self.output_sd[:, None]
+        means = means * self.standardise_slope(flat)[:, None, :]
+        return means.reshape(*theta.shape[:-1], *means.shape[1:])
+
     def _forward(self, theta: torch.Tensor) -> dict:
         """Everything about predictions at `theta` (M, 10) that values and derivatives need."""
         k, context = self._rows(self.standardise(theta))
@@ -216,9 +237,8 @@ class ExactGP(Emulator):
         flat = theta.detach().reshape(-1, theta.shape[-1])
         f = self._forward(flat)
         to_theta = self.standardise_slope(flat)
-        means = self._mean_slopes(*f["context"]) * self.output_sd[:, None] * to_theta[:, None, :]
         variance = self._pull_back(self._variance_weights(f["half"], f["rest"]), *f["context"])
-        return means.reshape(*shape, *means.shape[1:]), (variance * to_theta).reshape(*shape, -1)
+        return self.mean_jacobian(theta), (variance * to_theta).reshape(*shape, -1)
 
     # --------------------------------------------------------------------------- keeping
 

@@ -87,7 +87,7 @@ def find_map(likelihood: Likelihood, starts: int, iterations: int, seed: int) ->
     )
     for level in (*TEMPERING, 0.0):
         stage = likelihood.tempered(level) if level else likelihood
-        flat, values = _climb(stage, y[owner], flat, low, high, iterations)
+        flat, values = climb(stage, y[owner], flat, low, high, iterations)
     ends = flat
     ends, values = ends.reshape(first.shape), values.reshape(cases, -1)
     best = values.argmax(dim=1)
@@ -105,7 +105,7 @@ def find_map(likelihood: Likelihood, starts: int, iterations: int, seed: int) ->
     )
 
 
-def _climb(likelihood, y, position, low, high, iterations):
+def climb(likelihood, y, position, low, high, iterations):
     """Levenberg-Marquardt from every row of `position` (M, P); rows that have ended drop out."""
     position = position.clone()
     damping = torch.full((len(position),), 1e-2, dtype=torch.float64)
