@@ -25,7 +25,13 @@ include: "workflow/rules/emulators.smk"
 include: "workflow/rules/estimates.smk"
 include: "workflow/rules/subjects.smk"
 include: "workflow/rules/posteriors.smk"
+include: "workflow/rules/trust.smk"
 include: "workflow/rules/figures.smk"
+include: "workflow/rules/figures_study.smk"
+include: "workflow/rules/figures_test_set.smk"
+include: "workflow/rules/figures_scenarios.smk"
+include: "workflow/rules/figures_subjects.smk"
+include: "workflow/rules/paper.smk"
 
 
 rule all:
@@ -34,3 +40,4 @@ rule all:
     input:
         FIGURES,
         TABLES,
+        SUMMARIES,

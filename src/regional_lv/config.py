@@ -27,6 +27,8 @@ MARK = "<!-- The tables below are written from the schema by `make format`. -->\
 
 LEAST_ROWS = 12
 """Simulations that every emulator needs: two more than there are parameters."""
+RESERVED = {"train", "test", "resimulated", "subjects"}
+"""Names that no scenario may have."""
 
 
 def load(config: str | Path | dict, source: str = "config") -> dict:
@@ -236,8 +238,18 @@ def _cross_check(config: dict) -> Iterator[str]:
     if sizes:
         yield from _check_sizes(config, sizes)
     emulators = config["emulators"]
-    if emulators["final"] not in emulators["names"]:
-        yield f"emulators.final: {emulators['final']} is not in emulators.names; add it there"
+    shortlist = emulators["shortlist"]["names"]
+    for name in shortlist or ():
+        if name not in emulators["names"]:
+            yield f"emulators.shortlist.names: {name} is not in emulators.names; add it there"
+    candidates = shortlist or emulators["names"]
+    if emulators["final"] not in ("auto", *candidates):
+        yield (
+            f"emulators.final: {emulators['final']} is not among those whose posteriors are "
+            f"compared ({', '.join(candidates)}); add it to emulators.names and to "
+            "emulators.shortlist.names, or write `auto`"
+        )
+    yield from _check_scenarios(config["scenarios"], design)
     for name, subject in config["subjects"].items():
         yield from _check_subject(f"subjects.{name}", subject, name, config["synthetic_subjects"])
     for name, subject in config["synthetic_subjects"].items():
@@ -332,6 +344,20 @@ def _check_sizes(config: dict, sizes: dict[str, int]) -> Iterator[str]:
                 f"{settings['neighbours']} neighbours and some to calibrate on; lower it, leave "
                 f"{name} out of emulators.names, or simulate more"
             )
+
+
+def _check_scenarios(scenarios: dict, design: dict) -> Iterator[str]:
+    """Means outside the bounds, and names that other sets have."""
+    lower, upper = design["lower"], design["upper"]
+    means = {f"sets.{name}.mu": entry["mu"] for name, entry in scenarios["sets"].items()}
+    for key, mean in (means | {"healthy_mean": scenarios["healthy_mean"]}).items():
+        if not lower <= mean <= upper:
+            yield (
+                f"scenarios.{key}: {mean:g} lies outside [{lower:g}, {upper:g}] (design.lower, "
+                "design.upper), where nothing is learnt; move it inside"
+            )
+    for name in sorted(set(scenarios["sets"]) & RESERVED):
+        yield f"scenarios.sets.{name}: the name is taken by another set; choose another"
 
 
 def _check_geometry_files(geometry: dict) -> Iterator[str]:

@@ -79,6 +79,15 @@ def read_measured(path: str | Path) -> pd.DataFrame:
     return table[["output", "quantity", "segment", "value", "sd", *passed_on]]
 
 
+def states_noise(path: str | Path) -> bool:
+    """Whether a measured file gives the sd of its strains. Raises InputError as `read_measured`."""
+    with warnings.catch_warnings():
+        # Whoever uses the file says what it lacks.
+        warnings.simplefilter("ignore", MeasuredWarning)
+        table = read_measured(path)
+    return bool(table.loc[table["quantity"] != "volume", "sd"].notna().all())
+
+
 def shortcomings(measured: pd.DataFrame) -> list[str]:
     """What a measured table cannot tell, in sentences."""
     found = []

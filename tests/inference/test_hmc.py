@@ -1,68 +1,139 @@
 """Batched HMC against posteriors that are known and against NUTS."""
 
+import copy
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
 
 from regional_lv import inference
+from regional_lv.inference import hmc
 from regional_lv.inference.hmc import sample_batch
 from regional_lv.inference.likelihood import Likelihood, Noise
-from regional_lv.inference.nuts import Settings, sample_case
+from regional_lv.inference.nuts import Settings, Target, sample_case, verdict
 from tests.inference.test_likelihood import linear
 
-NONE = torch.zeros(0, dtype=torch.float64)
 
-
-def cases(spread: float):
-    """Three cases of a linear emulator, observed without error, and their likelihood."""
+def cases(spread: float, noise: Noise | None = None):
+    """Three cases of a linear emulator, observed without error, and their likelihoods."""
     emulator = linear(spread)
     truth = torch.stack([torch.full((10,), c, dtype=torch.float64) for c in (1.5, 2.0, 4.8)])
-    return emulator, truth, Likelihood(emulator, emulator.predict(truth).mean, Noise.none(emulator))
+    noise = Noise.none(emulator) if noise is None else noise
+    common = Likelihood(emulator, emulator.base, noise)
+    return emulator, truth, [common.at(y) for y in emulator.predict(truth).mean]
 
 
-def test_gaussian_posteriors_side_by_side():
-    emulator, truth, likelihood = cases(0.02)
-    draws = sample_batch(likelihood, truth, Settings(warmup=200, draws=600), [1, 2, 3])
+def run(likelihoods, truth, settings, seeds, careful=False):
+    groups = len(likelihoods[0].noise.groups)
+    log_sigma = torch.full((len(likelihoods), groups), -1.5, dtype=torch.float64)
+    return sample_batch(likelihoods, truth, log_sigma, settings, seeds, careful)
+
+
+@pytest.mark.parametrize("careful", [False, True])
+def test_gaussian_posteriors_side_by_side(careful):
+    emulator, truth, likelihoods = cases(0.02)
+    settings = Settings(warmup=100, draws=350, ess_min=200, rhat_max=1.03)
+    draws = run(likelihoods, truth, settings, [1, 2, 3], careful)
     a = emulator.slopes
     expected = torch.linalg.inv(a.T @ torch.linalg.solve(emulator.matrix, a)).numpy()
     sd = np.sqrt(expected.diagonal())
     for one, known in zip(draws, truth.numpy(), strict=True):
         theta = one.theta.reshape(-1, 10)
-        # Near the bound (the last case, 4.8 of 5) one draw in a thousand diverges, with some seeds
-        # and machines: such a case fails its gate, and NUTS takes it.
-        assert one.diverging.mean() <= (0.01 if known[0] > 4.5 else 0.0)
-        assert 0.6 < one.acceptance_rate.mean() < 0.99
-        assert np.abs((theta.mean(0) - known) / sd).max() < 0.15
+        assert not one.diverging.any()
+        assert one.acceptance_rate.mean() > 0.6
+        assert verdict(one, settings) == "passed"
+        assert np.abs((theta.mean(0) - known) / sd).max() < 0.2
         np.testing.assert_allclose(
-            np.cov(theta, rowvar=False) / np.outer(sd, sd), expected / np.outer(sd, sd), atol=0.15
+            np.cov(theta, rowvar=False) / np.outer(sd, sd), expected / np.outer(sd, sd), atol=0.25
         )
 
 
-def test_agrees_with_nuts_where_the_bounds_cut_the_posterior():
-    _, truth, likelihood = cases(0.2)
-    settings = Settings(warmup=150, draws=250)
-    together = sample_batch(likelihood, truth, settings, [1, 2, 3])[2]
-    alone = sample_case(likelihood.at(likelihood.y[2]), truth[2], NONE, settings, 5, "third")
-    a, b = (d.theta.reshape(-1, 10) for d in (together, alone))
-    assert b.max() > 4.9  # the upper bound is felt
+def test_nothing_diverges_near_a_bound():
+    """With one stretched map for the whole box, every third seed diverged in the last case."""
+    _, truth, likelihoods = cases(0.02)
+    settings = Settings(warmup=80, draws=80)
+    for seed in range(6):
+        (draws,) = run(likelihoods[2:], truth[2:], settings, [seed])
+        assert not draws.diverging.any()
+
+
+def difference(a, b) -> tuple[float, float]:
+    """Largest difference of means in sd, and of sds, relative."""
+    a, b = (d.theta.reshape(-1, 10) for d in (a, b))
+    means = np.abs((a.mean(0) - b.mean(0)) / b.std(0)).max()
+    return float(means), float(np.abs(a.std(0) / b.std(0) - 1).max())
+
+
+@pytest.mark.parametrize("kind", ["none", "known", "inferred"])
+def test_agrees_with_nuts_where_the_bounds_cut_the_posterior(kind):
+    emulator = linear(0.2)
+    sd = torch.full_like(emulator.output_sd, 0.2)
+    noise = {"none": None, "known": Noise.known(sd), "inferred": Noise.shared(emulator, 0.3)}[kind]
+    _, truth, likelihoods = cases(0.2, noise)
+    settings = Settings(warmup=100, draws=250, ess_min=100, rhat_max=1.1)
+    (together,) = run(likelihoods[2:], truth[2:], settings, [3])
+    log_sigma = torch.full((len(likelihoods[2].noise.groups),), -1.5, dtype=torch.float64)
+    alone = sample_case(likelihoods[2], truth[2], log_sigma, settings, 5, "third")
+    assert alone.theta.max() > 4.9  # the upper bound is felt
     # Both means have Monte Carlo errors near 0.05 sd, and the largest of ten is looked at.
-    assert np.abs((a.mean(0) - b.mean(0)) / b.std(0)).max() < 0.25
-    np.testing.assert_allclose(a.std(0), b.std(0), rtol=0.2)
+    means, sds = difference(together, alone)
+    assert means < 0.3 and sds < 0.25
+    if kind == "inferred":
+        assert together.sigma.mean() == pytest.approx(alone.sigma.mean(), rel=0.15)
+
+
+def test_a_bad_surrogate_costs_draws_and_not_correctness():
+    """The exact density decides: with the surrogate of another case the posterior is the same."""
+    emulator, truth, likelihoods = cases(0.02)
+    settings = Settings(warmup=80, draws=900)
+    shifted = [likelihoods[0].at(likelihoods[0].y + 0.01)]
+    original = hmc.prepare
+
+    def wrong(target, *rest):
+        prepared = original(target, *rest)
+        other = original(Target(shifted[0], target.box), *rest)
+        return replace(prepared, surrogate=other.surrogate)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(hmc, "prepare", wrong)
+        (draws,) = run(likelihoods[:1], truth[:1], settings, [4])
+    assert 0.1 < draws.acceptance_rate.mean() < 0.9
+    a = emulator.slopes
+    sd = torch.linalg.inv(a.T @ torch.linalg.solve(emulator.matrix, a)).diagonal().sqrt().numpy()
+    theta = draws.theta.reshape(-1, 10)
+    assert np.abs((theta.mean(0) - truth[0].numpy()) / sd).max() < 0.25
+    np.testing.assert_allclose(theta.std(0), sd, rtol=0.2)
 
 
 def test_same_seeds_same_draws_and_others_differ():
-    _, truth, likelihood = cases(0.1)
+    _, truth, likelihoods = cases(0.1)
     settings = Settings(warmup=40, draws=20)
     first, again, other = (
-        sample_batch(likelihood, truth, settings, seeds)[0].theta
+        run(likelihoods, truth, settings, seeds)[0].theta
         for seeds in ([1, 2, 3], [1, 2, 3], [4, 5, 6])
     )
     np.testing.assert_array_equal(first, again)
     assert not np.allclose(first, other)
 
 
-def test_what_fails_its_gate_goes_to_nuts(monkeypatch, caplog):
-    *_, likelihood = cases(0.1)
+def test_emulators_may_differ_between_cases():
+    """Local emulators: every case has its own."""
+    _, truth, likelihoods = cases(0.1)
+    apart = [
+        Likelihood(copy.copy(one.emulator), one.y, Noise.none(one.emulator)) for one in likelihoods
+    ]
+    settings = Settings(warmup=40, draws=20)
+    for a, b in zip(
+        run(likelihoods, truth, settings, [1, 2, 3]),
+        run(apart, truth, settings, [1, 2, 3]),
+        strict=True,
+    ):
+        np.testing.assert_allclose(a.theta, b.theta, rtol=1e-6)
+
+
+def test_what_fails_its_gate_twice_goes_to_nuts(monkeypatch, caplog):
+    *_, likelihoods = cases(0.1)
     called = []
 
     def nuts(likelihood, theta, log_sigma, settings, seed, name):
@@ -71,8 +142,11 @@ def test_what_fails_its_gate_goes_to_nuts(monkeypatch, caplog):
 
     monkeypatch.setattr(inference, "sample_case", nuts)
     settings = {"warmup": 60, "draws": 40, "ess_min": 1e6}
-    sampled = inference.sample_together(likelihood, ["a", "b", "c"], settings, 2, 40, 1, "test")
+    point = {"starts": 2, "iterations": 40}
+    how = inference.Sampling(settings, point, 1, "test")
+    sampled = inference.sample_together(likelihoods, ["a", "b", "c"], how)
     assert called == ["test/a", "test/b", "test/c"]
+    assert sampled.samplers == ("nuts",) * 3
     assert all(draws.repeated for draws in sampled.draws)
     assert "batched HMC" in caplog.text
 

@@ -10,9 +10,9 @@ from scipy import stats
 from regional_lv import aha, emulators, inference
 from regional_lv.emulators.exact_gp import ExactGP
 from regional_lv.errors import InputError
-from regional_lv.inference.diagnostics import summarise_posteriors
 from regional_lv.inference.likelihood import Likelihood, Noise
 from regional_lv.inference.nuts import Settings, Target, sample_case
+from regional_lv.inference.summaries import TABLES, summarise_posteriors
 from tests.inference.test_likelihood import linear
 
 NUTS = {
@@ -85,7 +85,8 @@ def test_noise_scale_and_uniform_prior():
 def test_potential_is_that_of_the_density():
     emulator = linear(0.5, 0.1)
     likelihood = Likelihood(emulator, emulator.base + 1.0, Noise.none(emulator))
-    target = Target(likelihood)
+    middle = torch.full((10,), 2.0, dtype=torch.float64)
+    target = Target.near(likelihood, middle, torch.zeros(0, dtype=torch.float64))
     a, b = (torch.as_tensor(np.random.default_rng(i).normal(size=10)) for i in (1, 2))
 
     def log_density(position):
@@ -152,41 +153,68 @@ def study(tmp_path_factory):
     return folder
 
 
+def sample(study, path, batch, batches, cases=4, noise=None, sampler="nuts", nuts=NUTS):
+    inference.sample_set_batch(
+        *(study / "emulator.pt", study / "test.parquet", "test", batch, batches, cases, noise),
+        *(sampler, nuts, POINT, 1, path),
+    )
+
+
 def test_test_set(study):
     batches = [study / f"batch-{i}.nc" for i in range(2)]
     for i, path in enumerate(batches):
-        inference.sample_test_batch(
-            study / "emulator.pt", study / "test.parquet", i, i + 1, "nuts", NUTS, POINT, 1, path
-        )
+        sample(study, path, i, 2, cases=2)
     data = az.from_netcdf(batches[1])
     assert data.posterior["theta"].dims == ("chain", "draw", "case", "parameter")
     assert data.posterior["theta"].shape == (2, 300, 1, 10)
     assert data.posterior["case"].to_numpy().tolist() == ["5"]
     assert data.posterior["parameter"].to_numpy().tolist() == list(aha.PARAMETERS)
-    assert set(data.constant_data) == {"theta_map", "theta_true", "y_obs", "seconds", "repeated"}
-    names = ("diagnostics", "recovery", "coverage", "map_mse")
-    tables = [study / f"{name}.csv" for name in names]
-    summarise_posteriors(batches, *tables)
-    diagnostics, recovery, coverage, mse = (pd.read_csv(path) for path in tables)
-    assert len(diagnostics) == len(recovery) == 20
-    assert coverage["parameter"].tolist() == [*aha.PARAMETERS, "all"]
-    assert mse["case"].tolist() == [3, 5]
-    assert recovery["variance_ratio"].max() < 1
-    with pytest.raises(InputError, match="no row 9"):
-        inference.sample_test_batch(
-            study / "emulator.pt", study / "test.parquet", 9, 12, "nuts", NUTS, POINT, 1, batches[0]
-        )
+    names = {"theta_map", "theta_true", "y_obs", "seconds", "repeated", "sampler"}
+    assert set(data.constant_data) == names
+    summarise_posteriors(batches, study)
+    tables = {name: pd.read_csv(study / f"{name}.csv") for name in TABLES}
+    assert len(tables["diagnostics"]) == len(tables["recovery"]) == 20
+    assert (tables["diagnostics"]["sampler"] == "nuts").all()
+    assert tables["coverage"]["parameter"].tolist() == [*aha.PARAMETERS, "all"]
+    assert tables["map_mse"]["case"].tolist() == [3, 5]
+    assert tables["recovery"]["variance_ratio"].max() < 1
+    assert tables["recovery"]["rank"].between(0, 600).all()
+    assert tables["hpd"]["parameter"].tolist() == [*aha.PARAMETERS, "all"]
+    assert len(tables["correlations"]) == 100 and len(tables["zone_correlations"]) == 25
+    with pytest.raises(InputError, match="too few for 9 batches"):
+        sample(study, batches[0], 0, 9)
+
+
+FEW = NUTS | {"warmup": 40, "draws": 20, "ess_min": 0, "rhat_max": 10.0}
 
 
 def test_a_case_does_not_depend_on_its_batch(study):
     paths = study / "alone.nc", study / "both.nc"
-    few = NUTS | {"warmup": 40, "draws": 20, "ess_min": 0, "rhat_max": 10.0}
-    for first, path in ((1, paths[0]), (0, paths[1])):
-        inference.sample_test_batch(
-            study / "emulator.pt", study / "test.parquet", first, 2, "nuts", few, POINT, 1, path
-        )
+    sample(study, paths[0], 1, 2, cases=2, nuts=FEW)
+    sample(study, paths[1], 0, 1, cases=2, nuts=FEW)
     alone, both = (az.from_netcdf(p).posterior["theta"].sel(case="5").to_numpy() for p in paths)
     np.testing.assert_array_equal(alone, both)
+
+
+def test_noisy_scenario(study):
+    """Noise is added to what is measured, the rest is left out, and zones are handed on."""
+    noise = {"volume": 2.0, "circumferential": 0.02, "radial": 0.05, "longitudinal": None}
+    test = pd.read_parquet(study / "test.parquet")
+    test.assign(zone="septal").to_parquet(study / "scenario.parquet")
+    inference.sample_set_batch(
+        *(study / "emulator.pt", study / "scenario.parquet", "some-noisy", 0, 1, 2, noise),
+        *("hmc", FEW, POINT, 1, study / "noisy.nc"),
+    )
+    data = az.from_netcdf(study / "noisy.nc")
+    assert data.constant_data["zone"].to_numpy().tolist() == ["septal"] * 2
+    outputs = data.observed_data["output"].to_numpy().tolist()
+    assert len(outputs) == 35 and not [name for name in outputs if "longitudinal" in name]
+    change = data.observed_data["y"].to_numpy() - test[outputs].to_numpy()[:2]
+    assert 1e-3 < np.abs(change[:, 1:18]).mean() < 0.04 and np.abs(change[:, 0]).max() < 8
+    spread = data.posterior["theta"].std(("chain", "draw"))
+    sample(study, study / "exact.nc", 0, 1, cases=2, nuts=FEW, sampler="hmc")
+    exact = az.from_netcdf(study / "exact.nc").posterior["theta"].std(("chain", "draw"))
+    assert (spread > 2 * exact).all()
 
 
 @pytest.mark.parametrize("measured", ["subject.csv", "with_sd.csv"])

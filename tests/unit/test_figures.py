@@ -19,6 +19,7 @@ from regional_lv.figures import (
     bullseye_posterior,
     design,
     explained_variance,
+    heart,
     parity,
     posterior,
     posterior_predictive,
@@ -130,6 +131,12 @@ def test_set(tmp_path):
     return [tmp_path / f"{name}.csv" for name in ("recovery", "coverage", "diagnostics")]
 
 
+@pytest.fixture
+def choice(tmp_path):
+    (tmp_path / "final.json").write_text('{"final": "exact_gp"}')
+    return tmp_path / "final.json"
+
+
 def read(paths) -> pd.DataFrame:
     """The table beside a figure, once the figure has been seen to hold more than paper."""
     png, csv = paths
@@ -214,7 +221,7 @@ def test_zones(mesh, paths):
 
 
 def test_subdivision_follows_the_curved_element(mesh):
-    grid = zones.straight_cells(mesh)
+    grid = heart.straight_cells(mesh, 4)
     radius = np.hypot(*grid.points[:, :2].T)
     assert radius.min() == pytest.approx(25, abs=0.01)
     assert radius.max() == pytest.approx(35, abs=0.01)
@@ -277,13 +284,13 @@ def test_explained_variance(tmp_path, paths, figures):
     assert figures[0].get_suptitle().startswith("3 of 4 components")
 
 
-def test_parity(tmp_path, paths):
+def test_parity(tmp_path, choice, paths):
     table = pd.DataFrame(
         [(case, o, 1.0, 1.0 + 0.1 * case, 0.1) for case in (0, 1, 3) for o in aha.OUTPUTS],
         columns=["case", "output", "truth", "mean", "sd"],
     )
     table.to_parquet(tmp_path / "test.parquet")
-    parity.draw(tmp_path / "test.parquet", "exact_gp", *paths)
+    parity.draw(tmp_path / "test.parquet", choice, *paths)
     drawn = read(paths).groupby("quantity")[["rmse", "coverage95"]].first()
     assert len(drawn) == 4
     # Errors 0, 1 and 3 standard deviations of 0.1: the last lies outside its bar.
@@ -291,8 +298,8 @@ def test_parity(tmp_path, paths):
     assert drawn["coverage95"].to_numpy() == pytest.approx(2 / 3)
 
 
-def test_recovery(test_set, paths, figures):
-    recovery.draw(*test_set, "exact_gp", *paths)
+def test_recovery(test_set, choice, paths, figures):
+    recovery.draw(*test_set, choice, *paths)
     drawn = read(paths)
     cases = drawn[drawn["panel"] == "recovery"]
     assert list(cases.groupby("case")["failed"].first()) == [False, False, True]
@@ -399,7 +406,9 @@ def test_table_of_diagnostics(test_set, subject, tmp_path):
     test = tmp_path / "test.csv"
     test.write_bytes(test_set[2].read_bytes())
     _, diagnostics, _ = subject(FAILED)
-    table = tables.diagnostics(test, [diagnostics]).set_index(["posterior", "parameter"])
+    table = tables.diagnostics({"test set": test}, [diagnostics]).set_index(
+        ["posterior", "parameter"]
+    )
     row = table.loc["test set", "C_a_septal"]
     assert (row["cases"], row["failed_cases"], row["rhat_max"]) == (3, 1, 1.3)
     assert row["rhat_mean"] == pytest.approx(1.1)

@@ -1,6 +1,8 @@
 """The checked config, the paths, the dependencies on the library, for all other files here."""
 
+import json
 import os
+import re
 import sys
 from functools import cache
 from pathlib import Path
@@ -24,8 +26,11 @@ envvars:
 
 from regional_lv import config as study_config  # noqa: E402
 from regional_lv import dependencies  # noqa: E402
+from regional_lv.aha import PARAMETERS  # noqa: E402
+from regional_lv.design import scenario_size  # noqa: E402
 from regional_lv.errors import InputError  # noqa: E402
 from regional_lv.geometry.table import read_segments  # noqa: E402
+from regional_lv.measured import states_noise  # noqa: E402
 from regional_lv.resources import (  # noqa: E402
     FILES,
     HEART_MESH,
@@ -51,15 +56,16 @@ except InputError as error:
 
 R = f"results/{config['study']}"
 LOGS = f"{R}/logs"
-EMULATOR = config["emulators"]["final"]
+# The emulator that scenarios, subjects and most figures use; `choose_final` makes it.
+EMULATOR = "final"
 BOUNDS = [config["design"]["lower"], config["design"]["upper"]]
+FROM_TABLES = config["simulations"]["source"] == "table"
+TABLE_SETS = config["simulations"]["tables"]
+
 PHYSICS = {
     section: config[section]
     for section in ("material", "fibres", "loading", "observables", "solver")
 }
-
-FROM_TABLES = config["simulations"]["source"] == "table"
-TABLE_SETS = config["simulations"]["tables"]
 
 SUBJECT_SOURCES = {
     name: subject["source"]
@@ -67,7 +73,38 @@ SUBJECT_SOURCES = {
     if subject["source"] != "published_volunteer" or volunteer_available(config)
 }
 SUBJECTS = list(SUBJECT_SOURCES)
+# Subjects whose measured files give no sd of the strains, so that their noise is inferred.
+NOISE_INFERRED = [
+    name
+    for name, source in SUBJECT_SOURCES.items()
+    if source.startswith("published_")
+    or (source == "file" and not states_noise(config["subjects"][name]["measured"]))
+]
 SYNTHETIC = [name for name, source in SUBJECT_SOURCES.items() if source == "synthetic"]
+
+VOLUNTEERS = [name for name in SUBJECTS if SUBJECT_SOURCES[name] == "published_volunteer"]
+
+# Without a simulator, those scenarios that come with tables.
+SCENARIOS = {
+    name: scenario
+    for name, scenario in config["scenarios"]["sets"].items()
+    if not FROM_TABLES or name in TABLE_SETS
+}
+NOISY = {f"{name}-noisy": name for name in SCENARIOS}
+TEST_SIZE = config["simulations"]["holdout"] if FROM_TABLES else config["design"]["test"]
+# Sets with a known truth whose posteriors are sampled, and how many cases each has.
+SETS = {
+    "test": TEST_SIZE
+    if config["test_posteriors"]["cases"] == "all"
+    else config["test_posteriors"]["cases"],
+    **{name: scenario_size(scenario) for name, scenario in SCENARIOS.items()},
+    **{noisy: scenario_size(SCENARIOS[name]) for noisy, name in NOISY.items()},
+}
+
+HEALTHY = {
+    "mean": config["scenarios"]["healthy_mean"],
+    "sd": config["scenarios"]["healthy_sd"],
+}
 
 IMPORTED = config["geometry"]["imported"]
 
@@ -122,10 +159,32 @@ def batches(size, per_batch):
     return [f"batch-{i:04d}" for i in range(-(-size // per_batch))]
 
 
+def posterior_batches(name):
+    """Names of the batches of posteriors of a set."""
+    return batches(SETS[name], config["nuts"]["cases_per_batch"])
+
+
+def posterior_files(emulator, name):
+    """Files of the posteriors of a set."""
+    return expand(
+        f"{R}/posteriors/{emulator}/{name}/{{batch}}.nc", batch=posterior_batches(name)
+    )
+
+
+def local_scenarios(noisy):
+    """Sets in which one zone is stiffened, with or without measurement noise."""
+    names = [name for name, scenario in SCENARIOS.items() if scenario["kind"] == "local"]
+    return [name for name, plain in NOISY.items() if plain in names] if noisy else names
+
+
+def any_of(names):
+    """Wildcard constraint: one of the names, and nothing else."""
+    return "|".join(map(re.escape, names)) or "(?!)"
+
+
 def subjects_from(source):
     """Wildcard constraint: the subjects of one source (or what no name can be)."""
-    names = [name for name, where in SUBJECT_SOURCES.items() if where == source]
-    return "|".join(names) or "(?!)"
+    return any_of([name for name, where in SUBJECT_SOURCES.items() if where == source])
 
 
 def subject_seed(name):
@@ -140,3 +199,19 @@ def volunteer_files(wildcards):
     if config["subjects"][wildcards.subject]["frame"] is not None:
         files["curves"] = fetched_path(config["study"], VOLUNTEER_CURVES)
     return files
+
+
+def shortlist():
+    """Emulators whose posteriors on the test set are compared: named, or the best of the ranking."""
+    named = config["emulators"]["shortlist"]["names"]
+    if named:
+        return named
+    ranking = checkpoints.rank_emulators.get()
+    return json.loads(Path(ranking.output.shortlist).read_text())["shortlist"]
+
+
+def of_shortlist(*files):
+    """Files of the test set's posteriors, of every shortlisted emulator."""
+    return [
+        f"{R}/posteriors/{emulator}/test/{file}" for emulator in shortlist() for file in files
+    ]

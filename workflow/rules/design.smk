@@ -16,3 +16,24 @@ rule make_design:
         "../../envs/statistics.yaml"
     script:
         "../scripts/make_design.py"
+
+
+rule draw_scenario:
+    """Ventricles with simulated disease."""
+    input:
+        library=library("design"),
+    output:
+        f"{R}/design/{{scenario}}.parquet",
+    params:
+        scenario=lambda wildcards: SCENARIOS[wildcards.scenario],
+        healthy=HEALTHY,
+        bounds=BOUNDS,
+        seed=config["seed"],
+    wildcard_constraints:
+        scenario=any_of(SCENARIOS),
+    log:
+        f"{LOGS}/design/draw_scenario-{{scenario}}.log",
+    conda:
+        "../../envs/statistics.yaml"
+    script:
+        "../scripts/draw_scenario.py"

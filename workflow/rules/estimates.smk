@@ -104,7 +104,7 @@ else:
             "../scripts/simulate_estimates.py"
 
 
-rule rank_emulators:
+checkpoint rank_emulators:
     input:
         estimates=expand(f"{ESTIMATES}/{{emulator}}/test.parquet", emulator=RANKED),
         checked=expand(f"{ESTIMATES}/{{emulator}}/checked.parquet", emulator=RANKED),
@@ -122,7 +122,8 @@ rule rank_emulators:
         shortlist=f"{ESTIMATES}/shortlist.json",
     params:
         names=RANKED,
-        shortlist=config["emulators"]["shortlist"],
+        size=config["emulators"]["shortlist"]["size"],
+        estimator=config["emulators"]["shortlist"]["estimator"],
     log:
         f"{LOGS}/estimates/rank_emulators.log",
     conda:

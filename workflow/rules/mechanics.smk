@@ -67,6 +67,25 @@ rule fit_predictor:
         "../scripts/fit_predictor.py"
 
 
+rule map_strains:
+    """The strain field behind the figure of one heart; nothing is inferred from it."""
+    input:
+        mesh=f"{R}/geometry/mesh.vtu",
+        predictor=f"{R}/mechanics/predictor.npz",
+        library=library("strains"),
+    output:
+        table=f"{R}/mechanics/strains.parquet",
+        mesh=f"{R}/mechanics/strains.vtu",
+    params:
+        physics=PHYSICS,
+    log:
+        f"{LOGS}/mechanics/map_strains.log",
+    conda:
+        "../../envs/mechanics.yaml"
+    script:
+        "../scripts/map_strains.py"
+
+
 rule calibrate_reference:
     """Not part of `all`: its result is written by hand into the config's `material` section."""
     input:

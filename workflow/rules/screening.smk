@@ -40,6 +40,8 @@ else:
             summary=f"{R}/screening/{{set}}_summary.csv",
         params:
             bounds=BOUNDS,
+        wildcard_constraints:
+            set=any_of(SIMULATION_BATCHES),
         log:
             f"{LOGS}/screening/{{set}}.log",
         conda:

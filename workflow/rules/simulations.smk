@@ -1,11 +1,13 @@
 """The fan-out: batches of simulations, each from the predicted field and from nothing else."""
 
 SIMULATION_BATCHES = {
-    "train": batches(
-        config["design"]["natural"] + config["design"]["log"],
-        config["simulations"]["batch_size"],
-    ),
-    "test": batches(config["design"]["test"], config["simulations"]["batch_size"]),
+    name: batches(size, config["simulations"]["batch_size"])
+    for name, size in {
+        "train": config["design"]["natural"] + config["design"]["log"],
+        "test": config["design"]["test"],
+        **{name: SETS[name] for name in SCENARIOS},
+        "resimulated": config["trust"]["resimulated_cases"] * config["trust"]["resimulated_draws"],
+    }.items()
 }
 
 
@@ -20,6 +22,8 @@ rule simulate_batch:
     params:
         physics=PHYSICS,
         batch_size=config["simulations"]["batch_size"],
+    wildcard_constraints:
+        set=any_of(SIMULATION_BATCHES),
     log:
         f"{LOGS}/simulations/{{set}}/batch-{{batch}}.log",
     benchmark:

@@ -6,7 +6,7 @@ from regional_lv.progress import start_log
 start_log(snakemake.log[0])
 parity.draw(
     snakemake.input.predictions,
-    snakemake.params.emulator,
+    snakemake.input.choice,
     snakemake.output.png,
     snakemake.output.csv,
 )

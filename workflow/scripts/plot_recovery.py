@@ -8,7 +8,7 @@ recovery.draw(
     snakemake.input.recovery,
     snakemake.input.coverage,
     snakemake.input.diagnostics,
-    snakemake.params.emulator,
+    snakemake.input.choice,
     snakemake.output.png,
     snakemake.output.csv,
 )

@@ -64,6 +64,12 @@ class SeparablePrediction(Prediction):
         self.variance = variance
         self.output_covariance = output_covariance
 
+    def at_variance(self, variance: torch.Tensor) -> "SeparablePrediction":
+        """The same mean with another variance (...)."""
+        return SeparablePrediction(
+            self.mean, variance, self.output_covariance, self.determinant_weight
+        )
+
     @property
     def covariance(self) -> torch.Tensor:
         return self.variance[..., None, None] * self.output_covariance
@@ -71,6 +77,20 @@ class SeparablePrediction(Prediction):
     @property
     def sd(self) -> torch.Tensor:
         return torch.sqrt(self.variance[..., None] * self.output_covariance.diagonal())
+
+
+def join(predictions: Sequence[Prediction]) -> Prediction:
+    """One prediction (M, ...) out of several of the same emulator."""
+    mean = torch.cat([one.mean for one in predictions])
+    first = predictions[0]
+    if isinstance(first, SeparablePrediction):
+        return SeparablePrediction(
+            mean,
+            torch.cat([one.variance for one in predictions]),
+            first.output_covariance,
+            first.determinant_weight,
+        )
+    return Prediction(mean, torch.cat([one.covariance for one in predictions]))
 
 
 @dataclass(frozen=True)
@@ -111,6 +131,9 @@ class Emulator(ABC):
     name: ClassVar[str]
     architecture: ClassVar[Architecture]
     learns_from_sensitivities: ClassVar[bool] = False
+    error_prior_scale: float | None = None
+    """Scale of the half-normal prior on one unknown scale of the errors of all outputs, in training
+    sd, for an emulator that leaves it to the likelihood; None: its covariance says it all."""
 
     def __init__(self, input_transform: str | None = None, **settings):
         if input_transform is not None:
@@ -165,6 +188,10 @@ class Emulator(ABC):
         """
         return self
 
+    def without_error(self) -> "Emulator":
+        """This emulator with no error of its own, where `error_prior_scale` is a number."""
+        raise NotImplementedError
+
     def outside(self, theta: torch.Tensor) -> torch.Tensor:
         """Whether each row of `theta` (..., 10) lies where no simulation is near, bool (...).
 
@@ -189,6 +216,11 @@ class Emulator(ABC):
     def mean_jacobian(self, theta: torch.Tensor) -> torch.Tensor:
         """d(mean)/d(theta) (..., D, 10)."""
         return self.jacobian(theta)[0]
+
+    def with_variance(self, theta: torch.Tensor, variance: torch.Tensor) -> Prediction:
+        """Predict at `theta` (..., 10) with a `variance` (...) that is given, if the covariance is
+        separable; cheaper for an emulator whose mean costs less than its variance."""
+        return self.predict(theta).at_variance(variance)
 
     def jacobian(self, theta: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor | None]:
         """d(mean)/d(theta) (..., D, 10); d(variance)/d(theta) (..., 10) if separable, else None.

@@ -1,5 +1,7 @@
 """DNN: a feed-forward network with one scale for all its errors (the paper's error model)."""
 
+import copy
+
 from regional_lv.emulators import networks
 from regional_lv.emulators.base import Architecture
 from regional_lv.emulators.reduced import ReducedEmulator
@@ -10,8 +12,9 @@ class DNN(ReducedEmulator):
 
     Its error model is the paper's: independent between the reduced outputs, with one standard
     deviation for all of them and everywhere; here that of the errors on held-out simulations
-    (`info["error_sd"]`), where the paper samples it together with theta.
-    Settings: hidden (widths), epochs, learning_rate.
+    (`info["error_sd"]`). Posteriors of simulated cases sample its scale together with theta
+    (`error_prior_scale`), as the paper does.
+    Settings: hidden (widths), epochs, learning_rate, error_prior_scale.
     """
 
     name = "dnn"
@@ -25,6 +28,16 @@ class DNN(ReducedEmulator):
         )
         self.error_sd = float(errors.square().mean().sqrt())
         self.info["error_sd"] = self.error_sd
+
+    @property
+    def error_prior_scale(self) -> float | None:
+        return self.settings["error_prior_scale"]
+
+    def without_error(self) -> "DNN":
+        """What the reduction leaves out remains."""
+        bare = copy.copy(self)
+        bare.error_sd = 0.0
+        return bare
 
     def _mean(self, x):
         return networks.forward(self.layers, x) / self.score_sd

@@ -163,11 +163,11 @@ class ExactGP(Emulator):
         flat = theta.reshape(-1, theta.shape[-1])
         mean, variance = _Evaluate.apply(flat, self)
         shape = theta.shape[:-1]
+        return self._separable(mean.reshape(*shape, -1), variance.reshape(shape))
+
+    def _separable(self, mean, variance) -> SeparablePrediction:
         return SeparablePrediction(
-            mean.reshape(*shape, -1),
-            variance.reshape(shape),
-            self.output_covariance,
-            determinant_weight=1 / self.variance_factor,
+            mean, variance, self.output_covariance, determinant_weight=1 / self.variance_factor
         )
 
     def predict_mean(self, theta: torch.Tensor) -> torch.Tensor:
@@ -183,6 +183,11 @@ class ExactGP(Emulator):
         means = self._mean_slopes(*context) * self.output_sd[:, None]
         means = means * self.standardise_slope(flat)[:, None, :]
         return means.reshape(*theta.shape[:-1], *means.shape[1:])
+
+    def with_variance(self, theta: torch.Tensor, variance: torch.Tensor) -> Prediction:
+        """As in the base class, without the triangular solves that the own variance takes."""
+        mean = _Mean.apply(theta.reshape(-1, theta.shape[-1]), self)
+        return self._separable(mean.reshape(*theta.shape[:-1], -1), variance)
 
     def _forward(self, theta: torch.Tensor) -> dict:
         """Everything about predictions at `theta` (M, 10) that values and derivatives need."""
@@ -281,6 +286,25 @@ class _Evaluate(torch.autograd.Function):
         theta, half, rest, *context = ctx.saved_tensors
         by_k = (by_mean * gp.output_sd) @ gp.weights.T
         by_k += gp._variance_weights(half, rest) * by_variance[:, None]
+        return gp._pull_back(by_k, *context) * gp.standardise_slope(theta), None
+
+
+class _Mean(torch.autograd.Function):
+    """The mean alone with its exact gradient: a row of correlations per point."""
+
+    @staticmethod
+    def forward(ctx, theta, gp):
+        k, context = gp._rows(gp.standardise(theta))
+        ctx.gp = gp
+        ctx.save_for_backward(theta, *context)
+        return gp.output_mean + gp.output_sd * (gp.mean + k @ gp.weights)
+
+    @staticmethod
+    @torch.autograd.function.once_differentiable
+    def backward(ctx, by_mean):
+        gp = ctx.gp
+        theta, *context = ctx.saved_tensors
+        by_k = (by_mean * gp.output_sd) @ gp.weights.T
         return gp._pull_back(by_k, *context) * gp.standardise_slope(theta), None
 
 

@@ -119,6 +119,23 @@ def paint_values(
     return scale
 
 
+def paint_zones(
+    ax: Axes, values: Sequence[float], norm: Normalize, cmap: str, labels: Sequence[str]
+) -> ScalarMappable:
+    """Fill the five zones by `values` and write `labels` into them, both in the order of
+    `aha.ZONES`; NaN is light grey and stays empty. Return the colour scale.
+    """
+    scale = ScalarMappable(norm, cmap)
+    for cell, value, label in zip(ZONE_CELLS.values(), values, labels, strict=True):
+        known = np.isfinite(value)
+        colour = scale.to_rgba(value) if known else "#EEEEEE"
+        ax.add_patch(Polygon(cell.outline(), facecolor=colour, edgecolor="white", linewidth=1.2))
+        if known:
+            ax.text(*cell.centre, label, ha="center", va="center", color=_legible_on(colour))
+    frame(ax)
+    return scale
+
+
 def outline_zones(ax: Axes, colour: str = "#333333", linewidth: float = 1.6) -> None:
     """Draw the borders of the five zones."""
     for cell in ZONE_CELLS.values():

@@ -7,16 +7,18 @@ import pandas as pd
 
 from regional_lv import aha
 from regional_lv.figures import style
+from regional_lv.figures.posterior import chosen
 
 Z95 = 1.959963984540054
 UNITS = {"volume": "mL", **dict.fromkeys(aha.DIRECTIONS, "strain")}
 
 
 @style.context
-def draw(predictions: Path, emulator: str, png: Path, csv: Path) -> None:
+def draw(predictions: Path, choice: Path, png: Path, csv: Path) -> None:
     """Draw predictive means with 95 % bars against the simulator's values, four panels.
 
-    predictions: Parquet with case, output, truth, mean, sd. The table adds the bars' ends, whether
+    predictions: Parquet with case, output, truth, mean, sd; choice: JSON with the emulator's name
+    (`final`). The table adds the bars' ends, whether
     each covers the truth, and each panel's RMSE and coverage as printed.
     """
     table = pd.read_parquet(predictions, columns=["case", "output", "truth", "mean", "sd"])
@@ -34,7 +36,7 @@ def draw(predictions: Path, emulator: str, png: Path, csv: Path) -> None:
         part = table[table["quantity"] == quantity]
         _panel(fig, place, part, quantity, with_legend=quantity == aha.DIRECTIONS[0])
     cases = table["case"].nunique()
-    style.suptitle(fig, f"Emulator {emulator} on {cases} simulated test cases")
+    style.suptitle(fig, f"Emulator {chosen(choice)} on {cases} simulated test cases")
     style.save(fig, table, png, csv)
 
 

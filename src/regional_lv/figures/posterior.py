@@ -1,6 +1,7 @@
 """One posterior as the figures and tables need it: draws by name, verdict, truth if known."""
 
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -113,6 +114,27 @@ def failed_cases(diagnostics: Path) -> set[str]:
     table = pd.read_csv(diagnostics, dtype={"case": str})
     bad = (table["verdict"] != "passed") | ~table["passed"].astype(bool)
     return set(table.loc[bad, "case"])
+
+
+def chosen(choice: Path) -> str:
+    """Name of the emulator that a study chose, of its `posteriors/final.json`."""
+    return json.loads(Path(choice).read_text())["final"]
+
+
+def by_emulator(paths: Sequence[Path]) -> dict[str, list[Path]]:
+    """Files `posteriors/<emulator>/<set>/...` by the emulator in their path, in their order."""
+    groups = {}
+    for path in paths:
+        groups.setdefault(Path(path).parent.parent.name, []).append(path)
+    return groups
+
+
+def warning_of(failed: int, cases: int, drawn: str = "") -> str:
+    """Sentence about posteriors that failed their gate, `drawn` in some way; empty if none did."""
+    if not failed:
+        return ""
+    how = f" ({drawn})" if drawn else ""
+    return f"{failed} OF {cases} POSTERIORS FAILED THEIR CONVERGENCE GATE{how}"
 
 
 def density(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -9,22 +9,23 @@ from matplotlib.lines import Line2D
 
 from regional_lv import aha
 from regional_lv.figures import style
-from regional_lv.figures.posterior import failed_cases
+from regional_lv.figures.posterior import chosen, failed_cases, warning_of
 
 LEVEL_COLOURS = {50: style.SKY, 80: style.GREEN, 95: style.BLUE}
 
 
 @style.context
 def draw(
-    recovery: Path, coverage: Path, diagnostics: Path, emulator: str, png: Path, csv: Path
+    recovery: Path, coverage: Path, diagnostics: Path, choice: Path, png: Path, csv: Path
 ) -> None:
     """Draw MAP and 95 % interval against truth per parameter, and coverage with its own interval.
 
     recovery: CSV with case, parameter, truth, map, lower95, upper95, covered. coverage: CSV with
     parameter (the ten and "all"), coverage50/80/95 and their binomial 95 % intervals
     (`coverage95_lower`, `coverage95_upper`, ...). diagnostics: verdict of every case; intervals of
-    posteriors that failed are grey and dashed. The table holds the rows of `recovery` with their
-    verdict, and of `coverage`, told apart by the column `panel`.
+    posteriors that failed are grey and dashed. choice: JSON with the emulator's name. The table
+    holds the rows of `recovery` with their verdict, and of `coverage`, told apart by the column
+    `panel`.
     """
     table = pd.read_csv(recovery, dtype={"case": str})
     covered = pd.read_csv(coverage)
@@ -51,9 +52,9 @@ def draw(
     everything = covered.set_index("parameter").loc["all"]
     style.suptitle(
         fig,
-        f"Recovery of {cases} simulated test cases, {emulator}: parameter MSE {mse:.3g}, "
+        f"Recovery of {cases} simulated test cases, {chosen(choice)}: parameter MSE {mse:.3g}, "
         f"95 % intervals cover {100 * everything['coverage95']:.1f} %",
-        warning_of(len(failed & set(table["case"])), cases),
+        warning_of(len(failed & set(table["case"])), cases, "grey"),
     )
     joined = pd.concat(
         [table.assign(panel="recovery"), covered.assign(panel="coverage")], ignore_index=True
@@ -62,19 +63,14 @@ def draw(
     style.save(fig, joined, png, csv)
 
 
-def warning_of(failed: int, cases: int) -> str:
-    """Sentence about posteriors that failed their gate; empty if none did."""
-    return f"{failed} OF {cases} POSTERIORS FAILED THEIR CONVERGENCE GATE (grey)" if failed else ""
-
-
 def _panel(ax: Axes, part: pd.DataFrame, limit: float) -> None:
     covered = part["covered"].astype(bool)
-    for chosen, colour, line in (
+    for which, colour, line in (
         (covered & ~part["failed"], style.BLUE, "-"),
         (~covered & ~part["failed"], style.VERMILLION, "-"),
         (part["failed"], style.GREY, "--"),
     ):
-        here = part[chosen]
+        here = part[which]
         ax.vlines(
             here["truth"],
             here["lower95"],

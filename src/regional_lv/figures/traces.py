@@ -1,4 +1,4 @@
-"""Chains, marginal posteriors and autocorrelation (the paper's Figures 6, S1 and S6)."""
+"""Chains, marginal posteriors and autocorrelation (the paper's Figure S6)."""
 
 from pathlib import Path
 
@@ -39,25 +39,20 @@ def draw(
     for (trace, marginal, memory), name in zip(axes, names, strict=True):
         draws = posterior.draws[name]
         row = summary.loc[name]
-        _trace(trace, name, draws, rows)
-        _marginal(marginal, name, draws, rows)
+        trace_panel(trace, name, draws, rows)
+        marginal_panel(marginal, name, draws, rows)
         _autocorrelation(memory, name, draws, rows)
         for item in summary.columns:
             rows.append((name, item, None, row[item], None))
-        for limit in (row["lower95"], row["upper95"]):
-            trace.axhline(limit, color=style.VERMILLION, linestyle=":", linewidth=1)
-            marginal.axvline(limit, color=style.VERMILLION, linestyle=":", linewidth=1.2)
         if name in posterior.truth:
-            value = posterior.truth[name]
-            rows.append((name, "truth", None, value, None))
-            trace.axhline(value, color=style.GREEN, linestyle="--", linewidth=1.4, zorder=4)
-            marginal.axvline(value, color=style.GREEN, linestyle="--", linewidth=1.4)
+            rows.append((name, "truth", None, posterior.truth[name], None))
+        mark(trace, marginal, row, posterior.truth.get(name))
     titles = {"Trace": "draw", "Posterior": "value", "Autocorrelation": "lag"}
     for (title, label), column in zip(titles.items(), axes.T, strict=True):
         column[0].set_title(title)
         column[-1].set_xlabel(label)
     fig.align_ylabels(axes[:, 0])
-    _legend(fig, axes[0, 0], len(draws), bool(posterior.truth))
+    legend(fig, axes[0, 0], len(draws), bool(posterior.truth))
     style.suptitle(
         fig,
         posterior.title(f"Convergence gate {posterior.verdict.split(':')[0]}", source),
@@ -79,7 +74,8 @@ def _share(axes: np.ndarray, names: list[str]) -> None:
             ax.tick_params(labelbottom=False)
 
 
-def _trace(ax, name: str, draws: np.ndarray, rows: list) -> None:
+def trace_panel(ax, name: str, draws: np.ndarray, rows: list) -> None:
+    """Draw the chains of one parameter into `ax`; append what is drawn to `rows`."""
     for chain, values in enumerate(draws):
         colour = style.CHAIN_COLOURS[chain % len(style.CHAIN_COLOURS)]
         ax.plot(values, color=colour, linewidth=0.5, alpha=0.8)
@@ -90,7 +86,8 @@ def _trace(ax, name: str, draws: np.ndarray, rows: list) -> None:
     ax.margins(x=0.01)
 
 
-def _marginal(ax, name: str, draws: np.ndarray, rows: list) -> None:
+def marginal_panel(ax, name: str, draws: np.ndarray, rows: list) -> None:
+    """Draw histogram and density of one parameter into `ax`; append the density to `rows`."""
     ax.hist(draws.ravel(), bins=40, density=True, color=style.LIGHT)
     values, heights = density(draws)
     ax.plot(values, heights, color=style.BLUE)
@@ -111,11 +108,24 @@ def _autocorrelation(ax, name: str, draws: np.ndarray, rows: list) -> None:
     ax.set(ylim=(-0.35, 1.05), yticks=[0, 1])
 
 
-def _legend(fig, ax, chains: int, has_truth: bool) -> None:
+def mark(trace, marginal, row: pd.Series, truth: float | None) -> None:
+    """Draw median and 95 % HPD interval of `row`, and the truth if it is known."""
+    marginal.axvline(row["median"], color=style.BLACK, linewidth=0.9)
+    for limit in (row["lower95"], row["upper95"]):
+        trace.axhline(limit, color=style.VERMILLION, linestyle=":", linewidth=1)
+        marginal.axvline(limit, color=style.VERMILLION, linestyle=":", linewidth=1.2)
+    if truth is not None:
+        trace.axhline(truth, color=style.GREEN, linestyle="--", linewidth=1.4, zorder=4)
+        marginal.axvline(truth, color=style.GREEN, linestyle="--", linewidth=1.4)
+
+
+def legend(fig, ax, chains: int, has_truth: bool) -> None:
+    """Name chains, interval and truth below the figure; `ax` lends its handles."""
     for chain in range(chains):
         colour = style.CHAIN_COLOURS[chain % len(style.CHAIN_COLOURS)]
         ax.plot([], [], color=colour, label=f"chain {chain + 1}")
+    ax.plot([], [], color=style.BLACK, linewidth=0.9, label="median")
     ax.plot([], [], ":", color=style.VERMILLION, label="95 % HPD interval")
     if has_truth:
         ax.plot([], [], "--", color=style.GREEN, label="truth")
-    fig.legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncols=chains + 2)
+    fig.legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncols=chains + 3)

@@ -55,8 +55,12 @@ def read_mesh(vtu_path):
     )
 
 
-def write_mesh(mesh, vtu_path, point_data):
-    """Write a Mesh as one .vtu for ParaView; `point_data` adds fields of shape (n,) or (n, 3)."""
+def write_mesh(mesh, vtu_path, point_data, cell_data=None):
+    """Write a Mesh as one .vtu for ParaView.
+
+    `point_data` adds fields of shape (n,) or (n, 3), `cell_data` values (m,) of the hexahedra,
+    which are NaN on the facets.
+    """
     solid, skin = len(mesh.cells), len(mesh.facets)
     zone = SEGMENT_ZONE[mesh.segment - 1] + 1
     none = [np.zeros(k, dtype=np.int32) for k in (solid, skin)]
@@ -72,5 +76,6 @@ def write_mesh(mesh, vtu_path, point_data):
             "segment": [mesh.segment.astype(np.int32), none[1]],
             "zone": [zone.astype(np.int32), none[1]],
             "surface": [none[0], mesh.surface.astype(np.int32)],
+            **{name: [values, np.full(skin, np.nan)] for name, values in (cell_data or {}).items()},
         },
     ).write(vtu_path)

@@ -1,13 +1,14 @@
-"""From observations to posteriors: the test set in batches, subjects one by one."""
+"""From observations to posteriors: sets of simulated cases in batches, subjects one by one."""
 
 import logging
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import arviz as az
 import numpy as np
 import pandas as pd
+import pyarrow.parquet as pq
 import torch
 import xarray as xr
 
@@ -18,7 +19,7 @@ from regional_lv.inference.diagnostics import diagnose
 from regional_lv.inference.hmc import sample_batch
 from regional_lv.inference.likelihood import Likelihood, Noise, draw_observations
 from regional_lv.inference.nuts import Draws, Settings, sample_case, verdict
-from regional_lv.inference.point import find_map
+from regional_lv.inference.point import Candidates, PointEstimate, find_map
 from regional_lv.measured import read_measured
 from regional_lv.progress import Progress
 from regional_lv.seeds import derive
@@ -30,127 +31,212 @@ log = logging.getLogger(__name__)
 class Sampled:
     """Posteriors of some cases with the same outputs and the same kind of noise.
 
-    y: (C, D). theta_map: (C, 10). truth: (C, 10) or None.
+    likelihoods: one per case, of one observation (D,). theta_map: (C, 10). truth: (C, 10) or None.
+    zones: the stiffened zone of each case of a scenario, or None. samplers: `hmc` or `nuts`.
     """
 
     cases: tuple[str, ...]
-    y: torch.Tensor
+    likelihoods: Sequence[Likelihood]
     theta_map: torch.Tensor
     draws: tuple[Draws, ...]
+    samplers: tuple[str, ...]
     truth: np.ndarray | None = None
+    zones: Sequence[str] | None = None
 
 
-def sample_cases(
-    likelihood: Likelihood,
-    cases: Sequence[str],
-    nuts: dict,
-    starts: int,
-    iterations: int,
-    seed: int,
-    set_name: str,
-) -> Sampled:
-    """MAP, then NUTS, of every observation in `likelihood.y` (C, D).
+@dataclass(frozen=True)
+class Sampling:
+    """How posteriors are sampled, and where their random numbers come from.
 
-    nuts: section of the config (keys that are no setting of the sampler are ignored). seed: the
-    study's master seed; every case has its own, so that batches may be cut in any way.
+    nuts, point: sections `nuts` and `map` of the config. seed: the study's master seed; every case
+    has its own, so that batches may be cut in any way. set_name: of the cases.
     """
-    settings, name = Settings.from_config(nuts), likelihood.emulator.name
-    progress = Progress(f"{name}, {set_name}: posteriors", len(cases))
-    maxima, draws = [], []
-    for i, case in enumerate(cases):
-        # One by one: matrix products round differently in batches of another size, and a case
-        # must not depend on the batch that it is in.
-        point = find_map(
-            likelihood.at(likelihood.y[i : i + 1]),
-            starts,
-            iterations,
-            derive(seed, "map", name, set_name),
+
+    nuts: dict
+    point: dict
+    seed: int
+    set_name: str
+
+    @property
+    def settings(self) -> Settings:
+        return Settings.from_config(self.nuts)
+
+    def find_maxima(self, likelihoods: Sequence[Likelihood]) -> list[PointEstimate]:
+        """The maximum of each case.
+
+        One by one: matrix products round differently in batches of another size, and a case must
+        not depend on the batch that it is in.
+        """
+        emulator = likelihoods[0].emulator
+        seed = derive(self.seed, "map", emulator.name, self.set_name)
+        starts, iterations = self.point["starts"], self.point["iterations"]
+        common = None
+        if all(one.emulator is emulator for one in likelihoods):
+            common = Candidates.of(emulator, starts, seed)
+        return [
+            find_map(one.at(one.y[None]), starts, iterations, seed, common) for one in likelihoods
+        ]
+
+    def seeds(self, sampler: str, emulator: str, cases: Sequence[str]) -> list[int]:
+        return [derive(self.seed, sampler, emulator, self.set_name, case) for case in cases]
+
+    def by_nuts(self, likelihood: Likelihood, maximum: PointEstimate, case: str) -> Draws:
+        """The reference: Pyro's NUTS from the maximum."""
+        (seed,) = self.seeds("nuts", likelihood.emulator.name, [case])
+        return sample_case(
+            likelihood,
+            maximum.theta[0],
+            maximum.log_sigma[0],
+            self.settings,
+            seed,
+            f"{self.set_name}/{case}",
         )
-        maxima.append(point.theta)
-        draws.append(
-            sample_case(
-                likelihood.at(likelihood.y[i]),
-                point.theta[0],
-                point.log_sigma[0],
-                settings,
-                derive(seed, "nuts", name, set_name, case),
-                f"{set_name}/{case}",
-            )
-        )
+
+
+def make_likelihoods(emulator: Emulator, y: torch.Tensor, noise: Noise) -> list[Likelihood]:
+    """One likelihood for each row of `y` (C, D); a local emulator trains for each."""
+    local = [emulator.localise(row) for row in y]
+    if all(one is emulator for one in local):
+        common = Likelihood(emulator, y[0], noise)
+        return [common.at(row) for row in y]
+    return [Likelihood(one, row, noise) for one, row in zip(local, y, strict=True)]
+
+
+def sample_cases(likelihoods: Sequence[Likelihood], cases: Sequence[str], how: Sampling) -> Sampled:
+    """Maximum, then NUTS, of every case."""
+    progress = Progress(f"{likelihoods[0].emulator.name}, {how.set_name}: posteriors", len(cases))
+    maxima, draws = how.find_maxima(likelihoods), []
+    for likelihood, maximum, case in zip(likelihoods, maxima, cases, strict=True):
+        draws.append(how.by_nuts(likelihood, maximum, case))
         progress.step()
-    return Sampled(tuple(cases), likelihood.y, torch.cat(maxima), tuple(draws))
+    theta = torch.cat([maximum.theta for maximum in maxima])
+    return Sampled(tuple(cases), likelihoods, theta, tuple(draws), ("nuts",) * len(cases))
 
 
 def sample_together(
-    likelihood: Likelihood,
-    cases: Sequence[str],
-    nuts: dict,
-    starts: int,
-    iterations: int,
-    seed: int,
-    set_name: str,
+    likelihoods: Sequence[Likelihood], cases: Sequence[str], how: Sampling
 ) -> Sampled:
-    """As `sample_cases`, all cases at once by batched HMC; NUTS for those that fail their gate.
+    """As `sample_cases`, all cases at once by batched HMC; those that fail their gate a second time
+    with more care, and those that fail again by NUTS.
 
     Numbers depend in their last digits on which cases share a batch.
     """
-    settings, name = Settings.from_config(nuts), likelihood.emulator.name
-    points = find_map(likelihood, starts, iterations, derive(seed, "map", name, set_name))
-    seeds = [derive(seed, "hmc", name, set_name, case) for case in cases]
-    draws = sample_batch(likelihood, points.theta, settings, seeds)
-    progress = Progress(f"{name}, {set_name}: posteriors", len(cases))
+    name, settings = likelihoods[0].emulator.name, how.settings
+    maxima = how.find_maxima(likelihoods)
+    draws: list = [None] * len(cases)
+    samplers, waiting = ["hmc"] * len(cases), list(range(len(cases)))
+    for careful in (False, True):
+        done = sample_batch(
+            [likelihoods[i] for i in waiting],
+            torch.cat([maxima[i].theta for i in waiting]),
+            torch.cat([maxima[i].log_sigma for i in waiting]),
+            settings,
+            how.seeds("careful hmc" if careful else "hmc", name, [cases[i] for i in waiting]),
+            careful,
+        )
+        for i, one in zip(waiting, done, strict=True):
+            draws[i] = replace(one, repeated=careful)
+        waiting = [i for i in waiting if verdict(draws[i], settings) != "passed"]
+        log.info("%d of %d cases left to do", len(waiting), len(cases))
+        if not waiting:
+            break
+    progress = Progress(f"{name}, {how.set_name}: posteriors", len(cases))
     for i, case in enumerate(cases):
-        outcome = verdict(draws[i], settings)
-        if outcome != "passed":
-            log.warning("case %s/%s %s by batched HMC; sampled by NUTS", set_name, case, outcome)
-            draws[i] = sample_case(
-                likelihood.at(likelihood.y[i]),
-                points.theta[i],
-                points.log_sigma[i],
-                settings,
-                derive(seed, "nuts", name, set_name, case),
-                f"{set_name}/{case}",
-            )
+        if i in waiting:
             outcome = verdict(draws[i], settings)
-        progress.step(failed=outcome != "passed")
-    return Sampled(tuple(cases), likelihood.y, points.theta, tuple(draws))
+            log.warning(
+                "case %s/%s %s by batched HMC; sampled by NUTS", how.set_name, case, outcome
+            )
+            draws[i], samplers[i] = how.by_nuts(likelihoods[i], maxima[i], case), "nuts"
+        progress.step(failed=verdict(draws[i], settings) != "passed")
+    theta = torch.cat([maximum.theta for maximum in maxima])
+    return Sampled(tuple(cases), likelihoods, theta, tuple(draws), tuple(samplers))
 
 
 SAMPLERS = {"hmc": sample_together, "nuts": sample_cases}
 """`test_posteriors.sampler` of the config -> how a set of simulated cases is sampled."""
 
 
-def sample_test_batch(
+def sample_set_batch(
     emulator_file: str | Path,
-    test: str | Path,
-    first: int,
-    last: int,
+    simulations: str | Path,
+    set_name: str,
+    batch: int,
+    batches: int,
+    cases: int,
+    noise: dict | None,
     sampler: str,
     nuts: dict,
     point: dict,
     seed: int,
     posteriors: str | Path,
 ) -> None:
-    """Sample rows `first` to `last` - 1 of a screened test table; write them (NetCDF).
+    """Sample one of `batches` equal parts of the first `cases` rows of a screened table; write it
+    (NetCDF).
 
-    Simulated data carry no noise: the likelihood has the emulator's error alone. point: section
-    `map` of the config. Raises InputError if the table has none of these rows.
+    noise: section `scenarios.noise`, to be added to the simulated outputs and known to the
+    likelihood; None: the emulator's error is all there is. point: section `map` of the config.
+    Raises InputError if there are fewer rows than batches.
     """
     emulator = emulators.load(emulator_file)
-    theta, y, samples = emulators.read_simulations(test)
-    chosen = slice(first, min(last, len(samples)))
-    if chosen.start >= chosen.stop:
+    theta, y, samples = emulators.read_simulations(simulations)
+    count = min(cases, len(samples))
+    chosen = slice(batch * count // batches, (batch + 1) * count // batches)
+    if chosen.start == chosen.stop:
         raise InputError(
-            f"{test}: it has {len(samples)} simulations that converged, so that there is no row "
-            f"{first}; lower test_posteriors.cases, or raise design.test"
+            f"{simulations}: {count} simulations converged, too few for {batches} batches of "
+            "posteriors; simulate more, or raise nuts.cases_per_batch"
         )
+    if noise is not None:
+        y, sd = add_noise(y, samples, noise, seed, set_name)
+        emulator = emulator.select([name for name in emulator.outputs if name in sd])
     at = [aha.OUTPUTS.index(name) for name in emulator.outputs]
-    likelihood = Likelihood(emulator, torch.as_tensor(y[chosen][:, at]), Noise.none(emulator))
-    sampled = SAMPLERS[sampler](
-        likelihood, samples[chosen], nuts, point["starts"], point["iterations"], seed, "test"
+    observed = torch.as_tensor(y[chosen][:, at])
+    if noise is None:
+        emulator, kind = error_model(emulator)
+    else:
+        kind = Noise.known(torch.tensor([sd[name] for name in emulator.outputs]))
+    how = Sampling(nuts, point, seed, set_name)
+    sampled = SAMPLERS[sampler](make_likelihoods(emulator, observed, kind), samples[chosen], how)
+    zones = read_zones(simulations)
+    sampled = replace(sampled, truth=theta[chosen], zones=None if zones is None else zones[chosen])
+    write(to_inference_data(sampled, nuts), posteriors)
+
+
+def read_zones(simulations: str | Path) -> np.ndarray | None:
+    """The stiffened zone of each row of a scenario's table; None for other tables."""
+    if "zone" not in pq.read_schema(simulations).names:
+        return None
+    return pd.read_parquet(simulations, columns=["zone"])["zone"].to_numpy()
+
+
+def error_model(emulator: Emulator) -> tuple[Emulator, Noise]:
+    """Emulator and noise for simulated data, where the emulator's error is all there is.
+
+    An emulator that leaves the scale of its error to the likelihood (the paper's network) loses
+    its own and gets an unknown one, the same for all outputs in standardised units.
+    """
+    scale = emulator.error_prior_scale
+    if scale is None:
+        return emulator, Noise.none(emulator)
+    return emulator.without_error(), Noise.shared(emulator, scale)
+
+
+def add_noise(
+    y: np.ndarray, samples: Sequence[str], noise: dict, seed: int, set_name: str
+) -> tuple[np.ndarray, dict[str, float]]:
+    """Outputs (N, 52) with Gaussian noise, and its sd by output; outputs that are not measured
+    (noise null) keep their values and have no sd. Each sample has its own random numbers."""
+    kinds = {name: "volume" if name == "volume_ml" else name[:-3] for name in aha.OUTPUTS}
+    sd = {name: noise[kind] for name, kind in kinds.items() if noise[kind] is not None}
+    scale = np.array([sd.get(name, 0.0) for name in aha.OUTPUTS])
+    deviates = np.stack(
+        [
+            np.random.default_rng(derive(seed, "noise", set_name, sample)).normal(size=len(scale))
+            for sample in samples
+        ]
     )
-    sampled = Sampled(**{**sampled.__dict__, "truth": theta[chosen]})
-    write(to_inference_data(sampled, likelihood, nuts), posteriors)
+    return y + scale * deviates, sd
 
 
 def sample_subject(
@@ -172,28 +258,38 @@ def sample_subject(
 
     Raises InputError if the measured file cannot be used.
     """
+    likelihood = subject_likelihood(emulator_file, measured, noise_prior_scale)
+    sampled = sample_cases([likelihood], [subject], Sampling(nuts, point, seed, "subjects"))
+    data = to_inference_data(sampled, nuts)
+    name = likelihood.emulator.name
+    predictive = predict_observations(
+        sampled, derive(seed, "predictive", name, "subjects", subject)
+    )
+    data.add_groups(
+        posterior_predictive=xr.Dataset(
+            {"y": (("chain", "draw", "case", "output"), predictive[:, :, None])},
+            coords=_coordinates(sampled),
+        )
+    )
+    write(data, posterior)
+    diagnose(data).to_csv(diagnostics, index=False)
+
+
+def subject_likelihood(
+    emulator_file: str | Path, measured: str | Path, noise_prior_scale: float
+) -> Likelihood:
+    """The likelihood of a measured file: the emulator for its channels, and their noise.
+
+    What the file cannot tell (no volume, fewer channels than parameters) is said as a warning.
+    Raises InputError if the measured file cannot be used.
+    """
     table = read_measured(measured).set_index("output")
     names = [name for name in aha.OUTPUTS if name in table.index]
     table = table.loc[names]
     emulator = emulators.load(emulator_file).select(names)
     y = torch.as_tensor(table["value"].to_numpy(float))
-    noise = subject_noise(emulator, table["sd"], noise_prior_scale)
-    likelihood = Likelihood(emulator, y[None], noise)
-    sampled = sample_cases(
-        likelihood, [subject], nuts, point["starts"], point["iterations"], seed, "subjects"
-    )
-    data = to_inference_data(sampled, likelihood, nuts)
-    predictive = predict_observations(
-        sampled, likelihood, derive(seed, "predictive", emulator.name, "subjects", subject)
-    )
-    data.add_groups(
-        posterior_predictive=xr.Dataset(
-            {"y": (("chain", "draw", "case", "output"), predictive[:, :, None])},
-            coords=_coordinates(sampled, likelihood),
-        )
-    )
-    write(data, posterior)
-    diagnose(data).to_csv(diagnostics, index=False)
+    emulator = emulator.localise(y)
+    return Likelihood(emulator, y, subject_noise(emulator, table["sd"], noise_prior_scale))
 
 
 def subject_noise(emulator: Emulator, sd: pd.Series, prior_scale: float) -> Noise:
@@ -207,10 +303,10 @@ def subject_noise(emulator: Emulator, sd: pd.Series, prior_scale: float) -> Nois
     return Noise.inferred(emulator, prior_scale, values)
 
 
-def predict_observations(sampled: Sampled, likelihood: Likelihood, seed: int) -> np.ndarray:
+def predict_observations(sampled: Sampled, seed: int) -> np.ndarray:
     """Posterior predictive (chain, draw, D) of the first case, natural units: emulator error and
     measurement noise included."""
-    draws = sampled.draws[0]
+    draws, likelihood = sampled.draws[0], sampled.likelihoods[0]
     generator = torch.Generator().manual_seed(seed)
     theta = torch.as_tensor(draws.theta).reshape(-1, draws.theta.shape[-1])
     log_sigma = torch.log(torch.as_tensor(draws.sigma)).reshape(len(theta), -1)
@@ -224,26 +320,27 @@ def predict_observations(sampled: Sampled, likelihood: Likelihood, seed: int) ->
 # ------------------------------------------------------------------------------------- files
 
 
-def _coordinates(sampled: Sampled, likelihood: Likelihood) -> dict:
+def _coordinates(sampled: Sampled) -> dict:
     chains, draws = sampled.draws[0].theta.shape[:2]
     return {
         "chain": np.arange(chains),
         "draw": np.arange(draws),
         "case": list(sampled.cases),
-        "output": list(likelihood.emulator.outputs),
+        "output": list(sampled.likelihoods[0].emulator.outputs),
     }
 
 
-def to_inference_data(sampled: Sampled, likelihood: Likelihood, nuts: dict) -> az.InferenceData:
+def to_inference_data(sampled: Sampled, nuts: dict) -> az.InferenceData:
     """ArviZ groups posterior, sample_stats, observed_data and constant_data.
 
     posterior: theta (chain, draw, case, parameter) and, if noise scales were inferred, sigma
     (chain, draw, case, direction) in training sd; attributes emulator, lower, upper, rhat_max,
     ess_min. sample_stats: diverging, acceptance_rate, energy (potential) (chain, draw, case).
-    observed_data: y (case, output). constant_data: theta_map, theta_true (if known), y_obs, and
-    what the sampling took: seconds (the one number that differs between runs) and repeated.
+    observed_data: y (case, output). constant_data: theta_map, theta_true (if known), y_obs, zone
+    (the stiffened one, of a scenario), and what the sampling took: sampler, seconds (the one number
+    that differs between runs) and repeated.
     """
-    base = _coordinates(sampled, likelihood)
+    base, likelihood = _coordinates(sampled), sampled.likelihoods[0]
     sampling = {key: base[key] for key in ("chain", "draw", "case")}
     parameter, directions = {"parameter": list(aha.PARAMETERS)}, likelihood.noise.directions
 
@@ -270,7 +367,7 @@ def to_inference_data(sampled: Sampled, likelihood: Likelihood, nuts: dict) -> a
         {key: (each, stack(key)) for key in ("diverging", "acceptance_rate", "energy")},
         coords=sampling,
     )
-    y = (("case", "output"), sampled.y.numpy())
+    y = (("case", "output"), torch.stack([one.y for one in sampled.likelihoods]).numpy())
     outputs = {key: base[key] for key in ("case", "output")}
     constant = xr.Dataset(
         {
@@ -278,11 +375,14 @@ def to_inference_data(sampled: Sampled, likelihood: Likelihood, nuts: dict) -> a
             "y_obs": y,
             "seconds": ("case", np.array([d.seconds for d in sampled.draws])),
             "repeated": ("case", np.array([d.repeated for d in sampled.draws])),
+            "sampler": ("case", list(sampled.samplers)),
         },
         coords=outputs | parameter,
     )
     if sampled.truth is not None:
         constant["theta_true"] = (("case", "parameter"), sampled.truth)
+    if sampled.zones is not None:
+        constant["zone"] = ("case", list(sampled.zones))
     return az.InferenceData(
         posterior=posterior,
         sample_stats=stats,

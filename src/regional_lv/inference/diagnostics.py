@@ -1,7 +1,6 @@
 """Did the chains converge, and does the posterior find the truth?"""
 
 from collections.abc import Sequence
-from pathlib import Path
 
 import arviz as az
 import numpy as np
@@ -9,7 +8,6 @@ import pandas as pd
 from scipy import stats
 
 from regional_lv import aha
-from regional_lv.errors import InputError
 
 LEVELS = (50, 80, 95)
 """Central credible intervals whose coverage is counted, in per cent."""
@@ -59,14 +57,15 @@ def gate(
 def diagnose(data: az.InferenceData) -> pd.DataFrame:
     """Diagnostics of every case in a file of posteriors.
 
-    Columns: case, parameter, rhat, ess_bulk, ess_tail, divergences, passed, verdict, seconds.
+    Columns: case, parameter, rhat, ess_bulk, ess_tail, divergences, passed, verdict, seconds,
+    sampler.
     Inferred noise scales appear as `sigma_<direction>`. The gate is the one that the sampler
     worked with, kept in the file.
     """
     posterior = data.posterior
     tables = []
     for case in posterior["case"].to_numpy():
-        chains, names = _chains(posterior.sel(case=case))
+        chains, names = chains_of(posterior.sel(case=case))
         table, verdict = gate(
             chains,
             names,
@@ -77,11 +76,12 @@ def diagnose(data: az.InferenceData) -> pd.DataFrame:
         table.insert(0, "case", str(case))
         table["verdict"] = verdict
         table["seconds"] = float(data.constant_data["seconds"].sel(case=case))
+        table["sampler"] = str(data.constant_data["sampler"].sel(case=case).item())
         tables.append(table)
     return pd.concat(tables, ignore_index=True)
 
 
-def _chains(posterior) -> tuple[np.ndarray, list[str]]:
+def chains_of(posterior) -> tuple[np.ndarray, list[str]]:
     """(chain, draw, P) and names of one case: the ten parameters, then the noise scales."""
     parts = [posterior["theta"].transpose("chain", "draw", "parameter").to_numpy()]
     names = [str(name) for name in posterior["parameter"].to_numpy()]
@@ -111,7 +111,8 @@ def recovery(data: az.InferenceData, verdicts: pd.DataFrame, lower: float, upper
 
     Columns: case, parameter, truth, map, mean, sd, median, lower95, upper95 (central interval),
     covered (by it), covered50, covered80, covered95, hpd_lower95, hpd_upper95, hpd_width95,
-    crps, variance_ratio (posterior over the uniform prior's variance), verdict.
+    crps, variance_ratio (posterior over the uniform prior's variance), rank (number of draws below
+    the truth), draws, verdict, zone (the stiffened one of a scenario, else empty).
     """
     verdict = dict(zip(verdicts["case"], verdicts["verdict"], strict=True))
     prior_variance = (upper - lower) ** 2 / 12
@@ -143,7 +144,10 @@ def recovery(data: az.InferenceData, verdicts: pd.DataFrame, lower: float, upper
                 "hpd_width95": hpd[1] - hpd[0],
                 "crps": crps(draws, truth),
                 "variance_ratio": row["sd"] ** 2 / prior_variance,
+                "rank": int((draws < truth).sum()),
+                "draws": len(draws),
                 "verdict": verdict[str(case)],
+                "zone": str(constant["zone"].sel(case=case).item()) if "zone" in constant else "",
             }
             rows.append(row)
     return pd.DataFrame(rows)
@@ -208,31 +212,3 @@ def map_errors(table: pd.DataFrame) -> pd.DataFrame:
         .agg(mse=("mse", "mean"), crps=("crps", "mean"), verdict=("verdict", "first"))
         .reset_index()
     )
-
-
-def summarise_posteriors(
-    posteriors: Sequence[str | Path],
-    diagnostics: str | Path,
-    recovered: str | Path,
-    covered: str | Path,
-    mse: str | Path,
-) -> None:
-    """Summarise batches of test posteriors (NetCDF) in four CSV tables.
-
-    `diagnose`, `recovery`, `coverage` and `map_errors` say what is in them.
-    Raises InputError if a file has no `theta_true`.
-    """
-    checks, tables = [], []
-    for path in posteriors:
-        data = az.from_netcdf(path)
-        if "theta_true" not in data.constant_data:
-            raise InputError(f"{path}: no `theta_true`; summarise posteriors of a test set")
-        check = diagnose(data)
-        bounds = (data.posterior.attrs["lower"], data.posterior.attrs["upper"])
-        tables.append(recovery(data, check, *bounds))
-        checks.append(check)
-    table = pd.concat(tables, ignore_index=True)
-    pd.concat(checks, ignore_index=True).to_csv(diagnostics, index=False)
-    table.to_csv(recovered, index=False)
-    coverage(table).to_csv(covered, index=False)
-    map_errors(table).to_csv(mse, index=False)

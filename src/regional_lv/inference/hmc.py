@@ -1,7 +1,12 @@
 """Posteriors of many cases at once by Hamiltonian Monte Carlo, for sets of simulated cases.
 
-Pyro's NUTS spends most of its time between gradients of one small posterior. Here all chains of
-all cases take their leapfrog steps together, so that one pass through the emulator serves them all.
+Pyro's NUTS spends most of its time between gradients of one small posterior, and an exact
+Gaussian process spends most of a gradient on its predictive variance. Here all chains of all cases
+take their leapfrog steps together, along the potential of a `surrogate` that costs next to nothing;
+every few trajectories the exact posterior density decides whether where they have led to is
+accepted (delayed acceptance, Christen and Fox 2005, doi 10.1198/106186005X76983). The draws
+are those of the exact posterior; a surrogate that fits badly costs draws, not correctness.
+
 Every case is moved and whitened as for NUTS, which leaves a step size per chain to adapt, by dual
 averaging (Hoffman and Gelman 2014). Numbers of leapfrog steps are drawn at random, which keeps
 trajectories from closing (Neal 2011, doi 10.1201/b10905-6). Whoever calls sees to it that every
@@ -10,21 +15,21 @@ posterior passes the same gate as one of NUTS.
 
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
-import numpy as np
 import torch
 
 from regional_lv.inference.likelihood import Likelihood
-from regional_lv.inference.nuts import DISPERSION, Draws, Settings, Target, refine
-from regional_lv.seeds import derive
+from regional_lv.inference.nuts import DISPERSION, Draws, Settings, Target
+from regional_lv.inference.surrogate import Polynomial, Prepared, prepare, together
 
 LEAPFROG_STEPS = (2, 7)
 """Steps of a trajectory are drawn evenly from this range, the upper end left out. In whitened
 space a step is near 0.5 to 1, a quarter of a period 1.6."""
 
-THIN = 3
-"""Draws made for one that is kept: gradients are cheap here, what is kept goes to disk."""
+TRAJECTORIES = {False: 3, True: 6}
+"""Trajectories for one draw that is kept, and for one look at the exact density, by whether the
+posterior is wide: trajectories along its bent ridges turn back sooner."""
 
 FIRST_STEP = 0.5
 
@@ -33,51 +38,74 @@ DIVERGENCE = 1000.0
 
 
 def sample_batch(
-    likelihood: Likelihood, theta_map: torch.Tensor, settings: Settings, seeds: Sequence[int]
+    likelihoods: Sequence[Likelihood],
+    theta_map: torch.Tensor,
+    log_sigma_map: torch.Tensor,
+    settings: Settings,
+    seeds: Sequence[int],
+    careful: bool = False,
 ) -> list[Draws]:
-    """Sample the posteriors of all rows of `likelihood.y` (C, D), known noise only.
+    """Sample the posteriors of several cases.
 
-    theta_map: (C, 10), where the Laplace approximations are sought. seeds: one per case. The same
-    batch gives the same draws.
+    likelihoods: one per case, of one observation (D,) each, all with the same outputs and the same
+    kind of noise. theta_map (C, 10), log_sigma_map (C, G): their maxima. seeds: one per case.
+    careful: treat narrow posteriors as if they were wide, and wide ones with twice the effort. The
+    same batch gives the same draws.
     """
     started = time.monotonic()
-    none = torch.zeros(0, dtype=torch.float64)
-    centres, whitenings = [], []
-    for y, theta, seed in zip(likelihood.y, theta_map, seeds, strict=True):
-        target = Target(likelihood.at(y))
-        mode, whitening = target.laplace(target.unconstrain(theta, none))
-        centre, whitening = refine(target, mode, whitening, derive(seed, "refine"))
-        centres.append(centre)
-        whitenings.append(whitening)
-    target = Target(likelihood.at(likelihood.y[:, None]))
-    chains = _Chains(target, torch.stack(centres), torch.stack(whitenings), settings, seeds)
-
+    prepared = [
+        prepare(Target.near(likelihood, theta, log_sigma), theta, log_sigma, seed, careful)
+        for likelihood, theta, log_sigma, seed in zip(
+            likelihoods, theta_map, log_sigma_map, seeds, strict=True
+        )
+    ]
+    target, surrogate = together(prepared)
+    wide = not isinstance(surrogate, Polynomial)
+    trajectories = TRAJECTORIES[wide] * (2 if careful and likelihoods[0].noisy else 1)
+    chains = _Chains(surrogate or target.potential, prepared, settings, seeds)
     chains.run(settings.warmup, adapt=True)
     chains.settle()
+    exact = None if surrogate is None else _Exact(target.potential, chains)
     kept, acceptance, diverging, energies = [], [], [], []
     for _ in range(settings.draws):
-        drawn = chains.run(THIN, adapt=False)
-        kept.append(target.constrain(chains.positions())[0])
-        acceptance.append(torch.stack([d[0] for d in drawn]).mean(0))
+        drawn = chains.run(trajectories, adapt=False)
         diverging.append(torch.stack([d[1] for d in drawn]).any(0))
-        energies.append(chains.potential)
-    seconds = (time.monotonic() - started) / len(centres)
-    theta, acceptance, diverging, energies = (
-        torch.stack(values, dim=2).numpy() for values in (kept, acceptance, diverging, energies)
+        if exact is None:
+            acceptance.append(torch.stack([d[0] for d in drawn]).mean(0))
+        else:
+            acceptance.append(exact.decide())
+        kept.append(chains.positions().clone())
+        energies.append(chains.potential if exact is None else exact.potential)
+    # All draws of all chains as chains side by side, (C, draws x K, P).
+    theta, log_sigma = target.constrain(torch.cat(kept, dim=1))
+    theta, sigma = (
+        values.unflatten(1, (settings.draws, settings.chains)).transpose(1, 2).numpy()
+        for values in (theta, torch.exp(log_sigma))
     )
-    no_sigma = np.zeros((settings.chains, settings.draws, 0))
+    acceptance, diverging, energies = (
+        torch.stack(values, dim=2).numpy() for values in (acceptance, diverging, energies)
+    )
+    seconds = (time.monotonic() - started) / len(prepared)
     return [
-        Draws(theta[c], no_sigma, acceptance[c], diverging[c], energies[c], seconds)
-        for c in range(len(centres))
+        Draws(theta[c], sigma[c], acceptance[c], diverging[c], energies[c], seconds)
+        for c in range(len(prepared))
     ]
 
 
 class _Chains:
     """All chains (C cases, K chains each) in whitened coordinates z (C, K, P)."""
 
-    def __init__(self, target: Target, origin, whitening, settings: Settings, seeds):
-        self.target, self.origin, self.whitening = target, origin, whitening
-        self.shape = (len(origin), settings.chains)
+    def __init__(
+        self,
+        potential: Callable[[torch.Tensor], torch.Tensor],
+        prepared: Sequence[Prepared],
+        settings: Settings,
+        seeds: Sequence[int],
+    ):
+        self.function = potential
+        self.centre = torch.stack([p.centre for p in prepared])
+        self.whitening = torch.stack([p.whitening for p in prepared])
+        self.shape = (len(prepared), settings.chains)
         self.accept = settings.target_accept
         self.generators = [torch.Generator().manual_seed(seed) for seed in seeds]
         # One common number of steps per iteration lets all chains move together.
@@ -90,14 +118,14 @@ class _Chains:
                 break
             self.z[lost] *= 0.5
             self.potential, self.gradient = self.evaluate(self.z)
-        self.centre = math.log(10 * FIRST_STEP)
+        self.target_log_step = math.log(10 * FIRST_STEP)
         self.log_step = torch.full(self.shape, math.log(FIRST_STEP), dtype=torch.float64)
         self.mean_log_step = torch.zeros(self.shape, dtype=torch.float64)
         self.gap = torch.zeros(self.shape, dtype=torch.float64)
         self.count = 0
 
     def normal(self) -> torch.Tensor:
-        size = (self.shape[1], self.origin.shape[-1])
+        size = (self.shape[1], self.centre.shape[-1])
         return torch.stack(
             [torch.randn(size, generator=g, dtype=torch.float64) for g in self.generators]
         )
@@ -109,12 +137,12 @@ class _Chains:
 
     def positions(self, z: torch.Tensor | None = None) -> torch.Tensor:
         z = self.z if z is None else z
-        return self.origin[:, None] + z @ self.whitening.mT
+        return self.centre[:, None] + z @ self.whitening.mT
 
     def evaluate(self, z: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Potential (C, K), infinite where it is no number, and gradient (C, K, P) about z."""
         z = z.detach().requires_grad_()
-        potential = self.target.potential(self.positions(z))
+        potential = self.function(self.positions(z))
         (gradient,) = torch.autograd.grad(potential.sum(), z)
         potential = torch.nan_to_num(potential.detach(), nan=math.inf, posinf=math.inf)
         return potential, torch.nan_to_num(gradient, nan=0.0, posinf=0.0, neginf=0.0)
@@ -140,20 +168,59 @@ class _Chains:
             error = potential + 0.5 * momentum.square().sum(-1) - before
             error = torch.nan_to_num(error, nan=math.inf)
             probability = torch.exp(-error.clamp(min=0.0))
-            taken = self.uniform() < probability
-            self.z = torch.where(taken[..., None], z, self.z)
-            self.gradient = torch.where(taken[..., None], gradient, self.gradient)
-            self.potential = torch.where(taken, potential, self.potential)
+            self.move(self.uniform() < probability, z, potential, gradient)
             results.append((probability, error > DIVERGENCE))
             if adapt:
                 self._adapt(probability)
         return results
+
+    def move(self, taken: torch.Tensor, z, potential, gradient) -> None:
+        """Go to a state where `taken` (C, K), stay elsewhere."""
+        self.z = torch.where(taken[..., None], z, self.z)
+        self.gradient = torch.where(taken[..., None], gradient, self.gradient)
+        self.potential = torch.where(taken, potential, self.potential)
 
     def _adapt(self, probability: torch.Tensor) -> None:
         """Dual averaging, equations (6) of Hoffman and Gelman with their constants."""
         self.count += 1
         weight = 1 / (self.count + 10)
         self.gap = (1 - weight) * self.gap + weight * (self.accept - probability)
-        self.log_step = self.centre - math.sqrt(self.count) / 0.05 * self.gap
+        self.log_step = self.target_log_step - math.sqrt(self.count) / 0.05 * self.gap
         share = self.count**-0.75
         self.mean_log_step = share * self.log_step + (1 - share) * self.mean_log_step
+
+
+class _Exact:
+    """Accepts or undoes what the chains did since it was last asked, by the exact density.
+
+    The trajectories are reversible about the surrogate's density exp(-S), so that the ratio of
+    Metropolis and Hastings is that of exp(S - U) after and before.
+    """
+
+    def __init__(self, function: Callable[[torch.Tensor], torch.Tensor], chains: _Chains):
+        self.function, self.chains = function, chains
+        self.potential = self._evaluate()
+        self._keep()
+
+    def _evaluate(self) -> torch.Tensor:
+        with torch.no_grad():
+            value = self.function(self.chains.positions())
+        return torch.nan_to_num(value, nan=math.inf, posinf=math.inf)
+
+    def _keep(self) -> None:
+        chains = self.chains
+        self.before = (chains.z, chains.potential, chains.gradient)
+
+    def decide(self) -> torch.Tensor:
+        """Acceptance probability (C, K); the chains are where they now are, or back again."""
+        chains, proposed = self.chains, self._evaluate()
+        change = (chains.potential - self.before[1]) - (proposed - self.potential)
+        # A start without density is left for anything that has some.
+        change = torch.where(torch.isinf(self.potential), math.inf, change)
+        change = torch.where(torch.isinf(proposed), -math.inf, change)
+        probability = torch.exp(change.clamp(max=0.0))
+        undone = chains.uniform() >= probability
+        chains.move(undone, *self.before)
+        self.potential = torch.where(undone, self.potential, proposed)
+        self._keep()
+        return probability

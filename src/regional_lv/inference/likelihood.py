@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 import torch
 
 from regional_lv import aha
-from regional_lv.emulators.base import Emulator, SeparablePrediction
+from regional_lv.emulators.base import Emulator, Prediction, SeparablePrediction
 
 LOG_2PI = math.log(2 * math.pi)
 
@@ -53,6 +53,15 @@ class Noise:
             strain = sum(groups.values()) > 0
             known = torch.where(strain, known, torch.nan_to_num(sd))
         return cls(known, groups, float(prior_scale))
+
+    @classmethod
+    def shared(cls, emulator: Emulator, prior_scale: float) -> "Noise":
+        """One unknown scale for all outputs, in training sd: the paper's network."""
+        return cls(
+            torch.zeros_like(emulator.output_sd),
+            {"all": emulator.output_sd.clone()},
+            float(prior_scale),
+        )
 
     @property
     def directions(self) -> tuple[str, ...]:
@@ -102,10 +111,22 @@ class Likelihood:
             self._weight = prediction.determinant_weight
             self._constant = -factor.diagonal().log().sum() - 0.5 * len(rho) * LOG_2PI
 
+    @property
+    def noisy(self) -> bool:
+        """Whether there is measurement noise, known or unknown."""
+        return bool(self.noise.groups) or bool((self.noise.sd > 0).any())
+
     def at(self, y: torch.Tensor) -> "Likelihood":
         """The same likelihood for other observations; nothing is factorised again."""
         other = object.__new__(Likelihood)
         other.__dict__.update(self.__dict__, y=y)
+        return other
+
+    def with_full_determinant(self) -> "Likelihood":
+        """The density that the emulator's predictions are drawn from (`draw_observations`): a log
+        determinant with a smaller weight belongs to no model."""
+        other = self.at(self.y)
+        other._weight = 1.0
         return other
 
     def tempered(self, level: float) -> "Likelihood":
@@ -117,7 +138,12 @@ class Likelihood:
         self, theta: torch.Tensor, log_sigma: torch.Tensor | None = None
     ) -> torch.Tensor:
         """Log p(y | theta, sigma), (...), at `theta` (..., 10) and `log_sigma` (..., G)."""
-        prediction = self.emulator.predict(theta)
+        return self.of_prediction(self.emulator.predict(theta), log_sigma)
+
+    def of_prediction(
+        self, prediction: Prediction, log_sigma: torch.Tensor | None = None
+    ) -> torch.Tensor:
+        """The same (...) for what the emulator predicts at theta."""
         residual = self.y - prediction.mean
         if self._whiten is not None:
             variances = prediction.variance[..., None] + self._rho

@@ -18,6 +18,7 @@ dense matrix too.
 import logging
 import math
 import time
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -27,6 +28,8 @@ from pyro.infer import MCMC, NUTS
 from scipy.optimize import minimize
 
 from regional_lv import aha
+from regional_lv.emulators.base import Prediction
+from regional_lv.inference.box import Box
 from regional_lv.inference.diagnostics import gate
 from regional_lv.inference.likelihood import Likelihood
 from regional_lv.inference.point import CHUNK
@@ -38,9 +41,9 @@ P = len(aha.PARAMETERS)
 DISPERSION = 1.5
 """Chains start from draws this many times as wide as the Laplace approximation."""
 
-WEAKEST_CURVATURE = 0.5
-"""Where the data say nothing, u has a curvature near 1 from the prior; flatter directions (or bent
-ones) are whitened as if they had this one."""
+WEAKEST_CURVATURE = 0.3
+"""Where the data say nothing, a parameter has about this curvature from its soft bounds; flatter
+directions (or bent ones) are whitened as if they had it."""
 
 
 ROUNDS, ROUND_SIZE, FREEDOM = 4, 2000, 6
@@ -89,32 +92,88 @@ class Draws:
 
 
 class Target:
-    """Posterior of one case as a potential in the unconstrained space."""
+    """Posterior of one case as a potential in a space without bounds.
 
-    def __init__(self, likelihood: Likelihood):
-        self.likelihood = likelihood
-        self.lower, self.upper = likelihood.emulator.lower, likelihood.emulator.upper
-        self._span = math.log(self.upper / self.lower)
+    Or of several: `likelihood.y` and `box.width` have leading dimensions then, (C, 1, ...).
+    """
+
+    def __init__(self, likelihood: Likelihood, box: Box):
+        self.likelihood, self.box = likelihood, box
         self.size = P + len(likelihood.noise.groups)
 
+    @classmethod
+    def together(cls, targets: Sequence["Target"]) -> "Target":
+        """All of them as one, about positions (C, K, P + G)."""
+        first = targets[0].likelihood
+        if any(target.likelihood.emulator is not first.emulator for target in targets):
+            return _Separate(targets)
+        y = torch.stack([target.likelihood.y for target in targets])[:, None]
+        width = torch.stack([target.box.width for target in targets])[:, None]
+        return cls(first.at(y), Box(first.emulator.lower, first.emulator.upper, width))
+
+    @classmethod
+    def near(cls, likelihood: Likelihood, theta: torch.Tensor, log_sigma: torch.Tensor) -> "Target":
+        """With soft bounds as wide as the posterior around `theta` (10,), `log_sigma` (G,) is."""
+        emulator = likelihood.emulator
+        information = likelihood.information(theta, log_sigma)
+        span = math.log(emulator.upper / emulator.lower)
+        # A parameter of which the data say nothing has the variance of the box.
+        weak = torch.full((len(information),), 12 / span**2, dtype=torch.float64)
+        covariance = torch.linalg.inv(information + torch.diag(weak))
+        width = covariance.diagonal()[:P].sqrt()
+        return cls(likelihood, Box(emulator.lower, emulator.upper, width))
+
     def unconstrain(self, theta: torch.Tensor, log_sigma: torch.Tensor) -> torch.Tensor:
-        """Position (..., P + G); theta on a bound is moved inside by a thousandth of the range."""
-        share = (torch.log(theta / self.lower) / self._span).clamp(1e-3, 1 - 1e-3)
-        return torch.cat([torch.special.ndtri(share), log_sigma], dim=-1)
+        """Position (..., P + G)."""
+        return torch.cat([self.box.position(theta), log_sigma], dim=-1)
 
     def constrain(self, position: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Theta (..., 10) and log sigma (..., G)."""
-        share = torch.special.ndtr(position[..., :P])
-        return self.lower * torch.exp(self._span * share), position[..., P:]
+        return self.box.theta(position[..., :P]), position[..., P:]
 
-    def potential(self, position: torch.Tensor) -> torch.Tensor:
-        """-log posterior density (...) of positions (..., P + G), with the Jacobian of the map."""
+    def potential(
+        self, position: torch.Tensor, variance: torch.Tensor | None = None
+    ) -> torch.Tensor:
+        """-log posterior density (...) of positions (..., P + G), with the Jacobian of the map.
+
+        variance: (...), in place of the emulator's own if its covariance is separable.
+        """
+        if variance is None:
+            return self.evaluate(position)[0]
         theta, log_sigma = self.constrain(position)
-        # d(theta)/du = theta span phi(u), phi the normal density; constants left out
-        jacobian = torch.log(theta).sum(-1) - 0.5 * position[..., :P].square().sum(-1)
+        prediction = self.likelihood.emulator.with_variance(theta, variance)
+        return self._potential(position, prediction, log_sigma)
+
+    def evaluate(self, position: torch.Tensor) -> tuple[torch.Tensor, Prediction]:
+        """The potential (...) and the emulator's prediction at positions (..., P + G)."""
+        theta, log_sigma = self.constrain(position)
+        prediction = self.likelihood.emulator.predict(theta)
+        return self._potential(position, prediction, log_sigma), prediction
+
+    def _potential(self, position, prediction, log_sigma) -> torch.Tensor:
+        jacobian = self.box.log_jacobian(position[..., :P])
         if log_sigma.shape[-1]:
             jacobian = jacobian + log_sigma.sum(-1) + self.likelihood.noise.log_prior(log_sigma)
-        return -(self.likelihood.log_density(theta, log_sigma) + jacobian)
+        return -(self.likelihood.of_prediction(prediction, log_sigma) + jacobian)
+
+    def gaussian(
+        self, theta: torch.Tensor, log_sigma: torch.Tensor
+    ) -> tuple[torch.Tensor, torch.Tensor]:
+        """Position (P + G,) of the maximum of the density of theta, and a whitening M from the
+        expected information there and from the curvature of the soft bounds."""
+        position = self.unconstrain(theta, log_sigma)
+        here = position.clone().requires_grad_(True)
+
+        def jacobian(v):
+            return self.box.log_jacobian(v[:P])
+
+        bounds = -torch.autograd.functional.hessian(jacobian, here.detach())
+        slope = torch.autograd.functional.jacobian(
+            lambda v: torch.cat([torch.log(self.box.theta(v[:P])), v[P:]]), position
+        )
+        precision = slope.T @ self.likelihood.information(theta, log_sigma) @ slope
+        precision = precision + torch.diag(bounds.diagonal().clamp(min=0))
+        return position, _whitening(precision)
 
     def value_and_gradient(self, position: np.ndarray) -> tuple[float, np.ndarray]:
         """The potential and its gradient as SciPy wants them."""
@@ -133,7 +192,7 @@ class Target:
             start.numpy(),
             jac=True,
             method="L-BFGS-B",
-            bounds=[(-8.0, 8.0)] * self.size,
+            bounds=self._ends(),
             options={"maxiter": 500, "maxfun": 1000, "ftol": 1e-13, "gtol": 1e-6},
         )
         mode = result.x
@@ -144,12 +203,53 @@ class Target:
             step[i] = 1e-4
             forward, backward = (self.value_and_gradient(mode + s)[1] for s in (step, -step))
             hessian[i] = (forward - backward) / 2e-4
-        values, vectors = np.linalg.eigh(0.5 * (hessian + hessian.T))
-        scale = 1 / np.sqrt(np.maximum(values, WEAKEST_CURVATURE))
-        return torch.as_tensor(mode), torch.as_tensor(vectors * scale)
+        return torch.as_tensor(mode), _whitening(torch.as_tensor(hessian))
+
+    def _ends(self) -> list[tuple[float, float]]:
+        """Where a search for the mode has to stay, per coordinate."""
+        margin = 6 * self.box.width
+        low, high = (self.box.low - margin).tolist(), (self.box.high + margin).tolist()
+        return [*zip(low, high, strict=True), *[(-8.0, 8.0)] * (self.size - P)]
 
 
-def refine(target: Target, mode, whitening, seed: int) -> tuple[torch.Tensor, torch.Tensor]:
+class _Separate:
+    """Cases whose emulators differ, as one target about positions (C, K, P + G)."""
+
+    def __init__(self, targets: Sequence[Target]):
+        self.targets = targets
+
+    def potential(self, position, variance=None) -> torch.Tensor:
+        if variance is None:
+            variance = [None] * len(self.targets)
+        return torch.stack(
+            [t.potential(*at) for t, *at in zip(self.targets, position, variance, strict=True)]
+        )
+
+    def constrain(self, position) -> tuple[torch.Tensor, torch.Tensor]:
+        parts = [t.constrain(at) for t, at in zip(self.targets, position, strict=True)]
+        return tuple(torch.stack(values) for values in zip(*parts, strict=True))
+
+
+def _whitening(precision: torch.Tensor) -> torch.Tensor:
+    """M with M M' the inverse of `precision`, whose flat and bent directions are made round."""
+    values, vectors = torch.linalg.eigh(0.5 * (precision + precision.T))
+    return vectors / values.clamp(min=WEAKEST_CURVATURE).sqrt()
+
+
+def student(
+    size: int, dimension: int, generator: torch.Generator
+) -> tuple[torch.Tensor, torch.Tensor]:
+    """Student t deviates (size, dimension) with `FREEDOM` degrees of freedom, and the logarithm
+    (size,) of their density but for a constant."""
+    deviates = torch.randn(size, dimension + FREEDOM, generator=generator, dtype=torch.float64)
+    chi2 = deviates[:, dimension:].square().sum(1, keepdim=True)
+    t = deviates[:, :dimension] * torch.sqrt(FREEDOM / chi2)
+    return t, -0.5 * (FREEDOM + dimension) * torch.log1p(t.square().sum(1) / FREEDOM)
+
+
+def refine(
+    potential: Callable[[torch.Tensor], torch.Tensor], mode, whitening, seed: int
+) -> tuple[torch.Tensor, torch.Tensor]:
     """Centre and M from the posterior's own mean and covariance (population Monte Carlo, Cappe et
     al. 2004, doi 10.1198/106186004X12803).
 
@@ -158,20 +258,17 @@ def refine(target: Target, mode, whitening, seed: int) -> tuple[torch.Tensor, to
     decide: a biased M costs speed, not correctness.
     """
     generator = torch.Generator().manual_seed(seed)
-    size = target.size
+    size = len(mode)
     centre, factor = torch.zeros(size, dtype=torch.float64), torch.eye(size, dtype=torch.float64)
     for _ in range(ROUNDS):
-        deviates = torch.randn(ROUND_SIZE, size + FREEDOM, generator=generator, dtype=torch.float64)
-        chi2 = deviates[:, size:].square().sum(1, keepdim=True)
-        t = deviates[:, :size] * torch.sqrt(FREEDOM / chi2)
+        t, proposal = student(ROUND_SIZE, size, generator)
         z = centre + t @ factor.T
         try:
             with torch.no_grad():
                 parts = (mode + z @ whitening.T).split(CHUNK)
-                density = -torch.cat([target.potential(part) for part in parts])
+                density = -torch.cat([potential(part) for part in parts])
         except torch.linalg.LinAlgError:
             break
-        proposal = -0.5 * (FREEDOM + size) * torch.log1p(t.square().sum(1) / FREEDOM)
         log_weight = torch.nan_to_num(density - proposal, nan=-math.inf, posinf=-math.inf)
         cut = log_weight.topk(ROUND_SIZE // 50).values[-1]
         weight = torch.softmax(log_weight.clamp(max=cut), dim=0)
@@ -197,9 +294,9 @@ def sample_case(
     The same seed gives the same draws.
     """
     started = time.monotonic()
-    target = Target(likelihood)
+    target = Target.near(likelihood, theta_map, log_sigma_map)
     mode, whitening = target.laplace(target.unconstrain(theta_map, log_sigma_map))
-    mode, whitening = refine(target, mode, whitening, derive(seed, "refine"))
+    mode, whitening = refine(target.potential, mode, whitening, derive(seed, "refine"))
     draws = _run(target, mode, whitening, settings, derive(seed, "first"))
     outcome = verdict(draws, settings)
     if outcome != "passed":

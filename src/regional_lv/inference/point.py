@@ -14,6 +14,7 @@ import torch
 
 from regional_lv import aha
 from regional_lv.design import sobol
+from regional_lv.emulators.base import Emulator, Prediction, join
 from regional_lv.inference.likelihood import Likelihood
 from regional_lv.seeds import derive
 
@@ -26,6 +27,9 @@ TEMPERING = (0.3, 0.03)
 """Noise (in training sd) added in the first passes: without it the accurate emulator's likelihood
 is a narrow curved ridge, and three starts in four end on the bounds of the box far from it."""
 
+FOLLOWED = 6
+"""Starts per case that are followed after the first pass: most have met by then."""
+
 LOG_SIGMA_BOUNDS = (-7.0, 3.0)
 CHUNK = 256
 """Points evaluated together: their kernel rows and Jacobians stay in the cache."""
@@ -33,8 +37,8 @@ CHUNK = 256
 
 @dataclass(frozen=True)
 class PointEstimate:
-    """Maxima of C cases: theta (C, 10), log_sigma (C, G), log density (C,), and the share of
-    starts (C,) that ended within 0.01 of the best log density."""
+    """Maxima of C cases: theta (C, 10), log_sigma (C, G), log density (C,), and the share (C,) of
+    the starts followed to the end that came within 0.01 of the best log density."""
 
     theta: torch.Tensor
     log_sigma: torch.Tensor
@@ -42,40 +46,56 @@ class PointEstimate:
     agreement: torch.Tensor
 
 
-def find_map(likelihood: Likelihood, starts: int, iterations: int, seed: int) -> PointEstimate:
+@dataclass(frozen=True)
+class Candidates:
+    """Places (M, 10) from which starts are chosen, and what a global emulator predicts there."""
+
+    theta: torch.Tensor
+    prediction: Prediction
+
+    @classmethod
+    def of(cls, emulator: Emulator, starts: int, seed: int) -> "Candidates":
+        """`SCREENED_PER_START` Sobol points for each start, half of them on the natural, half on
+        the log scale."""
+        bounds, count = (emulator.lower, emulator.upper), SCREENED_PER_START * starts
+        theta = torch.as_tensor(
+            np.concatenate(
+                [
+                    sobol(count // 2, *bounds, scale, derive(seed, "starts", scale))
+                    for scale in ("natural", "log")
+                ]
+            )
+        )
+        with torch.no_grad():
+            return cls(theta, join([emulator.predict(part) for part in theta.split(CHUNK)]))
+
+
+def find_map(
+    likelihood: Likelihood,
+    starts: int,
+    iterations: int,
+    seed: int,
+    candidates: Candidates | None = None,
+) -> PointEstimate:
     """Maximise the posterior density for every row of `likelihood.y` (C, D).
 
-    `starts` points per case, the most likely ones of a Sobol sequence (half of it on the natural,
-    half on the log scale), each improved by at most `iterations` projected Levenberg-Marquardt
-    steps with exact gradients and the expected information as curvature.
+    `starts` points per case, the most likely ones of `candidates` (by default those that `seed`
+    gives), each improved by at most `iterations` projected Levenberg-Marquardt steps with exact
+    gradients and the expected information as curvature; after the first pass the best `FOLLOWED`.
     """
     emulator, noise = likelihood.emulator, likelihood.noise
     y = likelihood.y
     cases, groups = len(y), len(noise.groups)
     bounds = (emulator.lower, emulator.upper)
-    count = SCREENED_PER_START * starts
-    points = torch.as_tensor(
-        np.concatenate(
-            [
-                sobol(count // 2, *bounds, scale, derive(seed, "starts", scale))
-                for scale in ("natural", "log")
-            ]
-        )
-    )
+    if candidates is None:
+        candidates = Candidates.of(emulator, starts, seed)
+    points = candidates.theta
     middle = np.log(0.3 * noise.prior_scale)
     log_sigma = torch.full((len(points), groups), middle, dtype=torch.float64)
     broad = likelihood.tempered(TEMPERING[0])
     with torch.no_grad():
         screened = torch.stack(
-            [
-                torch.cat(
-                    [
-                        broad.at(row).log_density(points[i : i + CHUNK], log_sigma[i : i + CHUNK])
-                        for i in range(0, len(points), CHUNK)
-                    ]
-                )
-                for row in y
-            ]
+            [broad.at(row).of_prediction(candidates.prediction, log_sigma) for row in y]
         )
     chosen = screened.topk(min(starts, len(points)), dim=1).indices
     first = torch.cat([points.log()[chosen], log_sigma[chosen]], dim=-1)
@@ -88,8 +108,11 @@ def find_map(likelihood: Likelihood, starts: int, iterations: int, seed: int) ->
     for level in (*TEMPERING, 0.0):
         stage = likelihood.tempered(level) if level else likelihood
         flat, values = climb(stage, y[owner], flat, low, high, iterations)
-    ends = flat
-    ends, values = ends.reshape(first.shape), values.reshape(cases, -1)
+        if level == TEMPERING[0]:
+            best = values.reshape(cases, -1).topk(min(FOLLOWED, chosen.shape[1])).indices
+            kept = (best + chosen.shape[1] * torch.arange(cases)[:, None]).flatten()
+            flat, owner = flat[kept], owner[kept]
+    ends, values = flat.reshape(cases, -1, flat.shape[-1]), values.reshape(cases, -1)
     best = values.argmax(dim=1)
     row = torch.arange(cases)
     p = len(aha.PARAMETERS)

@@ -1,0 +1,98 @@
+"""One test case under every shortlisted emulator: traces, posteriors (the paper's Figures 5, S1).
+
+The case is the one whose mean CRPS under the first emulator is the median of all test cases.
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import arviz as az
+import pandas as pd
+
+from regional_lv.figures import style
+from regional_lv.figures.posterior import Posterior, read
+from regional_lv.figures.traces import legend, marginal_panel, mark, trace_panel
+
+
+@style.context
+def draw(
+    errors: Path,
+    posteriors: dict[str, Sequence[Path]],
+    diagnostics: dict[str, Path],
+    parameters: Sequence[str],
+    png: Path,
+    csv: Path,
+) -> None:
+    """Draw trace and marginal posterior of `parameters`, a pair of columns for each emulator.
+
+    errors: `map_mse.csv` (case, crps) that chooses the case; posteriors: files of test posteriors,
+    and diagnostics: `diagnostics.csv`, by emulator. The table: emulator, case, parameter, item
+    (draw, density, median, lower95, upper95, truth), chain, x, y, verdict.
+    """
+    case = middle_case(errors)
+    found = {
+        emulator: read(_holding(paths, case), diagnostics[emulator], case=case)
+        for emulator, paths in posteriors.items()
+    }
+    fig = style.figure(5.0 * len(found) + 0.6, 1.15 * len(parameters) + 1.5)
+    axes = fig.subplots(len(parameters), 2 * len(found), squeeze=False, sharey=False,
+                        width_ratios=[2, 1] * len(found))  # fmt: skip
+    tables = []
+    for at, (emulator, posterior) in enumerate(found.items()):
+        columns = axes[:, 2 * at : 2 * at + 2]
+        tables.append(_columns(columns, posterior, parameters, named=at == 0))
+        tables[-1].insert(0, "emulator", emulator)
+        tables[-1]["verdict"] = posterior.verdict
+        columns[0, 0].set_title(emulator)
+    for row in axes:
+        for which in (0, 1):
+            _common(row[which::2], "y" if which == 0 else "x")
+    fig.align_ylabels(axes[:, 0])
+    first = next(iter(found.values()))
+    legend(fig, axes[0, 0], len(first.draws[parameters[0]]), bool(first.truth))
+    failed = [name for name, posterior in found.items() if posterior.warning]
+    warning = "FAILED ITS CONVERGENCE GATE: " + ", ".join(failed) if failed else ""
+    style.suptitle(fig, f"Test case {case} under each emulator", warning)
+    table = pd.concat(tables, ignore_index=True)
+    table.insert(1, "case", case)
+    style.save(fig, table, png, csv)
+
+
+def middle_case(errors: Path) -> str:
+    """The case with the median CRPS (the lower one of the middle two)."""
+    table = pd.read_csv(errors, dtype={"case": str}).sort_values(["crps", "case"])
+    return table["case"].iloc[(len(table) - 1) // 2]
+
+
+def _holding(paths: Sequence[Path], case: str) -> Path:
+    """The file with that case; the last one if none has it, for `read` to complain about."""
+    for path in paths:
+        if case in {str(c) for c in az.from_netcdf(path).posterior["case"].values}:
+            return path
+    return paths[-1]
+
+
+def _columns(axes, posterior: Posterior, parameters: Sequence[str], named: bool) -> pd.DataFrame:
+    summary = posterior.summary()
+    rows = []
+    for (trace, marginal), name in zip(axes, parameters, strict=True):
+        trace_panel(trace, name, posterior.draws[name], rows)
+        marginal_panel(marginal, name, posterior.draws[name], rows)
+        mark(trace, marginal, summary.loc[name], posterior.truth.get(name))
+        if not named:
+            trace.set_ylabel("")
+        rows += [(name, item, None, summary.loc[name, item], None) for item in summary.columns]
+        if name in posterior.truth:
+            rows.append((name, "truth", None, posterior.truth[name], None))
+    for ax in axes[:-1, 0]:
+        ax.tick_params(labelbottom=False)
+    axes[-1, 0].set_xlabel("draw")
+    axes[-1, 1].set_xlabel("value")
+    return pd.DataFrame(rows, columns=["parameter", "item", "chain", "x", "y"])
+
+
+def _common(axes, which: str) -> None:
+    """Give the axes of one parameter the same limits, so that widths can be compared."""
+    limits = [getattr(ax, f"get_{which}lim")() for ax in axes]
+    for ax in axes:
+        ax.set(**{f"{which}lim": (min(a for a, _ in limits), max(b for _, b in limits))})

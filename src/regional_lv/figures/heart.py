@@ -1,0 +1,131 @@
+"""Pictures of the left ventricle's mesh in three dimensions, for the figures that show it."""
+
+from pathlib import Path
+
+import numpy as np
+import pyvista
+from vtkmodules.vtkCommonDataModel import vtkTriQuadraticHexahedron
+
+from regional_lv.errors import InputError
+
+VIEW_ANGLE_DEG = -75.0
+"""Direction from which the heart is seen: on the border of anterior and lateral wall."""
+
+LINE_COLOUR = "#F7F7F7"
+PIXELS = (900, 1100)
+
+
+def straight_cells(mesh: Path, subdivision: int, moved: bool = False) -> pyvista.UnstructuredGrid:
+    """The mesh's 27-node hexahedra as subdivision^3 eight-node hexahedra each.
+
+    So many straight edges per curved one make curved walls look curved. Cell data: `segment`,
+    `element` (number of the 27-node cell) and `part` (0 ... subdivision^3 - 1, the last reference
+    coordinate fastest). With `moved`, nodes are moved by the mesh's point data `displacement`.
+    Raises InputError if the mesh has no 27-node hexahedra with segment numbers.
+    """
+    source = pyvista.read(mesh)
+    quadratic = source.cells_dict.get(int(pyvista.CellType.TRIQUADRATIC_HEXAHEDRON))
+    if quadratic is None or "segment" not in source.cell_data:
+        raise InputError(f"{mesh}: no 27-node hexahedra with cell data `segment`; remake the mesh")
+    is_solid = source.celltypes == pyvista.CellType.TRIQUADRATIC_HEXAHEDRON
+    segment = np.asarray(source.cell_data["segment"])[is_solid].astype(int)
+
+    places = source.points + source.point_data["displacement"] if moved else source.points
+
+    n = subdivision + 1
+    ticks = np.linspace(0, 1, n)
+    local = np.stack(np.meshgrid(ticks, ticks, ticks, indexing="ij"), axis=-1).reshape(-1, 3)
+    points = np.einsum("pk,ekd->epd", _shape_functions(local), places[quadratic])
+
+    i, j, k = (a.ravel() for a in np.meshgrid(*[np.arange(subdivision)] * 3, indexing="ij"))
+    corner = [
+        (0, 0, 0),
+        (1, 0, 0),
+        (1, 1, 0),
+        (0, 1, 0),
+        (0, 0, 1),
+        (1, 0, 1),
+        (1, 1, 1),
+        (0, 1, 1),
+    ]
+    hexes = np.column_stack([((i + a) * n + j + b) * n + k + c for a, b, c in corner])
+    cells = (hexes[None] + (np.arange(len(quadratic)) * n**3)[:, None, None]).reshape(-1, 8)
+    grid = pyvista.UnstructuredGrid(
+        {pyvista.CellType.HEXAHEDRON: cells}, points.reshape(-1, 3).astype(float)
+    )
+    grid.cell_data["segment"] = np.repeat(segment, subdivision**3)
+    grid.cell_data["element"] = np.repeat(np.arange(len(quadratic)), subdivision**3)
+    grid.cell_data["part"] = np.tile(np.arange(subdivision**3), len(quadratic))
+    return grid.clean(tolerance=1e-4)
+
+
+def _shape_functions(local: np.ndarray) -> np.ndarray:
+    """Values (p, 27) of the triquadratic shape functions at local points (p, 3) in [0, 1]^3.
+
+    VTK names its 27 nodes by their local coordinates; interpolating the monomials there gives
+    the functions in VTK's own order.
+    """
+    nodes = np.array(vtkTriQuadraticHexahedron().GetParametricCoords()).reshape(27, 3)
+
+    def monomials(x: np.ndarray) -> np.ndarray:
+        powers = x[:, :, None] ** np.arange(3)
+        return np.einsum("pi,pj,pk->pijk", *powers.transpose(1, 0, 2)).reshape(len(x), 27)
+
+    return monomials(local) @ np.linalg.inv(monomials(nodes))
+
+
+def cut(grid: pyvista.UnstructuredGrid) -> pyvista.UnstructuredGrid:
+    """Without the half that faces the viewer."""
+    angle = np.radians(VIEW_ANGLE_DEG)
+    normal = (np.cos(angle), np.sin(angle), 0.0)
+    return grid.clip(normal=normal, origin=(0, 0, 0), invert=True)
+
+
+def _borders(surface: pyvista.PolyData) -> pyvista.PolyData:
+    """Edges between faces of two segments."""
+    faces = surface.regular_faces
+    edges = np.sort(np.vstack([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
+    segment = np.tile(np.asarray(surface.cell_data["segment"]), 3)
+    order = np.lexsort((edges[:, 1], edges[:, 0]))
+    edges, segment = edges[order], segment[order]
+    same = (edges[1:] == edges[:-1]).all(axis=1) & (segment[1:] != segment[:-1])
+    lines = edges[1:][same]
+    return pyvista.PolyData(surface.points, lines=np.insert(lines, 0, 2, axis=1).ravel())
+
+
+def render(
+    grid: pyvista.UnstructuredGrid,
+    rgb: np.ndarray,
+    angle_deg: float = VIEW_ANGLE_DEG,
+    axis: tuple[float, float] = (0.0, 0.0),
+) -> np.ndarray:
+    """Picture (h, w, 3) of the grid, cells coloured by `rgb` (cells, 3; 0-255), base up.
+
+    Light lines are the segments' borders. angle_deg: where the viewer stands about the long axis;
+    axis: x, y (mm) of the vertical in the middle of the picture.
+    """
+    grid = grid.copy()
+    grid.cell_data["rgb"] = np.asarray(rgb, dtype=np.uint8)
+    surface = grid.extract_surface(algorithm="dataset_surface").triangulate()
+    plotter = pyvista.Plotter(off_screen=True, window_size=PIXELS)
+    plotter.background_color = "white"
+    plotter.add_mesh(surface, scalars="rgb", rgb=True, ambient=0.5, diffuse=0.55, specular=0.05)
+    borders = _borders(surface)
+    if borders.n_cells:
+        plotter.add_mesh(borders.tube(radius=0.32), color=LINE_COLOUR, ambient=0.6)
+    angle, tilt = np.radians(angle_deg), np.radians(20)
+    towards = (np.cos(tilt) * np.cos(angle), np.cos(tilt) * np.sin(angle), np.sin(tilt))
+    low, high = np.array(grid.bounds)[::2], np.array(grid.bounds)[1::2]
+    focus = np.array([*axis, (low[2] + high[2]) / 2])
+    plotter.camera.parallel_projection = True
+    plotter.camera.focal_point = focus
+    plotter.camera.position = focus + 400 * np.array(towards)
+    plotter.camera.up = (0, 0, 1)
+    across = (grid.points[:, :2] - axis) @ [-np.sin(angle), np.cos(angle)]
+    fits = 1.05 * np.abs(across).max() * PIXELS[1] / PIXELS[0]
+    plotter.camera.parallel_scale = max(0.66 * (high[2] - low[2]), fits)
+    plotter.camera.clipping_range = (1, 1000)
+    plotter.enable_anti_aliasing("ssaa")
+    picture = plotter.screenshot(return_img=True)
+    plotter.close()
+    return picture

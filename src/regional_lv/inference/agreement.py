@@ -1,0 +1,87 @@
+"""Does the fast sampler agree with Pyro's NUTS?"""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import arviz as az
+import numpy as np
+import pandas as pd
+import torch
+
+from regional_lv import aha, emulators
+from regional_lv.inference import Sampling, error_model, make_likelihoods
+from regional_lv.progress import Progress
+from regional_lv.seeds import derive
+
+MEANS, SDS = 0.1, 0.1
+"""Largest difference of means, in posterior sd, and of sds, relative, that counts as agreement."""
+
+
+def compare_samplers(
+    emulator_file: str | Path,
+    posteriors: Sequence[str | Path],
+    cases: int,
+    nuts: dict,
+    point: dict,
+    seed: int,
+    table: str | Path,
+) -> None:
+    """Sample random cases of the test set by NUTS and compare with batched HMC (CSV).
+
+    posteriors: batches of the test set. cases: how many to draw among those that batched HMC
+    sampled; all if there are fewer. Columns: case, parameter, mean_fast, mean_nuts, sd_fast,
+    sd_nuts, mean_difference_in_sd, its Monte Carlo error, sd_ratio, agrees.
+    """
+    batches = [az.from_netcdf(path) for path in posteriors]
+    fast = {
+        str(case): (data, case)
+        for data in batches
+        for case in data.posterior["case"].to_numpy()
+        if str(data.constant_data["sampler"].sel(case=case).item()) == "hmc"
+    }
+    names = sorted(fast)
+    rng = np.random.default_rng(derive(seed, "agreement"))
+    chosen = sorted(rng.choice(names, min(cases, len(names)), replace=False)) if names else []
+    emulator, kind = error_model(emulators.load(emulator_file))
+    how, rows = Sampling(nuts, point, seed, "test"), []
+    progress = Progress(f"{emulator.name}: agreement of samplers", len(chosen))
+    for case in chosen:
+        data, label = fast[case]
+        y = torch.as_tensor(data.observed_data["y"].sel(case=label).to_numpy())
+        likelihoods = make_likelihoods(emulator, y[None], kind)
+        (maximum,) = how.find_maxima(likelihoods)
+        reference = how.by_nuts(likelihoods[0], maximum, case).theta
+        ours = data.posterior["theta"].sel(case=label).transpose("chain", "draw", "parameter")
+        rows += compare(case, ours.to_numpy(), reference)
+        progress.step()
+    pd.DataFrame(rows, columns=COLUMNS).to_csv(table, index=False)
+
+
+COLUMNS = (
+    *("case", "parameter", "mean_fast", "mean_nuts", "sd_fast", "sd_nuts"),
+    *("mean_difference_in_sd", "monte_carlo_error", "sd_ratio", "agrees"),
+)
+
+
+def compare(case: str, fast: np.ndarray, reference: np.ndarray) -> list[dict]:
+    """Rows of the table for draws (chain, draw, 10) of one case by both samplers."""
+    rows = []
+    for i, name in enumerate(aha.PARAMETERS):
+        a, b = fast[..., i], reference[..., i]
+        difference = (a.mean() - b.mean()) / b.std()
+        ratio = a.std() / b.std()
+        rows.append(
+            {
+                "case": case,
+                "parameter": name,
+                "mean_fast": a.mean(),
+                "mean_nuts": b.mean(),
+                "sd_fast": a.std(),
+                "sd_nuts": b.std(),
+                "mean_difference_in_sd": difference,
+                "monte_carlo_error": np.hypot(az.mcse(a), az.mcse(b)) / b.std(),
+                "sd_ratio": ratio,
+                "agrees": bool(abs(difference) <= MEANS and abs(ratio - 1) <= SDS),
+            }
+        )
+    return rows

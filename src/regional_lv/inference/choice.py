@@ -1,0 +1,90 @@
+"""The final emulator, chosen by a stated rule from the posteriors on the test set."""
+
+import json
+import shutil
+from collections.abc import Sequence
+from pathlib import Path
+
+import pandas as pd
+
+from regional_lv.errors import InputError
+
+NOMINAL = 0.95
+RULE = (
+    "Among the emulators whose interval for the coverage of their 95 % intervals, over all "
+    "parameters, reaches 0.95 or more, the one with the least mean CRPS. If there is none, "
+    "the one whose coverage is nearest to 0.95."
+)
+"""Intervals that are too wide are paid for by the CRPS; those that are too narrow need not be."""
+
+
+def choose_final(
+    candidates: Sequence[str],
+    emulator_files: Sequence[str | Path],
+    coverages: Sequence[str | Path],
+    wanted: str,
+    emulator: str | Path,
+    report: str | Path,
+) -> str:
+    """Copy the final emulator to `emulator`, say why in `report` (JSON); return its name.
+
+    candidates: names, with their files and their `coverage.csv` on the test set in the same order.
+    wanted: `auto`, or a name to take instead of the rule's. report: final, rule, candidates (each
+    emulator, coverage95 with its interval, crps, mse, variance_ratio, failed, cases, eligible,
+    why).
+
+    Raises InputError if there is no candidate, or if `wanted` is none.
+    """
+    if not candidates:
+        raise InputError(
+            "emulators.shortlist: it is empty, so that there is no emulator to choose; name one in "
+            "emulators.shortlist.names"
+        )
+    table = pd.DataFrame(
+        [
+            pd.read_csv(path).set_index("parameter").loc["all"].rename(name)
+            for name, path in zip(candidates, coverages, strict=True)
+        ]
+    )
+    eligible = table["coverage95_upper"] >= NOMINAL
+    if wanted != "auto":
+        if wanted not in candidates:
+            raise InputError(
+                f"emulators.final: {wanted} is not on the shortlist ({', '.join(candidates)}); "
+                "choose one of these, or write `auto`"
+            )
+        final, rule = wanted, "emulators.final of the config"
+    elif eligible.any():
+        final, rule = table.loc[eligible, "crps"].idxmin(), RULE
+    else:
+        final, rule = (table["coverage95"] - NOMINAL).abs().idxmin(), RULE
+    numbers = ["coverage95", "coverage95_lower", "coverage95_upper", "crps", "mse"]
+    described = [
+        {"emulator": name}
+        | {key: float(row[key]) for key in (*numbers, "variance_ratio")}
+        | {key: int(row[key]) for key in ("failed", "cases")}
+        | {"eligible": bool(eligible[name]), "why": _why(row, bool(eligible[name]))}
+        for name, row in table.iterrows()
+    ]
+    shutil.copyfile(emulator_files[list(candidates).index(final)], emulator)
+    content = {"final": final, "rule": rule, "candidates": described}
+    Path(report).write_text(json.dumps(content, indent=2) + "\n")
+    return final
+
+
+def adopt(report: str | Path, files: Sequence[str | Path], targets: Sequence[str | Path]) -> None:
+    """Copy the files of the chosen emulator to `targets` of the same names.
+
+    report: what `choose_final` wrote. files: of all candidates, <emulator>/<set>/<name>.
+    """
+    final = json.loads(Path(report).read_text())["final"]
+    own = {path.name: path for path in map(Path, files) if path.parent.parent.name == final}
+    for target in map(Path, targets):
+        shutil.copyfile(own[target.name], target)
+
+
+def _why(row: pd.Series, eligible: bool) -> str:
+    share = f"95 % intervals cover {100 * row['coverage95']:.1f} %"
+    if eligible:
+        return f"{share}; mean CRPS {row['crps']:.4f}"
+    return f"{share}, at most {100 * row['coverage95_upper']:.1f} %: too narrow"

@@ -1,0 +1,108 @@
+"""Posterior draws through the simulator: is the emulator right where it matters?"""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import arviz as az
+import numpy as np
+import pandas as pd
+import torch
+
+from regional_lv import aha, emulators
+from regional_lv.seeds import derive
+
+
+def pick_draws(
+    posteriors: Sequence[str | Path], cases: int, draws: int, seed: int, design: str | Path
+) -> None:
+    """A design of posterior draws (Parquet): sample, scale (`posterior`), theta, case, draw.
+
+    posteriors: batches of a set. `cases` of them, evenly over the set, `draws` random draws each.
+    """
+    theta, names = [], []
+    for path in posteriors:
+        posterior = az.from_netcdf(path).posterior
+        theta += list(posterior["theta"].transpose("case", "chain", "draw", "parameter").to_numpy())
+        names += [str(case) for case in posterior["case"].to_numpy()]
+    chosen = np.unique(np.linspace(0, len(names) - 1, min(cases, len(names))).round().astype(int))
+    tables = []
+    for i in chosen:
+        flat = theta[i].reshape(-1, len(aha.PARAMETERS))
+        rng = np.random.default_rng(derive(seed, "resimulated", names[i]))
+        rows = np.sort(rng.choice(len(flat), draws, replace=False))
+        table = pd.DataFrame(flat[rows], columns=list(aha.PARAMETERS))
+        tables.append(table.assign(case=names[i], draw=rows))
+    table = pd.concat(tables, ignore_index=True)
+    table.insert(0, "sample", np.arange(len(table)))
+    table.insert(1, "scale", "posterior")
+    table.to_parquet(design, index=False)
+
+
+def compare_resimulated(
+    emulator_file: str | Path,
+    simulations: str | Path,
+    test: str | Path,
+    table: str | Path,
+    summary: str | Path,
+) -> None:
+    """The emulator against the simulator at posterior draws (two CSV).
+
+    simulations: screened table of the design of `pick_draws`. test: screened table of the set,
+    whose outputs a local emulator trains around. table: case, draw, output, mean, sd (emulator),
+    simulator, z, outside (bool: no simulation of the training set is near). summary: output (`all`,
+    `volume_ml`, each direction), draws, rmse_standardised (over the training sd), z_sd, coverage95.
+    """
+    emulator = emulators.load(emulator_file)
+    theta, truth, _ = emulators.read_simulations(simulations)
+    labels = pd.read_parquet(simulations, columns=["case", "draw"])
+    _, observed, cases = emulators.read_simulations(test)
+    places = {case: i for i, case in enumerate(cases)}
+    tables = []
+    for case, rows in labels.groupby("case", sort=False):
+        at = torch.as_tensor(theta[rows.index])
+        local = emulator.localise(torch.as_tensor(observed[places[case]]))
+        with torch.no_grad():
+            prediction = local.predict(at)
+        mean, sd = prediction.mean.numpy(), prediction.sd.numpy()
+        size = len(local.outputs)
+        tables.append(
+            pd.DataFrame(
+                {
+                    "case": case,
+                    "draw": np.repeat(rows["draw"].to_numpy(), size),
+                    "output": np.tile(local.outputs, len(rows)),
+                    "mean": mean.ravel(),
+                    "sd": sd.ravel(),
+                    "simulator": truth[rows.index].ravel(),
+                    "outside": np.repeat(local.outside(at).numpy(), size),
+                }
+            )
+        )
+    long = pd.concat(tables, ignore_index=True)
+    long["z"] = (long["simulator"] - long["mean"]) / long["sd"]
+    columns = ["case", "draw", "output", "mean", "sd", "simulator", "z", "outside"]
+    long[columns].to_csv(table, index=False)
+    scale = dict(zip(emulator.outputs, emulator.output_sd.tolist(), strict=True))
+    summarise(long, scale).to_csv(summary, index=False)
+
+
+def summarise(long: pd.DataFrame, scale: dict[str, float]) -> pd.DataFrame:
+    """Errors over all outputs, of the volume and of each direction of strain.
+
+    long: columns output, mean, simulator, z, case, draw. scale: training sd by output.
+    """
+    error = (long["simulator"] - long["mean"]) / long["output"].map(scale)
+    kind = long["output"].where(long["output"] == "volume_ml", long["output"].str[:-3])
+    rows = []
+    for name in ("all", "volume_ml", *aha.DIRECTIONS):
+        here = (kind == name) | (name == "all")
+        rows.append(
+            {
+                "output": name,
+                "draws": len(long.loc[here, ["case", "draw"]].drop_duplicates()),
+                "rmse_standardised": float(np.sqrt((error[here] ** 2).mean())),
+                "z_sd": float(np.sqrt((long.loc[here, "z"] ** 2).mean())),
+                "coverage95": float((long.loc[here, "z"].abs() <= 1.959964).mean()),
+            }
+        )
+    return pd.DataFrame(rows)

@@ -1,0 +1,167 @@
+"""Can a stiffened zone be told from baseline? Scenario posteriors as a classification."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import arviz as az
+import numpy as np
+import pandas as pd
+
+from regional_lv import aha
+from regional_lv.inference.correlations import PAIR
+from regional_lv.inference.diagnostics import diagnose
+from regional_lv.seeds import derive
+
+QUANTITIES = ("C_a", "C_b", "both")
+RESAMPLES = 500
+EDGE = 1.96
+"""Standard deviations of healthy zones above their mean at which stiffness begins."""
+
+
+def stiffness(theta: np.ndarray) -> np.ndarray:
+    """C_a, C_b and `both`, their geometric mean, of every zone: (..., 10) -> (..., 5, 3).
+
+    C_a and C_b compensate; their geometric mean lies across that ridge.
+    """
+    pairs = theta[..., PAIR]
+    both = np.sqrt(pairs.prod(axis=-1, keepdims=True))
+    return np.concatenate([pairs, both], axis=-1)
+
+
+def tell_zones_apart(
+    posteriors: Sequence[str | Path], healthy: dict, told_apart: str | Path, by_zone: str | Path
+) -> None:
+    """Probability that each zone of each case is stiffer than baseline, and errors of the MAP.
+
+    healthy: `mean` and `sd` of the factors of healthy zones. Baseline ends at mean + 1.96 sd: a
+    zone above it is no ordinary one. told_apart: case, stiff_zone, zone, quantity (C_a, C_b, both),
+    stiffened (bool), probability, truth, verdict. by_zone: of `map_errors_by_zone`.
+    """
+    edge = healthy["mean"] + EDGE * healthy["sd"]
+    rows, errors = [], []
+    for path in posteriors:
+        data = az.from_netcdf(path)
+        checks = diagnose(data)
+        verdicts = dict(zip(checks["case"], checks["verdict"], strict=True))
+        theta = data.posterior["theta"].transpose("case", "chain", "draw", "parameter").to_numpy()
+        constant = data.constant_data
+        maxima, truths = (constant[key].to_numpy() for key in ("theta_map", "theta_true"))
+        shares = (stiffness(theta) > edge).mean(axis=(1, 2))
+        cases, zones = (constant[key].to_numpy().astype(str) for key in ("case", "zone"))
+        true = stiffness(truths)
+        for i, (case, stiff) in enumerate(zip(cases, zones, strict=True)):
+            for z, zone in enumerate(aha.ZONES):
+                common = {"case": case, "stiff_zone": stiff, "zone": zone}
+                common["stiffened"] = stiff in (zone, "all")
+                for q, quantity in enumerate(QUANTITIES):
+                    rows.append(
+                        common
+                        | {
+                            "quantity": quantity,
+                            "probability": shares[i, z, q],
+                            "truth": true[i, z, q],
+                            "verdict": verdicts[case],
+                        }
+                    )
+                for q, at in enumerate(PAIR[z]):
+                    pair = {"quantity": QUANTITIES[q], "truth": truths[i, at], "map": maxima[i, at]}
+                    errors.append(common | pair)
+    columns = ["case", "stiff_zone", "zone", "quantity", "stiffened", "probability", "truth"]
+    pd.DataFrame(rows)[[*columns, "verdict"]].to_csv(told_apart, index=False)
+    map_errors_by_zone(pd.DataFrame(errors)).to_csv(by_zone, index=False)
+
+
+def map_errors_by_zone(errors: pd.DataFrame) -> pd.DataFrame:
+    """Errors of the MAP per zone, quantity and whether the zone was stiffened.
+
+    errors: zone, quantity, stiffened, truth, map. Columns: zone, quantity, stiffened, cases, bias,
+    mse, median_absolute_error, truth_mean, map_mean.
+    """
+    error = errors["map"] - errors["truth"]
+    table = errors.assign(error=error, squared=error**2, absolute=error.abs())
+    groups = table.groupby(["zone", "quantity", "stiffened"], sort=False)
+    return groups.agg(
+        cases=("error", "size"),
+        bias=("error", "mean"),
+        mse=("squared", "mean"),
+        median_absolute_error=("absolute", "median"),
+        truth_mean=("truth", "mean"),
+        map_mean=("map", "mean"),
+    ).reset_index()
+
+
+def measure_separation(
+    told_apart: str | Path, local: Sequence[str | Path], roc: str | Path, auc: str | Path, seed: int
+) -> None:
+    """ROC and AUC of the probabilities of one scenario.
+
+    told_apart: of that scenario. local: tables of the local scenarios with the same noise; where
+    a scenario has no healthy zone (global stiffening), theirs are compared with. roc: quantity,
+    zone (`all` or one), threshold, false_positive_rate, true_positive_rate. auc: quantity, zone,
+    auc, auc_lower, auc_upper (95 %, cases resampled), positives, negatives, negatives_from
+    (`itself` or `local`). Without any healthy zone the numbers are empty.
+    """
+    table, source = pd.read_csv(told_apart, dtype={"case": str}), "itself"
+    if table["stiffened"].all() and local:
+        parts = [pd.read_csv(path, dtype={"case": str}).assign(origin=str(path)) for path in local]
+        others, source = pd.concat(parts), "local"
+        table = pd.concat([table.assign(origin="own"), others[~others["stiffened"]]])
+    else:
+        table = table.assign(origin="own")
+    table["group"] = table["origin"] + "/" + table["case"]
+    curves, areas = [], []
+    for quantity in QUANTITIES:
+        for zone in ("all", *aha.ZONES):
+            part = table[table["quantity"] == quantity]
+            part = part if zone == "all" else part[part["zone"] == zone]
+            label, score = part["stiffened"].to_numpy(bool), part["probability"].to_numpy()
+            common = {"quantity": quantity, "zone": zone}
+            curve = roc_curve(label, score)
+            curves.append(curve.assign(**common)[[*common, *curve.columns]])
+            rng = np.random.default_rng(derive(seed, "auc", quantity, zone))
+            low, high = auc_interval(label, score, part["group"].to_numpy(), rng)
+            areas.append(
+                common
+                | {
+                    "auc": area(label, score),
+                    "auc_lower": low,
+                    "auc_upper": high,
+                    "positives": int(label.sum()),
+                    "negatives": int((~label).sum()),
+                    "negatives_from": source,
+                }
+            )
+    pd.concat(curves, ignore_index=True).to_csv(roc, index=False)
+    pd.DataFrame(areas).to_csv(auc, index=False)
+
+
+def roc_curve(label: np.ndarray, score: np.ndarray) -> pd.DataFrame:
+    """Rates of false and true positives when scores of at least `threshold` count as positive."""
+    thresholds = np.concatenate([[np.inf], np.unique(score)[::-1]])
+    with np.errstate(invalid="ignore"):
+        rates = {
+            name: [(score[of] >= t).sum() / of.sum() for t in thresholds]
+            for name, of in (("false_positive_rate", ~label), ("true_positive_rate", label))
+        }
+    return pd.DataFrame({"threshold": thresholds} | rates)
+
+
+def area(label: np.ndarray, score: np.ndarray) -> float:
+    """Area under the ROC curve: how often a positive scores above a negative, ties by half."""
+    positive, negative = score[label], score[~label]
+    if not (len(positive) and len(negative)):
+        return float("nan")
+    above = (positive[:, None] > negative).mean() + 0.5 * (positive[:, None] == negative).mean()
+    return float(above)
+
+
+def auc_interval(label, score, group, rng: np.random.Generator) -> tuple[float, float]:
+    """95 % interval of the area from resampled cases: the zones of a case belong together."""
+    members = [np.flatnonzero(group == name) for name in np.unique(group)]
+    areas = []
+    for _ in range(RESAMPLES):
+        rows = np.concatenate([members[i] for i in rng.integers(len(members), size=len(members))])
+        areas.append(area(label[rows], score[rows]))
+    if np.isnan(areas).all():
+        return float("nan"), float("nan")
+    return tuple(float(end) for end in np.nanquantile(areas, [0.025, 0.975]))

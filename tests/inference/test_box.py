@@ -1,0 +1,49 @@
+"""The map between the box and the space without bounds."""
+
+import math
+
+import pytest
+import torch
+
+from regional_lv.inference.box import Box
+
+LOWER, UPPER = 0.1, 5.0
+
+
+@pytest.fixture(params=[0.01, 0.3, 10.0])
+def box(request) -> Box:
+    return Box(LOWER, UPPER, torch.full((1,), request.param, dtype=torch.float64))
+
+
+def places(box: Box) -> torch.Tensor:
+    margin = 4 * float(box.width)
+    ends = math.log(LOWER) - margin, math.log(UPPER) + margin
+    return torch.linspace(*ends, 201, dtype=torch.float64)[:, None]
+
+
+def test_jacobian_is_the_slope(box):
+    v = places(box).requires_grad_()
+    (slope,) = torch.autograd.grad(box.theta(v).sum(), v)
+    torch.testing.assert_close(slope[:, 0].log(), box.log_jacobian(v).detach(), atol=1e-6, rtol=0)
+    # In log theta, nowhere steeper than 1.
+    assert (slope[:, 0] / box.theta(v)[:, 0].detach() <= 1 + 1e-9).all()
+
+
+def test_rises_within_the_bounds_and_back_again(box):
+    v = places(box)
+    theta = box.theta(v)
+    assert (theta.diff(dim=0) > 0).all() and theta.min() >= LOWER and theta.max() <= UPPER
+    inside = (v[:, 0] > math.log(LOWER)) & (v[:, 0] < math.log(UPPER))
+    torch.testing.assert_close(box.position(theta[inside]), v[inside], atol=1e-8, rtol=0)
+
+
+def test_is_the_logarithm_away_from_the_bounds():
+    box = Box(LOWER, UPPER, torch.tensor([0.05], dtype=torch.float64))
+    v = torch.linspace(-1.5, 1.2, 20, dtype=torch.float64)[:, None]
+    torch.testing.assert_close(box.theta(v), v.exp())
+
+
+def test_what_lies_on_a_bound_has_a_place(box):
+    ends = torch.tensor([[LOWER], [UPPER]], dtype=torch.float64)
+    assert torch.isfinite(box.position(ends)).all()
+    torch.testing.assert_close(box.theta(box.position(ends)), ends, rtol=0.02, atol=0.0)

@@ -1,0 +1,184 @@
+"""Correlations, HPD widths, the choice, agreement, ranks, noise priors: against known answers."""
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from regional_lv import aha
+from regional_lv.errors import InputError
+from regional_lv.inference.agreement import compare
+from regional_lv.inference.calibration import holm, tabulate, test_ranks
+from regional_lv.inference.choice import adopt, choose_final
+from regional_lv.inference.correlations import correlate, zone_correlation
+from regional_lv.inference.noise_prior import count_outside
+from regional_lv.inference.resimulation import summarise
+from regional_lv.inference.summaries import hpd_widths
+
+test_ranks.__test__ = False  # a function of the library, no test
+
+
+def test_zones_by_their_first_component():
+    matrix = np.eye(10)
+    matrix[0, 1] = matrix[1, 0] = -0.8
+    matrix[2, 3] = matrix[3, 2] = -0.6
+    # a1 - b1 against a2 - b2, each of variance 2 - 2 r
+    matrix[0, 2] = matrix[2, 0] = 0.5
+    found = zone_correlation(matrix)
+    np.testing.assert_allclose(np.diag(found), 1.0)
+    assert found[0, 1] == pytest.approx(0.5 / np.sqrt(3.6 * 3.2))
+    matrix[2, 3] = matrix[3, 2] = 0.6  # now a2 + b2
+    assert zone_correlation(matrix)[0, 1] == pytest.approx(0.5 / np.sqrt(3.6 * 3.2))
+
+
+def test_zone_component_is_the_leading_eigenvector():
+    rng = np.random.default_rng(1)
+    half = rng.normal(size=(10, 10))
+    covariance = half @ half.T
+    sd = np.sqrt(covariance.diagonal())
+    matrix = covariance / np.outer(sd, sd)
+    weights = np.zeros((5, 10))
+    for zone in range(5):
+        here = slice(2 * zone, 2 * zone + 2)
+        vector = np.linalg.eigh(matrix[here, here])[1][:, -1]
+        weights[zone, here] = vector * np.sign(vector[0])
+    projected = weights @ matrix @ weights.T
+    scale = np.sqrt(projected.diagonal())
+    np.testing.assert_allclose(zone_correlation(matrix), projected / np.outer(scale, scale))
+
+
+def test_correlations_and_their_errors_over_cases():
+    rng = np.random.default_rng(2)
+    draws = rng.normal(size=(30, 2000, 10))
+    draws[:, :, 1] = -0.6 * draws[:, :, 0] + 0.8 * draws[:, :, 1]
+    between, zones = correlate(draws)
+    row = between.set_index(["parameter_1", "parameter_2"]).loc[("C_a_anterior", "C_b_anterior")]
+    assert row["mean"] == pytest.approx(-0.6, abs=0.02) and row["cases"] == 30
+    assert row["se"] == pytest.approx((1 - 0.36) / np.sqrt(2000 * 30), rel=0.4)
+    assert len(zones) == 25
+    assert correlate(draws[:1])[0]["se"].isna().all()
+
+
+def test_hpd_widths_of_stiff_zones_apart():
+    rows = [
+        {"case": str(case), "parameter": name, "zone": "septal", "hpd_width95": width}
+        for case, width in enumerate((0.2, 0.4))
+        for name in aha.PARAMETERS
+    ]
+    table = hpd_widths(pd.DataFrame(rows))
+    stiff = table[table["stiffened"]]
+    assert stiff["parameter"].tolist() == ["C_a_septal", "C_b_septal", "all"]
+    assert stiff["cases"].tolist() == [2, 2, 4]
+    np.testing.assert_allclose(table["mean"], 0.3)
+    assert table["parameter"].iloc[-1] == "all" and table["zone"].iloc[-1] == "all"
+
+
+def candidate(folder, name, coverage, upper, crps):
+    (folder / name / "test").mkdir(parents=True)
+    (folder / f"{name}.pt").write_text(name)
+    row = {"parameter": "all", "coverage95": coverage, "coverage95_lower": coverage - 0.02}
+    row |= {"coverage95_upper": upper, "crps": crps, "mse": 0.01, "variance_ratio": 0.02}
+    row |= {"failed": 0, "cases": 120}
+    pd.DataFrame([row]).to_csv(folder / name / "test" / "coverage.csv", index=False)
+
+
+def choose(folder, names, wanted="auto"):
+    return choose_final(
+        names,
+        [folder / f"{name}.pt" for name in names],
+        [folder / name / "test" / "coverage.csv" for name in names],
+        wanted,
+        folder / "final.pt",
+        folder / "final.json",
+    )
+
+
+def test_the_rule(tmp_path):
+    candidate(tmp_path, "narrow", 0.88, 0.90, 0.01)
+    candidate(tmp_path, "good", 0.95, 0.97, 0.03)
+    candidate(tmp_path, "wide", 0.99, 1.00, 0.08)
+    assert choose(tmp_path, ["narrow", "good", "wide"]) == "good"
+    assert (tmp_path / "final.pt").read_text() == "good"
+    report = json.loads((tmp_path / "final.json").read_text())
+    assert report["final"] == "good" and "CRPS" in report["rule"]
+    assert [c["eligible"] for c in report["candidates"]] == [False, True, True]
+    adopt(
+        tmp_path / "final.json",
+        [tmp_path / n / "test" / "coverage.csv" for n in ("good", "wide")],
+        [tmp_path / "coverage.csv"],
+    )
+    assert pd.read_csv(tmp_path / "coverage.csv")["crps"].iloc[0] == 0.03
+    assert choose(tmp_path, ["narrow", "good"], "narrow") == "narrow"
+    assert choose(tmp_path, ["narrow"]) == "narrow"  # none covers: the nearest
+    with pytest.raises(InputError, match="wide is not on the shortlist"):
+        choose(tmp_path, ["good"], "wide")
+    with pytest.raises(InputError, match=r"emulators\.shortlist: it is empty"):
+        choose(tmp_path, [])
+
+
+def test_agreement_of_samplers():
+    rng = np.random.default_rng(4)
+    a, b = rng.normal(size=(2, 2, 4000, 10))
+    rows = pd.DataFrame(compare("7", a, b))
+    assert rows["agrees"].all() and rows["monte_carlo_error"].between(0.01, 0.03).all()
+    a[..., 0] += 0.3
+    a[..., 1] *= 1.3
+    assert pd.DataFrame(compare("7", a, b))["agrees"].tolist() == [False] * 2 + [True] * 8
+
+
+def ranks(shape, cases=400, draws=99):
+    rng = np.random.default_rng(5)
+    rows = [
+        (str(i), name, int(rank), draws)
+        for name in aha.PARAMETERS
+        for i, rank in enumerate(np.floor(shape(rng.random(cases)) * (draws + 1)))
+    ]
+    return pd.DataFrame(rows, columns=["case", "parameter", "rank", "draws"])
+
+
+def test_uniform_ranks_pass_and_others_do_not():
+    table = test_ranks(ranks(lambda u: u), 1)
+    assert table["parameter"].tolist() == [*aha.PARAMETERS, "all"]
+    assert table["passed"].all()
+    for wrong in (lambda u: u**1.3, lambda u: 0.5 + 0.35 * np.sign(u - 0.5) * abs(2 * u - 1)):
+        assert not test_ranks(ranks(wrong), 1)["passed"].iloc[-1]
+
+
+def test_histogram_of_ranks():
+    table = tabulate(ranks(lambda u: u))
+    assert table.groupby("parameter")["count"].sum().loc["all"] == 4000
+    np.testing.assert_allclose(table.groupby("parameter")["expected"].sum().loc["all"], 4000)
+    first = table[table["parameter"] == "C_a_apical"]
+    assert first["lower_rank"].iloc[0] == 0 and first["upper_rank"].iloc[-1] == 99
+
+
+def test_holm():
+    adjusted = holm(np.array([0.01, 0.04, 0.03, 0.005]))
+    np.testing.assert_allclose(adjusted, [0.03, 0.06, 0.06, 0.02])
+
+
+def test_observations_outside_the_predictive_interval():
+    rng = np.random.default_rng(7)
+    predictive = rng.normal(size=(2, 3000, 4))
+    assert count_outside(predictive, np.array([0.0, 1.5, 2.5, -3.0])) == (2, 4)
+
+
+def test_errors_at_posterior_draws():
+    long = pd.DataFrame(
+        {
+            "case": "1",
+            "draw": 3,
+            "output": ["volume_ml", "radial_01", "radial_02"],
+            "mean": [100.0, 0.3, 0.3],
+            "simulator": [102.0, 0.3, 0.5],
+            "z": [1.0, 0.0, 3.0],
+        }
+    )
+    table = summarise(long, {"volume_ml": 20.0, "radial_01": 0.1, "radial_02": 0.1}).set_index(
+        "output"
+    )
+    assert table.loc["volume_ml", "rmse_standardised"] == pytest.approx(0.1)
+    assert table.loc["radial", "coverage95"] == 0.5
+    assert table.loc["all", "draws"] == 1
+    assert table.loc["all", "z_sd"] == pytest.approx(np.sqrt(10 / 3))

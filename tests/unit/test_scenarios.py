@@ -1,0 +1,129 @@
+"""Scenario designs, the noise of their twins, and telling stiff zones from healthy ones."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from regional_lv import aha
+from regional_lv.design import draw_scenario, scenario_size
+from regional_lv.inference import add_noise
+from regional_lv.inference.told_apart import (
+    area,
+    auc_interval,
+    map_errors_by_zone,
+    measure_separation,
+    roc_curve,
+    stiffness,
+)
+
+HEALTHY = {"mean": 1.0, "sd": 0.05}
+LOCAL = {"kind": "local", "mu": 2.0, "sd": 0.5, "samples_per_zone": 200, "samples": 100}
+GLOBAL = LOCAL | {"kind": "global", "mu": 1.7}
+
+
+def test_one_zone_is_stiff():
+    table = draw_scenario("s", LOCAL, HEALTHY, 0.1, 5.0, 1)
+    assert len(table) == scenario_size(LOCAL) == 1000
+    assert table["zone"].value_counts().to_dict() == dict.fromkeys(aha.ZONES, 200)
+    for zone, part in table.groupby("zone"):
+        stiff = [f"{c}_{zone}" for c in ("C_a", "C_b")]
+        healthy = [name for name in aha.PARAMETERS if name not in stiff]
+        # Standard deviations, not variances.
+        assert part[stiff].to_numpy().std() == pytest.approx(0.5, rel=0.1)
+        assert part[stiff].to_numpy().mean() == pytest.approx(2.0, abs=0.1)
+        assert part[healthy].to_numpy().std() == pytest.approx(0.05, rel=0.1)
+        assert abs(np.corrcoef(part[stiff].T)[0, 1]) < 0.25
+
+
+def test_all_zones_are_stiff_and_stay_within_the_bounds():
+    wide = GLOBAL | {"sd": 2.0}
+    table = draw_scenario("s", wide, HEALTHY, 0.1, 5.0, 1)
+    values = table[list(aha.PARAMETERS)].to_numpy()
+    assert len(table) == 100 and (table["zone"] == "all").all()
+    assert values.min() > 0.1 and values.max() < 5.0
+    again = draw_scenario("s", wide, HEALTHY, 0.1, 5.0, 1)
+    pd.testing.assert_frame_equal(table, again)
+    assert not draw_scenario("t", wide, HEALTHY, 0.1, 5.0, 1)["C_a_apical"].equals(
+        table["C_a_apical"]
+    )
+
+
+def test_noise_of_a_twin():
+    noise = {"volume": 2.0, "circumferential": 0.02, "radial": 0.05, "longitudinal": None}
+    y = np.zeros((300, 52))
+    samples = [str(i) for i in range(300)]
+    noisy, sd = add_noise(y, samples, noise, 1, "s-noisy")
+    assert len(sd) == 35
+    for direction, expected in (("circumferential", 0.02), ("radial", 0.05), ("longitudinal", 0)):
+        here = [name.startswith(direction) for name in aha.OUTPUTS]
+        assert noisy[:, here].std() == pytest.approx(expected, rel=0.05, abs=1e-12)
+    assert noisy[:, 0].std() == pytest.approx(2.0, rel=0.15)
+    alone, _ = add_noise(y[7:8], ["7"], noise, 1, "s-noisy")
+    np.testing.assert_array_equal(alone[0], noisy[7])
+
+
+def test_stiffness_of_the_zones():
+    theta = np.arange(1.0, 11.0)
+    found = stiffness(theta[None])[0]
+    np.testing.assert_allclose(found[1], [3.0, 4.0, np.sqrt(12.0)])
+
+
+def test_roc_and_area():
+    label = np.array([True, True, True, False, False])
+    score = np.array([0.9, 0.8, 0.3, 0.3, 0.1])
+    assert area(label, score) == pytest.approx(5.5 / 6)
+    curve = roc_curve(label, score)
+    assert curve["false_positive_rate"].tolist() == [0, 0, 0, 0.5, 1]
+    assert curve["true_positive_rate"].tolist() == pytest.approx([0, 1 / 3, 2 / 3, 1, 1])
+    # The trapezoids under the curve are the same area.
+    false, true = curve["false_positive_rate"].to_numpy(), curve["true_positive_rate"].to_numpy()
+    assert np.sum(np.diff(false) * (true[1:] + true[:-1]) / 2) == pytest.approx(5.5 / 6)
+    assert np.isnan(area(label[:3], score[:3]))
+
+
+def test_interval_of_an_area_that_is_known():
+    rng = np.random.default_rng(3)
+    label = np.tile([True, False, False, False, False], 60)
+    score = rng.normal(size=300) + 1.5 * label
+    low, high = auc_interval(label, score, np.repeat(np.arange(60), 5).astype(str), rng)
+    assert low < 0.8556 < high and high - low < 0.15  # Phi(1.5 / sqrt 2)
+
+
+def told_apart(stiffened, probability, path):
+    rows = [
+        {"case": str(i), "zone": zone, "quantity": q, "stiffened": s, "probability": p}
+        for i, (s, p) in enumerate(zip(stiffened, probability, strict=True))
+        for zone in aha.ZONES
+        for q in ("C_a", "C_b", "both")
+    ]
+    pd.DataFrame(rows).to_csv(path, index=False)
+    return path
+
+
+def test_global_stiffening_is_compared_with_healthy_zones_elsewhere(tmp_path):
+    own = told_apart([True] * 3, [0.9, 0.8, 0.4], tmp_path / "global.csv")
+    local = told_apart([True, False, False], [0.1, 0.5, 0.2], tmp_path / "local.csv")
+    measure_separation(own, [local], tmp_path / "roc.csv", tmp_path / "auc.csv", 1)
+    auc = pd.read_csv(tmp_path / "auc.csv")
+    assert (auc["negatives_from"] == "local").all()
+    both = auc[(auc["quantity"] == "both") & (auc["zone"] == "septal")].iloc[0]
+    assert both["auc"] == pytest.approx(5 / 6) and both["positives"] == 3
+    assert both["negatives"] == 2
+    measure_separation(own, [], tmp_path / "roc.csv", tmp_path / "auc.csv", 1)
+    assert pd.read_csv(tmp_path / "auc.csv")["auc"].isna().all()
+
+
+def test_errors_by_zone():
+    errors = pd.DataFrame(
+        {
+            "zone": ["septal", "septal", "apical"],
+            "quantity": "C_a",
+            "stiffened": [True, True, False],
+            "truth": [2.0, 2.0, 1.0],
+            "map": [2.2, 2.0, 1.1],
+        }
+    )
+    table = map_errors_by_zone(errors)
+    assert table["cases"].tolist() == [2, 1]
+    assert table.loc[0, "bias"] == pytest.approx(0.1)
+    assert table.loc[0, "mse"] == pytest.approx(0.02)

@@ -1,0 +1,44 @@
+"""The paper's numbers beside this study's."""
+
+# The paper has one volunteer: the first of the study's that is theirs.
+VOLUNTEER_FILES = [
+    file
+    for subject in VOLUNTEERS[:1]
+    for file in (
+        f"{R}/tables/{subject}/convergence.csv",
+        f"{R}/figures/{subject}/bullseye_posterior.csv",
+        f"{R}/figures/{subject}/posterior_predictive.csv",
+    )
+]
+
+
+rule make_paper_comparison:
+    input:
+        numbers="resources/paper_numbers.csv",
+        reasons="resources/paper_differences.csv",
+        screened=expand(f"{R}/screening/{{name}}.parquet", name=["train", "test", *SCENARIOS]),
+        explained=f"{R}/reduction/explained_variance.csv",
+        coverage=lambda wildcards: [*of_shortlist("coverage.csv"), f"{POSTERIORS}/test/coverage.csv"],
+        diagnostics=lambda wildcards: [
+            *of_shortlist("diagnostics.csv"),
+            f"{POSTERIORS}/test/diagnostics.csv",
+        ],
+        zone_correlations=expand(f"{POSTERIORS}/{{name}}/zone_correlations.csv", name=SCENARIOS),
+        volunteer=VOLUNTEER_FILES,
+        choice=f"{R}/posteriors/final.json",
+        library=library("paper", "tables"),
+    output:
+        csv=report(
+            f"{R}/tables/paper_comparison.csv",
+            caption="../report/table_paper_comparison.rst",
+            category="Paper",
+        ),
+        md=f"{R}/tables/paper_comparison.md",
+    params:
+        threshold=config["reduction"]["explained_variance"],
+    log:
+        f"{LOGS}/tables/paper_comparison.log",
+    conda:
+        "../../envs/figures.yaml"
+    script:
+        "../scripts/make_paper_comparison.py"
