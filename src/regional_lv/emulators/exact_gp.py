@@ -170,9 +170,8 @@ class ExactGP(Emulator):
         rest = 1 - (self._ones.T @ half)[0]
         variance = 1 + self.nugget - (half * half).sum(0) + rest * rest / self._total
         variance = variance.clamp(min=self.nugget)
-        mean = self.output_mean + self.output_sd * (self.mean + k @ self.weights)
         return {
-            "mean": mean,
+            "mean": self._mean(k),
             "variance": self.variance_factor * variance,
             "half": half,
             "rest": rest,
@@ -219,6 +218,27 @@ class ExactGP(Emulator):
         means = self._mean_slopes(*f["context"]) * self.output_sd[:, None] * to_theta[:, None, :]
         variance = self._pull_back(self._variance_weights(f["half"], f["rest"]), *f["context"])
         return means.reshape(*shape, *means.shape[1:]), (variance * to_theta).reshape(*shape, -1)
+
+    @torch.no_grad()
+    def linearise(self, theta: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """As in the base class; O(N) per point, where the variance is O(N^2)."""
+        shape = theta.shape[:-1]
+        flat = theta.reshape(-1, theta.shape[-1])
+        k, context = self._rows(self.standardise(flat))
+        slopes = self._mean_slopes(*context) * self.output_sd[:, None]
+        slopes = slopes * self.standardise_slope(flat)[:, None, :]
+        return self._mean(k).reshape(*shape, -1), slopes.reshape(*shape, *slopes.shape[1:])
+
+    @torch.no_grad()
+    def predict_mean(self, theta: torch.Tensor) -> torch.Tensor:
+        """As in the base class; O(N) per point."""
+        flat = theta.reshape(-1, theta.shape[-1])
+        k, _ = self._rows(self.standardise(flat))
+        return self._mean(k).reshape(*theta.shape[:-1], -1)
+
+    def _mean(self, k: torch.Tensor) -> torch.Tensor:
+        """Predicted mean (M, D) from the correlations k (M, n)."""
+        return self.output_mean + self.output_sd * (self.mean + k @ self.weights)
 
     # --------------------------------------------------------------------------- keeping
 
