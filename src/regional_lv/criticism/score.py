@@ -16,7 +16,7 @@ from regional_lv.criticism.observations import contrasts
 from regional_lv.progress import Progress
 
 BATCH = 250
-TAILS = (0.02, 0.05, 0.1, 0.15, 0.2, 0.3)
+TAILS = (0.02, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4)
 """Values of 1 / nu that the test for heavy tails tries."""
 
 MENTIONED = 5
@@ -96,13 +96,14 @@ class Statistics:
 
     misfit: family -> (M, K). names: family -> what each column is. causes: (M, C), signed z of
     each candidate; for one whose parameter can go one way only, the other way counts as zero.
-    tails: (M,) or None.
+    tails: (M,), and the log evidence (M,) of heavy tails against none; None with few channels.
     """
 
     misfit: dict[str, torch.Tensor]
     names: dict[str, tuple[str, ...]]
     causes: torch.Tensor
     tails: torch.Tensor | None
+    tail_evidence: torch.Tensor | None
 
 
 def statistics(model: Model, found: Fit, extensions) -> Statistics:
@@ -126,13 +127,14 @@ def statistics(model: Model, found: Fit, extensions) -> Statistics:
         columns = torch.stack([*patterns.values()], dim=-1).repeat(len(o.subjects), 1)
         columns = torch.where(here[:, None], columns, 0.0)
         misfit[family], names[family] = projected.score(columns), tuple(patterns)
-    tails = None
+    tails = tail_evidence = None
     if here.sum() >= FEWEST_FOR_TAILS:
         diagonal = projected.precision.diagonal(dim1=-2, dim2=-1)[:, here]
-        tails = tail_score(projected.residual[:, here] / diagonal.clamp(min=1e-300).sqrt())
+        standard = projected.residual[:, here] / diagonal.clamp(min=1e-300).sqrt()
+        tails, tail_evidence = tail_score(standard)
     scores = [cause_score(model, projected, found.x, e) for e in extensions]
     causes = torch.stack(scores, -1) if scores else torch.zeros(len(found.x), 0).double()
-    return Statistics(misfit, names, causes, tails)
+    return Statistics(misfit, names, causes, tails, tail_evidence)
 
 
 def pattern_of(model: Model, extension, x: torch.Tensor) -> torch.Tensor:
@@ -150,15 +152,20 @@ def cause_score(model: Model, projected: Projected, x: torch.Tensor, extension) 
     return z.clamp(max=0.0) if h.base >= h.high else z
 
 
-def tail_score(z: torch.Tensor) -> torch.Tensor:
-    """Signed-root likelihood ratio (M,) of Student's t against the normal, from standardised
-    residuals z (M, n), over `TAILS`; zero if no heavy tail fits better."""
-    best = torch.zeros(len(z), dtype=z.dtype)
+def tail_score(z: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+    """Of Student's t against the normal, from standardised residuals z (M, n), over `TAILS`: signed
+    root of the largest likelihood ratio (M,), zero if no heavy tail fits better; and the log of
+    the mean ratio (M,), the evidence under a uniform prior on 1 / nu."""
     normal = (-0.5 * z.square() - 0.5 * math.log(2 * math.pi)).sum(-1)
+    ratios = [torch.zeros(len(z), dtype=z.dtype)]
     for inverse in TAILS:
         student = torch.distributions.StudentT(torch.tensor(1 / inverse, dtype=z.dtype))
-        best = torch.maximum(best, student.log_prob(z).sum(-1) - normal)
-    return (2 * best).sqrt()
+        ratios.append(student.log_prob(z).sum(-1) - normal)
+    ratios = torch.stack(ratios)
+    edges = torch.tensor((0.0, *TAILS), dtype=z.dtype)
+    return (2 * ratios.amax(0)).sqrt(), torch.trapezoid(ratios.exp(), edges, dim=0).log() - (
+        edges[-1].log()
+    )
 
 
 def _channel_groups(model: Model) -> list[torch.Tensor]:
@@ -193,6 +200,7 @@ def bootstrap(model: Model, best: Fit, extensions, replicates: int, seed: int) -
         parts[0].names,
         torch.cat([part.causes for part in parts]),
         None if parts[0].tails is None else torch.cat([part.tails for part in parts]),
+        None,
     )
 
 
