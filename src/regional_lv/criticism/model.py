@@ -122,7 +122,7 @@ class Model:
         moved = (self.layout.moves @ x[..., None, : len(self.layout.names), None])[..., 0]
         return torch.exp(self.layout.offset + moved)
 
-    def _psi(self, x: torch.Tensor) -> torch.Tensor:
+    def psi_of(self, x: torch.Tensor) -> torch.Tensor:
         """(..., S, k): the same for all hearts."""
         psi = x[..., None, self.psi]
         return psi.expand(*x.shape[:-1], len(self.layout.offset), psi.shape[-1])
@@ -132,7 +132,7 @@ class Model:
     def mean(self, x: torch.Tensor) -> torch.Tensor:
         """(M, S, D) at x (M, P)."""
         parts = [
-            self.emulator.mean(self.theta(part), self._psi(part)) for part in x.split(self._rows)
+            self.emulator.mean(self.theta(part), self.psi_of(part)) for part in x.split(self._rows)
         ]
         return torch.cat(parts)
 
@@ -143,7 +143,7 @@ class Model:
         return tuple(torch.cat(column) for column in zip(*parts, strict=True))
 
     def _linearise(self, x):
-        mean, by_log_theta, by_psi = self.emulator.linearise(self.theta(x), self._psi(x))
+        mean, by_log_theta, by_psi = self.emulator.linearise(self.theta(x), self.psi_of(x))
         return mean, torch.cat([by_log_theta @ self.layout.moves, by_psi], dim=-1)
 
     @property
@@ -162,7 +162,7 @@ class Model:
     def settle(self, x: torch.Tensor) -> "Model":
         """Take the emulator's covariance at x (P); return self."""
         with torch.no_grad():
-            error = self.emulator.predict(self.theta(x), self._psi(x)).covariance
+            error = self.emulator.predict(self.theta(x), self.psi_of(x)).covariance
         both = self.observations.present[:, :, None] & self.observations.present[:, None, :]
         self.error = torch.where(both, error, 0.0)
         return self
