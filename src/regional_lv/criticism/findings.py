@@ -251,11 +251,13 @@ def _limits(first: Round) -> list[str]:
     """What the data do not support, in sentences."""
     o = first.base.model.observations
     said = []
+    if not first.misfit.families:
+        said.append("no more channels than parameters: they can be fitted whatever is wrong")
     for direction in aha.DIRECTIONS:
         if not any(name.startswith(direction) for name in o.outputs):
             said.append(f"no {direction} strain was measured: nothing is said about it")
     for family in ("direction", "level", "wall"):
-        if family not in first.misfit.families:
+        if first.misfit.families and family not in first.misfit.families:
             said.append(f"too few channels for the tests by {family}")
     if len(o.units):
         said.append(

@@ -80,9 +80,7 @@ def fit(
         curvature = curvature * free[:, :, None] * free[:, None, :]
         diagonal = curvature.diagonal(dim1=-2, dim2=-1)
         extra = damping[active, None] * diagonal + 1e-9 * diagonal.amax(1, keepdim=True) + 1e-12
-        step = torch.linalg.solve(
-            curvature + torch.diag_embed(extra + (1 - free)), gradient * free
-        )
+        step = torch.linalg.solve(curvature + torch.diag_embed(extra + (1 - free)), gradient * free)
         step = step * (1.0 / step.abs().amax(1, keepdim=True)).clamp(max=1.0)
         trial = torch.minimum(torch.maximum(here + step, model.low), model.high)
         new, new_residual, _ = state(active, trial)

@@ -21,7 +21,7 @@ LOG_2PI = math.log(2 * math.pi)
 LOG_SIGMA_BOUNDS = (-7.0, 3.0)
 CHUNK = 1024
 SMALLEST_SHIFT = 0.1
-"""Room that common factors of known thetas need within the emulator's box, in log theta."""
+"""Room that common factors of known thetas need on either side, in log theta."""
 
 
 @dataclass(frozen=True)
@@ -59,12 +59,12 @@ class Layout:
         moves = torch.stack([~kinds, kinds], dim=-1).double().expand(len(theta), -1, -1)
         low = torch.stack([math.log(lower) - offset[:, k].min() for k in (~kinds, kinds)])
         high = torch.stack([math.log(upper) - offset[:, k].max() for k in (~kinds, kinds)])
-        if (high - low).min() < SMALLEST_SHIFT:
+        if torch.minimum(high, -low).min() < SMALLEST_SHIFT:
             raise InputError(
-                "criticism.joint: the known thetas fill the emulator's box, so that no common "
-                "factor on the reference material can be tried; take subjects nearer to its middle"
+                "criticism.joint: the known thetas reach the bounds of the emulator's box, which "
+                "leaves no room for common factors on the reference material; take subjects nearer "
+                "to its middle, or widen design.lower and design.upper"
             )
-        low, high = low.clamp(max=-SMALLEST_SHIFT / 2), high.clamp(min=SMALLEST_SHIFT / 2)
         return cls(offset, moves, ("log factor C_a", "log factor C_b"), low, high, False)
 
 

@@ -344,9 +344,7 @@ def leave_out(posterior: Posterior, draws: int, seed: int) -> LeftOut:
         put(mean, at, o.present, observed - centre)
         put(sd, at, o.present, covariance.diagonal().sqrt())
     folds = tuple(o.groups)
-    return LeftOut(
-        folds, torch.stack(elpd), tuple(joint), mean, sd, repeated / len(folds), least
-    )
+    return LeftOut(folds, torch.stack(elpd), tuple(joint), mean, sd, repeated / len(folds), least)
 
 
 def put(target: torch.Tensor, at: torch.Tensor, present: torch.Tensor, values) -> None:
@@ -354,9 +352,7 @@ def put(target: torch.Tensor, at: torch.Tensor, present: torch.Tensor, values) -
     target[:, at] = target[:, at].masked_scatter(present[:, at], values)
 
 
-def gain_of(
-    before: LeftOut, after: LeftOut, posterior: Posterior
-) -> tuple[float, float, float]:
+def gain_of(before: LeftOut, after: LeftOut, posterior: Posterior) -> tuple[float, float, float]:
     """Gain in elpd; its standard error; and the one from the spread over the folds.
 
     The first is the sd that the gain has over repeated measurements of the same heart, as

@@ -220,19 +220,18 @@ class Misfit:
 
 
 def judge_misfit(observed: Statistics, null: Statistics) -> Misfit:
-    """Families are tested by their largest |z|; together, by the smallest of their p-values, whose
-    own distribution comes from the same replicates."""
-    families, ranks, largest = {}, [], []
+    """Families are tested by their largest |z|; together, by the largest of these in sds of their
+    replicates: smallest p-values, being ranks, would need many more replicates."""
+    families, scaled, largest = {}, [], []
     for family, values in null.misfit.items():
         extreme = values.abs().amax(-1)
         seen = observed.misfit[family][0]
-        # The data and the replicates are one sample if the model is right: ranked together.
+        families[family] = share_beyond(float(seen.abs().max()), extreme)
+        # The data and the replicates are one sample if the model is right, and scaled alike.
         pool = torch.cat([seen.abs().max()[None], extreme])
-        rank = (pool[None, :] >= pool[:, None] - 1e-12).double().mean(1)
-        families[family] = float(rank[0])
-        ranks.append(rank)
+        scaled.append((pool - extreme.mean()) / extreme.std())
         for at in seen.abs().argsort(descending=True)[:MENTIONED]:
             p = share_beyond(float(seen[at].abs()), extreme)
             largest.append((family, null.names[family][at], float(seen[at]), p))
-    smallest = torch.stack(ranks).amin(0)
-    return Misfit(float((smallest <= smallest[0]).double().mean()), families, largest)
+    together = torch.stack(scaled).amax(0)
+    return Misfit(share_beyond(float(together[0]), together[1:]), families, largest)

@@ -65,9 +65,7 @@ def criticise_tables(
 ) -> tuple[dict, Criticism]:
     """Findings, and the criticism they come from, of measured tables by subject."""
     observations = observe(tables, emulator, noise_prior_scale)
-    criticism = criticise(
-        observations, emulator, extensions, noises, settings, seed, known_theta
-    )
+    criticism = criticise(observations, emulator, extensions, noises, settings, seed, known_theta)
     return findings_of(name, criticism, emulator, extensions, tables), criticism
 
 

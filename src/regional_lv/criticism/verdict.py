@@ -231,12 +231,12 @@ def _round(
     """One round. What fits best of all that is not rejected is told in the first one only."""
     model, best = base.model, base.fit
     observed = score.statistics(model, best, extensions)
-    null = score.bootstrap(
-        model, best, extensions, settings.bootstrap, derive(seed, "bootstrap")
-    )
-    misfit = score.judge_misfit(observed, null)
+    null = score.bootstrap(model, best, extensions, settings.bootstrap, derive(seed, "bootstrap"))
+    testable = int(model.observations.present.sum()) > len(model.low)
+    # With as many coordinates as channels every residual is round-off.
+    misfit = score.judge_misfit(observed, null) if testable else score.Misfit(1.0, {}, [])
     causes = _rank(model, best, extensions, noises, observed, null)
-    rejected = bool(causes) and min(c.p_value for c in causes) <= settings.level
+    rejected = testable and bool(causes) and min(c.p_value for c in causes) <= settings.level
     if rejected or first:
         _fit_leading(base, causes, settings, seed)
     base_weight = _weigh(base, causes)
@@ -250,13 +250,13 @@ def _round(
             candidates.append(cause)
             total += cause.probability
         # The gain of the best; of a set, no single member needs to be sure by itself.
-        convincing = bool(candidates) and (
-            candidates[0].elpd_gain > 2 * candidates[0].elpd_gain_se
-        )
+        convincing = bool(candidates) and (candidates[0].elpd_gain > 2 * candidates[0].elpd_gain_se)
     log.info(
         "misfit p %.3f; causes: %s",
         misfit.p_value,
-        ", ".join(f"{c.name} p {c.p_value:.3f} probability {c.probability:.2f}" for c in causes[:4]),
+        ", ".join(
+            f"{c.name} p {c.p_value:.3f} probability {c.probability:.2f}" for c in causes[:4]
+        ),
     )
     return Round(base, misfit, causes, rejected, candidates, convincing, base_weight)
 
@@ -315,7 +315,9 @@ def _laplace_gain(extension, identified: Identified, z: float) -> float:
     if not identified.identifiable:
         return -math.inf
     h = extension.hypothesis
-    return 0.5 * z**2 + math.log(min(1.0, math.sqrt(2 * math.pi) * identified.sd / (h.high - h.low)))
+    return 0.5 * z**2 + math.log(
+        min(1.0, math.sqrt(2 * math.pi) * identified.sd / (h.high - h.low))
+    )
 
 
 def _mean_evidence(logs: list[float]) -> float:

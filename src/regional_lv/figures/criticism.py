@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import matplotlib
 import numpy as np
 import pandas as pd
 from matplotlib.colors import Normalize
@@ -28,7 +29,7 @@ def draw_residuals(findings: dict, png: Path, csv: Path) -> None:
     if len(findings["rounds"]) == 1:
         steps.pop("after")
     tables = {when: pd.DataFrame(step["channels"]) for when, step in steps.items()}
-    fig = style.figure(8.4, 3.0 * len(steps) + 0.3)
+    fig = style.figure(9.6, 3.2 * len(steps) + 0.3)
     axes = fig.subplots(len(steps), 3, squeeze=False)
     scale = None
     for row, (when, table) in zip(axes, tables.items(), strict=True):
@@ -38,7 +39,8 @@ def draw_residuals(findings: dict, png: Path, csv: Path) -> None:
             values = z.reindex([s.number for s in aha.SEGMENTS]).to_numpy(float)
             labels = [f"{v:+.1f}" if np.isfinite(v) else "" for v in values]
             norm = Normalize(-SHOWN_Z, SHOWN_Z)
-            scale = bullseye.paint_values(ax, values, norm, "RdBu_r", labels)
+            with matplotlib.rc_context({"font.size": 7.5}):
+                scale = bullseye.paint_values(ax, values, norm, "RdBu_r", labels)
             ax.set_title(f"{direction}, {when}")
         if len(volume):
             row[0].text(-1.0, -1.12, f"volume: {volume.mean():+.1f}", va="top", fontsize=8)
