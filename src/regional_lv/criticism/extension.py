@@ -96,7 +96,7 @@ class Extension:
     def difference_from(
         self, mean: torch.Tensor, theta: torch.Tensor, psi: torch.Tensor
     ) -> Prediction:
-        """`difference` from given outputs `mean` (..., D) of the base model; not for closed forms."""
+        """`difference` from outputs `mean` (..., D) of the base model; not for closed forms."""
         if self._emulator is None:
             zero = torch.zeros_like(mean)
             return Prediction(zero, torch.zeros(*mean.shape, mean.shape[-1], dtype=mean.dtype))
