@@ -24,6 +24,7 @@ include: "workflow/rules/reduction.smk"
 include: "workflow/rules/emulators.smk"
 include: "workflow/rules/subjects.smk"
 include: "workflow/rules/posteriors.smk"
+include: "workflow/rules/criticism.smk"
 include: "workflow/rules/figures.smk"
 
 

@@ -24,6 +24,7 @@ envvars:
 
 from regional_lv import config as study_config  # noqa: E402
 from regional_lv import dependencies  # noqa: E402
+from regional_lv.criticism.hypotheses import SimulatorHypothesis, asked  # noqa: E402
 from regional_lv.errors import InputError  # noqa: E402
 from regional_lv.geometry.table import read_segments  # noqa: E402
 from regional_lv.resources import (  # noqa: E402
@@ -53,7 +54,7 @@ BOUNDS = [config["design"]["lower"], config["design"]["upper"]]
 PHYSICS = {
     section: config[section]
     for section in ("material", "fibres", "loading", "observables", "solver")
-}
+} | {"geometry": {"wall_thickness_scale": config["geometry"]["wall_thickness_scale"]}}
 
 SUBJECT_SOURCES = {
     name: subject["source"]
@@ -93,6 +94,19 @@ def library(*modules):
 def batches(size, per_batch):
     """Names of the batches that `size` items make: batch-0000, batch-0001, ..."""
     return [f"batch-{i:04d}" for i in range(-(-size // per_batch))]
+
+
+def extension_batches(hypothesis):
+    """Files of the simulations of a hypothesis; closed forms and noise have none."""
+    if not isinstance(hypothesis, SimulatorHypothesis):
+        return []
+    return expand(f"{R}/criticism/simulations/{hypothesis.name}/{{batch}}.parquet", batch=ANCHOR_BATCHES)
+
+
+def anchors_per_batch(hypothesis):
+    """How many anchors of a batch the hypothesis is simulated at, None for all."""
+    limits = [n for n in (config["criticism"]["anchors"], hypothesis.anchors) if n is not None]
+    return -(-min(limits) // len(ANCHOR_BATCHES)) if limits else None
 
 
 def subjects_from(source):

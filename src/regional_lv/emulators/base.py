@@ -222,16 +222,24 @@ class Emulator(ABC):
 
     def save(self, path: str | Path) -> None:
         """Write everything that `load` needs."""
+        torch.save(self.content(), path)
+
+    def content(self) -> dict:
+        """Everything that `from_content` needs, in tensors and plain values."""
         common = {
             key: getattr(self, key)
             for key in ("outputs", "lower", "upper", "settings", "info", *_TENSORS)
         }
-        torch.save({"emulator": self.name, "common": common, "state": self._state()}, path)
+        return {"emulator": self.name, "common": common, "state": self._state()}
 
     @classmethod
     def load(cls, path: str | Path) -> "Emulator":
         """Read what `save` wrote. Raises InputError if another emulator wrote it."""
-        content = torch.load(path, weights_only=True)
+        return cls.from_content(torch.load(path, weights_only=True), path)
+
+    @classmethod
+    def from_content(cls, content: dict, path: str | Path) -> "Emulator":
+        """The emulator of whose `content` this is; `path` is named in the error, as by `load`."""
         if content["emulator"] != cls.name:
             raise InputError(
                 f"{path}: holds the emulator {content['emulator']}, not {cls.name}; load it with "
