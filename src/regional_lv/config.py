@@ -242,6 +242,7 @@ def _cross_check(config: dict) -> Iterator[str]:
         )
     for name, subject in config["subjects"].items():
         yield from _check_subject(f"subjects.{name}", subject, name, config["synthetic_subjects"])
+    yield from _check_joint(config["criticism"]["joint"], config["subjects"])
     for name, subject in config["synthetic_subjects"].items():
         for parameter, value in subject["theta"].items():
             if not design["lower"] <= value <= design["upper"]:
@@ -274,6 +275,23 @@ def _check_effects(key: str, effects: dict, config: dict) -> Iterator[str]:
             yield (
                 f"{key}.{name}: {psi} lies outside the plausible range, {hypothesis.low} to "
                 f"{hypothesis.high} {hypothesis.unit}; move it inside"
+            )
+
+
+def _check_joint(joint: dict, subjects: dict) -> Iterator[str]:
+    for name, entry in joint.items():
+        key = f"criticism.joint.{name}"
+        if name in subjects:
+            yield f"{key}: a subject has this name, too, and both write there; choose another"
+        for subject in entry["subjects"]:
+            if subject not in subjects:
+                close = difflib.get_close_matches(subject, subjects, n=1)
+                hint = f"did you mean {close[0]}?" if close else "add it to `subjects`"
+                yield f"{key}.subjects: there is no subject {subject}; {hint}"
+        if entry["theta"] is not None and not Path(entry["theta"]).is_file():
+            yield (
+                f"{key}.theta: there is no file {entry['theta']}; give its path from the folder in "
+                "which you start"
             )
 
 

@@ -85,7 +85,7 @@ class Extension:
         self.hypothesis, self.component, self.outputs = hypothesis, component, outputs
         self.pattern = pattern
 
-    def mean(self, base, theta, psi):
+    def mean(self, base, theta, psi, at_base=None):
         at = torch.tensor([aha.OUTPUTS.index(o) for o in self.outputs])
         tilt = 1 + 0.1 * theta.log().mean(-1, keepdim=True)
         return (psi - self.hypothesis.base)[..., None] * tilt * self.pattern[at]
@@ -104,7 +104,7 @@ class Pressure(Extension):
     def __init__(self, outputs=aha.OUTPUTS):
         super().__init__(PRESSURE, None, "", outputs)
 
-    def mean(self, base, theta, psi):
+    def mean(self, base, theta, psi, at_base=None):
         kind = torch.tensor([name.startswith("C_a") for name in aha.PARAMETERS])
         moved = torch.where(kind, theta * (8 / psi[..., None]), theta)
         return base.predict(moved).mean - base.predict(theta).mean

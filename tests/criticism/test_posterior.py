@@ -61,12 +61,12 @@ def test_evidence_and_moments(base):
 
 
 def test_extension_and_its_evidence(base):
-    model, best, _ = base
+    _, best, _ = base
 
     class Flat(type(bias())):
         """The same change whatever theta is."""
 
-        def mean(self, base, theta, psi):
+        def mean(self, base, theta, psi, at_base=None):
             shift = psi[..., None] * self.pattern
             return shift.expand(*theta.shape[:-1], len(self.pattern))
 

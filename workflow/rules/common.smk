@@ -119,3 +119,15 @@ def subject_seed(name):
     """Seed of a synthetic subject's noise: its own, or derived from the study's."""
     seed = config["synthetic_subjects"][name]["seed"]
     return derive(config["seed"], "subject", name) if seed is None else seed
+
+
+def criticised(name):
+    """Subjects that a criticism is of: those of a joint one, or the one of that name."""
+    joint = config["criticism"]["joint"]
+    return joint[name]["subjects"] if name in joint else [name]
+
+
+def known_theta(name):
+    """The table of known thetas of a joint criticism, if it has one."""
+    path = config["criticism"]["joint"].get(name, {}).get("theta")
+    return [] if path is None else [path]

@@ -101,14 +101,36 @@ class Extension:
             zero = torch.zeros_like(mean)
             return Prediction(zero, torch.zeros(*mean.shape, mean.shape[-1], dtype=mean.dtype))
         change, covariance = self._logarithmic_change(theta, psi)
-        is_volume = torch.tensor([name == "volume_ml" for name in self.outputs])
-        size = torch.where(is_volume, mean, (1 + 2 * mean) / 2)
-        power = torch.where(is_volume, 1.0, 2.0).to(mean.dtype)
+        size, power = self._size_and_power(mean)
         slope = power * size * torch.exp(power * change)
         return Prediction(
             size * torch.expm1(power * change),
             slope[..., :, None] * covariance * slope[..., None, :],
         )
+
+    @torch.no_grad()
+    def mean(
+        self,
+        base: Emulator,
+        theta: torch.Tensor,
+        psi: torch.Tensor,
+        at_base: torch.Tensor | None = None,
+    ) -> torch.Tensor:
+        """The mean (..., D) of `difference` alone, without a graph: for thousands of points, the
+        covariance is what costs. at_base: what `base` predicts (..., D), where that is known."""
+        psi = psi.expand(theta.shape[:-1])
+        if isinstance(self.hypothesis, TransformHypothesis):
+            return self.difference(base, theta, psi).mean
+        at_base = base.predict(theta).mean if at_base is None else at_base
+        if self._emulator is None:
+            return torch.zeros_like(at_base)
+        weights, count = self._weights(psi), len(self.hypothesis.nodes)
+        by_node = self._emulator.predict_mean(theta).reshape(*psi.shape, count, -1)
+        change = torch.zeros_like(at_base)
+        at = [self.outputs.index(name) for name in self._changing]
+        change[..., at] = (weights[..., None] * by_node).sum(-2)
+        size, power = self._size_and_power(at_base)
+        return size * torch.expm1(power * change)
 
     def outside(self, base: Emulator, theta: torch.Tensor, psi: torch.Tensor) -> torch.Tensor:
         """Where (...) the emulators asked for the difference have to extrapolate, bool.
@@ -133,12 +155,23 @@ class Extension:
             chosen._changing = kept
         return chosen
 
+    def _size_and_power(self, mean) -> tuple[torch.Tensor, torch.Tensor]:
+        """Outputs change by size (exp(power change) - 1): (..., D) and (D,)."""
+        is_volume = torch.tensor([name == "volume_ml" for name in self.outputs])
+        size = torch.where(is_volume, mean, (1 + 2 * mean) / 2)
+        return size, torch.where(is_volume, 1.0, 2.0).to(mean.dtype)
+
+    def _weights(self, psi) -> torch.Tensor:
+        """Weights (..., J) of the nodes at psi (...)."""
+        h = self.hypothesis
+        z = [h.coordinate(value) for value in (h.base, *h.nodes)]
+        return torch.stack(lagrange(z, h.coordinate(psi))[1:], dim=-1)
+
     def _logarithmic_change(self, theta, psi) -> tuple[torch.Tensor, torch.Tensor]:
         """Mean (..., D) and covariance (..., D, D)."""
         at_nodes = self._emulator.predict(theta)
-        h, count, changing = self.hypothesis, len(self.hypothesis.nodes), len(self._changing)
-        z = [h.coordinate(value) for value in (h.base, *h.nodes)]
-        weights = torch.stack(lagrange(z, h.coordinate(psi))[1:], dim=-1)
+        weights = self._weights(psi)
+        count, changing = len(self.hypothesis.nodes), len(self._changing)
         by_node = at_nodes.mean.reshape(*psi.shape, count, changing)
         mean = (weights[..., None] * by_node).sum(-2)
         # The errors at the nodes are correlated as the emulator has found them to be.

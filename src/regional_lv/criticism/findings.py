@@ -234,6 +234,7 @@ def _round(step: Round, level: float) -> dict:
         "found": step.found.name if step.found else None,
         "found_component": step.found.component if step.found else None,
         "base_weight": step.base_weight,
+        "critical_z": step.critical_z,
         "ess": step.base.posterior.ess,
         "outside": _on_bounds(step.base),
     }
@@ -261,13 +262,13 @@ def _limits(first: Round) -> list[str]:
             said.append(f"too few channels for the tests by {family}")
     if len(o.units):
         said.append(
-            "the noise is inferred: a misfit spread evenly over a direction counts as noise, and the "
-            "overall test of the size of residuals does not apply"
+            "the noise is inferred: a misfit spread evenly over a direction counts as noise, and "
+            "the overall test of the size of residuals does not apply"
         )
     for cause in first.causes:
         if cause.coverage < 1:
             said.append(
-                f"{cause.name}: {100 * cause.coverage:.0f} % of its simulations converged; where the "
-                "others lie, its effect is extrapolated"
+                f"{cause.name}: {100 * cause.coverage:.0f} % of its simulations converged; "
+                "where the others lie, its effect is extrapolated"
             )
     return said

@@ -67,7 +67,7 @@ def fit(
 
     rows = torch.arange(len(x))
     value, residual, _ = state(rows, x)
-    mean, jacobian = model.linearise(x)
+    jacobian = model.linearise(x)[1]
     active = rows
     for _ in range(iterations):
         if not len(active):

@@ -2,9 +2,9 @@
 
 All models here share one form. Coordinates x (P) are, in this order: what moves theta, one psi per
 extension, and one log noise scale per direction whose noise is inferred. log theta of heart s is
-`offset[s] + moves[s] @ x[:, :Q]`: the identity for one heart; a block each for several; two columns,
-one for all C_a and one for all C_b, for hearts of known theta on a material whose reference
-values are known up to two factors.
+`offset[s] + moves[s] @ x[:, :Q]`: the identity for one heart; a block each for several; two
+columns, one for all C_a and one for all C_b, for hearts of known theta on a material whose
+reference values are known up to two factors.
 """
 
 import math

@@ -86,8 +86,8 @@ def observe(
         unknown.add(bool(noise.groups))
     if len(unknown) > 1:
         raise InputError(
-            f"criticism of {', '.join(tables)}: some come with `sd` and others without; give all of "
-            "them one or none, or criticise them apart"
+            f"criticism of {', '.join(tables)}: some come with `sd` and others without; give all "
+            "of them one or none, or criticise them apart"
         )
     groups = Noise.inferred(emulator, prior_scale).groups if unknown.pop() else {}
     units = torch.stack([*groups.values()]) if groups else torch.zeros(0, len(outputs)).double()

@@ -17,7 +17,8 @@ body { font: 15px/1.5 system-ui, sans-serif; max-width: 62em; margin: 2em auto; 
 h1 { font-size: 1.5em; } h2 { font-size: 1.15em; margin-top: 2em; }
 .verdict { border-left: 4px solid {{ colour }}; padding: .2em 1em; background: #f6f6f6; }
 table { border-collapse: collapse; font-size: .87em; width: 100%; }
-th, td { text-align: left; padding: .25em .6em; border-bottom: 1px solid #ddd; vertical-align: top; }
+th, td { text-align: left; padding: .25em .6em; border-bottom: 1px solid #ddd; vertical-align:
+top; }
 td.n { text-align: right; white-space: nowrap; } img { max-width: 100%; }
 .small { font-size: .87em; color: #444; }
 </style></head><body>
@@ -38,7 +39,8 @@ top, septum on the left.</p>
 {% if f.rounds|length > 1 %}<td class="n">{{ "%.3f"|format(f.remaining.families[family]) }}</td>
 {% endif %}</tr>{% endfor %}
 <tr><td><b>all together</b></td><td class="n"><b>{{ "%.3f"|format(f.misfit.p_value) }}</b></td>
-{% if f.rounds|length > 1 %}<td class="n"><b>{{ "%.3f"|format(f.remaining.p_value) }}</b></td>{% endif %}
+{% if f.rounds|length > 1 %}<td class="n"><b>{{ "%.3f"|format(f.remaining.p_value) }}</b></td>{%
+endif %}
 </tr></table>
 
 <h2>Why: the causes that were tried</h2>
@@ -51,18 +53,25 @@ top, septum on the left.</p>
 {% else %}-{% endif %}</td>
 <td class="n">{% if h.elpd_gain is not none %}{{ "%.1f"|format(h.elpd_gain) }} &plusmn;
 {{ "%.1f"|format(h.elpd_gain_se) }}{% else %}-{% endif %}</td>
-<td class="n">{{ "%.2f"|format(h.probability) }}</td><td class="n">{{ "%.2f"|format(h.weight) }}</td>
-<td>{{ h.why }}{% if h.fraction_simulated < 1 %}; {{ "%.0f"|format(100 * h.fraction_simulated) }} % of
+<td class="n">{{ "%.2f"|format(h.probability) }}</td><td class="n">{{ "%.2f"|format(h.weight)
+}}</td>
+<td>{{ h.why }}{% if h.fraction_simulated < 1 %}; {{ "%.0f"|format(100 * h.fraction_simulated) }}
+% of
 its simulations converged{% endif %}</td></tr>{% endfor %}</table>
-<p class="small">p: score test with what stiffness can take up projected out, calibrated over the whole
-catalogue by parametric bootstrap. Gain: log predictive density of every segment (and the volume) given
+<p class="small">p: score test with what stiffness can take up projected out, calibrated over the
+whole
+catalogue by parametric bootstrap. Gain: log predictive density of every segment (and the volume)
+given
 all others, against the model without the cause; its standard error is over repeated measurements of
-the same heart. Probability: among the causes, from the evidence, all equally likely beforehand. Weight:
-stacking of the predictions; the model as it is has {{ "%.2f"|format(f.rounds[0].base_weight) }}.</p>
+the same heart. Probability: among the causes, from the evidence, all equally likely beforehand.
+Weight:
+stacking of the predictions; the model as it is has {{ "%.2f"|format(f.rounds[0].base_weight)
+}}.</p>
 
 {% if images.parameters %}<h2>How much: the new parameter</h2>
 <img alt="Posterior of the parameters" src="{{ images.parameters }}">
-<p class="small">Posterior given each cause alone; dotted: 95 % interval; red: what the model assumes.</p>
+<p class="small">Posterior given each cause alone; dotted: 95 % interval; red: what the model
+assumes.</p>
 {% endif %}
 
 <h2>What it changes: stiffness</h2>
@@ -70,14 +79,18 @@ stacking of the predictions; the model as it is has {{ "%.2f"|format(f.rounds[0]
 {% if f.rounds|length > 1 and changed %}<p>{{ changed }}</p>{% endif %}
 
 {% if ruled_out %}<h2>What was ruled out</h2><ul>
-{% for h in ruled_out %}<li>{{ cause(h.name, h.component) }}: {{ h.parameter }} {{ estimate(h) }}.</li>
+{% for h in ruled_out %}<li>{{ cause(h.name, h.component) }}: {{ h.parameter }} {{ estimate(h)
+}}.</li>
 {% endfor %}</ul>{% endif %}
 
 {% if f.rounds|length > 1 %}<h2>Step by step</h2><ol>
-{% for r in f.rounds %}<li>Model {{ "with " + r.model|join(" + ") if r.model else "as it is" }}: misfit
-p = {{ "%.3f"|format(r.misfit.p_value) }}; {% if r.found %}{{ cause(r.found, r.found_component) }} stands
+{% for r in f.rounds %}<li>Model {{ "with " + r.model|join(" + ") if r.model else "as it is" }}:
+misfit
+p = {{ "%.3f"|format(r.misfit.p_value) }}; {% if r.found %}{{ cause(r.found, r.found_component)
+}} stands
 out{% if r.candidates|length > 1 %}, not to be told apart from
-{{ r.candidates[1:]|join(", ") }}{% endif %}{% else %}nothing more found{% endif %}.</li>{% endfor %}
+{{ r.candidates[1:]|join(", ") }}{% endif %}{% else %}nothing more found{% endif %}.</li>{%
+endfor %}
 </ol>{% endif %}
 {% if f.limits %}<h2>What these data cannot say</h2><ul>
 {% for s in f.limits %}<li>{{ s }}</li>{% endfor %}</ul>{% endif %}

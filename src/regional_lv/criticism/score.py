@@ -30,8 +30,8 @@ FEWEST_FOR_TAILS = 20
 class Projected:
     """Fits with what the parameters can take projected out.
 
-    residual: Q r (M, n). precision: Q (M, n, n), both back in natural units: W'Q W and W'Q W e, over
-    n = S D channels, zero where nothing was observed. plain: W'W (M or 1, n, n).
+    residual: Q r (M, n). precision: Q (M, n, n), both back in natural units: W'Q W and W'Q W e,
+    over n = S D channels, zero where nothing was observed. plain: W'W (M or 1, n, n).
     gain: (J'J + L)^-1 J'W (M, R, n), what a change of the outputs does to the parameters.
     """
 

@@ -12,8 +12,8 @@ MENTIONED = 3
 
 
 def separating_measurement(rivals, emulator: Emulator, extensions) -> list[dict]:
-    """For every pair of `rivals` (causes fitted in earnest): the channels, measured or not, in which
-    their predictions differ most, in units of a noise of 0.01 in strain and 1 mL.
+    """For every pair of `rivals` (causes fitted in earnest): the channels, measured or not, in
+    which their predictions differ most, in units of a noise of 0.01 in strain and 1 mL.
 
     Each rival predicts at its own best fit to the same data, so that only what is left open shows.
     """

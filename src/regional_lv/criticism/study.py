@@ -30,7 +30,7 @@ def criticise_files(
     seed: int,
     findings: str | Path,
 ) -> None:
-    """Criticise the base model on one measured file, or on several together, and write the findings.
+    """Criticise the base model on one measured file, or on several together; write the findings.
 
     name: of the subject, or of the joint criticism. measured: files by subject. known_theta: table
     (CSV) with `subject` and the ten parameters, for hearts whose theta is known up to two common

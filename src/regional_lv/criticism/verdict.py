@@ -14,9 +14,9 @@ from regional_lv.criticism import score
 from regional_lv.criticism.extended import ExtendedEmulator
 from regional_lv.criticism.fit import Fit, fit_best, fit_from_nothing, spread
 from regional_lv.criticism.identify import Identified, identify
+from regional_lv.criticism.linear import approximate, leave_out_linearly
 from regional_lv.criticism.model import Layout, Model
 from regional_lv.criticism.observations import Observations
-from regional_lv.criticism.linear import approximate, leave_out_linearly
 from regional_lv.criticism.posterior import (
     LeftOut,
     Posterior,
@@ -123,6 +123,7 @@ class Round:
     candidates: list[Cause]
     convincing: bool
     base_weight: float
+    critical_z: float
 
     @property
     def found(self) -> Cause | None:
@@ -235,7 +236,7 @@ def _round(
     testable = int(model.observations.present.sum()) > len(model.low)
     # With as many coordinates as channels every residual is round-off.
     misfit = score.judge_misfit(observed, null) if testable else score.Misfit(1.0, {}, [])
-    causes = _rank(model, best, extensions, noises, observed, null)
+    causes, critical = _rank(model, best, extensions, noises, observed, null, settings.level)
     rejected = testable and bool(causes) and min(c.p_value for c in causes) <= settings.level
     if rejected or first:
         _fit_leading(base, causes, settings, seed)
@@ -258,11 +259,12 @@ def _round(
             f"{c.name} p {c.p_value:.3f} probability {c.probability:.2f}" for c in causes[:4]
         ),
     )
-    return Round(base, misfit, causes, rejected, candidates, convincing, base_weight)
+    return Round(base, misfit, causes, rejected, candidates, convincing, base_weight, critical)
 
 
-def _rank(model, best, extensions, noises, observed, null) -> list[Cause]:
-    """All causes, the component with the largest score for each, most conspicuous first."""
+def _rank(model, best, extensions, noises, observed, null, level) -> tuple[list[Cause], float]:
+    """All causes, the component with the largest score for each, most conspicuous first; and the
+    score that the test over the catalogue asks for."""
     projected = score.Projected.of(best, model)
     identified = [identify(model, best, projected, e) for e in extensions]
     family = torch.tensor([i.identifiable for i in identified], dtype=torch.bool)
@@ -306,7 +308,8 @@ def _rank(model, best, extensions, noises, observed, null) -> list[Cause]:
         p = score.share_beyond(z, null.tails)
         causes.append(Cause(hypothesis, None, z, p, over_catalogue(z), known))
         causes[-1].log_evidence = float(observed.tail_evidence[0])
-    return sorted(causes, key=lambda c: (c.p_value, c.p_single, -abs(c.z)))
+    critical = math.nan if largest is None else float(largest.quantile(1 - level))
+    return sorted(causes, key=lambda c: (c.p_value, c.p_single, -abs(c.z))), critical
 
 
 def _laplace_gain(extension, identified: Identified, z: float) -> float:

@@ -2,7 +2,6 @@
 
 from regional_lv import aha
 
-
 SEGMENT_NAMES = {s.number: s.name for s in aha.SEGMENTS}
 
 
@@ -71,8 +70,8 @@ def misfit(part: dict) -> str:
 
 def gain(part: dict) -> str:
     text = (
-        f"Predicting each segment from all others gains {part['elpd']:.1f} +- {part['elpd_se']:.1f} "
-        "in log density"
+        f"Predicting each segment from all others gains {part['elpd']:.1f} +- "
+        f"{part['elpd_se']:.1f} in log density"
     )
     if part["rmse_before"] is not None:
         text += (
@@ -113,9 +112,9 @@ def verdict(content: dict) -> list[str]:
             best = pair["channels"][0]
             a, b = (cause(n) for n in pair["pair"])
             said.append(
-                f"{channel(best['output']).capitalize()} would separate {a} and {b} best: they differ "
-                f"there by {abs(best['difference_in_noise_sd']):.1f} sd of a noise of 0.01 in strain "
-                "(1 mL)."
+                f"{channel(best['output']).capitalize()} would separate {a} and {b} best: they "
+                f"differ there by {abs(best['difference_in_noise_sd']):.1f} sd of a noise of 0.01 in "
+                "strain (1 mL)."
             )
         said.append(gain(content["gain"]))
     elif not content["explained"]:
