@@ -141,7 +141,7 @@ def expected_score(
     observed: Observations, emulator, extension, theta: torch.Tensor, value: float
 ) -> float:
     """Score that the effect would have on average: the length of what it does to the outputs, in
-    sds of the noise, after theta took up what it can. One standard error of psi is a score of one."""
+    sds of the noise, after theta took up what it can. One standard error of psi scores one."""
     layout = Layout.inferred(observed.subjects, emulator.lower, emulator.upper)
     chosen = emulator.select(observed.outputs)
     model = Model(observed, ExtendedEmulator(chosen), layout)

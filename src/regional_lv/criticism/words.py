@@ -113,8 +113,8 @@ def verdict(content: dict) -> list[str]:
             a, b = (cause(n) for n in pair["pair"])
             said.append(
                 f"{channel(best['output']).capitalize()} would separate {a} and {b} best: they "
-                f"differ there by {abs(best['difference_in_noise_sd']):.1f} sd of a noise of 0.01 in "
-                "strain (1 mL)."
+                f"differ there by {abs(best['difference_in_noise_sd']):.1f} sd of a noise of 0.01 "
+                "in strain (1 mL)."
             )
         said.append(gain(content["gain"]))
     elif not content["explained"]:
