@@ -157,5 +157,6 @@ def measured(emulator, extension=None, psi=0.0, seed=0, strain=0.01, theta=THETA
         if extension is not None:
             value = torch.tensor(psi, dtype=torch.float64)
             outputs = outputs + extension.mean(emulator, theta, value)
-    table = synthetic_subject(outputs.numpy(), {"strain": strain, "volume": 100 * strain}, seed)
+    unit = np.random.default_rng(seed).standard_normal(len(outputs))
+    table = synthetic_subject(outputs.numpy(), {"strain": strain, "volume": 100 * strain}, unit)
     return table if known else table.assign(sd=math.nan)

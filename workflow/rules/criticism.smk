@@ -13,6 +13,9 @@ CRITICISED = [
 VERDICT_BATCHES = batches(
     config["criticism"]["benchmark"]["planted"] + config["criticism"]["benchmark"]["null"],
     config["criticism"]["benchmark"]["subjects_per_batch"],
+PLANTED_BATCHES = batches(
+    config["criticism"]["benchmark"]["planted"] + config["criticism"]["benchmark"]["null"],
+    config["simulations"]["batch_size"],
 )
 EXTENSIONS = expand(f"{C}/extensions/{{hypothesis}}.pt", hypothesis=HYPOTHESES)
 
@@ -73,6 +76,60 @@ rule train_extension:
         "../../envs/statistics.yaml"
     script:
         "../scripts/train_extension.py"
+
+
+rule plant_batch:
+    """Ventricles with hidden effects; writes their truth and reads none."""
+    input:
+        mesh=f"{R}/geometry/mesh.vtu",
+        predictor=f"{R}/mechanics/predictor.npz",
+        library=library("criticism.planted"),
+    output:
+        subjects=temp(f"{C}/benchmark/subjects/batch-{{batch}}.parquet"),
+        truth=temp(f"{R}/truth/benchmark/batch-{{batch}}.parquet"),
+    params:
+        physics=PHYSICS,
+        hypotheses=config["criticism"]["hypotheses"],
+        benchmark=config["criticism"]["benchmark"],
+        bounds=BOUNDS,
+        seed=config["seed"],
+        batch_size=config["simulations"]["batch_size"],
+    log:
+        f"{LOGS}/criticism/benchmark/plant-batch-{{batch}}.log",
+    benchmark:
+        f"{R}/benchmarks/criticism/benchmark/plant-batch-{{batch}}.tsv"
+    threads: 1
+    conda:
+        "../../envs/mechanics.yaml"
+    script:
+        "../scripts/plant_batch.py"
+
+
+rule plant_subjects:
+    input:
+        expand(f"{C}/benchmark/subjects/{{batch}}.parquet", batch=PLANTED_BATCHES),
+    output:
+        f"{C}/benchmark/subjects.parquet",
+    log:
+        f"{LOGS}/criticism/benchmark/plant_subjects.log",
+    conda:
+        "../../envs/statistics.yaml"
+    script:
+        "../scripts/gather.py"
+
+
+rule gather_truth:
+    """For the score of the benchmark alone."""
+    input:
+        expand(f"{R}/truth/benchmark/{{batch}}.parquet", batch=PLANTED_BATCHES),
+    output:
+        f"{R}/truth/benchmark.parquet",
+    log:
+        f"{LOGS}/criticism/benchmark/gather_truth.log",
+    conda:
+        "../../envs/statistics.yaml"
+    script:
+        "../scripts/gather.py"
 
 
 rule criticism:
