@@ -13,6 +13,7 @@ CRITICISED = [
 VERDICT_BATCHES = batches(
     config["criticism"]["benchmark"]["planted"] + config["criticism"]["benchmark"]["null"],
     config["criticism"]["benchmark"]["subjects_per_batch"],
+)
 PLANTED_BATCHES = batches(
     config["criticism"]["benchmark"]["planted"] + config["criticism"]["benchmark"]["null"],
     config["simulations"]["batch_size"],
