@@ -118,6 +118,18 @@ def test_differences_are_those_of_the_extended_model(extension, hypothesis, thet
     assert (eigenvalues > -1e-9 * eigenvalues.amax()).all()
 
 
+def test_the_mean_alone_is_that_of_the_difference(extension, hypothesis, theta):
+    base, psi = KnownEmulator(), torch.full(theta.shape[:-1], hypothesis.high, dtype=theta.dtype)
+    expected = extension.difference(base, theta, psi).mean
+    assert torch.allclose(extension.mean(base, theta, psi), expected, atol=1e-12)
+    known = extension.mean(None, theta, psi, base_outputs(theta))
+    assert torch.allclose(known, expected, atol=1e-12)
+    fewer = ("volume_ml", "radial_07")
+    some = extension.select(fewer).mean(base.select(fewer), theta, psi)
+    at = [aha.OUTPUTS.index(name) for name in fewer]
+    assert torch.allclose(some, expected[..., at], atol=1e-12)
+
+
 def test_no_difference_at_the_base(extension, hypothesis, theta):
     psi = torch.full((6,), hypothesis.base, dtype=theta.dtype)
     found = extension.difference(KnownEmulator(), theta, psi)
