@@ -18,6 +18,7 @@ from pathlib import Path
 import jsonschema
 import yaml
 
+from regional_lv.criticism.hypotheses import REGISTRY
 from regional_lv.errors import InputError
 from regional_lv.resources import PUBLISHED, PUBLISHED_HEART, PUBLISHED_ROWS
 from regional_lv.schema import load_schema
@@ -143,10 +144,8 @@ def _explain(error: jsonschema.ValidationError) -> Iterator[str]:
 def _explain_unknown(schema: dict, key: str, name: str) -> str:
     here = list(schema.get("properties", {}))
     if "patternProperties" in schema:
-        return (
-            f"{_join(key, name)}: not a usable name; use letters, digits and underscores, and "
-            "begin with a letter"
-        )
+        remedy = "use letters, digits and underscores, and begin with a letter"
+        return f"{_join(key, name)}: not a usable name; {schema.get('names', remedy)}"
     if not here:
         return f"{_join(key, name)}: unknown key. {schema['description']} Leave it empty: {{}}"
     close = difflib.get_close_matches(name, here, n=1, cutoff=0.5)
@@ -173,13 +172,26 @@ def _complaint(error: jsonschema.ValidationError) -> str:
         "exclusiveMinimum": f"{value!r} is too small; give more than {limit}",
         "maximum": f"{value!r} is too large; give at most {limit}",
         "exclusiveMaximum": f"{value!r} is too large; give less than {limit}",
-        "anyOf": f"{value!r} is neither a whole number above zero nor `all`; give one of them",
+        "anyOf": f"{value!r} is neither `all` nor {_alternative(error)}; give one of them",
         "minItems": "the list is empty; name at least one",
         "uniqueItems": f"{value!r} names something twice; remove the repetition",
         "pattern": f"{value!r} is not a usable name; use letters, digits and underscores, and "
         "begin with a letter",
     }
     return words[error.validator]
+
+
+def _alternative(error: jsonschema.ValidationError) -> str:
+    """What may stand instead of `all`."""
+    other = next(entry for entry in error.validator_value if "type" in entry)
+    if other["type"] == "integer":
+        return "a whole number above zero"
+    return f"a list of {', '.join(_resolved(other['items'])['enum'])}"
+
+
+def _resolved(entry: dict) -> dict:
+    reference = entry.get("$ref", "").removeprefix("#/$defs/")
+    return load_schema()["$defs"][reference] if reference else entry
 
 
 def _type_name(types: str | list[str]) -> str:
@@ -252,6 +264,7 @@ def _cross_check(config: dict) -> Iterator[str]:
     yield from _check_scenarios(config["scenarios"], design)
     for name, subject in config["subjects"].items():
         yield from _check_subject(f"subjects.{name}", subject, name, config["synthetic_subjects"])
+    yield from _check_joint(config["criticism"]["joint"], config["subjects"])
     for name, subject in config["synthetic_subjects"].items():
         for parameter, value in subject["theta"].items():
             if not design["lower"] <= value <= design["upper"]:
@@ -260,6 +273,48 @@ def _cross_check(config: dict) -> Iterator[str]:
                     f"[{design['lower']}, {design['upper']}] (design.lower, design.upper), where "
                     "nothing is simulated; move it inside"
                 )
+        yield from _check_effects(f"synthetic_subjects.{name}.effects", subject["effects"], config)
+    asked = config["criticism"]["hypotheses"]
+    for name in asked if asked != "all" else ():
+        why_not = REGISTRY[name].why_not(config)
+        if why_not:
+            yield f"criticism.hypotheses: {name} cannot be asked, {why_not}; remove it"
+    if loading["basal_compliance_mm_per_kpa"] and loading["base"] != "u_r_u_z_fixed":
+        yield (
+            f"loading.basal_compliance_mm_per_kpa: only `u_r_u_z_fixed` holds the base on its "
+            f"circle, `{loading['base']}` does not; leave it at 0"
+        )
+
+
+def _check_effects(key: str, effects: dict, config: dict) -> Iterator[str]:
+    for name, value in effects.items():
+        hypothesis = REGISTRY[name].for_study(config)
+        why_not = hypothesis.why_not(config)
+        if why_not:
+            yield f"{key}.{name}: cannot be planted, {why_not}; remove it"
+        psi = value["multiplier"] if isinstance(value, dict) else value
+        if not hypothesis.low <= psi <= hypothesis.high:
+            yield (
+                f"{key}.{name}: {psi} lies outside the plausible range, {hypothesis.low} to "
+                f"{hypothesis.high} {hypothesis.unit}; move it inside"
+            )
+
+
+def _check_joint(joint: dict, subjects: dict) -> Iterator[str]:
+    for name, entry in joint.items():
+        key = f"criticism.joint.{name}"
+        if name in subjects:
+            yield f"{key}: a subject has this name, too, and both write there; choose another"
+        for subject in entry["subjects"]:
+            if subject not in subjects:
+                close = difflib.get_close_matches(subject, subjects, n=1)
+                hint = f"did you mean {close[0]}?" if close else "add it to `subjects`"
+                yield f"{key}.subjects: there is no subject {subject}; {hint}"
+        if entry["theta"] is not None and not Path(entry["theta"]).is_file():
+            yield (
+                f"{key}.theta: there is no file {entry['theta']}; give its path from the folder in "
+                "which you start"
+            )
 
 
 def _check_tables(config: dict) -> Iterator[str]:

@@ -390,15 +390,15 @@ def _published(channels: list, values: np.ndarray, source: str) -> pd.DataFrame:
     )
 
 
-def synthetic_subject(outputs: np.ndarray, noise: dict, seed: int) -> pd.DataFrame:
-    """Measured table of a simulated ventricle: `outputs` plus Gaussian noise.
+def synthetic_subject(outputs: np.ndarray, noise: dict, unit_noise: np.ndarray) -> pd.DataFrame:
+    """Measured table of a simulated ventricle: `outputs` plus noise.
 
-    outputs: (52,) in the order of `aha.OUTPUTS`; noise: `strain` and `volume` (mL), standard
-    deviations, which also become the `sd` of the table.
+    outputs: (52,) in the order of `aha.OUTPUTS`; noise: `strain` and `volume` (mL), its scales,
+    which also become the `sd` of the table; unit_noise: (52,) of unit scale.
     """
     is_volume = np.array([name == "volume_ml" for name in aha.OUTPUTS])
     sd = np.where(is_volume, noise["volume"], noise["strain"])
-    value = np.asarray(outputs) + sd * np.random.default_rng(seed).standard_normal(len(sd))
+    value = np.asarray(outputs) + sd * unit_noise
     channels = [("volume", None)]
     channels += [(q, s.number) for q in aha.DIRECTIONS for s in aha.SEGMENTS]
     table = _table(channels, value)

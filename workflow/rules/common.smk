@@ -28,6 +28,7 @@ from regional_lv import config as study_config  # noqa: E402
 from regional_lv import dependencies  # noqa: E402
 from regional_lv.aha import PARAMETERS  # noqa: E402
 from regional_lv.design import scenario_size  # noqa: E402
+from regional_lv.criticism.hypotheses import SimulatorHypothesis, asked  # noqa: E402
 from regional_lv.errors import InputError  # noqa: E402
 from regional_lv.geometry.table import read_segments  # noqa: E402
 from regional_lv.measured import states_noise  # noqa: E402
@@ -65,7 +66,7 @@ TABLE_SETS = config["simulations"]["tables"]
 PHYSICS = {
     section: config[section]
     for section in ("material", "fibres", "loading", "observables", "solver")
-}
+} | {"geometry": {"wall_thickness_scale": config["geometry"]["wall_thickness_scale"]}}
 
 SUBJECT_SOURCES = {
     name: subject["source"]
@@ -182,6 +183,19 @@ def any_of(names):
     return "|".join(map(re.escape, names)) or "(?!)"
 
 
+def extension_batches(hypothesis):
+    """Files of the simulations of a hypothesis; closed forms and noise have none."""
+    if not isinstance(hypothesis, SimulatorHypothesis):
+        return []
+    return expand(f"{R}/criticism/simulations/{hypothesis.name}/{{batch}}.parquet", batch=ANCHOR_BATCHES)
+
+
+def anchors_per_batch(hypothesis):
+    """How many anchors of a batch the hypothesis is simulated at, None for all."""
+    limits = [n for n in (config["criticism"]["anchors"], hypothesis.anchors) if n is not None]
+    return -(-min(limits) // len(ANCHOR_BATCHES)) if limits else None
+
+
 def subjects_from(source):
     """Wildcard constraint: the subjects of one source (or what no name can be)."""
     return any_of([name for name, where in SUBJECT_SOURCES.items() if where == source])
@@ -215,3 +229,15 @@ def of_shortlist(*files):
     return [
         f"{R}/posteriors/{emulator}/test/{file}" for emulator in shortlist() for file in files
     ]
+
+
+def criticised(name):
+    """Subjects that a criticism is of: those of a joint one, or the one of that name."""
+    joint = config["criticism"]["joint"]
+    return joint[name]["subjects"] if name in joint else [name]
+
+
+def known_theta(name):
+    """The table of known thetas of a joint criticism, if it has one."""
+    path = config["criticism"]["joint"].get(name, {}).get("theta")
+    return [] if path is None else [path]
