@@ -310,7 +310,14 @@ def _check_joint(joint: dict, subjects: dict) -> Iterator[str]:
                 close = difflib.get_close_matches(subject, subjects, n=1)
                 hint = f"did you mean {close[0]}?" if close else "add it to `subjects`"
                 yield f"{key}.subjects: there is no subject {subject}; {hint}"
-        if entry["theta"] is not None and not Path(entry["theta"]).is_file():
+        if entry["theta"] == "published":
+            for subject in entry["subjects"]:
+                if subjects.get(subject, {}).get("source", "") != "published_simulation":
+                    yield (
+                        f"{key}.theta: the theta of {subject} is not published; give a table of "
+                        "all thetas, or leave the subject out"
+                    )
+        elif entry["theta"] is not None and not Path(entry["theta"]).is_file():
             yield (
                 f"{key}.theta: there is no file {entry['theta']}; give its path from the folder in "
                 "which you start"

@@ -238,6 +238,9 @@ def criticised(name):
 
 
 def known_theta(name):
-    """The table of known thetas of a joint criticism, if it has one."""
-    path = config["criticism"]["joint"].get(name, {}).get("theta")
-    return [] if path is None else [path]
+    """Tables of the known thetas of a joint criticism, if it has any."""
+    joint = config["criticism"]["joint"].get(name, {})
+    theta = joint.get("theta")
+    if theta == "published":
+        return expand(f"{R}/known_theta/{{subject}}.csv", subject=joint["subjects"])
+    return [] if theta is None else [theta]

@@ -12,7 +12,7 @@ criticise_files(
     snakemake.input.emulator,
     snakemake.input.extensions,
     dict(zip(snakemake.params.subjects, snakemake.input.measured, strict=True)),
-    next(iter(snakemake.input.get("known_theta", [])), None),
+    snakemake.input.get("known_theta", []),
     snakemake.params.settings,
     snakemake.params.noise_prior_scale,
     snakemake.params.seed,

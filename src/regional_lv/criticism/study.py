@@ -1,6 +1,7 @@
 """From the files of a study to the findings of a subject."""
 
 import logging
+from collections.abc import Sequence
 from pathlib import Path
 
 import pandas as pd
@@ -24,7 +25,7 @@ def criticise_files(
     emulator_file: str | Path,
     extension_files,
     measured: dict[str, str | Path],
-    known_theta: str | Path | None,
+    known_theta: Sequence[str | Path],
     settings: dict,
     noise_prior_scale: float,
     seed: int,
@@ -32,14 +33,14 @@ def criticise_files(
 ) -> None:
     """Criticise the base model on one measured file, or on several together; write the findings.
 
-    name: of the subject, or of the joint criticism. measured: files by subject. known_theta: table
+    name: of the subject, or of the joint criticism. measured: files by subject. known_theta: tables
     (CSV) with `subject` and the ten parameters, for hearts whose theta is known up to two common
-    factors on the reference material, else None. settings: section `criticism` of the config.
+    factors on the reference material, else empty. settings: section `criticism` of the config.
 
     Raises InputError for files that cannot be used, before anything is fitted.
     """
     tables = {subject: read_measured(path) for subject, path in measured.items()}
-    theta = None if known_theta is None else read_known_theta(known_theta, list(measured))
+    theta = read_known_theta(known_theta, list(measured)) if known_theta else None
     emulator = emulators.load(emulator_file)
     extensions, noises = split(read_extensions(extension_files))
     content, _ = criticise_tables(
@@ -76,24 +77,28 @@ def split(extensions) -> tuple[list, list]:
     return changing, noises
 
 
-def read_known_theta(path: str | Path, subjects: list[str]) -> torch.Tensor:
-    """Theta (S, 10) of `subjects`, from a table with `subject` and the ten parameters.
+def read_known_theta(paths: Sequence[str | Path], subjects: list[str]) -> torch.Tensor:
+    """Theta (S, 10) of `subjects`, from tables with `subject` and the ten parameters.
 
     Raises InputError for a missing column or subject, or for a value that is no positive number.
     """
-    try:
-        table = pd.read_csv(path, dtype={"subject": str})
-    except (OSError, ValueError) as error:
-        raise InputError(f"{path}: cannot be read ({error}); check the path") from error
-    missing = [c for c in ("subject", *aha.PARAMETERS) if c not in table]
-    if missing:
-        raise InputError(f"{path}: no column {', '.join(missing)}; add what is missing")
-    table = table.drop_duplicates("subject").set_index("subject")
-    absent = [s for s in subjects if s not in table.index]
+    tables = []
+    for path in paths:
+        try:
+            table = pd.read_csv(path, dtype={"subject": str})
+        except (OSError, ValueError) as error:
+            raise InputError(f"{path}: cannot be read ({error}); check the path") from error
+        missing = [c for c in ("subject", *aha.PARAMETERS) if c not in table]
+        if missing:
+            raise InputError(f"{path}: no column {', '.join(missing)}; add what is missing")
+        tables.append(table.set_index("subject")[list(aha.PARAMETERS)])
+    values = pd.concat(tables)
+    where = ", ".join(map(str, paths[:3]))
+    absent = [s for s in subjects if s not in values.index]
     if absent:
-        raise InputError(f"{path}: no row for {', '.join(absent)}; add a row for each subject")
-    values = table.loc[subjects, list(aha.PARAMETERS)]
+        raise InputError(f"{where}: no row for {', '.join(absent)}; add a row for each subject")
+    values = values[~values.index.duplicated()].loc[subjects]
     for subject, row in values.iterrows():
         if not (pd.to_numeric(row, errors="coerce") > 0).all():
-            raise InputError(f"{path}, row {subject}: a parameter is not above zero; correct it")
+            raise InputError(f"{where}, row {subject}: a parameter is not above zero; correct it")
     return torch.as_tensor(values.to_numpy(float))
