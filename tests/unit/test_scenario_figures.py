@@ -408,3 +408,6 @@ def test_agreement(tmp_path, paths, titles):
     trust.draw_agreement(tmp_path / "a.csv", *paths)
     assert len(read(paths)) == 50
     assert "5 cases: 80 % agree" in titles[0]
+    pd.DataFrame(columns=columns).to_csv(tmp_path / "a.csv", index=False)
+    trust.draw_agreement(tmp_path / "a.csv", *paths)
+    assert "0 cases: none passed its gate" in titles[1]

@@ -52,7 +52,7 @@ def draw_agreement(agreement: Path, png: Path, csv: Path) -> None:
 
     agreement: CSV with case, parameter, mean_fast, mean_nuts, sd_fast, sd_nuts,
     mean_difference_in_sd, sd_ratio, agrees; the figure's table. Between the dashed lines the two
-    agree.
+    agree. Without any case that the fast sampler finished, the figure is empty and says so.
     """
     table = pd.read_csv(agreement)
     fig = style.figure(12.0, 4.0)
@@ -60,7 +60,7 @@ def draw_agreement(agreement: Path, png: Path, csv: Path) -> None:
     for at, name in enumerate(aha.PARAMETERS):
         part = table[table["parameter"] == name]
         place = at + np.linspace(-0.3, 0.3, len(part))
-        colour = np.where(part["agrees"], style.BLUE, style.VERMILLION)
+        colour = np.where(part["agrees"].astype(bool), style.BLUE, style.VERMILLION)
         left.scatter(place, part["mean_difference_in_sd"], c=colour, s=9, linewidths=0)
         right.scatter(place, part["sd_ratio"], c=colour, s=9, linewidths=0)
     for limit in (-MEAN_LIMIT, MEAN_LIMIT):
@@ -73,7 +73,7 @@ def draw_agreement(agreement: Path, png: Path, csv: Path) -> None:
     left.set_xticks(range(len(names)), names)
     for ax in (left, right):
         ax.tick_params(axis="x", labelsize=7)
-    share = 100 * table["agrees"].mean()
     cases = table["case"].nunique()
-    style.suptitle(fig, f"Fast sampler against NUTS, {cases} cases: {share:.0f} % agree")
+    outcome = f"{100 * table['agrees'].mean():.0f} % agree" if cases else "none passed its gate"
+    style.suptitle(fig, f"Fast sampler against NUTS, {cases} cases: {outcome}")
     style.save(fig, table, png, csv)
