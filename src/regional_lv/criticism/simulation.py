@@ -69,19 +69,21 @@ class Extended:
         """d(w)/d(psi) (size,) and d(outputs)/d(psi) (52,) at the base value, exactly.
 
         `state` is the base model's, whose factorised tangent is at hand: -K^-1 dR/dpsi, with the
-        residual's change by central difference, and what the outputs change by themselves.
+        residual's change by central difference, and what the outputs change by themselves. Where
+        psi moves the circles on which nodes of the base stay, the field moves with them.
         """
         base, h = self.hypothesis, SLOPE_STEP * (self.hypothesis.high - self.hypothesis.low)
-        moved = []
+        sides = []
         for psi in (base.base + h, base.base - h):
             simulator = self.simulator(psi)
             simulator.set(state.theta, state.pressure)
-            moved.append((simulator.residual(state.w), simulator.observables(state.w)))
-        (residual, outputs), (residual_back, outputs_back) = moved
+            w = simulator.retract(state.w)
+            sides.append((w, simulator.residual(w), simulator.observables(w)))
+        carried, residual, outputs = ((a - b) / (2 * h) for a, b in zip(*sides, strict=True))
         simulator = self.simulator(base.base)
-        field = -simulator.solve((residual - residual_back) / (2 * h))
+        field = -simulator.solve(residual)
         along = simulator.directional_derivatives(state.w, field[None])[0]
-        return field, along + (outputs - outputs_back) / (2 * h)
+        return field + carried, along + outputs
 
     def nodes(self, start: State, along: np.ndarray | None, tangents: np.ndarray, effort: Effort):
         """Yield (psi, Simulation) at every node, from the base model's state.
