@@ -8,6 +8,7 @@ the tables of keys in that page.
 import copy
 import difflib
 import itertools
+import math
 import re
 import sys
 import warnings
@@ -17,13 +18,16 @@ from pathlib import Path
 import jsonschema
 import yaml
 
+from regional_lv.criticism.hypotheses import REGISTRY
 from regional_lv.errors import InputError
-from regional_lv.resources import PUBLISHED_HEART
+from regional_lv.resources import PUBLISHED, PUBLISHED_HEART, PUBLISHED_ROWS
 from regional_lv.schema import load_schema
 
 MARK = "<!-- The tables below are written from the schema by `make format`. -->\n"
 """Line of config/README.md after which everything is generated."""
 
+LEAST_ROWS = 12
+"""Simulations that every emulator needs: two more than there are parameters."""
 RESERVED = {"train", "test", "resimulated", "subjects"}
 """Names that no scenario may have."""
 
@@ -38,13 +42,14 @@ def load(config: str | Path | dict, source: str = "config") -> dict:
 
     Returns
     -------
-    A new nested dict with every key of the schema. Relative paths stay as they are: they count
+    A new nested dict with every key of the schema; `design.test` is the number of test cases also
+    where they come from a table. Relative paths stay as they are: they count
     from the working directory.
 
     Raises
     ------
     InputError: one line per mistake, each with the key and the remedy; also for a subject's
-        measured file that cannot be used.
+        measured file or a table of simulations that cannot be used.
     """
     if not isinstance(config, dict):
         source = str(config)
@@ -54,6 +59,9 @@ def load(config: str | Path | dict, source: str = "config") -> dict:
     _raise(source, sorted(line for error in errors for line in _explain(error)))
     complete = _complete(schema, config)
     _raise(source, list(_cross_check(complete)))
+    if complete["simulations"]["source"] == "table":
+        # The one place that says how many test cases there are.
+        complete["design"]["test"] = _table_sizes(complete)["test"]
     return complete
 
 
@@ -136,10 +144,8 @@ def _explain(error: jsonschema.ValidationError) -> Iterator[str]:
 def _explain_unknown(schema: dict, key: str, name: str) -> str:
     here = list(schema.get("properties", {}))
     if "patternProperties" in schema:
-        return (
-            f"{_join(key, name)}: not a usable name; use letters, digits and underscores, and "
-            "begin with a letter"
-        )
+        remedy = "use letters, digits and underscores, and begin with a letter"
+        return f"{_join(key, name)}: not a usable name; {schema.get('names', remedy)}"
     if not here:
         return f"{_join(key, name)}: unknown key. {schema['description']} Leave it empty: {{}}"
     close = difflib.get_close_matches(name, here, n=1, cutoff=0.5)
@@ -166,13 +172,26 @@ def _complaint(error: jsonschema.ValidationError) -> str:
         "exclusiveMinimum": f"{value!r} is too small; give more than {limit}",
         "maximum": f"{value!r} is too large; give at most {limit}",
         "exclusiveMaximum": f"{value!r} is too large; give less than {limit}",
-        "anyOf": f"{value!r} is neither a whole number above zero nor `all`; give one of them",
+        "anyOf": f"{value!r} is neither `all` nor {_alternative(error)}; give one of them",
         "minItems": "the list is empty; name at least one",
         "uniqueItems": f"{value!r} names something twice; remove the repetition",
         "pattern": f"{value!r} is not a usable name; use letters, digits and underscores, and "
         "begin with a letter",
     }
     return words[error.validator]
+
+
+def _alternative(error: jsonschema.ValidationError) -> str:
+    """What may stand instead of `all`."""
+    other = next(entry for entry in error.validator_value if "type" in entry)
+    if other["type"] == "integer":
+        return "a whole number above zero"
+    return f"a list of {', '.join(_resolved(other['items'])['enum'])}"
+
+
+def _resolved(entry: dict) -> dict:
+    reference = entry.get("$ref", "").removeprefix("#/$defs/")
+    return load_schema()["$defs"][reference] if reference else entry
 
 
 def _type_name(types: str | list[str]) -> str:
@@ -222,26 +241,30 @@ def _cross_check(config: dict) -> Iterator[str]:
     solver = config["solver"]
     if solver["min_load_fraction"] > solver["first_load_fraction"]:
         yield "solver.min_load_fraction: exceeds solver.first_load_fraction; lower it"
+    mistakes = list(_check_tables(config))
+    yield from mistakes
+    sizes = {"train": design["natural"] + design["log"], "test": design["test"]}
+    if config["simulations"]["source"] == "table":
+        # What cannot be read has been said already.
+        sizes = None if mistakes else _table_sizes(config)
+    if sizes:
+        yield from _check_sizes(config, sizes)
     emulators = config["emulators"]
-    shortlist = emulators["shortlist"]["names"] or emulators["names"]
-    for name in shortlist:
+    shortlist = emulators["shortlist"]["names"]
+    for name in shortlist or ():
         if name not in emulators["names"]:
             yield f"emulators.shortlist.names: {name} is not in emulators.names; add it there"
-    if emulators["final"] not in ("auto", *shortlist):
+    candidates = shortlist or emulators["names"]
+    if emulators["final"] not in ("auto", *candidates):
         yield (
             f"emulators.final: {emulators['final']} is not among those whose posteriors are "
-            f"compared ({', '.join(shortlist)}); add it to emulators.names and to "
+            f"compared ({', '.join(candidates)}); add it to emulators.names and to "
             "emulators.shortlist.names, or write `auto`"
         )
     yield from _check_scenarios(config["scenarios"], design)
-    cases = config["test_posteriors"]["cases"]
-    if cases != "all" and cases > design["test"]:
-        yield (
-            f"test_posteriors.cases: {cases} posteriors on {design['test']} test cases "
-            "(design.test); lower it, or write `all`"
-        )
     for name, subject in config["subjects"].items():
         yield from _check_subject(f"subjects.{name}", subject, name, config["synthetic_subjects"])
+    yield from _check_joint(config["criticism"]["joint"], config["subjects"])
     for name, subject in config["synthetic_subjects"].items():
         for parameter, value in subject["theta"].items():
             if not design["lower"] <= value <= design["upper"]:
@@ -250,6 +273,139 @@ def _cross_check(config: dict) -> Iterator[str]:
                     f"[{design['lower']}, {design['upper']}] (design.lower, design.upper), where "
                     "nothing is simulated; move it inside"
                 )
+        yield from _check_effects(f"synthetic_subjects.{name}.effects", subject["effects"], config)
+    asked = config["criticism"]["hypotheses"]
+    for name in asked if asked != "all" else ():
+        why_not = REGISTRY[name].why_not(config)
+        if why_not:
+            yield f"criticism.hypotheses: {name} cannot be asked, {why_not}; remove it"
+    if loading["basal_compliance_mm_per_kpa"] and loading["base"] != "u_r_u_z_fixed":
+        yield (
+            f"loading.basal_compliance_mm_per_kpa: only `u_r_u_z_fixed` holds the base on its "
+            f"circle, `{loading['base']}` does not; leave it at 0"
+        )
+
+
+def _check_effects(key: str, effects: dict, config: dict) -> Iterator[str]:
+    for name, value in effects.items():
+        hypothesis = REGISTRY[name].for_study(config)
+        why_not = hypothesis.why_not(config)
+        if why_not:
+            yield f"{key}.{name}: cannot be planted, {why_not}; remove it"
+        psi = value["multiplier"] if isinstance(value, dict) else value
+        if not hypothesis.low <= psi <= hypothesis.high:
+            yield (
+                f"{key}.{name}: {psi} lies outside the plausible range, {hypothesis.low} to "
+                f"{hypothesis.high} {hypothesis.unit}; move it inside"
+            )
+
+
+def _check_joint(joint: dict, subjects: dict) -> Iterator[str]:
+    for name, entry in joint.items():
+        key = f"criticism.joint.{name}"
+        if name in subjects:
+            yield f"{key}: a subject has this name, too, and both write there; choose another"
+        for subject in entry["subjects"]:
+            if subject not in subjects:
+                close = difflib.get_close_matches(subject, subjects, n=1)
+                hint = f"did you mean {close[0]}?" if close else "add it to `subjects`"
+                yield f"{key}.subjects: there is no subject {subject}; {hint}"
+        if entry["theta"] == "published":
+            for subject in entry["subjects"]:
+                if subjects.get(subject, {}).get("source", "") != "published_simulation":
+                    yield (
+                        f"{key}.theta: the theta of {subject} is not published; give a table of "
+                        "all thetas, or leave the subject out"
+                    )
+        elif entry["theta"] is not None and not Path(entry["theta"]).is_file():
+            yield (
+                f"{key}.theta: there is no file {entry['theta']}; give its path from the folder in "
+                "which you start"
+            )
+
+
+def _check_tables(config: dict) -> Iterator[str]:
+    """Tables of simulations that cannot be used, and what cannot be had without a simulator."""
+    simulations, design = config["simulations"], config["design"]
+    tables = simulations["tables"]
+    if simulations["source"] != "table":
+        if tables:
+            yield (
+                "simulations.tables: tables are read with `simulations.source: table` only; set "
+                "that, or remove them"
+            )
+        return
+    if "train" not in tables:
+        yield "simulations.tables.train: missing; give the inputs and outputs to learn from"
+    # Imported here for the same reason as measured files are.
+    from regional_lv.simulation_tables import SENSITIVITY, read_tables
+
+    for name, files in tables.items():
+        key = f"simulations.tables.{name}"
+        if PUBLISHED in files.values():
+            if name != "train" or set(files.values()) != {PUBLISHED}:
+                yield (
+                    f"{key}: `{PUBLISHED}` is the paper's training table, inputs and outputs "
+                    "together; name it for both of `train`, or give paths"
+                )
+            columns = ()
+        else:
+            try:
+                columns = read_tables(**files, lower=design["lower"], upper=design["upper"]).columns
+            except InputError as error:
+                yield f"{key}: {error}"
+                continue
+        learner = "gradient_gp"
+        if name == "train" and learner in config["emulators"]["names"]:
+            if SENSITIVITY not in columns:
+                yield (
+                    f"emulators.names: {learner} learns from sensitivities, and {key} has no "
+                    f"column {SENSITIVITY}; add it (Parquet, 520 numbers per row), or leave "
+                    f"{learner} out"
+                )
+    for name, subject in config["subjects"].items():
+        if subject["source"] == "synthetic":
+            yield (
+                f"subjects.{name}: synthetic subjects come out of the simulator, which "
+                "`simulations.source: table` does without; remove it"
+            )
+
+
+def _table_sizes(config: dict) -> dict[str, int]:
+    """Rows of the sets of source `table`, `train` and `test` after the split."""
+    from regional_lv.simulation_tables import read_tables, split
+
+    simulations, design = config["simulations"], config["design"]
+    sizes = {
+        name: PUBLISHED_ROWS
+        if PUBLISHED in files.values()
+        else len(read_tables(**files, lower=design["lower"], upper=design["upper"]))
+        for name, files in simulations["tables"].items()
+    }
+    holdout = 0 if "test" in sizes else simulations["holdout"]
+    parts = split(sizes["train"], holdout, simulations["rows"], config["seed"])
+    return {"test": holdout} | sizes | {"train": len(parts["train"])}
+
+
+def _check_sizes(config: dict, sizes: dict[str, int]) -> Iterator[str]:
+    """Too few simulations for what is asked of them."""
+    cases = config["test_posteriors"]["cases"]
+    if cases != "all" and cases > sizes["test"]:
+        yield (
+            f"test_posteriors.cases: {cases} posteriors on {sizes['test']} test cases "
+            "(design.test, or the test table); lower it, or write `all`"
+        )
+    rows = sizes["train"]
+    if rows < LEAST_ROWS:
+        yield f"{rows} training simulations are too few for any emulator; give {LEAST_ROWS} or more"
+    for name in config["emulators"]["names"]:
+        settings = config["emulators"][name]
+        if "neighbours" in settings and rows < settings["neighbours"] / 0.9:
+            yield (
+                f"emulators.{name}.neighbours: {rows} training simulations are too few for "
+                f"{settings['neighbours']} neighbours and some to calibrate on; lower it, leave "
+                f"{name} out of emulators.names, or simulate more"
+            )
 
 
 def _check_scenarios(scenarios: dict, design: dict) -> Iterator[str]:
@@ -312,6 +468,13 @@ def _check_subject(key: str, subject: dict, name: str, synthetic: dict) -> Itera
                 yield f"{key}.measured: {error}"
     elif measured is not None:
         yield f"{key}.measured: only `source: file` reads a file; remove one of the two"
+    if subject.get("frame") is not None and source != "published_volunteer":
+        yield f"{key}.frame: only `source: published_volunteer` has frames; remove one of the two"
+    row = subject.get("row")
+    if source == "published_simulation" and row is None:
+        yield f"{key}.row: missing; give the row of the published simulation (1, 2, ...)"
+    if source != "published_simulation" and row is not None:
+        yield f"{key}.row: only `source: published_simulation` has rows; remove one of the two"
 
 
 # --------------------------------------------------------------------------- documentation
@@ -360,7 +523,8 @@ def document() -> str:
 def _default_text(entry: dict) -> str:
     if "default" not in entry:
         return "none"
-    return f"`{yaml.safe_dump(entry['default'], default_flow_style=True).splitlines()[0]}`"
+    text = yaml.safe_dump(entry["default"], default_flow_style=True, width=math.inf)
+    return f"`{text.splitlines()[0]}`"
 
 
 def _meaning(entry: dict) -> str:

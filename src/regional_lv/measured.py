@@ -318,11 +318,16 @@ def write_measured(table: pd.DataFrame, path: str | Path) -> None:
     tidy[[*REQUIRED, *optional]].to_csv(path, index=False)
 
 
-def published_volunteer(case: str | Path) -> pd.DataFrame:
+def published_volunteer(
+    case: str | Path, curves: str | Path | None = None, frame: int | str | None = None
+) -> pd.DataFrame:
     """The healthy volunteer of the paper as a measured table.
 
     `case`: header-less CSV, one row of 33: volume (mL), then 16 circumferential and 16 radial
-    strains in the published order of segments, without the apex. Raises InputError otherwise.
+    strains in the published order of segments, without the apex. `curves` (CSV with a header and
+    a row per cine frame, first column `source`, the same 32 strains): if given, the strains are
+    those of its frame number `frame` (1, 2, ...), or with "extrema" those of its first row, the
+    largest ones of each segment, whenever they occur. Raises InputError otherwise.
     """
     try:
         row = np.loadtxt(case, delimiter=",", ndmin=2)
@@ -330,25 +335,70 @@ def published_volunteer(case: str | Path) -> pd.DataFrame:
         raise _error(case, None, f"cannot be read ({error}); fetch it again") from error
     if row.shape != (1, 33):
         raise _error(case, None, f"shape {row.shape} instead of (1, 33); fetch it again")
+    values, source = row[0], "published volunteer"
+    if curves is not None:
+        values = np.concatenate([values[:1], _curve(curves, frame)])
+        source += f", frame {frame}"
     order = sorted(aha.SEGMENTS, key=lambda segment: segment.published_order)[:16]
     channels = [("volume", None)]
     channels += [(q, s.number) for q in ("circumferential", "radial") for s in order]
-    table = _table(channels, row[0])
-    table["source"] = "published volunteer"
+    return _published(channels, values, source)
+
+
+def _curve(curves: str | Path, frame: int | str) -> np.ndarray:
+    """The 32 strains of one frame of the volunteer's curves, in published order."""
+    try:
+        table = pd.read_csv(curves, index_col="source")
+    except (OSError, ValueError, KeyError) as error:
+        raise _error(curves, None, f"cannot be read ({error}); fetch it again") from error
+    name = frame if frame == "extrema" else f"row_{frame - 1}"
+    if name not in table.index:
+        last = len(table.index) - 1
+        raise _error(curves, None, f"no frame {frame}; choose one of 1 to {last}, or extrema")
+    return table.loc[name].to_numpy(float)
+
+
+def published_simulation(
+    inputs: str | Path, outputs: str | Path, row: int
+) -> tuple[pd.DataFrame, pd.Series]:
+    """A published simulation as if it had been measured, and its theta by parameter.
+
+    inputs, outputs: header-less CSV, N rows of 10 and of 52 (volume, then 17 strains for each
+    direction in the published order of segments). row: 1, 2, ..., N. Raises InputError otherwise.
+    """
+    values = []
+    for path, width in ((inputs, len(aha.PARAMETERS)), (outputs, len(aha.OUTPUTS))):
+        table = pd.read_csv(path, header=None)
+        if table.shape[1] != width:
+            raise _error(path, None, f"{table.shape[1]} columns instead of {width}; fetch it again")
+        if not 1 <= row <= len(table):
+            raise _error(path, row, f"there are {len(table)} rows; choose one of them")
+        values.append(table.to_numpy(float)[row - 1])
+    theta, published = values
+    channels = [("volume", None), *((q, s.number) for q in aha.DIRECTIONS for s in aha.SEGMENTS)]
+    observed = aha.outputs_from_published(published)
+    return _published(channels, observed, f"published simulation, row {row}"), pd.Series(
+        theta, index=list(aha.PARAMETERS)
+    )
+
+
+def _published(channels: list, values: np.ndarray, source: str) -> pd.DataFrame:
+    table = _table(channels, values)
+    table["source"] = source
     return table.sort_values(
         "output", key=lambda names: names.map(aha.OUTPUTS.index), ignore_index=True
     )
 
 
-def synthetic_subject(outputs: np.ndarray, noise: dict, seed: int) -> pd.DataFrame:
-    """Measured table of a simulated ventricle: `outputs` plus Gaussian noise.
+def synthetic_subject(outputs: np.ndarray, noise: dict, unit_noise: np.ndarray) -> pd.DataFrame:
+    """Measured table of a simulated ventricle: `outputs` plus noise.
 
-    outputs: (52,) in the order of `aha.OUTPUTS`; noise: `strain` and `volume` (mL), standard
-    deviations, which also become the `sd` of the table.
+    outputs: (52,) in the order of `aha.OUTPUTS`; noise: `strain` and `volume` (mL), its scales,
+    which also become the `sd` of the table; unit_noise: (52,) of unit scale.
     """
     is_volume = np.array([name == "volume_ml" for name in aha.OUTPUTS])
     sd = np.where(is_volume, noise["volume"], noise["strain"])
-    value = np.asarray(outputs) + sd * np.random.default_rng(seed).standard_normal(len(sd))
+    value = np.asarray(outputs) + sd * unit_noise
     channels = [("volume", None)]
     channels += [(q, s.number) for q in aha.DIRECTIONS for s in aha.SEGMENTS]
     table = _table(channels, value)

@@ -24,12 +24,18 @@ NETWORK_VARIABLE = "REGIONAL_LV_REPOSITORY_ANSWERS"
 """Set by the first process that asked; the jobs it starts inherit the answer."""
 
 VOLUNTEER = "measured/ACase.csv"
+VOLUNTEER_CURVES = "measured/AHA17_rows_full_labels_cir_then_rad.csv"
 HEART_MESH = "mesh/hexheartLVmeshF60S45.inp"
 HEART_SEGMENTS = "mesh/AHALVMeshDivisionPCAReconstructed.mat"
 TRAINING_INPUTS = "simulations/X_train_Final_10.csv"
 TRAINING_OUTPUTS = "simulations/Y_data_train_Final.csv"
 PUBLISHED_HEART = "published_heart"
 """What a config calls `HEART_MESH` with `HEART_SEGMENTS`."""
+PUBLISHED = "published"
+"""What a config calls `TRAINING_INPUTS` and `TRAINING_OUTPUTS`."""
+TRAINING = {"inputs": TRAINING_INPUTS, "outputs": TRAINING_OUTPUTS}
+PUBLISHED_ROWS = 5661
+"""Rows of both."""
 
 
 class Published(NamedTuple):
@@ -42,6 +48,10 @@ class Published(NamedTuple):
 FILES = {
     VOLUNTEER: Published(
         "ACase/ACase.csv", "62a4c71de9f7608cb22edabb06e9b63aa58c6fa291f887bf7c2856d216e39906"
+    ),
+    VOLUNTEER_CURVES: Published(
+        "ACase/AHA17_rows_full_labels_cir_then_rad.csv",
+        "13c5785c59ddf56335c07308440443b34e90fce9bf26573efaf02c80c6280a1f",
     ),
     HEART_MESH: Published(
         "LVmeshV/hexheartLVmeshF60S45.inp",

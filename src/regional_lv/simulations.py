@@ -8,6 +8,7 @@ import pandas as pd
 
 from regional_lv import aha
 from regional_lv.geometry.mesh import read_mesh
+from regional_lv.geometry.thickness import thickened
 from regional_lv.mechanics.continuation import (
     Effort,
     GrowingRunner,
@@ -22,9 +23,13 @@ from regional_lv.progress import Progress
 log = logging.getLogger(__name__)
 
 
-def make_simulator(mesh: Path, physics: dict) -> Simulator:
-    """The simulator of a mesh file; `physics` holds the config sections that describe it."""
-    return Simulator(read_mesh(mesh), physics)
+def make_simulator(mesh: Path, physics: dict, extended: bool = False) -> Simulator:
+    """The simulator of a mesh file; `physics` holds the config sections that describe it.
+
+    extended: as for `Simulator`.
+    """
+    thickness = physics["geometry"].get("wall_thickness_scale", 1.0)
+    return Simulator(thickened(read_mesh(mesh), thickness), physics, extended)
 
 
 def frame_column(output: str, fraction: float) -> str:

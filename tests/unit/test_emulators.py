@@ -165,6 +165,18 @@ def test_jacobian_is_that_of_autograd(emulator):
         torch.testing.assert_close(a, b, rtol=1e-8, atol=1e-10)
 
 
+def test_mean_alone_is_that_of_the_prediction(emulator):
+    theta = torch.as_tensor(points(6, 24)).reshape(2, 3, 10)
+    torch.testing.assert_close(emulator.predict_mean(theta), emulator.predict(theta).mean)
+    torch.testing.assert_close(emulator.linearise(theta)[1], emulator.jacobian(theta)[0])
+
+
+def test_architecture_is_said(fitted):
+    kind = fitted.architecture
+    assert kind.training_scope == ("local" if fitted.name.startswith("local") else "global")
+    assert kind.output_structure in ("single-output", "multi-output") and kind.label
+
+
 def test_file_brings_it_back(fitted, emulator, tmp_path):
     theta = torch.as_tensor(points(5, 8))
     for before in (emulator, fitted):
@@ -311,6 +323,19 @@ def test_local_needs_an_observation_and_neighbours():
         emulator.localise(toy(MIDDLE))
     with pytest.raises(InputError, match="lower local_mgp"):
         fit("local_mgp", neighbours=140)
+
+
+def test_few_latent_processes_start_with_the_volume_among_them():
+    """It is the last of the scores, and not the least."""
+    theta = points(60, 40)
+    y = many_outputs(theta)
+    emulator = emulators.create("mvgp", {"latents": 3, "inducing": 30, "iterations": 1})
+    emulator.fit(theta, y, seed=3, **BOX)
+    assert emulator.info["scores"] > 3
+    assert emulator.parameters["mixing"][-1].abs().max() > 0.3
+    at = torch.as_tensor(points(20, 41))
+    error = emulator.predict_mean(at)[:, 0] - torch.as_tensor(many_outputs(at.numpy()))[:, 0]
+    assert (error / emulator.output_sd[0]).square().mean() < 0.2
 
 
 def test_what_reduction_leaves_out_is_uncertain():

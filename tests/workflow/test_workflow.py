@@ -20,7 +20,10 @@ import yaml
 
 PARTS = ("Snakefile", "workflow", "config", "src", "resources", "envs", "profiles")
 TIMES = {"cpu_s", "seconds", "cpu_s_mean", "cpu_s_median", "cpu_s_p95"}
-"""Columns that say how long something took: they alone may differ between two runs."""
+TIMES |= {"training_seconds", "seconds_per_case", "seconds_per_case_least_squares"}
+TIMES |= {"seconds_per_case_weighted", "ms_localise", "ms_prediction", "ms_gradient"}
+TIMES |= {"ms_gradient_batched", "peak_memory_mb", "file_mb"}
+"""Columns that say what something took: they alone may differ between two runs."""
 
 
 def copy_project(root: Path, target: Path) -> Path:

@@ -1,5 +1,6 @@
 """The checked config, the paths, the dependencies on the library, for all other files here."""
 
+import json
 import os
 import re
 import sys
@@ -27,6 +28,7 @@ from regional_lv import config as study_config  # noqa: E402
 from regional_lv import dependencies  # noqa: E402
 from regional_lv.aha import PARAMETERS  # noqa: E402
 from regional_lv.design import scenario_size  # noqa: E402
+from regional_lv.criticism.hypotheses import SimulatorHypothesis, asked  # noqa: E402
 from regional_lv.errors import InputError  # noqa: E402
 from regional_lv.geometry.table import read_segments  # noqa: E402
 from regional_lv.measured import states_noise  # noqa: E402
@@ -34,10 +36,13 @@ from regional_lv.resources import (  # noqa: E402
     FILES,
     HEART_MESH,
     HEART_SEGMENTS,
+    PUBLISHED,
     PUBLISHED_HEART,
+    TRAINING,
     TRAINING_INPUTS,
     TRAINING_OUTPUTS,
     VOLUNTEER,
+    VOLUNTEER_CURVES,
     fetched_path,
     volunteer_available,
 )
@@ -54,13 +59,14 @@ R = f"results/{config['study']}"
 LOGS = f"{R}/logs"
 # The emulator that scenarios, subjects and most figures use; `choose_final` makes it.
 EMULATOR = "final"
-# Emulators whose posteriors on the test set are compared.
-SHORTLIST = config["emulators"]["shortlist"]["names"] or config["emulators"]["names"]
 BOUNDS = [config["design"]["lower"], config["design"]["upper"]]
+FROM_TABLES = config["simulations"]["source"] == "table"
+TABLE_SETS = config["simulations"]["tables"]
+
 PHYSICS = {
     section: config[section]
     for section in ("material", "fibres", "loading", "observables", "solver")
-}
+} | {"geometry": {"wall_thickness_scale": config["geometry"]["wall_thickness_scale"]}}
 
 SUBJECT_SOURCES = {
     name: subject["source"]
@@ -72,18 +78,24 @@ SUBJECTS = list(SUBJECT_SOURCES)
 NOISE_INFERRED = [
     name
     for name, source in SUBJECT_SOURCES.items()
-    if source == "published_volunteer"
+    if source.startswith("published_")
     or (source == "file" and not states_noise(config["subjects"][name]["measured"]))
 ]
 SYNTHETIC = [name for name, source in SUBJECT_SOURCES.items() if source == "synthetic"]
 
 VOLUNTEERS = [name for name in SUBJECTS if SUBJECT_SOURCES[name] == "published_volunteer"]
 
-SCENARIOS = config["scenarios"]["sets"]
+# Without a simulator, those scenarios that come with tables.
+SCENARIOS = {
+    name: scenario
+    for name, scenario in config["scenarios"]["sets"].items()
+    if not FROM_TABLES or name in TABLE_SETS
+}
 NOISY = {f"{name}-noisy": name for name in SCENARIOS}
+TEST_SIZE = config["simulations"]["holdout"] if FROM_TABLES else config["design"]["test"]
 # Sets with a known truth whose posteriors are sampled, and how many cases each has.
 SETS = {
-    "test": config["design"]["test"]
+    "test": TEST_SIZE
     if config["test_posteriors"]["cases"] == "all"
     else config["test_posteriors"]["cases"],
     **{name: scenario_size(scenario) for name, scenario in SCENARIOS.items()},
@@ -107,6 +119,27 @@ def imported_files():
         }
     files = {"mesh": IMPORTED["file"], "segments": IMPORTED["segments"]}
     return {name: path for name, path in files.items() if path is not None}
+
+
+def simulation_table(name, kind):
+    """File of the `inputs` or `outputs` of a set that comes from a table; what has no table of its
+    own is held out of `train`."""
+    path = TABLE_SETS.get(name, TABLE_SETS["train"])[kind]
+    return fetched_path(config["study"], TRAINING[kind]) if path == PUBLISHED else path
+
+
+# Figures and tables of the stage `estimates`, up to the shortlist.
+COMPARISON_FIGURES = ["per_sample_mse", "sample_efficiency"]
+COMPARISON_TABLES = ["architectures", "ranking", "pairs", "sample_efficiency"]
+
+# Tables of finished simulations need not bring sensitivities; where an emulator is asked for that
+# learns from them, they do (the config is checked for that).
+EFFICIENCY_CURVES = [
+    f"{emulator}-{transform}"
+    for emulator in ("exact_gp", "gradient_gp")
+    for transform in ("log", "identity")
+    if emulator == "exact_gp" or not FROM_TABLES or emulator in config["emulators"]["names"]
+]
 
 
 # Modules that decide how things are reported, never what comes out.
@@ -150,6 +183,19 @@ def any_of(names):
     return "|".join(map(re.escape, names)) or "(?!)"
 
 
+def extension_batches(hypothesis):
+    """Files of the simulations of a hypothesis; closed forms and noise have none."""
+    if not isinstance(hypothesis, SimulatorHypothesis):
+        return []
+    return expand(f"{R}/criticism/simulations/{hypothesis.name}/{{batch}}.parquet", batch=ANCHOR_BATCHES)
+
+
+def anchors_per_batch(hypothesis):
+    """How many anchors of a batch the hypothesis is simulated at, None for all."""
+    limits = [n for n in (config["criticism"]["anchors"], hypothesis.anchors) if n is not None]
+    return -(-min(limits) // len(ANCHOR_BATCHES)) if limits else None
+
+
 def subjects_from(source):
     """Wildcard constraint: the subjects of one source (or what no name can be)."""
     return any_of([name for name, where in SUBJECT_SOURCES.items() if where == source])
@@ -161,8 +207,40 @@ def subject_seed(name):
     return derive(config["seed"], "subject", name) if seed is None else seed
 
 
+def volunteer_files(wildcards):
+    """The volunteer's published file, and the curves over time where one frame is asked for."""
+    files = {"case": fetched_path(config["study"], VOLUNTEER)}
+    if config["subjects"][wildcards.subject]["frame"] is not None:
+        files["curves"] = fetched_path(config["study"], VOLUNTEER_CURVES)
+    return files
+
+
+def shortlist():
+    """Emulators whose posteriors on the test set are compared: named, or the best of the ranking."""
+    named = config["emulators"]["shortlist"]["names"]
+    if named:
+        return named
+    ranking = checkpoints.rank_emulators.get()
+    return json.loads(Path(ranking.output.shortlist).read_text())["shortlist"]
+
+
 def of_shortlist(*files):
     """Files of the test set's posteriors, of every shortlisted emulator."""
     return [
-        f"{R}/posteriors/{emulator}/test/{file}" for emulator in SHORTLIST for file in files
+        f"{R}/posteriors/{emulator}/test/{file}" for emulator in shortlist() for file in files
     ]
+
+
+def criticised(name):
+    """Subjects that a criticism is of: those of a joint one, or the one of that name."""
+    joint = config["criticism"]["joint"]
+    return joint[name]["subjects"] if name in joint else [name]
+
+
+def known_theta(name):
+    """Tables of the known thetas of a joint criticism, if it has any."""
+    joint = config["criticism"]["joint"].get(name, {})
+    theta = joint.get("theta")
+    if theta == "published":
+        return expand(f"{R}/known_theta/{{subject}}.csv", subject=joint["subjects"])
+    return [] if theta is None else [theta]

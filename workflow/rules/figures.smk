@@ -24,9 +24,10 @@ SUBJECT_FIGURES = ["bullseye_posterior", "posterior_predictive", "traces"]
 FIGURES = expand(
     f"{R}/figures/{{name}}.{{ext}}",
     name=[
-        *STUDY_FIGURES,
+        *(["explained_variance", "parity"] if FROM_TABLES else STUDY_FIGURES),
+        *COMPARISON_FIGURES,
         *TEST_SET_FIGURES,
-        *TRUST_FIGURES,
+        *(["sbc", "sampler_agreement"] if FROM_TABLES else TRUST_FIGURES),
         *(LOCAL_FIGURES if LOCAL else []),
         *(GLOBAL_FIGURES if GLOBAL else []),
         *(SCENARIO_FIGURES if SCENARIOS else []),
@@ -38,11 +39,12 @@ FIGURES = expand(
 TABLES = expand(
     f"{R}/tables/{{name}}.{{ext}}",
     name=[
+        *COMPARISON_TABLES,
         "choice",
         "diagnostics",
         "recovery",
         "variance_ratios",
-        "scenarios",
+        *(["scenarios"] if SCENARIOS else []),
         *(["subjects"] if SUBJECTS else []),
         *(f"{subject}/convergence" for subject in SUBJECTS),
         *(f"{subject}/noise_prior" for subject in NOISE_INFERRED),

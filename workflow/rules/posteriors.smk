@@ -9,8 +9,7 @@ SET_TABLES = [
 ]
 SCENARIO_TABLES = ["told_apart.csv", "map_errors_by_zone.csv", "roc.csv", "auc.csv"]
 SUMMARIES = (
-    expand(f"{R}/posteriors/{{emulator}}/test/coverage.csv", emulator=SHORTLIST)
-    + expand(f"{R}/posteriors/{EMULATOR}/test/{{table}}", table=SET_TABLES)
+    expand(f"{R}/posteriors/{EMULATOR}/test/{{table}}", table=SET_TABLES)
     + expand(
         f"{R}/posteriors/{EMULATOR}/{{set}}/{{table}}",
         set=[*SCENARIOS, *NOISY],
@@ -18,7 +17,7 @@ SUMMARIES = (
     )
     + expand(
         f"{R}/posteriors/{EMULATOR}/{{table}}.csv",
-        table=["sampler_agreement", "sbc", "resimulated"],
+        table=["sampler_agreement", "sbc", *([] if FROM_TABLES else ["resimulated"])],
     )
     + expand(
         f"{R}/posteriors/{EMULATOR}/subjects/{{subject}}_noise_prior.csv", subject=NOISE_INFERRED
@@ -74,14 +73,15 @@ rule summarise_posteriors:
 
 rule choose_final:
     input:
-        emulators=expand(f"{R}/emulators/{{emulator}}.pt", emulator=SHORTLIST),
-        coverages=expand(f"{R}/posteriors/{{emulator}}/test/coverage.csv", emulator=SHORTLIST),
+        emulators=lambda wildcards: expand(
+            f"{R}/emulators/{{emulator}}.pt", emulator=shortlist()
+        ),
+        coverages=lambda wildcards: of_shortlist("coverage.csv"),
         library=library("inference.choice"),
     output:
         emulator=f"{R}/emulators/{EMULATOR}.pt",
         report=f"{R}/posteriors/{EMULATOR}.json",
     params:
-        candidates=SHORTLIST,
         wanted=config["emulators"]["final"],
     log:
         f"{LOGS}/posteriors/choose_final.log",
@@ -95,10 +95,8 @@ rule adopt_test_posteriors:
     """The final emulator's posteriors on the test set are there already, under its own name."""
     input:
         report=f"{R}/posteriors/{EMULATOR}.json",
-        posteriors=[posterior_files(emulator, "test") for emulator in SHORTLIST],
-        tables=expand(
-            f"{R}/posteriors/{{emulator}}/test/{{table}}", emulator=SHORTLIST, table=SET_TABLES
-        ),
+        posteriors=lambda wildcards: [posterior_files(name, "test") for name in shortlist()],
+        tables=lambda wildcards: of_shortlist(*SET_TABLES),
         library=library("inference.choice"),
     output:
         posterior_files(EMULATOR, "test"),

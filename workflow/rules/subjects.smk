@@ -1,4 +1,4 @@
-"""Measured files: of synthetic subjects, of the published volunteer, and the user's own."""
+"""Measured files: of synthetic subjects, of published ones, and the user's own."""
 
 rule simulate_subject:
     """The only rule that writes a truth; no rule that infers reads it."""
@@ -39,10 +39,12 @@ rule fetch_volunteer:
 
 rule import_volunteer:
     input:
-        case=fetched_path(config["study"], VOLUNTEER),
+        unpack(volunteer_files),
         library=library("measured"),
     output:
         f"{R}/measured/{{subject}}.csv",
+    params:
+        frame=lambda wildcards: config["subjects"][wildcards.subject]["frame"],
     wildcard_constraints:
         subject=subjects_from("published_volunteer"),
     log:
@@ -51,6 +53,27 @@ rule import_volunteer:
         "../../envs/statistics.yaml"
     script:
         "../scripts/import_volunteer.py"
+
+
+rule import_published_simulation:
+    """A simulation of the paper as if it had been measured; its theta is known, and kept apart."""
+    input:
+        inputs=fetched_path(config["study"], TRAINING_INPUTS),
+        outputs=fetched_path(config["study"], TRAINING_OUTPUTS),
+        library=library("measured"),
+    output:
+        measured=f"{R}/measured/{{subject}}.csv",
+        theta=f"{R}/known_theta/{{subject}}.csv",
+    params:
+        row=lambda wildcards: config["subjects"][wildcards.subject]["row"],
+    wildcard_constraints:
+        subject=subjects_from("published_simulation"),
+    log:
+        f"{LOGS}/subjects/import_{{subject}}.log",
+    conda:
+        "../../envs/statistics.yaml"
+    script:
+        "../scripts/import_published_simulation.py"
 
 
 rule import_measured:

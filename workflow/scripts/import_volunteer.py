@@ -4,4 +4,6 @@ from regional_lv.measured import published_volunteer, write_measured
 from regional_lv.progress import start_log
 
 start_log(snakemake.log[0])
-write_measured(published_volunteer(snakemake.input.case), snakemake.output[0])
+curves = snakemake.input.get("curves")
+table = published_volunteer(snakemake.input.case, curves, snakemake.params.frame)
+write_measured(table, snakemake.output[0])

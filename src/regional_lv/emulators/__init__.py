@@ -6,6 +6,7 @@ and its settings in the schema of the configuration.
 
 import json
 import logging
+import resource
 import time
 from pathlib import Path
 
@@ -127,7 +128,14 @@ def train_emulator(
     emulator.fit(theta, y, slopes, lower=lower, upper=upper, seed=derive(seed, "emulators", name))
     seconds = time.monotonic() - started
     emulator.save(emulator_file)
-    content = {"emulator": name, "settings": emulator.settings, "seconds": seconds}
+    content = {
+        "emulator": name,
+        "settings": emulator.settings,
+        "rows": len(theta),
+        "seconds": seconds,
+        # Of the whole process: kibibytes on Linux.
+        "peak_memory_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
+    }
     Path(report).write_text(json.dumps(content | emulator.info, indent=2) + "\n")
 
 

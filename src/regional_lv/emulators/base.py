@@ -5,7 +5,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 import torch
@@ -103,6 +103,16 @@ class TrainingSet:
     slopes: torch.Tensor | None = None
 
 
+class Architecture(NamedTuple):
+    """What kind of emulator it is, in the words of the paper's Table 1."""
+
+    label: str
+    base_method: str
+    training_scope: str
+    output_structure: str
+    deep_component: str = "none"
+
+
 class Emulator(ABC):
     """A statistical stand-in for the simulator.
 
@@ -110,15 +120,16 @@ class Emulator(ABC):
     training design covers, the same for every parameter), `output_mean` and `output_sd` (D,) of
     the training outputs in natural units, and `info`, what the fit has to say about itself.
 
-    A new emulator is one file with a subclass, one entry in `emulators.REGISTRY`, and its settings
-    in the schema of the configuration, where their defaults stand. It has to implement `_fit`,
-    `_predict`, `_state`, `_restore` and `_select`, or less with `reduced.ReducedEmulator` as its
-    base.
+    A new emulator is one file with a subclass that says its `name` and `architecture`, one entry
+    in `emulators.REGISTRY`, and its settings in the schema of the configuration, where their
+    defaults stand. It has to implement `_fit`, `_predict`, `_state`, `_restore` and `_select`, or
+    less with `reduced.ReducedEmulator` as its base.
 
     Raises InputError for a setting that the schema does not have or allow.
     """
 
     name: ClassVar[str]
+    architecture: ClassVar[Architecture]
     learns_from_sensitivities: ClassVar[bool] = False
     error_prior_scale: float | None = None
     """Scale of the half-normal prior on one unknown scale of the errors of all outputs, in training
@@ -198,6 +209,10 @@ class Emulator(ABC):
         """Predict at `theta` (..., 10), float64; differentiable."""
         return self._predict(theta)
 
+    def predict_mean(self, theta: torch.Tensor) -> torch.Tensor:
+        """Predictive mean (..., D) alone, differentiable; cheaper where an emulator says how."""
+        return self.predict(theta).mean
+
     def with_variance(self, theta: torch.Tensor, variance: torch.Tensor) -> Prediction:
         """Predict at `theta` (..., 10) with a `variance` (...) that is given, if the covariance is
         separable; cheaper for an emulator whose mean costs less than its variance."""
@@ -220,6 +235,14 @@ class Emulator(ABC):
                 slope = torch.autograd.grad(prediction.variance.sum(), theta)[0]
         return torch.stack(rows, dim=-2), slope
 
+    def linearise(self, theta: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Mean (..., D) and d(mean)/d(theta) (..., D, 10) alone, without a graph.
+
+        For thousands of fits at once; emulators whose variance costs more override this.
+        """
+        with torch.no_grad():
+            return self.predict_mean(theta), self.jacobian(theta)[0]
+
     def select(self, outputs: Sequence[str]) -> "Emulator":
         """This emulator for some of its outputs, in the order given.
 
@@ -240,16 +263,24 @@ class Emulator(ABC):
 
     def save(self, path: str | Path) -> None:
         """Write everything that `load` needs."""
+        torch.save(self.content(), path)
+
+    def content(self) -> dict:
+        """Everything that `from_content` needs, in tensors and plain values."""
         common = {
             key: getattr(self, key)
             for key in ("outputs", "lower", "upper", "settings", "info", *_TENSORS)
         }
-        torch.save({"emulator": self.name, "common": common, "state": self._state()}, path)
+        return {"emulator": self.name, "common": common, "state": self._state()}
 
     @classmethod
     def load(cls, path: str | Path) -> "Emulator":
         """Read what `save` wrote. Raises InputError if another emulator wrote it."""
-        content = torch.load(path, weights_only=True)
+        return cls.from_content(torch.load(path, weights_only=True), path)
+
+    @classmethod
+    def from_content(cls, content: dict, path: str | Path) -> "Emulator":
+        """The emulator of whose `content` this is; `path` is named in the error, as by `load`."""
         if content["emulator"] != cls.name:
             raise InputError(
                 f"{path}: holds the emulator {content['emulator']}, not {cls.name}; load it with "

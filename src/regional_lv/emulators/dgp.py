@@ -4,6 +4,7 @@ import math
 
 import torch
 
+from regional_lv.emulators.base import Architecture
 from regional_lv.emulators.kernels import correlation
 from regional_lv.emulators.optimise import lbfgs
 from regional_lv.emulators.reduced import row_jacobian
@@ -38,6 +39,9 @@ class DGP(VariationalGP):
     """
 
     name = "dgp"
+    architecture = Architecture(
+        "DGP", "variational GP", "global", "multi-output", "variational GP layers"
+    )
     mixed = False
     _KEYS = (*VariationalGP._KEYS, "hidden", "draws")
 

@@ -3,6 +3,7 @@
 import copy
 
 from regional_lv.emulators import networks
+from regional_lv.emulators.base import Architecture
 from regional_lv.emulators.reduced import ReducedEmulator
 
 
@@ -17,6 +18,7 @@ class DNN(ReducedEmulator):
     """
 
     name = "dnn"
+    architecture = Architecture("DNN", "network", "global", "multi-output", "feed-forward network")
     _KEYS = ("layers", "error_sd")
 
     def _fit_scores(self, x, z, seed):

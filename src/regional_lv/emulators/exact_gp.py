@@ -11,7 +11,13 @@ import time
 import numpy as np
 import torch
 
-from regional_lv.emulators.base import Emulator, Prediction, SeparablePrediction, TrainingSet
+from regional_lv.emulators.base import (
+    Architecture,
+    Emulator,
+    Prediction,
+    SeparablePrediction,
+    TrainingSet,
+)
 from regional_lv.emulators.kernels import KERNELS, squared_distance
 from regional_lv.emulators.shared_kernel import (
     cholesky,
@@ -46,6 +52,7 @@ class ExactGP(Emulator):
     """
 
     name = "exact_gp"
+    architecture = Architecture("Exact GP", "GP", "global", "multi-output")
 
     # ------------------------------------------------------------------------------- fitting
 
@@ -163,6 +170,11 @@ class ExactGP(Emulator):
             mean, variance, self.output_covariance, determinant_weight=1 / self.variance_factor
         )
 
+    def predict_mean(self, theta: torch.Tensor) -> torch.Tensor:
+        """As in the base class: a product with the weights, no triangular solve."""
+        k, _ = self._rows(self.standardise(theta.reshape(-1, theta.shape[-1])))
+        return self._mean(k).reshape(*theta.shape[:-1], -1)
+
     def with_variance(self, theta: torch.Tensor, variance: torch.Tensor) -> Prediction:
         """As in the base class, without the triangular solves that the own variance takes."""
         mean = _Mean.apply(theta.reshape(-1, theta.shape[-1]), self)
@@ -175,9 +187,8 @@ class ExactGP(Emulator):
         rest = 1 - (self._ones.T @ half)[0]
         variance = 1 + self.nugget - (half * half).sum(0) + rest * rest / self._total
         variance = variance.clamp(min=self.nugget)
-        mean = self.output_mean + self.output_sd * (self.mean + k @ self.weights)
         return {
-            "mean": mean,
+            "mean": self._mean(k),
             "variance": self.variance_factor * variance,
             "half": half,
             "rest": rest,
@@ -221,9 +232,22 @@ class ExactGP(Emulator):
         flat = theta.detach().reshape(-1, theta.shape[-1])
         f = self._forward(flat)
         to_theta = self.standardise_slope(flat)
-        means = self._mean_slopes(*f["context"]) * self.output_sd[:, None] * to_theta[:, None, :]
         variance = self._pull_back(self._variance_weights(f["half"], f["rest"]), *f["context"])
-        return means.reshape(*shape, *means.shape[1:]), (variance * to_theta).reshape(*shape, -1)
+        return self.linearise(theta)[1], (variance * to_theta).reshape(*shape, -1)
+
+    @torch.no_grad()
+    def linearise(self, theta: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """As in the base class; O(N) per point, where the variance is O(N^2)."""
+        shape = theta.shape[:-1]
+        flat = theta.reshape(-1, theta.shape[-1])
+        k, context = self._rows(self.standardise(flat))
+        slopes = self._mean_slopes(*context) * self.output_sd[:, None]
+        slopes = slopes * self.standardise_slope(flat)[:, None, :]
+        return self._mean(k).reshape(*shape, -1), slopes.reshape(*shape, *slopes.shape[1:])
+
+    def _mean(self, k: torch.Tensor) -> torch.Tensor:
+        """Predicted mean (M, D) from the correlations k (M, n)."""
+        return self.output_mean + self.output_sd * (self.mean + k @ self.weights)
 
     # --------------------------------------------------------------------------- keeping
 

@@ -3,7 +3,7 @@
 import torch
 
 from regional_lv import gradient_gp, kernel
-from regional_lv.emulators.base import TrainingSet
+from regional_lv.emulators.base import Architecture, TrainingSet
 from regional_lv.emulators.exact_gp import ExactGP
 from regional_lv.emulators.shared_kernel import subset
 from regional_lv.seeds import derive
@@ -20,6 +20,7 @@ class GradientGP(ExactGP):
     """
 
     name = "gradient_gp"
+    architecture = Architecture("Gradient GP", "GP", "global", "multi-output")
     learns_from_sensitivities = True
 
     def _learn_hyperparameters(self, training: TrainingSet, seed: int) -> dict:

@@ -1,5 +1,6 @@
 """L.DKGP: a deep-kernel GP for each reduced output by itself, on the nearest simulations."""
 
+from regional_lv.emulators.base import Architecture
 from regional_lv.emulators.local import LocalGP
 
 
@@ -10,4 +11,5 @@ class LocalDeepKernelGP(LocalGP):
     """
 
     name = "local_dkgp"
+    architecture = Architecture("L.DKGP", "GP", "local", "single-output", "deep kernel")
     joint, deep = False, True

@@ -1,5 +1,6 @@
 """L.MGP: one GP for all reduced outputs (ICM), trained on the nearest simulations."""
 
+from regional_lv.emulators.base import Architecture
 from regional_lv.emulators.local import LocalGP
 
 
@@ -7,4 +8,5 @@ class LocalMultiGP(LocalGP):
     """L.MGP of the paper. Settings: neighbours, kernel, iterations of a local fit."""
 
     name = "local_mgp"
+    architecture = Architecture("L.MGP", "GP", "local", "multi-output")
     joint, deep = True, False

@@ -71,14 +71,19 @@ class ReducedEmulator(Emulator):
         shape = theta.shape[:-1]
         x = self.standardise(theta.reshape(-1, theta.shape[-1]))
         to_outputs = self.output_sd[:, None] * self.to_outputs
-        mean = self.output_mean + self._mean(x) @ to_outputs.T
         covariance = self._covariance(x)
         if covariance.ndim == 2:
             spread = (to_outputs * covariance[:, None, :]) @ to_outputs.T
         else:
             spread = to_outputs @ covariance @ to_outputs.T
         spread = spread + self.output_sd[:, None] * self.left_out * self.output_sd
-        return Prediction(mean.reshape(*shape, -1), spread.reshape(*shape, *spread.shape[1:]))
+        return Prediction(self.predict_mean(theta), spread.reshape(*shape, *spread.shape[1:]))
+
+    def predict_mean(self, theta: torch.Tensor) -> torch.Tensor:
+        """As in the base class, without the covariance."""
+        x = self.standardise(theta.reshape(-1, theta.shape[-1]))
+        scores = self._mean(x) @ (self.output_sd[:, None] * self.to_outputs).T
+        return (self.output_mean + scores).reshape(*theta.shape[:-1], -1)
 
     def jacobian(self, theta: torch.Tensor) -> tuple[torch.Tensor, None]:
         """As in the base class, from the derivative of the mean scores."""

@@ -24,6 +24,7 @@ from regional_lv.emulators.kernels import correlation, mean_slopes
 from regional_lv.emulators.optimise import lbfgs
 from regional_lv.emulators.reduced import ReducedEmulator
 from regional_lv.emulators.shared_kernel import cholesky, fit_hyperparameters, subset
+from regional_lv.reduction import VOLUME
 from regional_lv.seeds import derive
 
 log = logging.getLogger(__name__)
@@ -93,7 +94,12 @@ class VariationalGP(ReducedEmulator):
             points = points * h.length_scales
         # A process may vary more than its N values do: the exact GP knows by how much.
         signal = self._signal(x[rows], z[rows], h)
-        mixing = torch.diag(signal)[:, :latents] if self.mixed else signal.log()
+        # With fewer processes than scores, the last ones have none at the start. The volume stands
+        # last and is no small component: without one, L-BFGS has to find it in those of others.
+        order = list(range(z.shape[1]))
+        if VOLUME in self.outputs:
+            order = [order[-1], *order[:-1]]
+        mixing = torch.diag(signal)[:, order[:latents]] if self.mixed else signal.log()
         scales = h.length_scales.log().clamp(*BOUNDS["length_scales"])
         return {
             "points": points,

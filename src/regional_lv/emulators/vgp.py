@@ -1,5 +1,6 @@
 """VGP: an independent sparse variational GP for each reduced output."""
 
+from regional_lv.emulators.base import Architecture
 from regional_lv.emulators.variational import VariationalGP
 
 
@@ -7,4 +8,5 @@ class VGP(VariationalGP):
     """VGP of the paper. Settings: inducing, kernel, iterations, hyperparameter_rows."""
 
     name = "vgp"
+    architecture = Architecture("VGP", "variational GP", "global", "single-output")
     mixed = False

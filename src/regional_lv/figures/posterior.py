@@ -15,6 +15,7 @@ from regional_lv.errors import InputError
 SOURCES = {
     "synthetic": "synthetic data",
     "published_volunteer": "healthy volunteer (published data)",
+    "published_simulation": "published simulation",
     "file": "measured data",
 }
 """What a figure calls the data of a subject, by `subjects.<name>.source` of the config."""

@@ -30,16 +30,20 @@ def fibre_directions(t, circumferential, radial, longitudinal, fibres):
         b = (1 - t) sheet_endo + t sheet_epi          s = cos(b) r + sin(b) n
 
     t has shape (...), the directions (..., 3); `fibres` holds helix_endo_deg, helix_epi_deg,
-    sheet_endo_deg, sheet_epi_deg. A positive helix angle turns the fibre from the circumferential
-    direction (counter-clockwise seen from the base) towards the base: a right-handed helix, the
-    endocardium's in the common convention (Streeter et al. 1969, doi 10.1161/01.RES.24.3.339).
+    sheet_endo_deg, sheet_epi_deg, and rotation_deg, which is added to the helix angle at the
+    endocardium and taken from that at the epicardium. A positive helix angle turns the fibre from
+    the circumferential direction (counter-clockwise seen from the base) towards the base: a
+    right-handed helix, the endocardium's in the common convention (Streeter et al. 1969, doi
+    10.1161/01.RES.24.3.339).
     """
 
     def angle(kind):
         endo, epi = (np.radians(fibres[f"{kind}_{side}_deg"]) for side in ("endo", "epi"))
         return ((1 - t) * endo + t * epi)[..., None]
 
-    helix, sheet = angle("helix"), angle("sheet")
+    rotation = np.radians(fibres.get("rotation_deg", 0.0))
+    helix = angle("helix") + (rotation * (1 - 2 * t))[..., None]
+    sheet = angle("sheet")
     fibre = np.cos(helix) * circumferential + np.sin(helix) * longitudinal
     normal = -np.sin(helix) * circumferential + np.cos(helix) * longitudinal
     return fibre, np.cos(sheet) * radial + np.sin(sheet) * normal

@@ -107,7 +107,7 @@ def find_map(
     )
     for level in (*TEMPERING, 0.0):
         stage = likelihood.tempered(level) if level else likelihood
-        flat, values = _climb(stage, y[owner], flat, low, high, iterations)
+        flat, values = climb(stage, y[owner], flat, low, high, iterations)
         if level == TEMPERING[0]:
             best = values.reshape(cases, -1).topk(min(FOLLOWED, chosen.shape[1])).indices
             kept = (best + chosen.shape[1] * torch.arange(cases)[:, None]).flatten()
@@ -128,7 +128,7 @@ def find_map(
     )
 
 
-def _climb(likelihood, y, position, low, high, iterations):
+def climb(likelihood, y, position, low, high, iterations):
     """Levenberg-Marquardt from every row of `position` (M, P); rows that have ended drop out."""
     position = position.clone()
     damping = torch.full((len(position),), 1e-2, dtype=torch.float64)

@@ -3,7 +3,7 @@
 Hexahedra for displacement and pressure (u-p, incompressible), quadratic with linear pressure or
 linear with piecewise constant pressure as the mesh is; follower pressure on the endocardium,
 supported base. This module knows one equilibrium problem; how a solution is reached is the business
-of `continuation`.
+of `continuation`. What a study can add to this base model stands in `effects`.
 """
 
 from dataclasses import dataclass
@@ -15,6 +15,8 @@ from scipy.spatial import cKDTree
 from regional_lv import aha
 from regional_lv.geometry.mesh import BASE, ENDOCARDIUM, Mesh
 from regional_lv.mechanics import dolfinx_api as api
+from regional_lv.mechanics import effects
+from regional_lv.mechanics.effects import radial_displacement
 from regional_lv.mechanics.equilibrium import (
     Equilibrium,
     Rotation,
@@ -24,8 +26,9 @@ from regional_lv.mechanics.equilibrium import (
     virtual_work,
 )
 from regional_lv.mechanics.material import HolzapfelOgden, strain_energy
+from regional_lv.mechanics.segments import Averages
+from regional_lv.units import KPA_PER_MMHG
 
-KPA_PER_MMHG = 0.133322387415
 QUADRATURE_DEGREE = 5  # three Gauss points per direction
 
 LAYERS = {
@@ -53,12 +56,16 @@ class Simulator(Equilibrium):
     ----------
     mesh: geometry with segments, surfaces and the transmural coordinate (mm).
     config: the study's config; reads `material`, `fibres`, `loading`, `observables`.
+    extended: whether the terms of all effects are there (`effects`) although all of them are off;
+        what follows an effect from its base value on needs them. They add a tenth to a Newton step.
     """
 
-    def __init__(self, mesh: Mesh, config: dict):
+    def __init__(self, mesh: Mesh, config: dict, extended: bool = False):
+        self._extended = extended or effects.any_on(config)
         self.domain, origin = api.hexahedral_mesh(mesh.points, mesh.cells)
         self.segment = mesh.segment[origin] - 1
         self.zone = aha.SEGMENT_ZONE[self.segment]
+        self._segment_factor = effects.segment_factors(config)[self.segment]
         api.require_cellwise_order(self.domain)
         space = api.mixed_space(self.domain, api.element_order(mesh.cells))
         residual, tangent = self._build_forms(space, mesh, config)
@@ -66,7 +73,10 @@ class Simulator(Equilibrium):
         self.pressure_dofs, self.pressure_nodes = api.tabulated_dofs(space.sub(1))
         # Every support holds the base in its plane: a uniform pressure then has a potential, the
         # cavity's volume, and the tangent is symmetric.
-        fixed, rotation = self._supports(config["loading"]["base"])
+        compliant = config["loading"].get("basal_compliance_mm_per_kpa", 0.0) > 0
+        fixed, rotation = self._supports(
+            "radial_spring" if compliant else config["loading"]["base"]
+        )
         # Cell-wise constant pressures leave so many zeros on the diagonal that their symmetric
         # factorisation takes three times as long as the general one.
         symmetric = api.element_order(mesh.cells) == 2
@@ -82,25 +92,35 @@ class Simulator(Equilibrium):
         tags = api.facet_tags(domain, mesh.facets[:, :4], mesh.surface)
         dx = ufl.Measure("dx", domain, metadata=quadrature)
         ds = ufl.Measure("ds", domain, subdomain_data=tags, metadata=quadrature)
-        u, _ = ufl.split(self.w)
+        u, p = ufl.split(self.w)
         F = deformation_gradient(u)
+        effect = effects.Constants(domain, config) if self._extended else None
 
         self.c_a, self.c_b = (api.fem.Function(api.space(domain, "DG", 0)) for _ in range(2))
         self.pressure_kpa = api.fem.Constant(domain, 0.0)
         transmural = api.fem.Function(api.space(domain, "Lagrange", api.element_order(mesh.cells)))
         transmural.x.array[:] = _nodal_values(transmural, mesh)
-        fibre, sheet = fibre_directions(transmural, config["fibres"])
+        fibre, sheet = fibre_directions(
+            transmural, config["fibres"], effect.rotation if effect else None
+        )
 
         reference = HolzapfelOgden.from_config(config["material"])
+        if effect:
+            reference = reference._replace(a_f=effect.anisotropy * reference.a_f)
         energy = strain_energy(F, fibre, sheet, reference, self.c_a, self.c_b)
+        if effect:
+            energy -= effect.compressibility * p**2 / 2
         test = ufl.TestFunction(space)
         v, _ = ufl.split(test)
         load = ufl.inner(deformed_normal(F, domain), v) * ds(ENDOCARDIUM)
         residual = virtual_work(energy, self.w, test, dx) + self.pressure_kpa * load
         if loading["base"] == "radial_spring":
             stiffness = loading["base_spring_kpa_per_mm"] / 2
-            spring = stiffness * _radial_displacement(domain, u) ** 2 * ds(BASE)
+            spring = stiffness * radial_displacement(domain, u) ** 2 * ds(BASE)
             residual += ufl.derivative(spring, self.w, test)
+        if effect:
+            outside = effects.surface_energy(domain, u, effect, self.segment, ds)
+            residual += ufl.derivative(outside, self.w, test)
         self._load = api.compile_form(load)
 
         # d(residual)/d(log C) of one zone: the same kernel on that zone's cells only.
@@ -113,10 +133,11 @@ class Simulator(Equilibrium):
                 form = ufl.derivative(in_zone, factor, factor)
                 self._parameter_forms.append(api.compile_form(form))
 
-        self._build_observables(space, transmural, dx, ds, config["observables"]["region"])
+        dilation = 1 + effect.compressibility * p if effect else 1.0
+        self._build_observables(space, transmural, dx, ds, config["observables"], dilation)
         return residual, ufl.derivative(residual, self.w, ufl.TrialFunction(space))
 
-    def _build_observables(self, space, transmural, dx, ds, region: str) -> None:
+    def _build_observables(self, space, transmural, dx, ds, observed: dict, dilation) -> None:
         domain = self.domain
         u, _ = ufl.split(self.w)
         F = deformation_gradient(u)
@@ -125,24 +146,31 @@ class Simulator(Equilibrium):
         # directions of that configuration: the wall's normal there, the horizontal tangent, and
         # the tangent across it.
         # The wall keeps its volume, so the adjugate J F^-1 is the inverse; where the discrete
-        # J strays from 1, next to the held edge of the base, it does not blow the error up.
-        back = J * ufl.inv(F)
+        # J strays from 1, next to the held edge of the base, it does not blow the error up. In a
+        # compressible wall J is `dilation`.
+        back = J * ufl.inv(F) if isinstance(dilation, float) else J / dilation * ufl.inv(F)
         directions = local_directions(back.T * ufl.grad(transmural))
         strains = [(ufl.dot(back * q, back * q) - 1) / 2 for q in directions]
-        lower, upper = LAYERS[region]
-        inside = ufl.And(ufl.ge(transmural, lower), ufl.le(transmural, upper))
-        weight = ufl.conditional(inside, 1.0, 0.0)
-
-        per_cell = api.space(domain, "DG", 0, components=3)
-        cellwise = ufl.TestFunction(per_cell)
-        strain = weight * ufl.inner(ufl.as_vector(strains), cellwise) * dx
         self._direction = api.fem.Function(space)
-        self._strain = api.compile_form(strain)
-        self._strain_derivative = api.compile_form(ufl.derivative(strain, self.w, self._direction))
-        scalar = api.space(domain, "DG", 0)
-        measure = api.compile_form(weight * ufl.TestFunction(scalar) * dx)
-        volumes = api.assemble_vector(np.zeros(len(self.segment)), measure)
-        self.segment_volume = np.bincount(self.segment, volumes, minlength=17)
+
+        def averages(region):
+            lower, upper = LAYERS[region]
+            inside = ufl.And(ufl.ge(transmural, lower), ufl.le(transmural, upper))
+            return Averages(
+                domain,
+                self.segment,
+                strains,
+                ufl.conditional(inside, 1.0, 0.0),
+                dx,
+                (self.w, self._direction),
+                observed.get("segment_rotation_deg", 0.0),
+            )
+
+        share = observed.get("endocardial_share", 0.0)
+        self._averages = [(1 - share, averages(observed["region"]))]
+        if share:
+            self._averages.append((share, averages("endocardium")))
+        self.segment_volume = self._averages[0][1].volume
 
         # Divergence theorem with the field (0, 0, z): the lid at the base, z = 0, adds nothing.
         z = ufl.SpatialCoordinate(domain)[2] + u[2]
@@ -176,7 +204,7 @@ class Simulator(Equilibrium):
     def set(self, theta: np.ndarray, pressure: float) -> None:
         """Set the scaling factors theta (10,) and the cavity pressure (mmHg)."""
         theta = np.asarray(theta, dtype=float).reshape(5, 2)
-        self.c_a.x.array[:] = theta[self.zone, 0]
+        self.c_a.x.array[:] = theta[self.zone, 0] * self._segment_factor
         self.c_b.x.array[:] = theta[self.zone, 1]
         self.pressure_kpa.value = pressure * KPA_PER_MMHG
 
@@ -186,7 +214,7 @@ class Simulator(Equilibrium):
         """The 52 outputs of `aha.OUTPUTS` (volume in mL, Green strains) at `w`."""
         self.w.x.array[:] = w
         volume = api.fem.assemble_scalar(self._cavity) / 1000.0
-        return np.concatenate([[volume], self._segment_means(self._strain)])
+        return np.concatenate([[volume], self._mixed([a.means() for _, a in self._averages])])
 
     def field_sensitivities(self, w: np.ndarray) -> np.ndarray:
         """d(w)/d(log theta), (10, size), by back-substitution with the factor at hand."""
@@ -208,7 +236,7 @@ class Simulator(Equilibrium):
         rows = []
         for direction in directions:
             self._direction.x.array[:] = direction
-            strains = self._segment_means(self._strain_derivative)
+            strains = self._mixed([a.derivatives() for _, a in self._averages])
             rows.append(np.concatenate([[gradient @ direction], strains]))
         return np.stack(rows)
 
@@ -217,12 +245,8 @@ class Simulator(Equilibrium):
         self.w.x.array[:] = w
         return api.fem.assemble_scalar(self._dilation) / self.segment_volume.sum()
 
-    def _segment_means(self, form) -> np.ndarray:
-        values = api.assemble_vector(np.zeros(3 * len(self.segment)), form)
-        sums = np.stack(
-            [np.bincount(self.segment, column, minlength=17) for column in values.reshape(-1, 3).T]
-        )
-        return (sums / self.segment_volume).ravel()
+    def _mixed(self, strains: list[np.ndarray]) -> np.ndarray:
+        return sum(share * e for (share, _), e in zip(self._averages, strains, strict=True))
 
 
 def local_directions(transmural_gradient):
@@ -240,11 +264,12 @@ def local_directions(transmural_gradient):
     return circumferential, radial, longitudinal
 
 
-def fibre_directions(transmural, fibres: dict):
+def fibre_directions(transmural, fibres: dict, rotation=None):
     """Fibre and sheet unit vectors: angles linear through the wall (UFL expressions).
 
     The helix angle turns the fibre from circumferential towards the base, the sheet angle turns
-    the sheet from radial towards the in-wall normal of the fibre.
+    the sheet from radial towards the in-wall normal of the fibre. `rotation` (rad) is added to the
+    helix angle at the endocardium and taken from that at the epicardium.
     """
     circumferential, radial, longitudinal = local_directions(ufl.grad(transmural))
 
@@ -253,15 +278,12 @@ def fibre_directions(transmural, fibres: dict):
         return endo + (epi - endo) * transmural
 
     helix, tilt = angle("helix"), angle("sheet")
+    if rotation is not None:
+        helix += rotation * (1 - 2 * transmural)
     fibre = ufl.cos(helix) * circumferential + ufl.sin(helix) * longitudinal
     across = ufl.cross(radial, fibre)
     sheet = ufl.cos(tilt) * radial + ufl.sin(tilt) * across
     return fibre, sheet
-
-
-def _radial_displacement(domain, u):
-    x = ufl.SpatialCoordinate(domain)
-    return ufl.sqrt((x[0] + u[0]) ** 2 + (x[1] + u[1]) ** 2) - ufl.sqrt(x[0] ** 2 + x[1] ** 2)
 
 
 def _nodal_values(function, mesh: Mesh) -> np.ndarray:

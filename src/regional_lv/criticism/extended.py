@@ -1,0 +1,108 @@
+"""The base emulator with extensions on top: one simulator with a few more parameters."""
+
+from collections.abc import Sequence
+
+import torch
+
+from regional_lv.emulators.base import Emulator, Prediction
+
+STEP = 1e-4
+"""Finite-difference step, in log theta and in shares of psi's range: emulated differences are
+smooth and computed in double precision."""
+
+
+class MeanOnly:
+    """An emulator that predicts its mean, with a covariance of zero: differences of closed form ask
+    the base emulator many times, and its covariance costs most and is of no use to them."""
+
+    def __init__(self, emulator: Emulator):
+        self.emulator = emulator
+
+    def __getattr__(self, name: str):
+        return getattr(self.emulator, name)
+
+    def predict(self, theta: torch.Tensor) -> Prediction:
+        mean = self.emulator.predict_mean(theta)
+        none = torch.zeros((), dtype=mean.dtype).expand(*mean.shape, mean.shape[-1])
+        return Prediction(mean, none)
+
+
+class ExtendedEmulator:
+    """f(theta) plus the differences of its extensions, which add up.
+
+    extensions: `criticism.extension.Extension`s for the same outputs as `emulator`.
+    """
+
+    def __init__(self, emulator: Emulator, extensions: Sequence = ()):
+        self.emulator, self.extensions = emulator, tuple(extensions)
+        self._base = MeanOnly(emulator)
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        return self.emulator.outputs
+
+    def with_extension(self, extension) -> "ExtendedEmulator":
+        return ExtendedEmulator(self.emulator, (*self.extensions, extension))
+
+    def predict(self, theta: torch.Tensor, psi: torch.Tensor) -> Prediction:
+        """Mean (..., D) and covariance (..., D, D), the sum of all parts, at `theta` (..., 10) and
+        `psi` (..., k)."""
+        base = self.emulator.predict(theta)
+        mean, covariance = base.mean, base.covariance
+        for i, extension in enumerate(self.extensions):
+            part = extension.difference(self.emulator, theta, psi[..., i])
+            mean, covariance = mean + part.mean, covariance + part.covariance
+        return Prediction(mean, covariance)
+
+    @torch.no_grad()
+    def mean(self, theta: torch.Tensor, psi: torch.Tensor) -> torch.Tensor:
+        """Mean (..., D)."""
+        base = self.emulator.predict_mean(theta)
+        total = base
+        for i, extension in enumerate(self.extensions):
+            total = total + extension.mean(self._base, theta, psi[..., i], base)
+        return total
+
+    @torch.no_grad()
+    def linearise(
+        self, theta: torch.Tensor, psi: torch.Tensor
+    ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+        """Mean (..., D), its derivatives about log theta (..., D, 10) and about psi (..., D, k)."""
+        base, slopes = self.emulator.linearise(theta)
+        slopes = slopes * theta[..., None, :]
+        mean, by_base = base, slopes
+        by_psi = torch.zeros(*mean.shape, len(self.extensions), dtype=mean.dtype)
+        count = theta.shape[-1]
+        for i, extension in enumerate(self.extensions):
+            value = psi[..., i]
+            h = extension.hypothesis
+            step = STEP * (h.high - h.low)
+            step = torch.where(value + step > h.high, -step, step)
+            moved = theta[..., None, :] * torch.exp(STEP * torch.eye(count, dtype=theta.dtype))
+            points = torch.cat([theta[..., None, :], theta[..., None, :], moved], dim=-2)
+            values = value[..., None].expand(*value.shape, count + 2).clone()
+            values[..., 1] += step
+            # To first order, as all of this is: the base model need not be asked again.
+            nearby = base[..., None, :] + STEP * by_base.mT
+            known = torch.cat([base[..., None, :], base[..., None, :], nearby], dim=-2)
+            found = extension.mean(self._base, points, values, known)
+            here = found[..., 0, :]
+            mean = mean + here
+            by_psi[..., i] = (found[..., 1, :] - here) / step[..., None]
+            slopes = slopes + (found[..., 2:, :] - here[..., None, :]).mT / STEP
+        return mean, slopes, by_psi
+
+    @torch.no_grad()
+    def signature(self, extension, theta: torch.Tensor) -> torch.Tensor:
+        """d(outputs)/d(psi) (..., D) of one more extension at its base value."""
+        h = extension.hypothesis
+        step = STEP * (h.high - h.low)
+        ahead, behind = min(h.base + step, h.high), max(h.base - step, h.low)
+        base = theta.new_full(theta.shape[:-1], h.base)
+        outputs = self.emulator.predict_mean(theta)
+        difference = extension.mean(self._base, theta, base + (ahead - h.base), outputs)
+        if behind < h.base:
+            difference = difference - extension.mean(
+                self._base, theta, base - (h.base - behind), outputs
+            )
+        return difference / (ahead - behind)

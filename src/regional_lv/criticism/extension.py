@@ -1,0 +1,378 @@
+"""What an extended model does differently from the base model, at any theta and psi.
+
+Differences are emulated as changes d of logarithmic strain, log(1 + 2 E) / 2, and of log volume:
+
+    E' = ((1 + 2 E) exp(2 d) - 1) / 2,     V' = V exp(d).
+
+Soft walls thin out, their radial Green strains grow without bound and so do differences of them;
+changes of the logarithms stay alike from stiff to soft, and the emulator's errors are two to four
+times smaller.
+"""
+
+import copy
+import json
+import logging
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import torch
+
+from regional_lv import aha
+from regional_lv.criticism.hypotheses import REGISTRY
+from regional_lv.criticism.hypotheses.base import (
+    Hypothesis,
+    SimulatorHypothesis,
+    TransformHypothesis,
+)
+from regional_lv.criticism.polynomial import lagrange
+from regional_lv.emulators.base import Emulator, Prediction
+from regional_lv.emulators.gradient_gp import GradientGP
+from regional_lv.errors import InputError
+from regional_lv.progress import Progress
+from regional_lv.seeds import derive
+
+log = logging.getLogger(__name__)
+
+EMULATOR = {"hyperparameter_rows": 24, "iterations": 40}
+"""Settings of the gradient-enhanced emulator of the differences."""
+
+LEAST_SPREAD = 1e-9
+"""Outputs whose logarithmic change spreads less than this do not change."""
+
+IS_VOLUME = np.array([name == "volume_ml" for name in aha.OUTPUTS])
+UNIT = np.where(IS_VOLUME, 1.0, 0.01)
+"""What errors of the outputs are counted in: 1 mL, and a strain of 0.01."""
+
+HELD_OUT = 5
+"""One anchor in so many is left out, once, to see how well the differences are known."""
+
+
+class Extension:
+    """f(theta, psi) - f(theta) of one hypothesis and component.
+
+    A closed form through the base emulator, nothing (noise), or, of simulated hypotheses, the
+    polynomial in psi through zero at the base and emulated logarithmic changes at the nodes.
+
+    Attributes: hypothesis, with base and range as in the study; component; outputs (names of the
+    D outputs); fraction_simulated, the share of the asked simulations that converged.
+    """
+
+    def __init__(
+        self,
+        hypothesis: Hypothesis,
+        component: str = "",
+        fraction_simulated: float = 1.0,
+        emulator: Emulator | None = None,
+        outputs: Sequence[str] = aha.OUTPUTS,
+    ):
+        self.hypothesis, self.component = hypothesis, component
+        self.fraction_simulated = fraction_simulated
+        self.outputs = tuple(outputs)
+        self._emulator = emulator
+        if emulator is not None:
+            self._changing = _changing(emulator, len(hypothesis.nodes))
+
+    def difference(self, base: Emulator, theta: torch.Tensor, psi: torch.Tensor) -> Prediction:
+        """f(theta, psi) - f(theta, base) at `theta` (..., 10) and `psi` (...), natural units.
+
+        Mean (..., D) and covariance (..., D, D) of its own error, zero for closed forms; exactly
+        zero at psi = base. `base` is the base model's emulator with the same outputs; what is
+        uncertain about its own prediction is not part of the covariance.
+        """
+        if base.outputs != self.outputs:
+            raise InputError(
+                f"{self.hypothesis.name}: the base emulator has other outputs than the extension; "
+                "select the same of both"
+            )
+        psi, mean = psi.expand(theta.shape[:-1]), base.predict(theta).mean
+        if isinstance(self.hypothesis, TransformHypothesis):
+            mean = self.hypothesis.predict(base, theta, psi) - mean
+            return Prediction(mean, torch.zeros(*mean.shape, mean.shape[-1], dtype=mean.dtype))
+        return self.difference_from(mean, theta, psi)
+
+    def difference_from(
+        self, mean: torch.Tensor, theta: torch.Tensor, psi: torch.Tensor
+    ) -> Prediction:
+        """`difference` from outputs `mean` (..., D) of the base model; not for closed forms."""
+        if self._emulator is None:
+            zero = torch.zeros_like(mean)
+            return Prediction(zero, torch.zeros(*mean.shape, mean.shape[-1], dtype=mean.dtype))
+        change, covariance = self._logarithmic_change(theta, psi)
+        size, power = self._size_and_power(mean)
+        slope = power * size * torch.exp(power * change)
+        return Prediction(
+            size * torch.expm1(power * change),
+            slope[..., :, None] * covariance * slope[..., None, :],
+        )
+
+    @torch.no_grad()
+    def mean(
+        self,
+        base: Emulator,
+        theta: torch.Tensor,
+        psi: torch.Tensor,
+        at_base: torch.Tensor | None = None,
+    ) -> torch.Tensor:
+        """The mean (..., D) of `difference` alone, without a graph: for thousands of points, the
+        covariance is what costs. at_base: what `base` predicts (..., D), where that is known."""
+        psi = psi.expand(theta.shape[:-1])
+        if isinstance(self.hypothesis, TransformHypothesis):
+            return self.difference(base, theta, psi).mean
+        at_base = base.predict(theta).mean if at_base is None else at_base
+        if self._emulator is None:
+            return torch.zeros_like(at_base)
+        weights, count = self._weights(psi), len(self.hypothesis.nodes)
+        by_node = self._emulator.predict_mean(theta).reshape(*psi.shape, count, -1)
+        change = torch.zeros_like(at_base)
+        at = [self.outputs.index(name) for name in self._changing]
+        change[..., at] = (weights[..., None] * by_node).sum(-2)
+        size, power = self._size_and_power(at_base)
+        return size * torch.expm1(power * change)
+
+    def outside(self, base: Emulator, theta: torch.Tensor, psi: torch.Tensor) -> torch.Tensor:
+        """Where (...) the emulators asked for the difference have to extrapolate, bool.
+
+        Nothing is clamped there: the difference is what they say. Closed forms may ask the base
+        emulator beyond its box, at another C_a.
+        """
+        if isinstance(self.hypothesis, TransformHypothesis):
+            return base.outside(self.hypothesis.emulated_at(theta, psi))
+        if self._emulator is None:
+            return torch.zeros(theta.shape[:-1], dtype=torch.bool)
+        box = (theta < self._emulator.lower) | (theta > self._emulator.upper)
+        return box.any(-1) | (psi < self.hypothesis.low) | (psi > self.hypothesis.high)
+
+    def select(self, outputs: Sequence[str]) -> "Extension":
+        """The extension of some of the outputs, in the order given."""
+        chosen = copy.copy(self)
+        chosen.outputs = tuple(outputs)
+        if self._emulator is not None:
+            kept = [name for name in outputs if name in self._changing]
+            chosen._emulator = self._emulator.select(_node_names(kept, len(self.hypothesis.nodes)))
+            chosen._changing = kept
+        return chosen
+
+    def _size_and_power(self, mean) -> tuple[torch.Tensor, torch.Tensor]:
+        """Outputs change by size (exp(power change) - 1): (..., D) and (D,)."""
+        is_volume = torch.tensor([name == "volume_ml" for name in self.outputs])
+        size = torch.where(is_volume, mean, (1 + 2 * mean) / 2)
+        return size, torch.where(is_volume, 1.0, 2.0).to(mean.dtype)
+
+    def _weights(self, psi) -> torch.Tensor:
+        """Weights (..., J) of the nodes at psi (...)."""
+        h = self.hypothesis
+        z = [h.coordinate(value) for value in (h.base, *h.nodes)]
+        return torch.stack(lagrange(z, h.coordinate(psi))[1:], dim=-1)
+
+    def _logarithmic_change(self, theta, psi) -> tuple[torch.Tensor, torch.Tensor]:
+        """Mean (..., D) and covariance (..., D, D)."""
+        at_nodes = self._emulator.predict(theta)
+        weights = self._weights(psi)
+        count, changing = len(self.hypothesis.nodes), len(self._changing)
+        by_node = at_nodes.mean.reshape(*psi.shape, count, changing)
+        mean = (weights[..., None] * by_node).sum(-2)
+        # The errors at the nodes are correlated as the emulator has found them to be.
+        between = at_nodes.output_covariance.reshape(count, changing, count, changing)
+        between = between.permute(0, 2, 1, 3).reshape(count * count, changing * changing)
+        pairs = (weights[..., :, None] * weights[..., None, :]).reshape(*psi.shape, count * count)
+        covariance = (pairs @ between).reshape(*psi.shape, changing, changing)
+        covariance = at_nodes.variance[..., None, None] * covariance
+        place = torch.zeros(changing, len(self.outputs), dtype=mean.dtype)
+        place[range(changing), [self.outputs.index(name) for name in self._changing]] = 1.0
+        return mean @ place, place.T @ covariance @ place
+
+    def _state(self) -> dict:
+        h = self.hypothesis
+        return {
+            "hypothesis": h.name,
+            "range": (h.base, h.low, h.high),
+            "nodes": list(h.nodes) if isinstance(h, SimulatorHypothesis) else [],
+            "component": self.component,
+            "fraction_simulated": self.fraction_simulated,
+            "emulator": None if self._emulator is None else self._emulator.content(),
+        }
+
+    @classmethod
+    def _from_state(cls, path, state: dict) -> "Extension":
+        hypothesis = copy.copy(REGISTRY[state["hypothesis"]])
+        if state["nodes"] != list(getattr(hypothesis, "nodes", ())):
+            raise InputError(
+                f"{path}: made with the nodes {state['nodes']} of {hypothesis.name}, which now has "
+                f"{hypothesis.nodes}; run train_extension again"
+            )
+        hypothesis.base, hypothesis.low, hypothesis.high = state["range"]
+        emulator = state["emulator"]
+        return cls(
+            hypothesis,
+            state["component"],
+            state["fraction_simulated"],
+            None if emulator is None else GradientGP.from_content(emulator, path),
+        )
+
+
+def read_extensions(paths: Sequence[str | Path]) -> list[Extension]:
+    """All components of the hypotheses in the given files, in their order."""
+    return [
+        Extension._from_state(path, state)
+        for path in paths
+        for state in torch.load(path, weights_only=True)
+    ]
+
+
+# ------------------------------------------------------------------------------------ training
+
+
+def train_extension(
+    hypothesis: Hypothesis,
+    batches: Sequence[str | Path],
+    bounds: tuple[float, float],
+    seed: int,
+    path: str | Path,
+    report: str | Path,
+) -> None:
+    """Learn the differences of one hypothesis from its simulations; write them and a report (JSON).
+
+    batches: files of `simulate_extension`; none for closed forms and noise. seed: the study's.
+    The report says per component how many of the simulations converged, what they cost and, with
+    one anchor in `HELD_OUT` left out, how well the differences there are known: `size` and `error`
+    at the nodes in `UNIT` (root mean squares over anchors and outputs), their ratio, the same at
+    the median anchor, the coverage of 95 % intervals, and the relative error of the slope at the
+    base against the tangent's.
+    """
+    if not isinstance(hypothesis, SimulatorHypothesis):
+        extensions, found = [Extension(hypothesis)], []
+    else:
+        table = pd.concat([pd.read_parquet(batch) for batch in batches], ignore_index=True)
+        extensions, found = [], []
+        progress = Progress(hypothesis.name, len(hypothesis.components))
+        for component, rows in table.groupby("component", sort=False):
+            own = derive(seed, "extension", hypothesis.name, component)
+            extension, errors = _train(hypothesis, component, rows, bounds, own)
+            extensions.append(extension)
+            found.append({"component": component} | errors)
+            progress.step()
+    torch.save([extension._state() for extension in extensions], path)
+    content = {"hypothesis": hypothesis.name, "components": found}
+    Path(report).write_text(json.dumps(content, indent=2) + "\n")
+
+
+def _train(hypothesis, component, rows: pd.DataFrame, bounds, seed) -> tuple[Extension, dict]:
+    """Extension of one component, and what its report says."""
+    started = time.monotonic()
+    nodes = list(hypothesis.nodes)
+    converged = rows["status"] == "converged"
+    fraction = float(converged[rows["psi"] != hypothesis.base].mean())
+    good = rows[converged].groupby("anchor").filter(lambda anchor: len(anchor) == len(nodes) + 1)
+    anchors = good["anchor"].nunique()
+    data = _Simulated(hypothesis, good)
+    held = np.arange(anchors) % HELD_OUT == HELD_OUT - 1
+    partial = _fit(hypothesis, component, fraction, data, ~held, bounds, seed)
+    report = {
+        "anchors": anchors,
+        "fraction_simulated": fraction,
+        "simulation_cpu_s": float(rows["cpu_s"].sum()),
+    }
+    report |= _errors(partial, data, held)
+    extension = _fit(hypothesis, component, fraction, data, held | ~held, bounds, seed)
+    report["training_s"] = time.monotonic() - started
+    return extension, report
+
+
+class _Simulated:
+    """What the anchors say of one component.
+
+    theta (n, 10); base (n, 52) and at_nodes (n, J, 52) outputs; change (n, J, 52) the logarithmic
+    change, by_theta (n, J, 52, 10) its d/dtheta; slope (n, 52) the exact d(outputs)/d(psi) at the
+    base, or None where there is none.
+    """
+
+    def __init__(self, hypothesis: SimulatorHypothesis, good: pd.DataFrame):
+        tables = [
+            good[good["psi"] == psi].sort_values("anchor")
+            for psi in (hypothesis.base, *hypothesis.nodes)
+        ]
+        outputs = [table[list(aha.OUTPUTS)].to_numpy() for table in tables]
+        (first, *others) = [
+            _logarithms(y, np.stack(table["sensitivity"]).reshape(*y.shape, -1))
+            for y, table in zip(outputs, tables, strict=True)
+        ]
+        self.theta = tables[0][list(aha.PARAMETERS)].to_numpy()
+        self.base, self.at_nodes = outputs[0], np.stack(outputs[1:], axis=1)
+        self.change = np.stack([value - first[0] for value, _ in others], axis=1)
+        self.by_theta = np.stack([slope - first[1] for _, slope in others], axis=1)
+        self.slope = np.stack(tables[0]["slope"]) if hypothesis.slope_at_base else None
+
+
+def _logarithms(outputs: np.ndarray, sensitivity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Log volume and logarithmic strains (n, 52), and their d/dtheta (n, 52, 10)."""
+    inner = np.where(IS_VOLUME, outputs, 1 + 2 * outputs)
+    value = np.where(IS_VOLUME, 1.0, 0.5) * np.log(inner)
+    return value, sensitivity / inner[..., None]
+
+
+def _fit(hypothesis, component, fraction, data: _Simulated, used, bounds, seed) -> Extension:
+    """Extension learnt from the anchors `used` (n,)."""
+    change, by_theta = data.change[used], data.by_theta[used]
+    varies = np.flatnonzero((np.ptp(change, axis=0) > LEAST_SPREAD).all(axis=0))
+    names, nodes = [aha.OUTPUTS[i] for i in varies], len(hypothesis.nodes)
+    emulator = GradientGP(**EMULATOR).fit(
+        data.theta[used],
+        change[:, :, varies].reshape(len(change), -1),
+        by_theta[:, :, varies].reshape(len(change), -1, len(aha.PARAMETERS)),
+        lower=bounds[0],
+        upper=bounds[1],
+        outputs=_node_names(names, nodes),
+        seed=seed,
+    )
+    return Extension(hypothesis, component, fraction, emulator)
+
+
+def _errors(extension: Extension, data: _Simulated, held: np.ndarray) -> dict:
+    """Errors at the nodes and of the slope at the anchors `held` (n,)."""
+    h, theta = extension.hypothesis, torch.as_tensor(data.theta[held])
+    base, psi = torch.as_tensor(data.base[held]), torch.zeros(int(held.sum()), dtype=theta.dtype)
+    errors, sizes, inside = [], [], []
+    for j, node in enumerate(h.nodes):
+        found = extension.difference_from(base, theta, psi + node)
+        sizes.append((data.at_nodes[held, j] - data.base[held]) / UNIT)
+        errors.append(found.mean.numpy() / UNIT - sizes[-1])
+        sd = found.sd.numpy() / UNIT
+        inside.append((np.abs(errors[-1]) <= 1.96 * sd)[sd > 0])
+    errors, sizes = np.stack(errors, axis=1), np.stack(sizes, axis=1)
+    report = {
+        "held_out": int(held.sum()),
+        "size": _rms(sizes),
+        "error": _rms(errors),
+        "relative_error": _rms(errors) / _rms(sizes),
+        "relative_error_median_anchor": float(
+            np.median([_rms(e) / _rms(s) for e, s in zip(errors, sizes, strict=True)])
+        ),
+        "coverage95": float(np.concatenate(inside).mean()),
+    }
+    if data.slope is not None:
+        at = (psi + h.base).requires_grad_(True)
+        mean = extension.difference_from(base, theta, at).mean
+        columns = [
+            torch.autograd.grad(mean[:, i].sum(), at, retain_graph=True)[0].numpy()
+            for i in range(mean.shape[1])
+        ]
+        exact = data.slope[held] / UNIT
+        report["relative_error_of_slope"] = _rms(np.stack(columns, 1) / UNIT - exact) / _rms(exact)
+    return report
+
+
+def _rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def _node_names(outputs: Sequence[str], nodes: int) -> list[str]:
+    """Names of the emulated numbers: every output at the first node, then at the second, ..."""
+    return [f"{output}@{j}" for j in range(nodes) for output in outputs]
+
+
+def _changing(emulator: Emulator, nodes: int) -> list[str]:
+    count = len(emulator.outputs) // nodes
+    return [name.rsplit("@", 1)[0] for name in emulator.outputs[:count]]

@@ -1,0 +1,187 @@
+"""Thousands of fits of one model at once: bounded Levenberg-Marquardt with exact Jacobians."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+from regional_lv import aha
+from regional_lv.criticism.model import Model
+from regional_lv.design import sobol
+from regional_lv.seeds import derive
+
+ITERATIONS = 60
+STARTS, SCREENED = 12, 512
+"""Fits of the data themselves: points kept, and points tried."""
+
+FIRST_SIGMA = 0.3
+"""Noise scale that fits start from, in training sd."""
+
+
+@dataclass(frozen=True)
+class Fit:
+    """M fits: x (M, P), objective (M,), residual y - mean (M, S, D), jacobian (M, S, D, R) and
+    whitening (M or 1, S, D, D) where they ended."""
+
+    x: torch.Tensor
+    objective: torch.Tensor
+    residual: torch.Tensor
+    jacobian: torch.Tensor
+    whitening: torch.Tensor
+
+    @property
+    def deviance(self) -> torch.Tensor:
+        """Squared length of the whitened residual (M,): chi-squared if the model is right."""
+        return white(self.whitening, self.residual[..., None]).square().sum((-3, -2, -1))
+
+
+def white(whitening: torch.Tensor, columns: torch.Tensor) -> torch.Tensor:
+    """W c for columns (..., S, D, K)."""
+    return whitening @ columns
+
+
+def fit(
+    model: Model,
+    y: torch.Tensor,
+    start: torch.Tensor,
+    mask: torch.Tensor | None = None,
+    iterations: int = ITERATIONS,
+) -> Fit:
+    """Maximise the density of theta, psi and noise scales for every row of y (M, S, D).
+
+    start: (M, P). mask: (M, S, D) or (1, S, D), channels to fit to; all that were observed if None.
+    The prior is uniform in the box and half-normal in the noise scales; the maximum is that of
+    the density of theta, psi and sigma themselves, as in `inference.point`.
+    """
+    x = torch.minimum(torch.maximum(start, model.low), model.high)
+    sigmas = model.first_sigma < x.shape[1]
+    shared = None if sigmas else model.whitening(x[:1], mask)
+    damping = torch.full((len(x),), 1e-3, dtype=torch.float64)
+
+    def state(rows, at):
+        """Objective, whitened residual and whitening of some rows, without derivatives."""
+        w = _whitening(model, shared, mask, rows, at)
+        residual = y[rows] - model.mean(at)
+        return _objective(model, w, residual, at), residual, w
+
+    rows = torch.arange(len(x))
+    value, residual, _ = state(rows, x)
+    jacobian = model.linearise(x)[1]
+    active = rows
+    for _ in range(iterations):
+        if not len(active):
+            break
+        here = x[active]
+        w = _whitening(model, shared, mask, active, here)
+        gradient, curvature = _normal_equations(model, w, residual[active], jacobian[active], here)
+        held = ((here <= model.low) & (gradient < 0)) | ((here >= model.high) & (gradient > 0))
+        free = (~held).double()
+        curvature = curvature * free[:, :, None] * free[:, None, :]
+        diagonal = curvature.diagonal(dim1=-2, dim2=-1)
+        extra = damping[active, None] * diagonal + 1e-9 * diagonal.amax(1, keepdim=True) + 1e-12
+        step = torch.linalg.solve(curvature + torch.diag_embed(extra + (1 - free)), gradient * free)
+        step = step * (1.0 / step.abs().amax(1, keepdim=True)).clamp(max=1.0)
+        trial = torch.minimum(torch.maximum(here + step, model.low), model.high)
+        new, new_residual, _ = state(active, trial)
+        better = new > value[active]
+        gain = torch.where(better, new - value[active], 0.0)
+        rising = active[better]
+        if len(rising):
+            x[rising], value[rising] = trial[better], new[better]
+            residual[rising] = new_residual[better]
+            jacobian[rising] = model.linearise(trial[better])[1]
+        damping[rising] = (damping[rising] / 6).clamp(min=1e-9)
+        damping[active[~better]] *= 5
+        ended = (better & (gain < 1e-6)) | ((trial - here).abs().amax(1) < 1e-8)
+        active = active[~(ended | (damping[active] > 1e6))]
+    return Fit(x, value, residual, jacobian, _whitening(model, shared, mask, rows, x))
+
+
+def _whitening(model, shared, mask, rows, x):
+    if shared is None:
+        part = mask[rows] if mask is not None and len(mask) > 1 else mask
+        return model.whitening(x, part)
+    return shared[rows] if len(shared) > 1 else shared
+
+
+def _objective(model, w, residual, x):
+    distance = white(w, residual[..., None]).square().sum((-3, -2, -1))
+    diagonal = w.diagonal(dim1=-2, dim2=-1)
+    logs = torch.where(diagonal > 0, diagonal, 1.0).log().sum((-2, -1))
+    scales = torch.exp(2 * x[:, model.first_sigma :]).sum(-1)
+    return -0.5 * distance + logs - 0.5 * scales / model.observations.prior_scale**2
+
+
+def _normal_equations(model, w, residual, jacobian, x):
+    """Gradient (M, P) and expected information (M, P, P) of the objective."""
+    m, p, r = len(x), x.shape[1], jacobian.shape[-1]
+    slopes = white(w, jacobian).flatten(1, 2)
+    error = white(w, residual[..., None])
+    gradient, curvature = x.new_zeros(m, p), x.new_zeros(m, p, p)
+    gradient[:, :r] = (slopes.mT @ error.flatten(1, 2))[..., 0]
+    curvature[:, :r, :r] = slopes.mT @ slopes
+    first, units = model.first_sigma, model.observations.units
+    if first < p:
+        precision = w.mT @ w
+        alpha = (w.mT @ error)[..., 0]
+        change = 2 * torch.exp(2 * x[:, first:])[:, :, None] * units.square()  # (M, G, D)
+        by_change = 0.5 * (alpha.square() - precision.diagonal(dim1=-2, dim2=-1)).sum(1)
+        gradient[:, first:] = (change * by_change[:, None, :]).sum(-1)
+        shared = 0.5 * precision.square().sum(1)  # sum over hearts of P_ij^2 / 2
+        curvature[:, first:, first:] = change @ shared @ change.mT
+        prior = torch.exp(2 * x[:, first:]) / model.observations.prior_scale**2
+        gradient[:, first:] -= prior
+        curvature.diagonal(dim1=-2, dim2=-1)[:, first:] += 2 * prior
+    return gradient, curvature
+
+
+def fit_best(model: Model, starts: torch.Tensor) -> Fit:
+    """The best of fits of the observations from `starts` (M, P), a `Fit` with M = 1.
+
+    The emulator's covariance is settled at the best of a first round, then at that of a second.
+    """
+    model.settle(starts[0])
+    for _ in range(2):
+        y = model.observations.y.expand(len(starts), -1, -1)
+        found = fit(model, y, starts)
+        starts = found.x[found.objective.argmax()][None].clone()
+        model.settle(starts[0])
+    return fit(model, model.observations.y[None], starts)
+
+
+def fit_from_nothing(model: Model, seed: int) -> Fit:
+    """As `fit_best`, from the most likely ones of Sobol points, for models without extensions.
+
+    Several hearts whose theta is unknown are first fitted one by one.
+    """
+    count = len(model.layout.names)
+    x = torch.full((SCREENED, len(model.low)), math.log(FIRST_SIGMA), dtype=torch.float64)
+    if not model.layout.uniform_in_theta:
+        x[:, :count] = 0.0
+        return fit_best(model, x[:1])
+    p = len(aha.PARAMETERS)
+    if count > p:
+        alone = [fit_from_nothing(single, seed).x[0] for single in model.apart()]
+        x = torch.cat([part[:p] for part in alone] + [torch.stack(alone).mean(0)[p:]])
+        return fit_best(model, x[None])
+    bounds = (float(model.low[:p].min().exp()), float(model.high[:p].max().exp()))
+    points = [
+        sobol(SCREENED // 2, *bounds, scale, derive(seed, "starts", scale))
+        for scale in ("natural", "log")
+    ]
+    x[:, :p] = torch.as_tensor(np.concatenate(points)).log()
+    model.settle(x[0])
+    w = model.whitening(x)
+    values = _objective(model, w, model.observations.y - model.mean(x), x)
+    return fit_best(model, x[values.topk(STARTS).indices])
+
+
+def spread(near: torch.Tensor, model: Model, at: int, count: int = 7) -> torch.Tensor:
+    """Starts (count, P) for a model that has one coordinate more than where `near` (P - 1) is: the
+    one at `at`, spread over its range."""
+    shares = torch.linspace(0.05, 0.95, count, dtype=near.dtype)
+    new = model.low[at] + shares * (model.high[at] - model.low[at])
+    return torch.cat(
+        [near[:at].expand(count, -1), new[:, None], near[at:].expand(count, -1)], dim=1
+    )

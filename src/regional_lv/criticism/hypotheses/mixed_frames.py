@@ -1,0 +1,41 @@
+"""Strains from another frame than the volume."""
+
+from regional_lv.criticism.hypotheses.base import (
+    TransformHypothesis,
+    pressure_scaled,
+    why_not_scaling,
+)
+
+
+class MixedFrames(TransformHypothesis):
+    name = "mixed_frames"
+    parameter = "share of the filling pressure missing in the strains"
+    unit = "1"
+    base, low, high = 0.0, 0.0, 0.6
+    description = (
+        "Volume and strains often come from different sequences, slices and frames, and the frame "
+        "called end-diastolic is not the same in all. Psi is the share of the end-diastolic "
+        "pressure that is missing where the strains are read, while the volume is end-diastolic: "
+        "strains come out smaller than the volume asks for. Closed form, as for the pressure: "
+        "strains at the pressure (1 - psi) p are those of a wall with C_a / (1 - psi) at p."
+    )
+    source = (
+        "Mada et al. 2015, JACC Cardiovasc Imaging 8:148-157; scaling: Holzapfel and Ogden 2009, "
+        "doi 10.1098/rsta.2009.0091"
+    )
+
+    def why_not(self, physics):
+        return why_not_scaling(physics)
+
+    def strain_fraction(self, value):
+        return 1 - value
+
+    def emulated_at(self, theta, psi):
+        return pressure_scaled(theta, 1 - psi)
+
+    def predict(self, emulator, theta, psi):
+        import torch
+
+        earlier = emulator.predict(self.emulated_at(theta, psi)).mean
+        late = torch.tensor([name == "volume_ml" for name in emulator.outputs])
+        return torch.where(late, emulator.predict(theta).mean, earlier)

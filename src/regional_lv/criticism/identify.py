@@ -1,0 +1,81 @@
+"""Whether a cause could be seen in the data at all, and where it hides if not."""
+
+import math
+from dataclasses import dataclass
+
+import torch
+
+from regional_lv.criticism.fit import Fit
+from regional_lv.criticism.model import Model
+from regional_lv.criticism.score import Projected, pattern_of
+
+LARGEST_SHARE = 0.5
+"""Identifiable: the data narrow psi to less than this share of its prior sd."""
+
+ABSORBED = 0.98
+"""Share of the signature's information beyond which theta takes it up as a whole."""
+
+
+@dataclass(frozen=True)
+class Identified:
+    """identifiable; sd of psi that the data allow; absorbed: share of the signature's information
+    that the parameters take up; why: a sentence."""
+
+    identifiable: bool
+    sd: float
+    absorbed: float
+    why: str
+
+
+def identify(model: Model, best: Fit, projected: Projected, extension) -> Identified:
+    """Judge an extension by its signature at the fit (M = 1)."""
+    h = extension.hypothesis
+    pattern = pattern_of(model, extension, best.x)
+    information = float(projected.information(pattern))
+    absorbed = float(projected.absorbed(pattern))
+    sd = 1 / math.sqrt(information) if information > 0 else math.inf
+    prior = (h.high - h.low) / math.sqrt(12)
+    if not float(pattern.abs().max()) > 0:
+        return Identified(False, math.inf, 0.0, "it changes none of the channels observed")
+    if sd < LARGEST_SHARE * prior:
+        why = (
+            f"theta can take up {100 * absorbed:.0f} % of its signature's information; the rest "
+            f"determines it to {sd:.2g} {_unit(h)}".rstrip()
+        )
+        return Identified(True, sd, absorbed, why)
+    where, likeness = _hiding_place(model, best, pattern[0])
+    if absorbed > ABSORBED:
+        why = f"theta takes up {100 * absorbed:.1f} % of its signature"
+        if likeness > 0.9:
+            why += f": it acts like a change of {where} (correlation {likeness:.3f})"
+        why += ", so that the data cannot tell the two apart"
+    else:
+        why = (
+            f"the data would leave {sd:.2g} {_unit(h)} of uncertainty, the plausible range "
+            f"itself has an sd of {prior:.2g}; fewer than half of it would be learnt"
+        )
+    return Identified(False, sd, absorbed, why)
+
+
+def _unit(hypothesis) -> str:
+    return "" if hypothesis.unit == "1" else hypothesis.unit
+
+
+def _hiding_place(model: Model, best: Fit, pattern: torch.Tensor) -> tuple[str, float]:
+    """The parameter, or the kind of parameter in all zones together, whose effect on the outputs is
+    most like `pattern` (n, 1), and the correlation."""
+    slopes = (best.whitening[0] @ best.jacobian[0]).flatten(0, 1)
+    s, d = best.residual.shape[1:]
+    target = (best.whitening[0] @ pattern.reshape(s, d, 1)).flatten()
+    names = model.names[: slopes.shape[1]]
+    places = {name: slopes[:, i] for i, name in enumerate(names)}
+    for kind in ("C_a", "C_b"):
+        at = [i for i, name in enumerate(names) if f"{kind}_" in name]
+        if at:
+            places[f"{kind} of all zones together"] = slopes[:, at].sum(1)
+    likeness = {
+        name: float((target @ column).abs() / (target.norm() * column.norm()).clamp(min=1e-300))
+        for name, column in places.items()
+    }
+    best_name = max(likeness, key=likeness.get)
+    return best_name, likeness[best_name]

@@ -1,0 +1,217 @@
+"""Parameters of one or several hearts, what they predict, and how likely that makes the data.
+
+All models here share one form. Coordinates x (P) are, in this order: what moves theta, one psi per
+extension, and one log noise scale per direction whose noise is inferred. log theta of heart s is
+`offset[s] + moves[s] @ x[:, :Q]`: the identity for one heart; a block each for several; two
+columns, one for all C_a and one for all C_b, for hearts of known theta on a material whose
+reference values are known up to two factors.
+"""
+
+import math
+from dataclasses import dataclass
+
+import torch
+
+from regional_lv import aha
+from regional_lv.criticism.extended import ExtendedEmulator
+from regional_lv.criticism.observations import Observations
+from regional_lv.errors import InputError
+
+LOG_2PI = math.log(2 * math.pi)
+LOG_SIGMA_BOUNDS = (-7.0, 3.0)
+CHUNK = 1024
+SMALLEST_SHIFT = 0.1
+"""Room that common factors of known thetas need on either side, in log theta."""
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Where log theta of each heart comes from: offset (S, 10), moves (S, 10, Q), names (Q), low
+    and high (Q,), and whether the coordinates are log theta with a prior uniform in theta."""
+
+    offset: torch.Tensor
+    moves: torch.Tensor
+    names: tuple[str, ...]
+    low: torch.Tensor
+    high: torch.Tensor
+    uniform_in_theta: bool
+
+    @classmethod
+    def inferred(cls, subjects: tuple[str, ...], lower: float, upper: float) -> "Layout":
+        """Ten unknown parameters per heart, uniform on the box."""
+        count, p = len(subjects), len(aha.PARAMETERS)
+        moves = torch.eye(count * p, dtype=torch.float64).reshape(count, p, count * p)
+        prefix = [""] if count == 1 else [f"{name}: " for name in subjects]
+        names = tuple(f"{s}{name}" for s in prefix for name in aha.PARAMETERS)
+        bound = torch.ones(count * p, dtype=torch.float64)
+        low, high = bound * math.log(lower), bound * math.log(upper)
+        return cls(torch.zeros(count, p).double(), moves, names, low, high, True)
+
+    @classmethod
+    def known(cls, theta: torch.Tensor, lower: float, upper: float) -> "Layout":
+        """Known thetas (S, 10); with the common factors on C_a and on C_b unknown.
+
+        Their prior is uniform in the logarithm, over all that keeps every heart inside the box.
+        Raises InputError if that leaves no room.
+        """
+        offset = theta.log()
+        kinds = torch.tensor([name.startswith("C_b") for name in aha.PARAMETERS])
+        moves = torch.stack([~kinds, kinds], dim=-1).double().expand(len(theta), -1, -1)
+        low = torch.stack([math.log(lower) - offset[:, k].min() for k in (~kinds, kinds)])
+        high = torch.stack([math.log(upper) - offset[:, k].max() for k in (~kinds, kinds)])
+        if torch.minimum(high, -low).min() < SMALLEST_SHIFT:
+            raise InputError(
+                "criticism.joint: the known thetas reach the bounds of the emulator's box, which "
+                "leaves no room for common factors on the reference material; take subjects nearer "
+                "to its middle, or widen design.lower and design.upper"
+            )
+        return cls(offset, moves, ("log factor C_a", "log factor C_b"), low, high, False)
+
+
+class Model:
+    """Observations under an extended emulator, with a Gaussian or a Student-t noise.
+
+    tails: the noise is Student's t with the known sd as its scale; one more coordinate, 1 / nu,
+    comes after the psi.
+    The emulator's covariance is taken where `settle` says and kept there while parameters move:
+    estimates are not drawn to where the emulator is least certain.
+    """
+
+    def __init__(
+        self,
+        observations: Observations,
+        emulator: ExtendedEmulator,
+        layout: Layout,
+        tails=None,
+    ):
+        self.observations, self.emulator, self.layout = observations, emulator, layout
+        self.tails = tails
+        hypotheses = [e.hypothesis for e in emulator.extensions] + ([tails] if tails else [])
+        q, g = len(layout.names), len(observations.directions)
+        self.psi = slice(q, q + len(emulator.extensions))
+        self.tail = q + len(emulator.extensions) if tails else None
+        self.means = self.psi.stop
+        self.first_sigma = q + len(hypotheses)
+        self.names = (
+            *layout.names,
+            *(h.name for h in hypotheses),
+            *(f"log_sigma_{d}" for d in observations.directions),
+        )
+        self.low, self.high = (
+            torch.cat([edge, torch.tensor([*values, *[bound] * g], dtype=torch.float64)])
+            for edge, values, bound in (
+                (layout.low, [h.low for h in hypotheses], LOG_SIGMA_BOUNDS[0]),
+                (layout.high, [h.high for h in hypotheses], LOG_SIGMA_BOUNDS[1]),
+            )
+        )
+        s, d = observations.y.shape
+        self.error = torch.zeros(s, d, d, dtype=torch.float64)
+
+    def apart(self) -> list["Model"]:
+        """A model for each heart by itself."""
+        edges = float(self.low[0].exp()), float(self.high[0].exp())
+        return [
+            Model(one, self.emulator, Layout.inferred(one.subjects, *edges))
+            for one in self.observations.apart()
+        ]
+
+    # ---------------------------------------------------------------------------- coordinates
+
+    def theta(self, x: torch.Tensor) -> torch.Tensor:
+        """(..., S, 10)."""
+        moved = (self.layout.moves @ x[..., None, : len(self.layout.names), None])[..., 0]
+        return torch.exp(self.layout.offset + moved)
+
+    def psi_of(self, x: torch.Tensor) -> torch.Tensor:
+        """(..., S, k): the same for all hearts."""
+        psi = x[..., None, self.psi]
+        return psi.expand(*x.shape[:-1], len(self.layout.offset), psi.shape[-1])
+
+    # ----------------------------------------------------------------------------- prediction
+
+    def mean(self, x: torch.Tensor) -> torch.Tensor:
+        """(M, S, D) at x (M, P)."""
+        parts = [
+            self.emulator.mean(self.theta(part), self.psi_of(part)) for part in x.split(self._rows)
+        ]
+        return torch.cat(parts)
+
+    def linearise(self, x: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Mean (M, S, D) and its derivatives (M, S, D, R) about the first R = `means`
+        coordinates."""
+        parts = [self._linearise(part) for part in x.split(self._rows)]
+        return tuple(torch.cat(column) for column in zip(*parts, strict=True))
+
+    def _linearise(self, x):
+        mean, by_log_theta, by_psi = self.emulator.linearise(self.theta(x), self.psi_of(x))
+        return mean, torch.cat([by_log_theta @ self.layout.moves, by_psi], dim=-1)
+
+    @property
+    def _rows(self) -> int:
+        return max(1, CHUNK // len(self.layout.offset))
+
+    def signature(self, extension, x: torch.Tensor) -> torch.Tensor:
+        """d(outputs)/d(psi) (M, S, D) of one more extension at its base."""
+        parts = [
+            self.emulator.signature(extension, self.theta(part)) for part in x.split(self._rows)
+        ]
+        return torch.cat(parts)
+
+    # ------------------------------------------------------------------------------ covariance
+
+    def settle(self, x: torch.Tensor) -> "Model":
+        """Take the emulator's covariance at x (P); return self."""
+        with torch.no_grad():
+            error = self.emulator.predict(self.theta(x), self.psi_of(x)).covariance
+        both = self.observations.present[:, :, None] & self.observations.present[:, None, :]
+        self.error = torch.where(both, error, 0.0)
+        return self
+
+    def noise_variance(self, x: torch.Tensor) -> torch.Tensor:
+        """(M, S, D) at x (M, P); (1, S, D) if all of it is known. 1 where nothing was observed."""
+        o = self.observations
+        total = o.sd.square()[None]
+        if len(o.units):
+            scale = torch.exp(2 * x[:, self.first_sigma :])
+            total = total + (scale @ o.units.square())[:, None, :]
+        return torch.where(o.present, total, 1.0)
+
+    def covariance(self, x: torch.Tensor) -> torch.Tensor:
+        """(M or 1, S, D, D) of what was observed; unit rows where nothing was."""
+        return self.error + torch.diag_embed(self.noise_variance(x))
+
+    def whitening(self, x: torch.Tensor, mask: torch.Tensor | None = None) -> torch.Tensor:
+        """W (M or 1, S, D, D) with W S W' = I on the channels in `mask` (..., S, D) that were
+        observed, zero elsewhere; its diagonal's logarithms sum to -1/2 log det."""
+        mask = self.observations.present if mask is None else mask & self.observations.present
+        both = mask[..., :, None] & mask[..., None, :]
+        covariance = torch.where(both, self.covariance(x), 0.0)
+        covariance = covariance + torch.diag_embed((~mask).double())
+        factor = torch.linalg.cholesky(covariance)
+        identity = torch.eye(factor.shape[-1], dtype=factor.dtype)
+        inverse = torch.linalg.solve_triangular(factor, identity.expand_as(factor), upper=False)
+        return torch.where(both, inverse, 0.0)
+
+    # ----------------------------------------------------------------------------------- prior
+
+    def log_prior(self, x: torch.Tensor) -> torch.Tensor:
+        """Log density (M,) in the coordinates x, normalised over the box."""
+        q = len(self.layout.names)
+        width = self.high - self.low
+        total = x.new_zeros(x.shape[:-1]) - width[q : self.first_sigma].log().sum()
+        if self.layout.uniform_in_theta:
+            edges = self.high[:q].exp() - self.low[:q].exp()
+            total = total + (x[..., :q] - edges.log()).sum(-1)
+        else:
+            total = total - width[:q].log().sum()
+        if self.first_sigma < x.shape[-1]:
+            log_sigma, s = x[..., self.first_sigma :], self.observations.prior_scale
+            half_normal = 0.5 * math.log(2 / math.pi) - math.log(s)
+            density = half_normal - 0.5 * torch.exp(2 * log_sigma) / s**2 + log_sigma
+            total = total + density.sum(-1)
+        return total
+
+    @property
+    def prior_precision(self) -> torch.Tensor:
+        """(R,): weak, as of a normal distribution with the sd of a uniform one on the range."""
+        return 12 / (self.high - self.low)[: self.means].square()

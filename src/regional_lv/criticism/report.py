@@ -1,0 +1,147 @@
+"""The criticism of one subject as one HTML page that needs nothing but itself."""
+
+import base64
+import json
+from pathlib import Path
+
+import jinja2
+
+from regional_lv.criticism import words
+from regional_lv.figures import criticism as figures
+
+PAGE = """<!doctype html>
+<html lang="en"><head><meta charset="utf-8"><title>Criticism of {{ f.subject }}</title>
+<style>
+body { font: 15px/1.5 system-ui, sans-serif; max-width: 62em; margin: 2em auto; padding: 0 1em;
+       color: #1a1a1a; }
+h1 { font-size: 1.5em; } h2 { font-size: 1.15em; margin-top: 2em; }
+.verdict { border-left: 4px solid {{ colour }}; padding: .2em 1em; background: #f6f6f6; }
+table { border-collapse: collapse; font-size: .87em; width: 100%; }
+th, td { text-align: left; padding: .25em .6em; border-bottom: 1px solid #ddd; vertical-align:
+top; }
+td.n { text-align: right; white-space: nowrap; } img { max-width: 100%; }
+.small { font-size: .87em; color: #444; }
+</style></head><body>
+<h1>What the simulation gets wrong about {{ f.subject }}</h1>
+{% if f.subjects|length > 1 %}<p class="small">{{ f.subjects|length }} hearts together, one value of
+every cause for all of them.</p>{% endif %}
+<div class="verdict">{% for s in f.words %}<p>{{ s }}</p>{% endfor %}</div>
+
+<h2>Where: residuals of each segment, predicted from all others</h2>
+<img alt="Residual bullseyes" src="{{ images.residuals }}">
+<p class="small">Observed minus predicted, in standard deviations of the prediction (emulator error,
+noise and what the other channels leave open of the stiffness). Seen from the apex, anterior at the
+top, septum on the left.</p>
+<table><tr><th>test</th><th>p-value</th>
+{% if f.rounds|length > 1 %}<th>in the end</th>{% endif %}</tr>
+{% for family, p in f.misfit.families.items() %}<tr><td>{{ families.get(family, family) }}</td>
+<td class="n">{{ "%.3f"|format(p) }}</td>
+{% if f.rounds|length > 1 %}<td class="n">{{ "%.3f"|format(f.remaining.families[family]) }}</td>
+{% endif %}</tr>{% endfor %}
+<tr><td><b>all together</b></td><td class="n"><b>{{ "%.3f"|format(f.misfit.p_value) }}</b></td>
+{% if f.rounds|length > 1 %}<td class="n"><b>{{ "%.3f"|format(f.remaining.p_value) }}</b></td>{%
+endif %}
+</tr></table>
+
+<h2>Why: the causes that were tried</h2>
+<img alt="Ranking of causes" src="{{ images.causes }}">
+<table><tr><th>cause</th><th>p</th><th>estimate</th><th>gain</th><th>probability</th><th>weight</th>
+<th>what can be known of it</th></tr>
+{% for h in f.hypotheses %}<tr><td title="{{ h.description }} ({{ h.source }})">
+{{ cause(h.name, h.component) }}</td><td class="n">{{ "%.3f"|format(h.p_value) }}</td>
+<td>{% if h.estimate is not none %}{{ estimate(h) }}{% if not h.fitted %} (one step){% endif %}
+{% else %}-{% endif %}</td>
+<td class="n">{% if h.elpd_gain is not none %}{{ "%.1f"|format(h.elpd_gain) }} &plusmn;
+{{ "%.1f"|format(h.elpd_gain_se) }}{% else %}-{% endif %}</td>
+<td class="n">{{ "%.2f"|format(h.probability) }}</td><td class="n">{{ "%.2f"|format(h.weight)
+}}</td>
+<td>{{ h.why }}{% if h.fraction_simulated < 1 %}; {{ "%.0f"|format(100 * h.fraction_simulated) }}
+% of
+its simulations converged{% endif %}</td></tr>{% endfor %}</table>
+<p class="small">p: score test with what stiffness can take up projected out, calibrated over the
+whole
+catalogue by parametric bootstrap. Gain: log predictive density of every segment (and the volume)
+given
+all others, against the model without the cause; its standard error is over repeated measurements of
+the same heart. Probability: among the causes, from the evidence, all equally likely beforehand.
+Weight:
+stacking of the predictions; the model as it is has {{ "%.2f"|format(f.rounds[0].base_weight)
+}}.</p>
+
+{% if images.parameters %}<h2>How much: the new parameter</h2>
+<img alt="Posterior of the parameters" src="{{ images.parameters }}">
+<p class="small">Posterior given each cause alone; dotted: 95 % interval; red: what the model
+assumes.</p>
+{% endif %}
+
+<h2>What it changes: stiffness</h2>
+<img alt="Stiffness before and after" src="{{ images.theta }}">
+{% if f.rounds|length > 1 and changed %}<p>{{ changed }}</p>{% endif %}
+
+{% if ruled_out %}<h2>What was ruled out</h2><ul>
+{% for h in ruled_out %}<li>{{ cause(h.name, h.component) }}: {{ h.parameter }} {{ estimate(h)
+}}.</li>
+{% endfor %}</ul>{% endif %}
+
+{% if f.rounds|length > 1 %}<h2>Step by step</h2><ol>
+{% for r in f.rounds %}<li>Model {{ "with " + r.model|join(" + ") if r.model else "as it is" }}:
+misfit
+p = {{ "%.3f"|format(r.misfit.p_value) }}; {% if r.found %}{{ cause(r.found, r.found_component)
+}} stands
+out{% if r.candidates|length > 1 %}, not to be told apart from
+{{ r.candidates[1:]|join(", ") }}{% endif %}{% else %}nothing more found{% endif %}.</li>{%
+endfor %}
+</ol>{% endif %}
+{% if f.limits %}<h2>What these data cannot say</h2><ul>
+{% for s in f.limits %}<li>{{ s }}</li>{% endfor %}</ul>{% endif %}
+</body></html>
+"""
+
+FAMILIES = {
+    "overall": "all residuals together",
+    "channel": "single channels",
+    "direction": "strain directions",
+    "level": "levels, direction by direction",
+    "wall": "walls, direction by direction",
+}
+
+
+def write_report(findings: str | Path, page: str | Path, folder: str | Path) -> None:
+    """Draw the figures into `folder` (PNG and CSV) and write the page.
+
+    findings: findings.json. Every number of the page stands there.
+    """
+    content, folder = json.loads(Path(findings).read_text()), Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    drawn = {}
+    for name in ("residuals", "causes", "parameters", "theta"):
+        png = folder / f"{name}.png"
+        getattr(figures, f"draw_{name}")(content, png, png.with_suffix(".csv"))
+        drawn[name] = _embedded(png) if png.exists() else ""
+    kept = {content["named_cause"], *content["indistinguishable"], *content["partly"]}
+    ruled_out = [
+        h
+        for h in content["hypotheses"]
+        if h["identifiable"] and h["estimate"] is not None and h["name"] not in kept
+    ]
+    moved = [t for t in content["theta"] if abs(t["shift_sd"]) > 1]
+    changed = "; ".join(
+        f"{t['parameter']} goes from {t['before'][0]:.2f} to {t['after'][0]:.2f}" for t in moved
+    )
+    quiet = not content["misfit"]["detected"] and not content["named_cause"]
+    template = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined)
+    html = template.from_string(PAGE).render(
+        f=content,
+        images=drawn,
+        families=FAMILIES,
+        cause=words.cause,
+        estimate=words.estimate,
+        ruled_out=ruled_out,
+        changed=f"By more than one posterior sd: {changed}." if changed else "",
+        colour="#009E73" if quiet else "#D55E00",
+    )
+    Path(page).write_text(html)
+
+
+def _embedded(png: Path) -> str:
+    return "data:image/png;base64," + base64.b64encode(png.read_bytes()).decode()

@@ -1,0 +1,46 @@
+"""Estimates passed back through the simulator: do they give the outputs they were made from?"""
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from regional_lv import aha
+from regional_lv.progress import Progress
+from regional_lv.simulations import make_runner
+
+
+def simulate_estimates(
+    mesh: Path, physics: dict, predictor: Path, estimates: Path, cases: int | None, checked: Path
+) -> None:
+    """Simulate the estimates of the first `cases` samples (all if None); write a table (Parquet).
+
+    Columns: sample, estimator, status, checked_by (`simulator`), the 52 outputs (NaN where the
+    simulation did not converge).
+    """
+    table = first_cases(pd.read_parquet(estimates), cases)
+    runner = make_runner(mesh, physics, predictor)
+    progress = Progress("simulations of estimates", len(table))
+    status, values = [], []
+    for theta in table[list(aha.PARAMETERS)].to_numpy():
+        result = runner.run(theta)
+        status.append(result.status)
+        converged = result.status == "converged"
+        values.append(result.observables if converged else np.full(len(aha.OUTPUTS), np.nan))
+        progress.step(failed=not converged)
+    write_checked(table, status, "simulator", np.stack(values), checked)
+
+
+def first_cases(estimates: pd.DataFrame, cases: int | None) -> pd.DataFrame:
+    """Rows of the first `cases` samples, in the order in which they first appear."""
+    names = estimates["sample"].drop_duplicates()
+    return estimates[estimates["sample"].isin(names.iloc[:cases])]
+
+
+def write_checked(
+    estimates: pd.DataFrame, status, checked_by: str, outputs: np.ndarray, path: Path
+) -> None:
+    """The table that `simulate_estimates` describes."""
+    table = estimates[["sample", "estimator"]].reset_index(drop=True)
+    table["status"], table["checked_by"] = status, checked_by
+    table.join(pd.DataFrame(outputs, columns=list(aha.OUTPUTS))).to_parquet(path, index=False)

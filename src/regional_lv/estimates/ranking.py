@@ -1,0 +1,211 @@
+"""Which emulators find the parameters: the paper's first stage of selection."""
+
+import json
+import logging
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from scipy import stats
+
+from regional_lv import aha
+from regional_lv.emulators import REGISTRY
+from regional_lv.estimates.estimate import ESTIMATORS
+
+log = logging.getLogger(__name__)
+
+PAIRS = (("local_gp", "local_mgp"), ("local_dkgp", "local_dkmgp"), ("vgp", "mvgp"))
+"""Single-output emulators and the same with all outputs together."""
+
+LEVEL = 0.05
+Z95 = stats.norm.ppf(0.975)
+
+PAPER = {
+    "local_gp": (2.0639, 0.003194),
+    "local_mgp": (0.0853, 0.009780),
+    "local_dkgp": (0.0239, 0.005025),
+    "local_dkmgp": (0.0096, 0.001409),
+    "vgp": (0.0775, 0.024445),
+    "mvgp": (0.0080, 0.000643),
+    "dgp": (0.0615, 0.004502),
+    "dnn": (0.0122, 0.003068),
+}
+"""The paper's Table S1: MSE of the parameters and of the outputs."""
+
+
+def rank_emulators(
+    names: Sequence[str],
+    folder: Path,
+    fits: Path,
+    train: Path,
+    test: Path,
+    size: int,
+    estimator: str,
+    ranking: Path,
+    pairs: Path,
+    shortlist: Path,
+) -> None:
+    """Rank emulators by the parameter MSE of one `estimator`; write what `rank`, `compare_pairs`
+    and `choose` describe (CSV, CSV, JSON).
+
+    folder: with `<name>/test.parquet`, `<name>/checked.parquet`, `<name>/cost.json`. fits: with
+    `<name>/fit.json`, `<name>/test_predictions.parquet`. train, test: the screened tables.
+    """
+    y_train = pd.read_parquet(train, columns=list(aha.OUTPUTS))
+    truth = pd.read_parquet(test, columns=["sample", *aha.OUTPUTS])
+    truth = truth.assign(sample=truth["sample"].astype(str)).set_index("sample")
+    rows, estimates = [], {}
+    for name in names:
+        estimates[name] = pd.read_parquet(Path(folder) / name / "test.parquet")
+        fit = json.loads((Path(fits) / name / "fit.json").read_text())
+        rows.append(
+            {
+                "emulator": name,
+                "label": REGISTRY[name].architecture.label,
+                "input_transform": fit["settings"]["input_transform"],
+                **parameter_errors(estimates[name]),
+                **output_errors(
+                    pd.read_parquet(Path(folder) / name / "checked.parquet"),
+                    *(truth, y_train.std(), estimator),
+                ),
+                **predictive_scores(
+                    pd.read_parquet(Path(fits) / name / "test_predictions.parquet"), y_train.std()
+                ),
+                "training_seconds": fit["seconds"],
+                "peak_memory_mb": fit["peak_memory_mb"],
+                **json.loads((Path(folder) / name / "cost.json").read_text()),
+            }
+        )
+    table = rank(pd.DataFrame(rows), estimator)
+    table.to_csv(ranking, index=False)
+    compare_pairs(estimates).to_csv(pairs, index=False)
+    chosen = choose(table, size, estimator)
+    Path(shortlist).write_text(json.dumps(chosen, indent=2) + "\n")
+    log.info("shortlist: %s", ", ".join(chosen["shortlist"]))
+
+
+def parameter_errors(estimates: pd.DataFrame) -> dict:
+    """Of each estimator: param_mse_<estimator> (mean over cases and parameters),
+    param_mse_median_<estimator> (median over cases), outside_<estimator> (cases whose estimate
+    lies outside the design), seconds_per_case_<estimator>."""
+    result = {"cases": estimates["sample"].nunique()}
+    for name in ESTIMATORS:
+        part = estimates[estimates["estimator"] == name]
+        result[f"param_mse_{name}"] = part["mse"].mean()
+        result[f"param_mse_median_{name}"] = part["mse"].median()
+        result[f"outside_{name}"] = int(part["outside"].sum())
+        result[f"seconds_per_case_{name}"] = part["seconds"].mean()
+    return result
+
+
+def output_errors(
+    checked: pd.DataFrame, truth: pd.DataFrame, sd: pd.Series, estimator: str
+) -> dict:
+    """How far one estimator's estimates lie from the data when passed back: output_mse (strains,
+    the paper's), output_mse_standardised (all outputs, in squared training sd), checked_by,
+    checked_cases, checked_failed (did not converge; left out)."""
+    part = checked[checked["estimator"] == estimator]
+    values = part[list(aha.OUTPUTS)].to_numpy()
+    error = values - truth.loc[part["sample"], list(aha.OUTPUTS)].to_numpy()
+    kept = np.isfinite(error).all(axis=1)
+    return {
+        "output_mse": np.square(error[kept, 1:]).mean() if kept.any() else np.nan,
+        "output_mse_standardised": np.square(error[kept] / sd.to_numpy()).mean()
+        if kept.any()
+        else np.nan,
+        "checked_by": "; ".join(part["checked_by"].unique()),
+        "checked_cases": int(kept.sum()),
+        "checked_failed": int((~kept).sum()),
+    }
+
+
+def predictive_scores(predictions: pd.DataFrame, sd: pd.Series) -> dict:
+    """At the test set's true parameters, outputs in training sd: predictive_mse, predictive_crps
+    (of the Gaussian), predictive_coverage50 and 95 (central intervals)."""
+    scale = sd.loc[predictions["output"]].to_numpy()
+    error = ((predictions["truth"] - predictions["mean"]) / scale).to_numpy()
+    spread = (predictions["sd"] / scale).to_numpy()
+    z = np.abs(error) / spread
+    return {
+        "predictive_mse": np.square(error).mean(),
+        "predictive_crps": gaussian_crps(error, spread).mean(),
+        "predictive_coverage50": (z <= stats.norm.ppf(0.75)).mean(),
+        "predictive_coverage95": (z <= Z95).mean(),
+    }
+
+
+def gaussian_crps(error: np.ndarray, sd: np.ndarray) -> np.ndarray:
+    """Continuous ranked probability score of N(mean, sd^2) at mean + error, in closed form
+    (Gneiting and Raftery 2007, doi 10.1198/016214506000001437)."""
+    z = error / sd
+    return sd * (z * (2 * stats.norm.cdf(z) - 1) + 2 * stats.norm.pdf(z) - 1 / np.sqrt(np.pi))
+
+
+def rank(table: pd.DataFrame, estimator: str) -> pd.DataFrame:
+    """`table` with `rank` (1 is best) in front, by the parameter MSE of `estimator`, and the
+    paper's figures behind: paper_param_mse, paper_output_mse, ratio_to_paper (of the parameter MSE
+    by least squares, the paper's estimator)."""
+    table = table.sort_values(f"param_mse_{estimator}", ignore_index=True)
+    table.insert(0, "rank", np.arange(1, len(table) + 1))
+    paper = pd.DataFrame(
+        [PAPER.get(name, (np.nan, np.nan)) for name in table["emulator"]],
+        columns=["paper_param_mse", "paper_output_mse"],
+    )
+    table = table.join(paper)
+    table["ratio_to_paper"] = table["param_mse_least_squares"] / table["paper_param_mse"]
+    return table
+
+
+def compare_pairs(estimates: dict[str, pd.DataFrame]) -> pd.DataFrame:
+    """Wilcoxon signed-rank tests (two-sided) of the per-sample MSE of `PAIRS`, Holm-corrected over
+    the pairs of each estimator.
+
+    estimates: tables of `estimate_parameters` by emulator; pairs that are not complete are left
+    out. Columns: estimator, single, multi, cases, median_single, median_multi, statistic, p_value,
+    p_holm, rejected (at 5 %), better.
+    """
+    columns = ["estimator", "single", "multi", "cases", "median_single", "median_multi"]
+    columns += ["statistic", "p_value", "p_holm", "rejected", "better"]
+    rows = []
+    for estimator in ESTIMATORS:
+        family = []
+        for single, multi in PAIRS:
+            if not {single, multi} <= set(estimates):
+                continue
+            a, b = (
+                t.loc[t["estimator"] == estimator].set_index("sample")["mse"]
+                for t in (estimates[single], estimates[multi])
+            )
+            b = b.loc[a.index]
+            test = stats.wilcoxon(a, b)
+            middle = a.median(), b.median()
+            better = single if np.median(a - b) < 0 else multi
+            family.append(
+                [estimator, single, multi, len(a), *middle, test.statistic, test.pvalue, better]
+            )
+        adjusted = holm([row[7] for row in family])
+        rows += [
+            [*row[:8], p, bool(p < LEVEL), row[8]] for row, p in zip(family, adjusted, strict=True)
+        ]
+    return pd.DataFrame(rows, columns=columns)
+
+
+def holm(p_values: Sequence[float]) -> np.ndarray:
+    """Holm's step-down adjusted p-values, in the order given (Holm 1979)."""
+    p = np.asarray(p_values, dtype=float)
+    order = np.argsort(p)
+    stepped = np.maximum.accumulate(p[order] * (len(p) - np.arange(len(p))))
+    adjusted = np.empty_like(p)
+    adjusted[order] = np.minimum(stepped, 1.0)
+    return adjusted
+
+
+def choose(table: pd.DataFrame, size: int, estimator: str) -> dict:
+    """The first `size` of a ranking: shortlist (names, best first) and the rule in words."""
+    words = {"least_squares": "least squares", "weighted": "weighted by predictive covariance"}
+    return {
+        "shortlist": table["emulator"].head(size).tolist(),
+        "rule": f"the {min(size, len(table))} of {len(table)} emulators with the least parameter "
+        f"MSE (mean over {table['cases'].iloc[0]} test cases; estimates {words[estimator]})",
+    }

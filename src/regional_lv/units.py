@@ -1,0 +1,3 @@
+"""Conversions between units."""
+
+KPA_PER_MMHG = 0.133322387415

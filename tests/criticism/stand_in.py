@@ -1,0 +1,162 @@
+"""A heart in closed form: 52 smooth functions of ten factors, and causes with known signatures."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+from regional_lv import aha
+from regional_lv.emulators.base import Emulator, Prediction, SeparablePrediction
+from regional_lv.measured import synthetic_subject
+
+D = len(aha.OUTPUTS)
+LOWER, UPPER = 0.1, 5.0
+
+
+class StandIn(Emulator):
+    """mean = centre + W log theta + bend W2 (log theta)^2; errors of a tenth of a milli-strain."""
+
+    name = "stand_in"
+
+    def __init__(self, bend: float = 1.0):
+        self.settings, self.info, self.bend = {}, {}, bend
+        self.outputs, self.lower, self.upper = aha.OUTPUTS, LOWER, UPPER
+        rng = np.random.default_rng(0)
+        zone = aha.SEGMENT_ZONE
+        w = np.zeros((D, 10))
+        w[0] = -8.0
+        size = {"circumferential": 0.04, "radial": -0.08, "longitudinal": 0.03}
+        for k, direction in enumerate(aha.DIRECTIONS):
+            for i in range(17):
+                row = 1 + 17 * k + i
+                own = size[direction] * (1 + 0.3 * rng.standard_normal(2))
+                w[row, 2 * zone[i] : 2 * zone[i] + 2] = own
+                w[row] += 0.1 * size[direction] * rng.standard_normal(10)
+        self.w = torch.as_tensor(w)
+        self.w2 = 0.2 * self.w * torch.as_tensor(rng.uniform(-1, 1, (D, 10)))
+        centre = np.r_[150.0, np.repeat([-0.12, 0.4, -0.14], 17)]
+        self.centre = torch.as_tensor(centre)
+        sd = torch.as_tensor(np.r_[20.0, np.repeat([0.05, 0.1, 0.04], 17)])
+        self.output_sd, self.output_mean = sd, self.centre
+        self.output_covariance = torch.diag((sd * 1e-3).square())
+
+    def _predict(self, theta):
+        x = theta.log()
+        mean = self.centre + x @ self.w.T + self.bend * (x * x) @ self.w2.T
+        one = torch.ones(theta.shape[:-1], dtype=theta.dtype)
+        return SeparablePrediction(mean, one, self.output_covariance)
+
+    def linearise(self, theta):
+        slopes = self.w + 2 * self.bend * self.w2 * theta.log()[..., None, :]
+        return self.predict_mean(theta), slopes / theta[..., None, :]
+
+    def outside(self, theta):
+        return torch.zeros(theta.shape[:-1], dtype=torch.bool)
+
+    def _select(self, index):
+        for key in ("w", "w2", "centre"):
+            setattr(self, key, getattr(self, key)[index])
+        self.output_covariance = self.output_covariance[index][:, index]
+
+    def _fit(self, training, seed): ...
+    def _state(self): ...
+    def _restore(self, state): ...
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    name: str
+    base: float
+    low: float
+    high: float
+    unit: str = "1"
+    parameter: str = "size"
+    description: str = "A change of the outputs."
+    source: str = "made up"
+
+
+class Extension:
+    """delta = amount(psi) * pattern (D,) * (1 + theta dependence)."""
+
+    fraction_simulated = 1.0
+
+    def __init__(self, hypothesis, pattern, component="", outputs=aha.OUTPUTS):
+        self.hypothesis, self.component, self.outputs = hypothesis, component, outputs
+        self.pattern = pattern
+
+    def mean(self, base, theta, psi, at_base=None):
+        at = torch.tensor([aha.OUTPUTS.index(o) for o in self.outputs])
+        tilt = 1 + 0.1 * theta.log().mean(-1, keepdim=True)
+        return (psi - self.hypothesis.base)[..., None] * tilt * self.pattern[at]
+
+    def difference(self, base, theta, psi):
+        mean = self.mean(base, theta, psi)
+        return Prediction(mean, torch.zeros(*mean.shape, mean.shape[-1], dtype=mean.dtype))
+
+    def select(self, outputs):
+        return Extension(self.hypothesis, self.pattern, self.component, tuple(outputs))
+
+
+class Pressure(Extension):
+    """All C_a together by 8 / psi: what theta takes up."""
+
+    def __init__(self, outputs=aha.OUTPUTS):
+        super().__init__(PRESSURE, None, "", outputs)
+
+    def mean(self, base, theta, psi, at_base=None):
+        kind = torch.tensor([name.startswith("C_a") for name in aha.PARAMETERS])
+        moved = torch.where(kind, theta * (8 / psi[..., None]), theta)
+        return base.predict(moved).mean - base.predict(theta).mean
+
+    def select(self, outputs):
+        return Pressure(tuple(outputs))
+
+
+PRESSURE = Hypothesis("end_diastolic_pressure", 8.0, 4.0, 16.0, "mmHg")
+TAILS = Hypothesis("heavy_tails", 0.0, 0.0, 0.4)
+
+
+def pattern(direction: str, segments, size: float) -> torch.Tensor:
+    wanted = {f"{direction}_{s:02d}" for s in segments}
+    return size * torch.tensor([name in wanted for name in aha.OUTPUTS], dtype=torch.float64)
+
+
+def bias() -> Extension:
+    """Radial strains too large by psi: theta takes up only part of it."""
+    both = pattern("radial", range(1, 18), 0.1)
+    return Extension(Hypothesis("radial_scale", 0.0, -2.0, 2.0), both)
+
+
+def basal() -> Extension:
+    """A base that moves: one way only."""
+    wave = pattern("circumferential", range(1, 7), -0.05) + pattern("radial", range(1, 7), 0.08)
+    return Extension(Hypothesis("basal_motion", 0.0, 0.0, 2.0, "mm/kPa"), wave)
+
+
+def scars() -> list[Extension]:
+    """One segment stiffer than its zone."""
+    found = []
+    for s in range(1, 18):
+        shape = pattern("circumferential", [s], 0.05) + pattern("radial", [s], -0.1)
+        found.append(Extension(Hypothesis("focal_scar", 0.0, -1.0, 2.0), shape, component=str(s)))
+    return found
+
+
+def catalogue() -> list[Extension]:
+    return [Pressure(), bias(), basal(), *scars()]
+
+
+THETA = torch.tensor([1.0, 1.2, 1.1, 0.9, 1.8, 1.5, 0.9, 1.1, 1.0, 0.8], dtype=torch.float64)
+
+
+def measured(emulator, extension=None, psi=0.0, seed=0, strain=0.01, theta=THETA, known=True):
+    """Measured table of the stand-in with an effect."""
+    with torch.no_grad():
+        outputs = emulator.predict(theta).mean
+        if extension is not None:
+            value = torch.tensor(psi, dtype=torch.float64)
+            outputs = outputs + extension.mean(emulator, theta, value)
+    unit = np.random.default_rng(seed).standard_normal(len(outputs))
+    table = synthetic_subject(outputs.numpy(), {"strain": strain, "volume": 100 * strain}, unit)
+    return table if known else table.assign(sd=math.nan)

@@ -1,0 +1,94 @@
+"""The score of hidden effects, against cases counted by hand."""
+
+import numpy as np
+import pandas as pd
+import pytest
+import torch
+
+from regional_lv.criticism.benchmark import expected_score, measured_of, summarise
+from regional_lv.criticism.observations import observe
+from regional_lv.criticism.rates import rate
+from regional_lv.figures import hidden_effects
+from regional_lv.measured import read_measured, write_measured
+from tests.criticism.stand_in import THETA, StandIn, bias, measured
+
+
+def case(effect, answer, limits, size=1, covered=True, **more):
+    row = {
+        "effect": effect,
+        "answer": answer,
+        "limits": limits,
+        "expected_z": 3 * limits,
+        "size": size,
+        "contains": (answer == effect) if effect != "none" else np.nan,
+        "covered": covered if effect != "none" else np.nan,
+        "identifiable": True if effect != "none" else np.nan,
+        "misfit_p": 0.5,
+        "seconds": 1.0,
+    }
+    return row | more
+
+
+@pytest.fixture
+def cases():
+    rows = [case("radial_scale", "radial_scale", 4.0)] * 8
+    rows += [case("radial_scale", "basal_motion", 4.0, covered=False)] * 2
+    rows += [case("radial_scale", "none", 0.5, size=0)] * 5
+    rows += [case("none", "none", np.nan, size=0)] * 19 + [case("none", "focal_scar", np.nan)]
+    rows += [case("end_diastolic_pressure", "none", 0.0, size=0, identifiable=False)]
+    return pd.DataFrame(rows)
+
+
+def test_summary_counts(cases):
+    found = summarise(cases)
+    assert (found["false_positives"]["hits"], found["false_positives"]["of"]) == (1, 20)
+    far = found["limit_of_the_test"]
+    assert far["contains_planted"]["share"] == pytest.approx(0.8)
+    assert far["mean_members"] == 1.0
+    assert far["coverage"]["share"] == pytest.approx(0.8)
+    assert found["pressure_not_identifiable"]["hits"] == 1
+
+
+def test_rates_have_exact_intervals():
+    """Clopper-Pearson for 5 of 100 is 1.64 to 11.28 %."""
+    found = rate(pd.Series([True] * 5 + [False] * 95))
+    assert (found["low"], found["high"]) == (
+        pytest.approx(0.0164, abs=1e-4),
+        pytest.approx(0.1128, abs=1e-4),
+    )
+    assert rate(pd.Series([False] * 10))["low"] == 0.0
+
+
+def test_expected_score_is_the_effect_over_its_standard_error():
+    emulator = StandIn(bend=0.0)
+    o = observe({"a": measured(emulator)}, emulator, 1.0)
+    one, two = (expected_score(o, emulator, bias(), THETA, value) for value in (0.2, 0.4))
+    assert two == pytest.approx(2 * one)
+    noisier = observe({"a": measured(emulator, strain=0.02)}, emulator, 1.0)
+    assert expected_score(noisier, emulator, bias(), THETA, 0.2) == pytest.approx(one / 2, rel=0.03)
+
+
+def test_planted_rows_are_measured_tables(tmp_path):
+    table = measured(StandIn())
+    row = pd.Series(
+        {"subject": "a"}
+        | dict(zip(table["output"], table["value"], strict=True))
+        | {f"sd_{o}": sd for o, sd in zip(table["output"], table["sd"], strict=True)}
+    )
+    found = measured_of(row)
+    write_measured(table, tmp_path / "a.csv")
+    read = read_measured(tmp_path / "a.csv")
+    columns = ["output", "quantity", "segment", "value", "sd"]
+    pd.testing.assert_frame_equal(found[columns], read[columns], check_exact=False)
+    assert torch.equal(
+        observe({"a": found}, StandIn(), 1.0).present, observe({"a": read}, StandIn(), 1.0).present
+    )
+
+
+def test_figure_shows_confusions_and_power(cases, tmp_path):
+    cases.to_csv(tmp_path / "cases.csv", index=False)
+    hidden_effects.draw(tmp_path / "cases.csv", tmp_path / "a.png", tmp_path / "a.csv")
+    table = pd.read_csv(tmp_path / "a.csv")
+    cell = (table["effect"] == "radial_scale") & (table["answer"] == "basal_motion")
+    assert table.loc[cell, "count"].tolist() == [2]
+    assert (tmp_path / "a.png").stat().st_size > 10_000

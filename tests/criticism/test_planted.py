@@ -1,0 +1,83 @@
+"""Hidden effects: who gets which, how large, and what noise comes with it."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from regional_lv import aha
+from regional_lv.criticism import planted
+from regional_lv.criticism.hypotheses import REGISTRY
+
+
+@pytest.fixture(scope="module")
+def entries():
+    return planted.random_subjects(140, 60, 5, REGISTRY, (0.1, 5.0))
+
+
+def test_every_hypothesis_is_planted_and_some_have_none(entries):
+    effects = [next(iter(e["effects"]), None) for e in entries]
+    assert effects.count(None) == 60
+    assert all(effects.count(name) == 10 for name in REGISTRY)
+    # The order tells nothing: subjects without effect are not together.
+    places = np.flatnonzero([e is None for e in effects])
+    assert places.min() < 20 and places.max() > 180
+
+
+def test_sizes_are_in_the_range_and_away_from_the_base(entries):
+    shares = []
+    for entry in entries:
+        for effect in planted.read_effects(entry["effects"]):
+            h = effect.hypothesis
+            assert h.low <= effect.value <= h.high
+            end = h.low if effect.value < h.base else h.high
+            shares.append((effect.value - h.base) / (end - h.base))
+            assert effect.component in h.components
+    assert min(shares) >= planted.LEAST_SHARE - 1e-12
+    assert np.mean(shares) == pytest.approx((1 + planted.LEAST_SHARE) / 2, abs=0.06)
+
+
+def test_theta_is_physiological_and_in_the_box():
+    entries = planted.random_subjects(0, 50, 5, REGISTRY, (0.8, 5.0))
+    theta = np.array([list(e["theta"].values()) for e in entries])
+    assert theta.shape == (50, 10) and theta.min() >= 0.8 and theta.max() <= 2.0
+
+
+def test_subjects_follow_the_seed(entries):
+    again = planted.random_subjects(140, 60, 5, REGISTRY, (0.1, 5.0))
+    other = planted.random_subjects(140, 60, 6, REGISTRY, (0.1, 5.0))
+    assert again == entries
+    assert other[0]["theta"] != entries[0]["theta"] and other[0]["seed"] != entries[0]["seed"]
+
+
+def test_heavy_tails_have_outliers():
+    rng = np.random.default_rng(0)
+    heavy = planted.unit_noise(planted.read_effects({"heavy_tails": 0.4}), 20000, rng)
+    plain = planted.unit_noise(planted.read_effects({"fibre_rotation": 5.0}), 20000, rng)
+    # Of Student's t with 2.5 degrees of freedom 4.1 % lie beyond 4 scales; of a Gaussian none.
+    assert np.mean(np.abs(heavy) > 4) == pytest.approx(0.041, abs=0.006)
+    assert np.abs(plain).max() < 5 and plain.std() == pytest.approx(1.0, abs=0.03)
+
+
+def test_a_batch_keeps_subjects_and_truth_apart(monkeypatch, entries):
+    """One cannot be inflated: it is in the truth, with the reason, and nowhere else."""
+    failing = entries[3]["theta"]["C_a_septal"]
+
+    def outputs(self, theta, effects):
+        if theta[6] == failing:
+            raise ArithmeticError("too soft")
+        return np.zeros(52)
+
+    monkeypatch.setattr(planted.Ventricles, "outputs", outputs)
+    noise = {"strain": 0.01, "volume": 1.0}
+    subjects, truth = planted.plant_batch(None, {}, None, entries[:10], noise, "test")
+    assert list(subjects) == ["subject", *aha.OUTPUTS, *(f"sd_{o}" for o in aha.OUTPUTS)]
+    assert truth["subject"].tolist() == [f"subject-{i:04d}" for i in range(10)]
+    assert truth.loc[3, "status"] == "failed" and truth.loc[3, "reason"] == "too soft"
+    assert "subject-0003" not in set(subjects["subject"]) and len(subjects) == 9
+    for entry, row in zip(entries[:10], truth.itertuples(), strict=True):
+        assert row.effect == next(iter(entry["effects"]), "")
+        assert np.isnan(row.value) == (not entry["effects"])
+    ordinary = [not t.startswith("heavy") for t in truth.drop(3)["effect"]]
+    noise_seen = subjects.loc[ordinary, list(aha.OUTPUTS[1:])].to_numpy()
+    assert noise_seen.std() == pytest.approx(0.01, rel=0.15)
+    assert isinstance(subjects, pd.DataFrame) and subjects["sd_volume_ml"].eq(1.0).all()

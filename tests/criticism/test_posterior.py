@@ -1,0 +1,137 @@
+"""Posterior, evidence and leave-one-out prediction against closed forms."""
+
+import math
+
+import pytest
+import torch
+
+from regional_lv.criticism.extended import ExtendedEmulator
+from regional_lv.criticism.fit import fit_best, fit_from_nothing, spread
+from regional_lv.criticism.linear import approximate, leave_out_linearly
+from regional_lv.criticism.model import LOG_2PI, Layout, Model
+from regional_lv.criticism.observations import observe
+from regional_lv.criticism.posterior import gain_of, laplace, leave_out, sample
+from regional_lv.criticism.verdict import stack
+from tests.criticism.stand_in import LOWER, UPPER, StandIn, bias, measured
+
+
+def log_evidence(model: Model, keep=None) -> float:
+    """Closed form of a linear model far from its bounds: a normal likelihood in log theta and psi,
+    under a prior that is the exponential of the sum of log theta."""
+    keep = torch.ones(len(model.observations.outputs), dtype=torch.bool) if keep is None else keep
+    x0 = torch.zeros(1, len(model.low)).double()
+    mean, slopes = model.linearise(x0)
+    y = (model.observations.y - mean)[0, 0, keep]
+    slopes = slopes[0, 0, keep]
+    covariance = model.covariance(x0)[0, 0][keep][:, keep]
+    inverse = torch.linalg.inv(covariance)
+    precision = slopes.T @ inverse @ slopes
+    tilt = torch.zeros(len(precision)).double()
+    tilt[:10] = 1.0
+    right = slopes.T @ inverse @ y + tilt
+    solved = torch.linalg.solve(precision, right)
+    value = -0.5 * (y @ inverse @ y - right @ solved)
+    value += -0.5 * (torch.logdet(covariance) + len(y) * LOG_2PI)
+    value += 0.5 * (len(right) * LOG_2PI - torch.logdet(precision))
+    value -= 10 * math.log(UPPER - LOWER)
+    value -= (model.high - model.low)[10:].log().sum()
+    return float(value), solved, torch.linalg.inv(precision)
+
+
+def build(extensions=(), seed=0, strain=0.002):
+    emulator = StandIn(bend=0.0)
+    o = observe({"a": measured(emulator, seed=seed, strain=strain)}, emulator, 1.0)
+    return Model(o, ExtendedEmulator(emulator, extensions), Layout.inferred(("a",), LOWER, UPPER))
+
+
+@pytest.fixture(scope="module")
+def base():
+    model = build()
+    best = fit_from_nothing(model, 1)
+    return model, best, sample(model, *laplace(model, best), 1000, 2)
+
+
+def test_evidence_and_moments(base):
+    model, _, posterior = base
+    exact, mean, covariance = log_evidence(model)
+    assert posterior.log_evidence == pytest.approx(exact, abs=4 * posterior.evidence_error + 0.02)
+    found, sd = posterior.moments(posterior.x)
+    assert torch.allclose(sd, covariance.diagonal().sqrt(), rtol=0.12)
+    assert ((found - mean).abs() < 0.15 * sd).all()
+
+
+def test_extension_and_its_evidence(base):
+    _, best, _ = base
+
+    class Flat(type(bias())):
+        """The same change whatever theta is."""
+
+        def mean(self, base, theta, psi, at_base=None):
+            shift = psi[..., None] * self.pattern
+            return shift.expand(*theta.shape[:-1], len(self.pattern))
+
+    flat = Flat(bias().hypothesis, bias().pattern)
+    extended = build([flat])
+    fitted = fit_best(extended, spread(best.x[0], extended, 10))
+    posterior = sample(extended, *laplace(extended, fitted), 1000, 2)
+    exact, mean, covariance = log_evidence(extended)
+    assert posterior.log_evidence == pytest.approx(exact, abs=4 * posterior.evidence_error + 0.02)
+    psi, sd = posterior.moments(posterior.x[:, 10])
+    assert float(psi) == pytest.approx(float(mean[10]), abs=0.15 * float(sd))
+    assert float(sd) == pytest.approx(float(covariance[10, 10].sqrt()), rel=0.1)
+
+
+def test_leaving_out_is_a_ratio_of_evidences(base):
+    model, _, posterior = base
+    left_out = leave_out(posterior, 1000, 3)
+    whole = log_evidence(model)[0]
+    for number, value in zip(left_out.folds, left_out.elpd.tolist(), strict=True):
+        keep = ~model.observations.groups[number]
+        assert value == pytest.approx(whole - log_evidence(model, keep)[0], abs=0.1), number
+
+
+def test_laplace_agrees_where_it_is_exact(base):
+    model, best, posterior = base
+    near = approximate(model, best, 500, 1)
+    # The prior's slope, which it leaves out, is small against the data's.
+    assert near.log_evidence == pytest.approx(posterior.log_evidence, abs=0.3)
+    linear, sampled = leave_out_linearly(model, best), leave_out(posterior, 1000, 3)
+    assert torch.allclose(linear.elpd, sampled.elpd, atol=0.3)
+    assert torch.allclose(linear.sd, sampled.sd, rtol=0.15)
+
+
+def test_standard_error_of_the_gain_is_its_spread_over_measurements():
+    """An effect of one size, measured again and again."""
+    emulator, gains, errors = StandIn(bend=0.0), [], []
+    extension = bias()
+    for seed in range(12):
+        table = measured(emulator, extension, 0.15, seed=seed)
+        o = observe({"a": table}, emulator, 1.0)
+        layout = Layout.inferred(("a",), LOWER, UPPER)
+        model = Model(o, ExtendedEmulator(emulator), layout)
+        best = fit_from_nothing(model, 1)
+        before = leave_out_linearly(model, best)
+        extended = Model(o, ExtendedEmulator(emulator, [extension]), layout)
+        fitted = fit_best(extended, spread(best.x[0], extended, 10))
+        after = leave_out_linearly(extended, fitted)
+        gain, error, _ = gain_of(before, after, approximate(extended, fitted, 300, 1))
+        gains.append(gain)
+        errors.append(error)
+    spread_of_gains = torch.tensor(gains).std()
+    assert 0.5 < torch.tensor(errors).mean() / spread_of_gains < 2.0
+
+
+def test_stacking_prefers_what_predicts_better():
+    generator = torch.Generator().manual_seed(0)
+    elpd = torch.randn(3, 18, generator=generator, dtype=torch.float64) * 0.1
+    elpd[1] += 1.0
+    weights = stack(elpd)
+    assert float(weights.sum()) == pytest.approx(1.0)
+    assert weights[1] > 0.95
+
+
+def test_the_same_seed_gives_the_same_draws(base):
+    model, best, posterior = base
+    again = sample(model, *laplace(model, best), 1000, 2)
+    assert torch.equal(again.x, posterior.x)
+    assert again.log_evidence == posterior.log_evidence

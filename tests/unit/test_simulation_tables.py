@@ -1,0 +1,220 @@
+"""Finished simulations from tables: forms that are read, mistakes that are named, the split."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from regional_lv import aha, config
+from regional_lv.errors import InputError
+from regional_lv.simulation_tables import import_simulations, read_tables, split
+
+ROWS = 30
+
+
+@pytest.fixture
+def simulations():
+    rng = np.random.default_rng(1)
+    theta = pd.DataFrame(rng.uniform(0.1, 5.0, (ROWS, 10)), columns=list(aha.PARAMETERS))
+    y = pd.DataFrame(rng.normal(size=(ROWS, 52)), columns=list(aha.OUTPUTS))
+    return theta, y
+
+
+@pytest.fixture
+def files(tmp_path, simulations):
+    """The two tables as CSV with named columns; returns their paths."""
+    paths = tmp_path / "inputs.csv", tmp_path / "outputs.csv"
+    for table, path in zip(simulations, paths, strict=True):
+        table.to_csv(path, index=False)
+    return paths
+
+
+def published_order(y: pd.DataFrame) -> pd.DataFrame:
+    """Columns as in the published file, written down by name and not by the project's indices."""
+    rings = ["inferoseptal", "anteroseptal", "anterior", "anterolateral", "inferolateral"]
+    rings += ["inferior"]
+    names = [f"{level} {wall}" for level in ("basal", "mid") for wall in rings]
+    names += [f"apical {wall}" for wall in ("septal", "anterior", "lateral", "inferior")] + ["apex"]
+    number = {segment.name: segment.number for segment in aha.SEGMENTS}
+    strains = [f"{d}_{number[name]:02d}" for d in aha.DIRECTIONS for name in names]
+    return y[["volume_ml", *strains]]
+
+
+def test_named_columns_in_any_order_and_with_others(tmp_path, simulations):
+    theta, y = simulations
+    both = pd.concat([y[y.columns[::-1]], theta], axis=1).assign(note="x")
+    for path in (tmp_path / "both.parquet", tmp_path / "both.csv"):
+        both.to_parquet(path) if path.suffix == ".parquet" else both.to_csv(path, index=False)
+        table = read_tables(path, path, 0.1, 5.0)
+        assert table["sample"].tolist() == list(range(ROWS))
+        np.testing.assert_allclose(table[theta.columns], theta)
+        np.testing.assert_allclose(table[y.columns], y)
+        assert "note" not in table
+
+
+def test_published_order_without_header(tmp_path, simulations):
+    theta, y = simulations
+    theta.to_csv(tmp_path / "x.csv", index=False, header=False)
+    published_order(y).to_csv(tmp_path / "y.csv", index=False, header=False)
+    table = read_tables(tmp_path / "x.csv", tmp_path / "y.csv", 0.1, 5.0)
+    np.testing.assert_allclose(table[theta.columns], theta)
+    np.testing.assert_allclose(table[y.columns], y)
+
+
+def test_sensitivities_come_along(tmp_path, simulations):
+    theta, y = simulations
+    y = y.assign(sensitivity=[np.full(520, float(i)) for i in range(ROWS)])
+    theta.to_parquet(tmp_path / "x.parquet")
+    y.to_parquet(tmp_path / "y.parquet")
+    table = read_tables(tmp_path / "x.parquet", tmp_path / "y.parquet", 0.1, 5.0)
+    assert table["sensitivity"].map(lambda s: s[0]).tolist() == list(range(ROWS))
+
+
+def spoil(table: pd.DataFrame, row: int, column: str, value) -> pd.DataFrame:
+    table = table.astype(object)
+    table.loc[row, column] = value
+    return table
+
+
+MISTAKES = {
+    "too few columns": (
+        lambda x, y: (x, y.iloc[:, :50], False),
+        ["outputs.csv", "50 columns", "52"],
+    ),
+    "a column that is missing": (
+        lambda x, y: (x, y.drop(columns="radial_07"), True),
+        ["outputs.csv", "no column radial_07"],
+    ),
+    "not a number": (
+        lambda x, y: (x, spoil(y, 4, "radial_07", "n/c"), True),
+        ["outputs.csv", "row 5", "radial_07", "n/c", "remove"],
+    ),
+    "not finite": (
+        lambda x, y: (spoil(x, 2, "C_b_septal", np.inf), y, True),
+        ["inputs.csv", "row 3", "C_b_septal"],
+    ),
+    "an empty cell": (
+        lambda x, y: (x, spoil(y, 9, "volume_ml", None), True),
+        ["outputs.csv", "row 10", "volume_ml"],
+    ),
+    "outside the bounds": (
+        lambda x, y: (spoil(x, 7, "C_a_apical", 6.5), y, True),
+        ["inputs.csv", "row 8", "C_a_apical", "6.5", "[0.1, 5]", "design.upper"],
+    ),
+    "other rows": (lambda x, y: (x.iloc[:-1], y, True), ["30 rows of outputs to 29 rows"]),
+    "nothing": (lambda x, y: (x.iloc[:0], y, True), ["inputs.csv", "holds no rows"]),
+}
+
+
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_mistakes_name_file_row_and_remedy(mistake, simulations, files):
+    change, said = MISTAKES[mistake]
+    *tables, header = change(*simulations)
+    for table, path in zip(tables, files, strict=True):
+        table.to_csv(path, index=False, header=header)
+    with pytest.raises(InputError) as error:
+        read_tables(*files, 0.1, 5.0)
+    for words in said:
+        assert words in str(error.value)
+
+
+def test_files_that_are_no_tables(tmp_path, files):
+    with pytest.raises(InputError, match=r"none\.csv"):
+        read_tables(tmp_path / "none.csv", files[1], 0.1, 5.0)
+    (tmp_path / "odd.csv").write_text("1,2\n1,2,3\n")
+    with pytest.raises(InputError, match="as many cells in every row"):
+        read_tables(tmp_path / "odd.csv", files[1], 0.1, 5.0)
+
+
+def test_split_holds_out_the_same_rows_whatever_is_kept():
+    whole, part = split(100, 20, None, 3), split(100, 20, 30, 3)
+    assert sorted([*whole["test"], *whole["train"]]) == list(range(100))
+    assert (part["test"] == whole["test"]).all() and len(part["train"]) == 30
+    assert set(part["train"]) < set(whole["train"])
+    assert (split(100, 20, None, 4)["test"] != whole["test"]).any()
+    with pytest.raises(InputError, match="holdout"):
+        split(100, 100, None, 3)
+
+
+def test_sets_are_written_in_the_screened_form(tmp_path, files):
+    common = ((0.1, 5.0), 3)
+    for name in ("train", "test"):
+        import_simulations(name, *files, False, 6, None, *common, tmp_path / f"{name}.parquet")
+    train, test = (pd.read_parquet(tmp_path / f"{name}.parquet") for name in ("train", "test"))
+    assert len(train) == ROWS - 6 and len(test) == 6
+    assert not set(train["sample"]) & set(test["sample"])
+    # A table of its own is taken whole, and nothing is held out of the training table.
+    import_simulations("test", *files, True, 6, 12, *common, tmp_path / "own.parquet")
+    assert len(pd.read_parquet(tmp_path / "own.parquet")) == ROWS
+    import_simulations("train", *files, True, 6, None, *common, tmp_path / "all.parquet")
+    assert len(pd.read_parquet(tmp_path / "all.parquet")) == ROWS
+
+
+# ------------------------------------------------------------------- what the config says of it
+
+
+def study(files, **changes) -> dict:
+    tables = {"train": dict(zip(("inputs", "outputs"), map(str, files), strict=True))}
+    simulations = {"source": "table", "tables": tables, "holdout": 6}
+    return {
+        "study": "mine",
+        "simulations": simulations | changes.pop("simulations", {}),
+        "emulators": {"names": ["exact_gp"]},
+        "subjects": {},
+        "synthetic_subjects": {},
+        **changes,
+    }
+
+
+def test_config_counts_the_test_cases(files):
+    assert config.load(study(files))["design"]["test"] == 6
+    own = study(files)
+    own["simulations"]["tables"]["test"] = own["simulations"]["tables"]["train"]
+    assert config.load(own)["design"]["test"] == ROWS
+    published = {"train": {"inputs": "published", "outputs": "published"}}
+    loaded = config.load(study(files, simulations={"tables": published, "holdout": 99}))
+    assert loaded["design"]["test"] == 99
+    assert config.load(loaded) == loaded
+
+
+CONFIG_MISTAKES = {
+    "few for neighbours": (
+        {"emulators": {"names": ["exact_gp", "local_mgp"]}},
+        "emulators.local_mgp.neighbours: 24 training simulations are too few",
+    ),
+    "no sensitivities": (
+        {"emulators": {"names": ["exact_gp", "gradient_gp"]}},
+        "gradient_gp learns from sensitivities",
+    ),
+    "no such emulator": ({"emulators": {"names": ["exact_pg"]}}, "did you mean exact_gp"),
+    "few for any": ({"simulations": {"holdout": 20}}, "too few for any emulator"),
+    "all held out": ({"simulations": {"holdout": 30}}, "leave none to train on"),
+    "cases": ({"test_posteriors": {"cases": 7}}, "7 posteriors on 6 test cases"),
+    "no table": ({"simulations": {"tables": {}}}, "simulations.tables.train: missing"),
+    "published test": (
+        {"simulations": {"tables": {"test": {"inputs": "published", "outputs": "published"}}}},
+        "is the paper's training table",
+    ),
+    "tables and simulator": ({"simulations": {"source": "dolfinx"}}, "remove them"),
+    "synthetic": (
+        {
+            "subjects": {"one": {"source": "synthetic"}},
+            "synthetic_subjects": {"one": {"theta": dict.fromkeys(aha.PARAMETERS, 1.0)}},
+        },
+        "subjects.one: synthetic subjects come out of the simulator",
+    ),
+}
+
+
+@pytest.mark.parametrize("mistake", CONFIG_MISTAKES)
+def test_config_refuses_before_anything_runs(mistake, files):
+    changes, said = CONFIG_MISTAKES[mistake]
+    with pytest.raises(InputError) as error:
+        config.load(study(files, **changes))
+    assert said in str(error.value)
+
+
+def test_config_reads_the_tables(files, simulations):
+    _, y = simulations
+    spoil(y, 4, "radial_07", np.nan).to_csv(files[1], index=False)
+    with pytest.raises(InputError, match=r"simulations.tables.train: .*outputs.csv: row 5"):
+        config.load(study(files))

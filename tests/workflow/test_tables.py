@@ -1,0 +1,73 @@
+"""A study on finished simulations: what is planned, and what stops it."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import yaml
+
+from regional_lv import aha
+from tests.workflow.test_workflow import copy_project
+
+MECHANICS = {
+    *("make_mesh", "solve_baseline", "make_design", "solve_anchors", "fit_predictor"),
+    *("simulate_batch", "simulate_estimates", "simulate_subject"),
+}
+
+
+@pytest.fixture
+def study(root, tmp_path) -> Path:
+    """A copy of the project with a config for random simulations in two CSV files."""
+    project = copy_project(root, tmp_path / "project")
+    rng = np.random.default_rng(1)
+    tables = {
+        "inputs": pd.DataFrame(rng.uniform(0.1, 5, (40, 10)), columns=list(aha.PARAMETERS)),
+        "outputs": pd.DataFrame(rng.normal(size=(40, 52)), columns=list(aha.OUTPUTS)),
+    }
+    for name, table in tables.items():
+        table.to_csv(project / f"{name}.csv", index=False)
+    paths = {name: f"{name}.csv" for name in tables}
+    config = {
+        "study": "tables",
+        "simulations": {"source": "table", "tables": {"train": paths}, "holdout": 6},
+        "emulators": {"names": ["exact_gp", "dnn"]},
+        "subjects": {},
+        "synthetic_subjects": {},
+    }
+    (project / "tables.yaml").write_text(yaml.safe_dump(config))
+    return project
+
+
+def plan(study: Path) -> tuple[int, str]:
+    """Exit status and output of a dry run."""
+    command = [sys.executable, "-m", "snakemake", "--cores", "1", "--dry-run"]
+    done = subprocess.run(
+        [*command, "--configfile", "tables.yaml"],
+        cwd=study,
+        capture_output=True,
+        text=True,
+        timeout=300,
+    )
+    return done.returncode, done.stdout + done.stderr
+
+
+def test_no_rule_needs_the_simulator(study):
+    status, output = plan(study)
+    assert status == 0, output[-3000:]
+    rules = set(re.findall(r"^(?:rule|localrule) (\w+):", output, flags=re.MULTILINE))
+    assert {"import_simulations", "estimate_parameters", "rank_emulators"} <= rules
+    assert {"fit_stand_in", "sample_posteriors"} <= rules
+    assert not rules & MECHANICS
+
+
+def test_a_bad_table_stops_before_anything_runs(study):
+    table = pd.read_csv(study / "outputs.csv")
+    table.loc[3, "radial_02"] = np.nan
+    table.to_csv(study / "outputs.csv", index=False)
+    status, output = plan(study)
+    assert status != 0
+    assert "outputs.csv: row 4, column radial_02" in output and "Traceback" not in output

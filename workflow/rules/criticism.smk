@@ -1,0 +1,270 @@
+"""What the simulation gets wrong, why, and what mending it gains."""
+
+C = f"{R}/criticism"
+HYPOTHESES = asked(config["criticism"]["hypotheses"], PHYSICS)
+JOINT = config["criticism"]["joint"]
+CRITICISM = {
+    key: config["criticism"][key] for key in ("bootstrap", "level", "leading", "draws", "rounds")
+}
+CRITICISED = [
+    *SUBJECTS,
+    *(name for name, entry in JOINT.items() if set(entry["subjects"]) <= set(SUBJECTS)),
+]
+VERDICT_BATCHES = batches(
+    config["criticism"]["benchmark"]["planted"] + config["criticism"]["benchmark"]["null"],
+    config["criticism"]["benchmark"]["subjects_per_batch"],
+)
+PLANTED_BATCHES = batches(
+    config["criticism"]["benchmark"]["planted"] + config["criticism"]["benchmark"]["null"],
+    config["simulations"]["batch_size"],
+)
+EXTENSIONS = expand(f"{C}/extensions/{{hypothesis}}.pt", hypothesis=HYPOTHESES)
+
+
+rule extensions:
+    """What every hypothesis changes, for all subjects of the study."""
+    input:
+        EXTENSIONS,
+
+
+rule simulate_extension:
+    """From the anchors' fields; the anchors of one batch at all values of one effect."""
+    input:
+        mesh=f"{R}/geometry/mesh.vtu",
+        anchors=f"{R}/mechanics/anchors/batch-{{batch}}.npz",
+        # Not the whole catalogue: another hypothesis does not change this one's simulations.
+        library=lambda wildcards: library(
+            "criticism.simulation", f"criticism.hypotheses.{wildcards.hypothesis}"
+        ),
+    output:
+        f"{C}/simulations/{{hypothesis}}/batch-{{batch}}.parquet",
+    params:
+        physics=PHYSICS,
+        most=lambda wildcards: anchors_per_batch(HYPOTHESES[wildcards.hypothesis]),
+    wildcard_constraints:
+        hypothesis="|".join(HYPOTHESES),
+    log:
+        f"{LOGS}/criticism/simulations/{{hypothesis}}-batch-{{batch}}.log",
+    benchmark:
+        f"{R}/benchmarks/criticism/simulations/{{hypothesis}}-batch-{{batch}}.tsv"
+    threads: 1
+    conda:
+        "../../envs/mechanics.yaml"
+    script:
+        "../scripts/simulate_extension.py"
+
+
+rule train_extension:
+    """Closed forms need no simulations; their file says what they are."""
+    input:
+        batches=lambda wildcards: extension_batches(HYPOTHESES[wildcards.hypothesis]),
+        library=library("criticism.extension"),
+    output:
+        extension=f"{C}/extensions/{{hypothesis}}.pt",
+        report=f"{C}/extensions/{{hypothesis}}.json",
+    params:
+        physics=PHYSICS,
+        bounds=BOUNDS,
+        seed=config["seed"],
+    wildcard_constraints:
+        hypothesis="|".join(HYPOTHESES),
+    log:
+        f"{LOGS}/criticism/extensions/{{hypothesis}}.log",
+    benchmark:
+        f"{R}/benchmarks/criticism/extensions/{{hypothesis}}.tsv"
+    threads: 1
+    conda:
+        "../../envs/statistics.yaml"
+    script:
+        "../scripts/train_extension.py"
+
+
+rule plant_batch:
+    """Ventricles with hidden effects; writes their truth and reads none."""
+    input:
+        mesh=f"{R}/geometry/mesh.vtu",
+        predictor=f"{R}/mechanics/predictor.npz",
+        library=library("criticism.planted"),
+    output:
+        subjects=temp(f"{C}/benchmark/subjects/batch-{{batch}}.parquet"),
+        truth=temp(f"{R}/truth/benchmark/batch-{{batch}}.parquet"),
+    params:
+        physics=PHYSICS,
+        hypotheses=config["criticism"]["hypotheses"],
+        benchmark=config["criticism"]["benchmark"],
+        bounds=BOUNDS,
+        seed=config["seed"],
+        batch_size=config["simulations"]["batch_size"],
+    log:
+        f"{LOGS}/criticism/benchmark/plant-batch-{{batch}}.log",
+    benchmark:
+        f"{R}/benchmarks/criticism/benchmark/plant-batch-{{batch}}.tsv"
+    threads: 1
+    conda:
+        "../../envs/mechanics.yaml"
+    script:
+        "../scripts/plant_batch.py"
+
+
+rule plant_subjects:
+    input:
+        expand(f"{C}/benchmark/subjects/{{batch}}.parquet", batch=PLANTED_BATCHES),
+    output:
+        f"{C}/benchmark/subjects.parquet",
+    log:
+        f"{LOGS}/criticism/benchmark/plant_subjects.log",
+    conda:
+        "../../envs/statistics.yaml"
+    script:
+        "../scripts/gather.py"
+
+
+rule gather_truth:
+    """For the score of the benchmark alone."""
+    input:
+        expand(f"{R}/truth/benchmark/{{batch}}.parquet", batch=PLANTED_BATCHES),
+    output:
+        f"{R}/truth/benchmark.parquet",
+    log:
+        f"{LOGS}/criticism/benchmark/gather_truth.log",
+    conda:
+        "../../envs/statistics.yaml"
+    script:
+        "../scripts/gather.py"
+
+
+rule criticism:
+    """The page of every subject."""
+    input:
+        expand(f"{C}/{{subject}}/report.html", subject=CRITICISED),
+
+
+rule criticise_subject:
+    """Of one subject, or of several together. Reads what was measured, never a truth."""
+    input:
+        emulator=f"{R}/emulators/{EMULATOR}.pt",
+        extensions=EXTENSIONS,
+        measured=lambda wildcards: expand(
+            f"{R}/measured/{{subject}}.csv", subject=criticised(wildcards.subject)
+        ),
+        known_theta=lambda wildcards: known_theta(wildcards.subject),
+        library=library("criticism.study"),
+    output:
+        f"{C}/{{subject}}/findings.json",
+    params:
+        subjects=lambda wildcards: criticised(wildcards.subject),
+        settings=CRITICISM,
+        noise_prior_scale=config["clinical"]["noise_prior_scale"],
+        seed=config["seed"],
+    wildcard_constraints:
+        subject="|".join(CRITICISED) or "(?!)",
+    log:
+        f"{LOGS}/criticism/{{subject}}.log",
+    benchmark:
+        f"{R}/benchmarks/criticism/{{subject}}.tsv"
+    threads: 1
+    conda:
+        "../../envs/statistics.yaml"
+    script:
+        "../scripts/criticise_subject.py"
+
+
+rule report_criticism:
+    input:
+        findings=f"{C}/{{subject}}/findings.json",
+        library=library("criticism.report"),
+    output:
+        page=report(
+            f"{C}/{{subject}}/report.html",
+            caption="../report/criticism.rst",
+            category="Criticism",
+        ),
+        residuals=f"{C}/{{subject}}/residuals.png",
+        table=f"{C}/{{subject}}/residuals.csv",
+    wildcard_constraints:
+        subject="|".join(CRITICISED) or "(?!)",
+    log:
+        f"{LOGS}/criticism/report_{{subject}}.log",
+    conda:
+        "../../envs/figures.yaml"
+    script:
+        "../scripts/report_criticism.py"
+
+
+rule hidden_effects:
+    """The benchmark: what is found of effects planted at random."""
+    input:
+        f"{C}/benchmark/summary.json",
+        f"{C}/benchmark/hidden_effects.png",
+
+
+rule criticise_benchmark:
+    """Blind: reads the measured hearts alone."""
+    input:
+        subjects=f"{C}/benchmark/subjects.parquet",
+        emulator=f"{R}/emulators/{EMULATOR}.pt",
+        extensions=EXTENSIONS,
+        library=library("criticism.benchmark"),
+    output:
+        f"{C}/benchmark/verdicts/batch-{{batch}}.parquet",
+    params:
+        first=lambda wildcards: int(wildcards.batch)
+        * config["criticism"]["benchmark"]["subjects_per_batch"],
+        last=lambda wildcards: (int(wildcards.batch) + 1)
+        * config["criticism"]["benchmark"]["subjects_per_batch"],
+        settings=CRITICISM
+        | {
+            "bootstrap": config["criticism"]["benchmark"]["bootstrap"],
+            "leading": CRITICISM["leading"] | {"least": 1},
+        },
+        noise_prior_scale=config["clinical"]["noise_prior_scale"],
+        seed=config["seed"],
+    log:
+        f"{LOGS}/criticism/benchmark/criticise-batch-{{batch}}.log",
+    benchmark:
+        f"{R}/benchmarks/criticism/benchmark/criticise-batch-{{batch}}.tsv"
+    threads: 1
+    conda:
+        "../../envs/statistics.yaml"
+    script:
+        "../scripts/criticise_benchmark.py"
+
+
+rule score_benchmark:
+    """The one rule of the criticism that reads a truth, after all verdicts are in."""
+    input:
+        verdicts=expand(f"{C}/benchmark/verdicts/{{batch}}.parquet", batch=VERDICT_BATCHES),
+        truth=f"{R}/truth/benchmark.parquet",
+        subjects=f"{C}/benchmark/subjects.parquet",
+        emulator=f"{R}/emulators/{EMULATOR}.pt",
+        extensions=EXTENSIONS,
+        library=library("criticism.benchmark"),
+    output:
+        cases=f"{C}/benchmark/cases.csv",
+        confusion=f"{C}/benchmark/confusion.csv",
+        summary=f"{C}/benchmark/summary.json",
+    log:
+        f"{LOGS}/criticism/benchmark/score_benchmark.log",
+    conda:
+        "../../envs/statistics.yaml"
+    script:
+        "../scripts/score_benchmark.py"
+
+
+rule plot_hidden_effects:
+    input:
+        cases=f"{C}/benchmark/cases.csv",
+        library=library("figures.hidden_effects"),
+    output:
+        png=report(
+            f"{C}/benchmark/hidden_effects.png",
+            caption="../report/hidden_effects.rst",
+            category="Criticism",
+        ),
+        csv=f"{C}/benchmark/hidden_effects.csv",
+    log:
+        f"{LOGS}/criticism/benchmark/plot_hidden_effects.log",
+    conda:
+        "../../envs/figures.yaml"
+    script:
+        "../scripts/plot_hidden_effects.py"
