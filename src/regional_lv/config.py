@@ -167,12 +167,13 @@ def _complaint(error: jsonschema.ValidationError) -> str:
         close = difflib.get_close_matches(str(value), [str(v) for v in limit], n=1)
         hint = f"; did you mean {close[0]}?" if close else ""
         return f"{value!r} is not offered; choose one of {', '.join(map(str, limit))}{hint}"
+    if error.validator == "anyOf":
+        return f"{value!r} is neither `all` nor {_alternative(limit)}; give one of them"
     words = {
         "minimum": f"{value!r} is too small; give at least {limit}",
         "exclusiveMinimum": f"{value!r} is too small; give more than {limit}",
         "maximum": f"{value!r} is too large; give at most {limit}",
         "exclusiveMaximum": f"{value!r} is too large; give less than {limit}",
-        "anyOf": f"{value!r} is neither `all` nor {_alternative(error)}; give one of them",
         "minItems": "the list is empty; name at least one",
         "uniqueItems": f"{value!r} names something twice; remove the repetition",
         "pattern": f"{value!r} is not a usable name; use letters, digits and underscores, and "
@@ -181,12 +182,12 @@ def _complaint(error: jsonschema.ValidationError) -> str:
     return words[error.validator]
 
 
-def _alternative(error: jsonschema.ValidationError) -> str:
+def _alternative(entries: list[dict]) -> str:
     """What may stand instead of `all`."""
-    other = next(entry for entry in error.validator_value if "type" in entry)
-    if other["type"] == "integer":
-        return "a whole number above zero"
-    return f"a list of {', '.join(_resolved(other['items'])['enum'])}"
+    other = next(entry for entry in entries if "type" in entry)
+    if other["type"] == "array":
+        return f"a list of {', '.join(_resolved(other['items'])['enum'])}"
+    return "a whole number above zero"
 
 
 def _resolved(entry: dict) -> dict:

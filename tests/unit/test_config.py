@@ -99,10 +99,12 @@ def test_schema_is_closed_and_documented():
             walk(entry, f"{path}.{key}")
 
     walk(config.load_schema(), "config")
+    # Absent means that there is no such file, effect or segment.
+    optional = re.compile(r"subjects\.<name>\.(measured|effects\..*)|material\.segment_factors\..*")
     for path, entry in config.describe():
         assert entry["description"], path
         assert entry["reruns"], path
-        assert entry["required"] or "default" in entry or path == "subjects.<name>.measured", path
+        assert entry["required"] or "default" in entry or optional.search(path), path
 
 
 def test_schema_names_the_parameters_of_the_project():
@@ -227,10 +229,48 @@ def test_theta_outside_the_design_names_the_bounds(subject):
         config.load(changed("synthetic_subjects.anna", subject))
 
 
-def test_effects_are_refused_while_none_is_registered(subject):
-    subject["effects"] = {"fibre_rotation": 10.0}
-    with pytest.raises(InputError, match=r"effects\.fibre_rotation: .*no effect is registered"):
-        config.load(changed("synthetic_subjects.anna", subject))
+@pytest.mark.parametrize(
+    ("effects", "message"),
+    [
+        ({"fibre_rotatio": 5.0}, r"did you mean .*effects\.fibre_rotation"),
+        ({"fibre_rotation": 40.0}, r"effects\.fibre_rotation: 40.0 .*-15.0 to 15.0 deg; move it"),
+        ({"focal_scar": {"segment": 18, "multiplier": 2.0}}, r"segment: 18 is too large"),
+        ({"focal_scar": {"segment": 7}}, r"focal_scar: missing multiplier"),
+        ({"focal_scar": {"segment": 7, "multiplier": 30.0}}, r"focal_scar: 30.0 lies outside"),
+    ],
+)
+def test_effects_are_registered_ones_in_their_range(subject, effects, message):
+    subject["effects"] = effects
+    with pytest.raises(InputError, match=message):
+        config.load(changed("synthetic_subjects.anna", subject) | {"subjects": {}})
+
+
+def test_effects_in_their_range_are_kept(subject):
+    subject["effects"] = {"focal_scar": {"segment": 7, "multiplier": 3}, "radial_scale": 0.8}
+    loaded = config.load(changed("synthetic_subjects.anna", subject) | {"subjects": {}})
+    assert loaded["synthetic_subjects"]["anna"]["effects"] == subject["effects"]
+
+
+def test_hypotheses_that_the_study_rules_out_are_refused_by_name():
+    study = changed("loading.base", "fixed")
+    assert config.load(study | {"criticism": {"hypotheses": "all"}})
+    with pytest.raises(InputError, match=r"basal_motion cannot be asked, loading\.base fixed"):
+        config.load(study | {"criticism": {"hypotheses": ["basal_motion"]}})
+    with pytest.raises(InputError, match=r"neither `all` nor a list of end_diastolic_pressure"):
+        config.load(changed("criticism.hypotheses", "some"))
+
+
+def test_a_compliant_base_needs_one_that_is_held():
+    loading = {"base": "fixed", "basal_compliance_mm_per_kpa": 1.0}
+    with pytest.raises(InputError, match=r"basal_compliance_mm_per_kpa: only `u_r_u_z_fixed`"):
+        config.load({"study": "mine", "loading": loading})
+
+
+def test_segment_factors_go_by_the_number_of_the_segment():
+    loaded = config.load(changed("material.segment_factors", {7: 3}))
+    assert loaded["material"]["segment_factors"] == {"7": 3.0}
+    with pytest.raises(InputError, match=r"segment_factors\.18: .*AHA segment, 1 to 17"):
+        config.load(changed("material.segment_factors", {18: 3.0}))
 
 
 def test_noise_is_filled_in_and_must_be_positive(subject):
