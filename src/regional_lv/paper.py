@@ -127,17 +127,17 @@ def compare_study(
     coverage: Sequence[Path],
     diagnostics: Sequence[Path],
     zone_correlations: Sequence[Path],
-    volunteer: Sequence[Path] = (),
-    estimates: Sequence[Path] = (),
-    choice: Path | None = None,
+    volunteer: Sequence[Path],
+    estimates: Sequence[Path],
+    choice: Path,
 ) -> pd.DataFrame:
     """`compare` with everything that the study's files hold.
 
     screened: `screening/<set>.parquet`; explained, threshold: of the reduction; coverage,
     diagnostics: `posteriors/<emulator>/test/...` of the shortlist and of `final`;
     zone_correlations: `posteriors/final/<scenario>/...`; volunteer: the three files of
-    `from_volunteer`; estimates: the two of `from_ranking`, with `choice`, the JSON that names the
-    `final` emulator. Volunteer and estimates may be absent.
+    `from_volunteer`, or none; estimates: the two of `from_ranking`, with `choice`, the JSON that
+    names the `final` emulator.
     """
     ours = from_simulations({Path(path).stem: path for path in screened})
     ours += from_reduction(explained, threshold)
@@ -147,8 +147,7 @@ def compare_study(
     )
     ours += from_scenarios({Path(path).parent.name: path for path in zone_correlations})
     ours += from_volunteer(*volunteer) if volunteer else []
-    if estimates:
-        ours += from_ranking(*estimates, chosen(choice))
+    ours += from_ranking(*estimates, chosen(choice))
     return compare(numbers, reasons, pd.DataFrame(ours))
 
 
@@ -207,6 +206,8 @@ def from_ranking(ranking: Path, pairs: Path, final: str) -> list[dict]:
     found.append(row_of("parameter_mse", chosen["param_mse_weighted"], emulator="final", **where))
     found.append(row_of("output_mse", chosen["output_mse"], emulator="final", **where))
     tests = pd.read_csv(pairs)
+    if tests.empty:
+        return found
     hits = tests["rejected"] & (tests["better"] == tests["multi"])
     count = int(hits[tests["estimator"] == "least_squares"].sum())
     return [*found, row_of("pairs_rejected", count, set="test", statistic="count")]

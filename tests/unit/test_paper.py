@@ -192,6 +192,13 @@ def test_a_study_is_collected(root, study, tmp_path):
     assert ours["pairs_rejected", "", "test", "", "count"] == 1
     unexplained = table[table["reason"] == paper.UNEXPLAINED]
     assert set(unexplained["quantity"]) == {"observations"}  # three here, of a real volunteer 33
+    study["volunteer"] = []
+    header = pd.read_csv(study["estimates"][1]).iloc[:0]
+    header.to_csv(study["estimates"][1], index=False)  # no pair was complete
+    fewer = paper.compare_study(root / NUMBERS, root / REASONS, threshold=0.999, **study)
+    fewer = fewer.set_index(list(paper.KEYS))["reason"]
+    assert fewer["pairs_rejected", "", "test", "", "count"] == paper.ABSENT
+    assert fewer["noise", "final", "volunteer", "sigma_radial", "median"] == paper.ABSENT
     paper.save(table, tmp_path / "t" / "p.csv", tmp_path / "t" / "p.md")
     assert len(pd.read_csv(tmp_path / "t" / "p.csv")) == len(table)
     lines = (tmp_path / "t" / "p.md").read_text().splitlines()

@@ -25,6 +25,7 @@ rule make_paper_comparison:
         ],
         zone_correlations=expand(f"{POSTERIORS}/{{name}}/zone_correlations.csv", name=SCENARIOS),
         volunteer=VOLUNTEER_FILES,
+        estimates=[f"{ESTIMATES}/ranking.csv", f"{ESTIMATES}/pairs.csv"],
         choice=f"{R}/posteriors/final.json",
         library=library("paper", "tables"),
     output:

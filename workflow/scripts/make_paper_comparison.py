@@ -14,7 +14,7 @@ table = paper.compare_study(
     snakemake.input.diagnostics,
     snakemake.input.zone_correlations,
     snakemake.input.volunteer,
-    snakemake.input.get("estimates", []),
+    snakemake.input.estimates,
     snakemake.input.choice,
 )
 paper.save(table, snakemake.output.csv, snakemake.output.md)
