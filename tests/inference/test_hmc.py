@@ -12,6 +12,7 @@ from regional_lv.inference import hmc
 from regional_lv.inference.hmc import sample_batch
 from regional_lv.inference.likelihood import Likelihood, Noise
 from regional_lv.inference.nuts import Settings, Target, sample_case, verdict
+from regional_lv.inference.surrogate import Surrogate
 from tests.inference.test_likelihood import linear
 
 
@@ -30,10 +31,10 @@ def run(likelihoods, truth, settings, seeds, careful=False):
     return sample_batch(likelihoods, truth, log_sigma, settings, seeds, careful)
 
 
-@pytest.mark.parametrize("careful", [False, True])
-def test_gaussian_posteriors_side_by_side(careful):
+@pytest.mark.parametrize(("careful", "kept"), [(False, 350), (True, 100)])
+def test_gaussian_posteriors_side_by_side(careful, kept):
     emulator, truth, likelihoods = cases(0.02)
-    settings = Settings(warmup=100, draws=350, ess_min=200, rhat_max=1.03)
+    settings = Settings(warmup=80, draws=kept, ess_min=kept / 2, rhat_max=1.05)
     draws = run(likelihoods, truth, settings, [1, 2, 3], careful)
     a = emulator.slopes
     expected = torch.linalg.inv(a.T @ torch.linalg.solve(emulator.matrix, a)).numpy()
@@ -43,9 +44,9 @@ def test_gaussian_posteriors_side_by_side(careful):
         assert not one.diverging.any()
         assert one.acceptance_rate.mean() > 0.6
         assert verdict(one, settings) == "passed"
-        assert np.abs((theta.mean(0) - known) / sd).max() < 0.2
+        assert np.abs((theta.mean(0) - known) / sd).max() < 4 / np.sqrt(kept)
         np.testing.assert_allclose(
-            np.cov(theta, rowvar=False) / np.outer(sd, sd), expected / np.outer(sd, sd), atol=0.25
+            np.cov(theta, rowvar=False) / np.outer(sd, sd), expected / np.outer(sd, sd), atol=6 / np.sqrt(kept)
         )
 
 
@@ -65,22 +66,38 @@ def difference(a, b) -> tuple[float, float]:
     return float(means), float(np.abs(a.std(0) / b.std(0) - 1).max())
 
 
-@pytest.mark.parametrize("kind", ["none", "known", "inferred"])
+@pytest.mark.parametrize("kind", ["known", "inferred"])
 def test_agrees_with_nuts_where_the_bounds_cut_the_posterior(kind):
     emulator = linear(0.2)
     sd = torch.full_like(emulator.output_sd, 0.2)
-    noise = {"none": None, "known": Noise.known(sd), "inferred": Noise.shared(emulator, 0.3)}[kind]
+    noise = {"known": Noise.known(sd), "inferred": Noise.shared(emulator, 0.3)}[kind]
     _, truth, likelihoods = cases(0.2, noise)
-    settings = Settings(warmup=100, draws=250, ess_min=100, rhat_max=1.1)
+    settings = Settings(warmup=80, draws=150, ess_min=60, rhat_max=1.1)
     (together,) = run(likelihoods[2:], truth[2:], settings, [3])
     log_sigma = torch.full((len(likelihoods[2].noise.groups),), -1.5, dtype=torch.float64)
     alone = sample_case(likelihoods[2], truth[2], log_sigma, settings, 5, "third")
     assert alone.theta.max() > 4.9  # the upper bound is felt
     # Both means have Monte Carlo errors near 0.05 sd, and the largest of ten is looked at.
     means, sds = difference(together, alone)
-    assert means < 0.3 and sds < 0.25
+    assert means < 0.35 and sds < 0.3
     if kind == "inferred":
         assert together.sigma.mean() == pytest.approx(alone.sigma.mean(), rel=0.15)
+
+
+def test_gradient_of_the_polynomial_surrogate():
+    _, truth, likelihoods = cases(0.1)
+    none = torch.zeros(0, dtype=torch.float64)
+    prepared = [
+        hmc.prepare(Target.near(one, theta, none), theta, none, 1)
+        for one, theta in zip(likelihoods, truth, strict=True)
+    ]
+    _, surrogate = hmc.together(prepared)
+    centre = torch.stack([p.centre for p in prepared])[:, None]
+    position = centre + 0.1 * torch.as_tensor(np.random.default_rng(1).normal(size=(3, 4, 10)))
+    value, gradient = surrogate.with_gradient(position)
+    expected, by_autograd = Surrogate.with_gradient(surrogate, position)
+    torch.testing.assert_close(value, expected)
+    torch.testing.assert_close(gradient, by_autograd)
 
 
 def test_a_bad_surrogate_costs_draws_and_not_correctness():

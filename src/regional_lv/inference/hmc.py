@@ -21,7 +21,14 @@ import torch
 
 from regional_lv.inference.likelihood import Likelihood
 from regional_lv.inference.nuts import DISPERSION, Draws, Settings, Target
-from regional_lv.inference.surrogate import Polynomial, Prepared, prepare, together
+from regional_lv.inference.surrogate import (
+    Itself,
+    Polynomial,
+    Prepared,
+    Surrogate,
+    prepare,
+    together,
+)
 
 LEAPFROG_STEPS = (2, 7)
 """Steps of a trajectory are drawn evenly from this range, the upper end left out. In whitened
@@ -62,10 +69,10 @@ def sample_batch(
     target, surrogate = together(prepared)
     wide = not isinstance(surrogate, Polynomial)
     trajectories = TRAJECTORIES[wide] * (2 if careful and likelihoods[0].noisy else 1)
-    chains = _Chains(surrogate or target.potential, prepared, settings, seeds)
+    chains = _Chains(surrogate, prepared, settings, seeds)
     chains.run(settings.warmup, adapt=True)
     chains.settle()
-    exact = None if surrogate is None else _Exact(target.potential, chains)
+    exact = None if isinstance(surrogate, Itself) else _Exact(target.potential, chains)
     kept, acceptance, diverging, energies = [], [], [], []
     for _ in range(settings.draws):
         drawn = chains.run(trajectories, adapt=False)
@@ -97,12 +104,12 @@ class _Chains:
 
     def __init__(
         self,
-        potential: Callable[[torch.Tensor], torch.Tensor],
+        surrogate: Surrogate,
         prepared: Sequence[Prepared],
         settings: Settings,
         seeds: Sequence[int],
     ):
-        self.function = potential
+        self.surrogate = surrogate
         self.centre = torch.stack([p.centre for p in prepared])
         self.whitening = torch.stack([p.whitening for p in prepared])
         self.shape = (len(prepared), settings.chains)
@@ -141,10 +148,9 @@ class _Chains:
 
     def evaluate(self, z: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Potential (C, K), infinite where it is no number, and gradient (C, K, P) about z."""
-        z = z.detach().requires_grad_()
-        potential = self.function(self.positions(z))
-        (gradient,) = torch.autograd.grad(potential.sum(), z)
-        potential = torch.nan_to_num(potential.detach(), nan=math.inf, posinf=math.inf)
+        potential, by_position = self.surrogate.with_gradient(self.positions(z))
+        gradient = by_position @ self.whitening
+        potential = torch.nan_to_num(potential, nan=math.inf, posinf=math.inf)
         return potential, torch.nan_to_num(gradient, nan=0.0, posinf=0.0, neginf=0.0)
 
     def settle(self) -> None:

@@ -9,6 +9,7 @@ Gaussian that the information matrix makes of it, then from what the first surro
   itself is cheap, though: only its log variance becomes a quadratic polynomial.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -28,9 +29,42 @@ RIDGE = 1e-6
 """Relative penalty that keeps a fit to nearly dependent columns regular."""
 
 
+class Surrogate(ABC):
+    """A potential (..., K) of positions (..., K, P): of one case, or of C cases stacked."""
+
+    @abstractmethod
+    def __call__(self, position: torch.Tensor) -> torch.Tensor: ...
+
+    @staticmethod
+    @abstractmethod
+    def together(parts: Sequence["Surrogate"], target: Target) -> "Surrogate":
+        """That of several cases, whose exact target is `target`."""
+
+    def with_gradient(self, position: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """The potential and its gradient (..., K, P)."""
+        position = position.detach().requires_grad_()
+        potential = self(position)
+        (gradient,) = torch.autograd.grad(potential.sum(), position)
+        return potential.detach(), gradient
+
+
+@dataclass(frozen=True)
+class Itself(Surrogate):
+    """The exact potential, where nothing cheaper stands in for it."""
+
+    target: Target
+
+    def __call__(self, position):
+        return self.target.potential(position)
+
+    @staticmethod
+    def together(parts, target):
+        return Itself(target)
+
+
 @dataclass(frozen=True)
 class Frame:
-    """Coordinates z in which polynomials are fitted: position = origin + z inverse'^-1.
+    """Coordinates z in which polynomials are fitted: z = (position - origin) inverse'.
 
     origin (..., 1, P), inverse (..., P, P): one case, or several stacked.
     """
@@ -38,52 +72,98 @@ class Frame:
     origin: torch.Tensor
     inverse: torch.Tensor
 
+    def coordinates(self, position: torch.Tensor) -> torch.Tensor:
+        return (position - self.origin) @ self.inverse.mT
+
     def features(self, position: torch.Tensor) -> torch.Tensor:
         """1, z and all products of two, (..., K, F), at positions (..., K, P)."""
-        z = (position - self.origin) @ self.inverse.mT
+        z = self.coordinates(position)
         first, second = torch.triu_indices(z.shape[-1], z.shape[-1])
         return torch.cat([torch.ones_like(z[..., :1]), z, z[..., first] * z[..., second]], dim=-1)
 
 
 @dataclass(frozen=True)
-class Polynomial:
-    """Potential |r|^2 / 2 + q with r (..., F, D) and q (..., F, 1) polynomials in `frame`."""
+class Quadratic:
+    """Polynomials constant + linear z + z' square z: (..., 1, D), (..., P, D), (..., P P, D)."""
+
+    constant: torch.Tensor
+    linear: torch.Tensor
+    square: torch.Tensor
+
+    @classmethod
+    def of(cls, coefficients: torch.Tensor, size: int) -> "Quadratic":
+        """From the coefficients (F, D) of the features of a `Frame` with `size` coordinates."""
+        first, second = torch.triu_indices(size, size)
+        half = 0.5 * coefficients[1 + size :]
+        square = coefficients.new_zeros(size, size, coefficients.shape[1])
+        square[first, second] += half
+        square[second, first] += half
+        return cls(coefficients[:1], coefficients[1 : 1 + size], square.flatten(0, 1))
+
+    @staticmethod
+    def stack(parts: Sequence["Quadratic"]) -> "Quadratic":
+        keys = ("constant", "linear", "square")
+        return Quadratic(*(torch.stack([getattr(part, key) for part in parts]) for key in keys))
+
+    def __call__(self, z: torch.Tensor) -> torch.Tensor:
+        """Values (..., K, D) at z (..., K, P)."""
+        products = (z[..., :, None] * z[..., None, :]).flatten(-2)
+        return self.constant + z @ self.linear + products @ self.square
+
+    def pull_back(self, by_value: torch.Tensor, z: torch.Tensor) -> torch.Tensor:
+        """Gradient (..., K, P) about z of a function whose gradient about the values is given."""
+        by_products = (by_value @ self.square.mT).unflatten(-1, (z.shape[-1], z.shape[-1]))
+        return by_value @ self.linear.mT + 2 * (by_products @ z[..., None])[..., 0]
+
+
+@dataclass(frozen=True)
+class Polynomial(Surrogate):
+    """Potential |r|^2 / 2 + q with polynomials r (D values) and q (1 value) in `frame`."""
 
     frame: Frame
-    residual: torch.Tensor
-    rest: torch.Tensor
+    residual: Quadratic
+    rest: Quadratic
 
     @classmethod
     def fit(cls, target: Target, frame: Frame, position, potential, prediction) -> "Polynomial":
         """From exact evaluations: `potential` (M,) and `prediction` at `position` (M, P)."""
-        best = potential.argmin()
-        likelihood = target.likelihood
+        best, likelihood = potential.argmin(), target.likelihood
         spread = prediction.covariance[best] + torch.diag(likelihood.noise.sd.square())
         factor = torch.linalg.cholesky(spread)
-        white = torch.linalg.solve_triangular(
-            factor, (likelihood.y - prediction.mean).T, upper=False
-        ).T
+        residual = (likelihood.y - prediction.mean).T
+        white = torch.linalg.solve_triangular(factor, residual, upper=False).T
         features, weight = frame.features(position), _weights(potential)
         residual = _least_squares(features, white, weight)
         lacking = potential - 0.5 * (features @ residual).square().sum(-1)
-        return cls(frame, residual, _least_squares(features, lacking[:, None], weight))
+        rest = _least_squares(features, lacking[:, None], weight)
+        return cls(frame, *(Quadratic.of(c, position.shape[-1]) for c in (residual, rest)))
 
     @staticmethod
-    def together(parts: Sequence["Polynomial"], target: Target) -> "Polynomial":
+    def together(parts, target):
         return Polynomial(
             _stack([part.frame for part in parts]),
-            torch.stack([part.residual for part in parts]),
-            torch.stack([part.rest for part in parts]),
+            Quadratic.stack([part.residual for part in parts]),
+            Quadratic.stack([part.rest for part in parts]),
         )
 
-    def __call__(self, position: torch.Tensor) -> torch.Tensor:
-        """The potential (..., K) at positions (..., K, P)."""
-        features = self.frame.features(position)
-        return 0.5 * (features @ self.residual).square().sum(-1) + (features @ self.rest)[..., 0]
+    def __call__(self, position):
+        return self._values(self.frame.coordinates(position))[0]
+
+    def _values(self, z) -> tuple[torch.Tensor, torch.Tensor]:
+        """Potential and residual."""
+        residual = self.residual(z)
+        return 0.5 * residual.square().sum(-1) + self.rest(z)[..., 0], residual
+
+    def with_gradient(self, position):
+        z = self.frame.coordinates(position)
+        value, residual = self._values(z)
+        one = torch.ones_like(z[..., :1])
+        slope = self.residual.pull_back(residual, z) + self.rest.pull_back(one, z)
+        return value, slope @ self.frame.inverse
 
 
 @dataclass(frozen=True)
-class OwnMean:
+class OwnMean(Surrogate):
     """The exact potential, but for the emulator's log variance: a polynomial in `frame`, kept
     between the smallest and largest value that it was fitted to.
 
@@ -99,11 +179,11 @@ class OwnMean:
     def fit(cls, target: Target, frame: Frame, position, potential, prediction) -> "OwnMean":
         """From exact evaluations: `potential` (M,) and `prediction` at `position` (M, P)."""
         logs = torch.log(prediction.variance)
-        coefficients = _least_squares(frame.features(position), logs[:, None], _weights(potential))
-        return cls(target, frame, coefficients, torch.stack([logs.min(), logs.max()])[None])
+        fitted = _least_squares(frame.features(position), logs[:, None], _weights(potential))
+        return cls(target, frame, fitted, torch.stack([logs.min(), logs.max()])[None])
 
     @staticmethod
-    def together(parts: Sequence["OwnMean"], target: Target) -> "OwnMean":
+    def together(parts, target):
         return OwnMean(
             target,
             _stack([part.frame for part in parts]),
@@ -111,8 +191,7 @@ class OwnMean:
             torch.stack([part.ends for part in parts]),
         )
 
-    def __call__(self, position: torch.Tensor) -> torch.Tensor:
-        """The potential (..., K) at positions (..., K, P)."""
+    def __call__(self, position):
         logs = (self.frame.features(position) @ self.log_variance)[..., 0]
         logs = torch.minimum(torch.maximum(logs, self.ends[..., 0]), self.ends[..., 1])
         return self.target.potential(position, torch.exp(logs))
@@ -125,7 +204,7 @@ class Prepared:
     target: Target
     centre: torch.Tensor
     whitening: torch.Tensor
-    surrogate: Polynomial | OwnMean | None
+    surrogate: Surrogate
 
 
 def prepare(
@@ -133,15 +212,15 @@ def prepare(
 ) -> Prepared:
     """Centre, whitening and surrogate of one case; theta (10,), log_sigma (G,): its maximum.
 
-    careful: no polynomial of the mean. There is no surrogate at all where the noise is inferred, or
-    where the mean is needed and the emulator's covariance is not separable.
+    careful: no polynomial of the mean. Nothing stands in for the exact potential where the noise is
+    inferred, or where the mean is needed and the emulator's covariance is not separable.
     """
     likelihood = target.likelihood
     wide = careful or likelihood.noisy
     if likelihood.noise.groups or (wide and not likelihood.separable):
         mode, whitening = target.laplace(target.unconstrain(theta, log_sigma))
         centre, whitening = refine(target.potential, mode, whitening, derive(seed, "refine"))
-        return Prepared(target, centre, whitening, None)
+        return Prepared(target, centre, whitening, Itself(target))
     kind = OwnMean if wide else Polynomial
     centre, whitening = target.gaussian(theta, log_sigma)
     generator = torch.Generator().manual_seed(derive(seed, "places"))
@@ -155,24 +234,17 @@ def prepare(
         potentials.append(potential)
         predictions.append(prediction)
         frame = Frame(centre, torch.linalg.inv(whitening))
-        surrogate = kind.fit(
-            target, frame, torch.cat(places), torch.cat(potentials), join(predictions)
-        )
+        evaluated = torch.cat(places), torch.cat(potentials), join(predictions)
+        surrogate = kind.fit(target, frame, *evaluated)
         centre, whitening = refine(
             surrogate, centre, whitening, derive(seed, "refine", len(places))
         )
     return Prepared(target, centre, whitening, surrogate)
 
 
-def together(prepared: Sequence[Prepared]):
-    """Exact potential of all cases, and that of their surrogates, about positions (C, K, P).
-
-    The second is None where there are no surrogates.
-    """
-    targets = [p.target for p in prepared]
-    exact = Target.together(targets)
-    if prepared[0].surrogate is None:
-        return exact, None
+def together(prepared: Sequence[Prepared]) -> tuple[Target, Surrogate]:
+    """Exact target of all cases and their surrogate, about positions (C, K, P)."""
+    exact = Target.together([p.target for p in prepared])
     surrogates = [p.surrogate for p in prepared]
     return exact, type(surrogates[0]).together(surrogates, exact)
 
