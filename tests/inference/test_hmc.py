@@ -46,7 +46,9 @@ def test_gaussian_posteriors_side_by_side(careful, kept):
         assert verdict(one, settings) == "passed"
         assert np.abs((theta.mean(0) - known) / sd).max() < 4 / np.sqrt(kept)
         np.testing.assert_allclose(
-            np.cov(theta, rowvar=False) / np.outer(sd, sd), expected / np.outer(sd, sd), atol=6 / np.sqrt(kept)
+            np.cov(theta, rowvar=False) / np.outer(sd, sd),
+            expected / np.outer(sd, sd),
+            atol=6 / np.sqrt(kept),
         )
 
 
