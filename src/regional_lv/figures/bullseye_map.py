@@ -28,7 +28,7 @@ def draw(
     summary = summarise(chosen)
     norm = Normalize(*_limits(summary))
     columns = [(label, kind) for label in labels for kind in ("C_a", "C_b")]
-    fig = style.figure(2.3 * len(columns) + 1.3, 5.6)
+    fig = style.figure(max(8.0, 2.3 * len(columns) + 1.3), 5.6)
     axes = scenarios.panels(fig, 2, len(columns))
     for pair, (label, kind) in zip(axes.T, columns, strict=True):
         part = summary[(summary["set"] == label) & (summary["quantity"] == kind)]

@@ -71,4 +71,11 @@ def _panel(ax, table: pd.DataFrame) -> None:
             label=label,
         )
     ax.set(aspect="equal", xlim=(-0.02, 1.02), ylim=(-0.02, 1.02))
-    ax.legend(loc="lower right", title="area under the curve", title_fontsize=8)
+    ax.legend(
+        loc="lower right",
+        title="area under the curve",
+        title_fontsize=8,
+        frameon=True,
+        framealpha=0.8,
+        edgecolor="none",
+    )

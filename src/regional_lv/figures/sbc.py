@@ -11,6 +11,7 @@ from regional_lv.figures import style
 from regional_lv.figures.posterior import chosen
 
 BAND = 0.99
+TESTS = {"p_chi2": r"$\chi^2$", "p_ecdf": "ECDF"}
 
 
 @style.context
@@ -36,7 +37,6 @@ def draw(ranks: Path, tests: Path, choice: Path, png: Path, csv: Path) -> None:
     axes[-1].set_axis_off()
     for name, ax in places.items():
         _panel(ax, table[table["parameter"] == name], checks.loc[name])
-        ax.set_title("all" if name == "all" else style.parameter_label(name))
     for ax in (axes[0], axes[6]):
         ax.set_ylabel("cases")
     for ax in axes[6:11]:
@@ -64,5 +64,6 @@ def _panel(ax, part: pd.DataFrame, check: pd.Series) -> None:
     for name, line in (("band_lower", "-"), ("expected", "--"), ("band_upper", "-")):
         ax.stairs(part[name], edges, color=style.GREY, linestyle=line, baseline=None)
     ax.set_xticks([0, 50, 100])
-    ax.text(0.5, 0.03, f"p = {check['p_chi2']:.2g} ($\\chi^2$), {check['p_ecdf']:.2g} (ECDF)",
-            transform=ax.transAxes, ha="center", fontsize=7)  # fmt: skip
+    found = [f"{check[key]:.2g} ({test})" for key, test in TESTS.items() if np.isfinite(check[key])]
+    title = style.parameter_label(check.name)
+    ax.set_title("\n".join([title, "p = " + ", ".join(found) if found else ""]), fontsize=9)
