@@ -1,16 +1,20 @@
 """The score of hidden effects, against cases counted by hand."""
 
+import json
+
 import numpy as np
 import pandas as pd
 import pytest
 import torch
 
+from regional_lv import aha
+from regional_lv.criticism import benchmark
 from regional_lv.criticism.benchmark import expected_score, measured_of, summarise
 from regional_lv.criticism.observations import observe
 from regional_lv.criticism.rates import rate
 from regional_lv.figures import hidden_effects
 from regional_lv.measured import read_measured, write_measured
-from tests.criticism.stand_in import THETA, StandIn, bias, measured
+from tests.criticism.stand_in import THETA, Pressure, StandIn, basal, bias, measured
 
 
 def case(effect, answer, limits, size=1, covered=True, **more):
@@ -92,3 +96,39 @@ def test_figure_shows_confusions_and_power(cases, tmp_path):
     cell = (table["effect"] == "radial_scale") & (table["answer"] == "basal_motion")
     assert table.loc[cell, "count"].tolist() == [2]
     assert (tmp_path / "a.png").stat().st_size > 10_000
+
+
+def test_from_subjects_to_score(tmp_path, monkeypatch):
+    """Two hearts in closed form through the files, one with an effect."""
+    catalogue = [Pressure(), bias(), basal()]
+    monkeypatch.setattr(benchmark.emulators, "load", lambda path: StandIn())
+    monkeypatch.setattr(benchmark, "read_extensions", lambda paths: catalogue)
+    rows, truths = [], []
+    for name, extension, psi in (("a", basal(), 1.0), ("b", None, 0.0)):
+        table = measured(StandIn(), extension, psi, seed=5)
+        rows.append(
+            {"subject": name}
+            | dict(zip(table["output"], table["value"], strict=True))
+            | {f"sd_{o}": sd for o, sd in zip(table["output"], table["sd"], strict=True)}
+        )
+        effect = "basal_motion" if extension else ""
+        theta = dict(zip(aha.PARAMETERS, THETA.tolist(), strict=True))
+        truth = {"effect": effect, "component": "", "value": psi or np.nan}
+        truths.append({"subject": name} | theta | truth | {"status": "converged"})
+    subjects, truth = tmp_path / "subjects.parquet", tmp_path / "truth.parquet"
+    pd.DataFrame(rows).to_parquet(subjects)
+    pd.DataFrame(truths).to_parquet(truth)
+    settings = {"bootstrap": 99, "level": 0.05, "leading": {"p": 0.02, "least": 1}}
+    settings |= {"draws": 300, "rounds": 2}
+    verdicts = [tmp_path / f"{i}.parquet" for i in range(2)]
+    for i, path in enumerate(verdicts):
+        benchmark.criticise_benchmark(subjects, i, i + 1, "", [], settings, 1.0, 3, path)
+    outputs = [tmp_path / name for name in ("cases.csv", "confusion.csv", "summary.json")]
+    benchmark.score_benchmark(verdicts, truth, subjects, "", [], *outputs)
+    cases = pd.read_csv(outputs[0], index_col="subject", keep_default_na=False)
+    assert cases["answer"].to_dict() == {"a": "basal_motion", "b": "none"}
+    assert float(cases.loc["a", "limits"]) > 3
+    summary = json.loads(outputs[2].read_text())
+    assert summary["limit_of_the_test"]["contains_planted"]["hits"] == 1
+    assert summary["false_positives"] == rate(pd.Series([False]))
+    hidden_effects.draw(outputs[0], tmp_path / "a.png", tmp_path / "a.csv")

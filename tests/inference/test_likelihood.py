@@ -148,3 +148,16 @@ def test_draws_have_the_covariance_of_the_likelihood():
     scale = expected.diagonal().sqrt()
     assert ((y.T.cov() - expected) / torch.outer(scale, scale)).abs().max() < 0.04
     assert ((y.mean(0) - emulator.predict(THETA[0]).mean) / scale).abs().max() < 0.03
+
+
+def test_one_unknown_scale_is_whitened_too():
+    """The network's error scale: the fast path against the dense one."""
+    emulator = linear(0.3, 0.1)
+    noise = Noise.shared(emulator, 0.5)
+    log_sigma = torch.tensor([[-1.0], [0.2], [0.5]], dtype=torch.float64)
+    fast = Likelihood(emulator, emulator.base + 2.0, noise)
+    dense = Likelihood(linear(0.3, 0.1, separable=False), emulator.base + 2.0, noise)
+    assert fast._whiten is not None and dense._whiten is None
+    torch.testing.assert_close(
+        fast.log_density(THETA, log_sigma), dense.log_density(THETA, log_sigma)
+    )

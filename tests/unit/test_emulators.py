@@ -171,6 +171,31 @@ def test_mean_alone_is_that_of_the_prediction(emulator):
     torch.testing.assert_close(emulator.linearise(theta)[1], emulator.jacobian(theta)[0])
 
 
+def test_gradient_of_the_mean_alone_and_of_a_prediction_with_another_variance(emulator):
+    theta = torch.as_tensor(points(4, 25)).requires_grad_(True)
+    weights = torch.arange(1.0, 1.0 + len(emulator.outputs), dtype=theta.dtype)
+    slopes = [
+        torch.autograd.grad((mean * weights).sum(), theta)[0]
+        for mean in (emulator.predict(theta).mean, emulator.predict_mean(theta))
+    ]
+    torch.testing.assert_close(*slopes)
+    if isinstance(emulator.predict(theta), emulators.SeparablePrediction):
+        variance = torch.full((4,), 0.3, dtype=theta.dtype)
+        other = emulator.with_variance(theta, variance)
+        torch.testing.assert_close(other.mean, emulator.predict(theta).mean)
+        torch.testing.assert_close(other.variance, variance)
+
+
+def test_network_without_its_error_has_the_same_mean():
+    network = fit("dnn")
+    bare, theta = network.without_error(), torch.as_tensor(points(5, 26))
+    whole, rest = network.predict(theta), bare.predict(theta)
+    torch.testing.assert_close(whole.mean, rest.mean)
+    torch.testing.assert_close(network.jacobian(theta)[0], bare.jacobian(theta)[0])
+    excess = whole.covariance - rest.covariance
+    assert (torch.linalg.eigvalsh(excess) > -1e-9).all() and (excess.diagonal(0, 1, 2) > 0).all()
+
+
 def test_architecture_is_said(fitted):
     kind = fitted.architecture
     assert kind.training_scope == ("local" if fitted.name.startswith("local") else "global")

@@ -2,8 +2,10 @@
 
 import copy
 
+import torch
+
 from regional_lv.emulators import networks
-from regional_lv.emulators.base import Architecture
+from regional_lv.emulators.base import Architecture, SeparablePrediction
 from regional_lv.emulators.reduced import ReducedEmulator
 
 
@@ -34,10 +36,21 @@ class DNN(ReducedEmulator):
         return self.settings["error_prior_scale"]
 
     def without_error(self) -> "DNN":
-        """What the reduction leaves out remains."""
+        """What the reduction leaves out remains: one and the same covariance everywhere."""
         bare = copy.copy(self)
         bare.error_sd = 0.0
         return bare
+
+    def _predict(self, theta):
+        if self.error_sd:
+            return super()._predict(theta)
+        mean = self.predict_mean(theta)
+        left_out = self.output_sd[:, None] * self.left_out * self.output_sd
+        return SeparablePrediction(mean, torch.ones_like(mean[..., 0]), left_out)
+
+    def jacobian(self, theta):
+        by_theta, _ = super().jacobian(theta)
+        return by_theta, None if self.error_sd else torch.zeros_like(theta)
 
     def _mean(self, x):
         return networks.forward(self.layers, x) / self.score_sd

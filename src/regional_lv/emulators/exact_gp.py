@@ -172,13 +172,12 @@ class ExactGP(Emulator):
 
     def predict_mean(self, theta: torch.Tensor) -> torch.Tensor:
         """As in the base class: a product with the weights, no triangular solve."""
-        k, _ = self._rows(self.standardise(theta.reshape(-1, theta.shape[-1])))
-        return self._mean(k).reshape(*theta.shape[:-1], -1)
+        mean = _Mean.apply(theta.reshape(-1, theta.shape[-1]), self)
+        return mean.reshape(*theta.shape[:-1], -1)
 
     def with_variance(self, theta: torch.Tensor, variance: torch.Tensor) -> Prediction:
         """As in the base class, without the triangular solves that the own variance takes."""
-        mean = _Mean.apply(theta.reshape(-1, theta.shape[-1]), self)
-        return self._separable(mean.reshape(*theta.shape[:-1], -1), variance)
+        return self._separable(self.predict_mean(theta), variance)
 
     def _forward(self, theta: torch.Tensor) -> dict:
         """Everything about predictions at `theta` (M, 10) that values and derivatives need."""
@@ -301,7 +300,7 @@ class _Mean(torch.autograd.Function):
         k, context = gp._rows(gp.standardise(theta))
         ctx.gp = gp
         ctx.save_for_backward(theta, *context)
-        return gp.output_mean + gp.output_sd * (gp.mean + k @ gp.weights)
+        return gp._mean(k)
 
     @staticmethod
     @torch.autograd.function.once_differentiable

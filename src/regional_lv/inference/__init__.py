@@ -61,20 +61,27 @@ class Sampling:
     def settings(self) -> Settings:
         return Settings.from_config(self.nuts)
 
-    def find_maxima(self, likelihoods: Sequence[Likelihood]) -> list[PointEstimate]:
+    def find_maxima(
+        self, likelihoods: Sequence[Likelihood], together: bool = False
+    ) -> list[PointEstimate]:
         """The maximum of each case.
 
-        One by one: matrix products round differently in batches of another size, and a case must
-        not depend on the batch that it is in.
+        One by one by default: matrix products round differently in batches of another size, and a
+        case must not depend on the batch that it is in. together: in one go, which is several times
+        as fast with many training simulations.
         """
         emulator = likelihoods[0].emulator
         seed = derive(self.seed, "map", emulator.name, self.set_name)
         starts, iterations = self.point["starts"], self.point["iterations"]
-        common = None
-        if all(one.emulator is emulator for one in likelihoods):
-            common = Candidates.of(emulator, starts, seed)
+        if any(one.emulator is not emulator for one in likelihoods):
+            return [find_map(one.at(one.y[None]), starts, iterations, seed) for one in likelihoods]
+        candidates = Candidates.of(emulator, starts, seed)
+        if together:
+            every = likelihoods[0].at(torch.stack([one.y for one in likelihoods]))
+            return find_map(every, starts, iterations, seed, candidates).each()
         return [
-            find_map(one.at(one.y[None]), starts, iterations, seed, common) for one in likelihoods
+            find_map(one.at(one.y[None]), starts, iterations, seed, candidates)
+            for one in likelihoods
         ]
 
     def seeds(self, sampler: str, emulator: str, cases: Sequence[str]) -> list[int]:
@@ -122,7 +129,7 @@ def sample_together(
     Numbers depend in their last digits on which cases share a batch.
     """
     name, settings = likelihoods[0].emulator.name, how.settings
-    maxima = how.find_maxima(likelihoods)
+    maxima = how.find_maxima(likelihoods, together=True)
     draws: list = [None] * len(cases)
     samplers, waiting = ["hmc"] * len(cases), list(range(len(cases)))
     for careful in (False, True):

@@ -23,6 +23,7 @@ from regional_lv.inference.likelihood import Likelihood
 from regional_lv.inference.nuts import DISPERSION, Draws, Settings, Target
 from regional_lv.inference.surrogate import (
     Itself,
+    OwnMean,
     Polynomial,
     Prepared,
     Surrogate,
@@ -34,9 +35,9 @@ LEAPFROG_STEPS = (2, 7)
 """Steps of a trajectory are drawn evenly from this range, the upper end left out. In whitened
 space a step is near 0.5 to 1, a quarter of a period 1.6."""
 
-TRAJECTORIES = {False: 3, True: 6}
-"""Trajectories for one draw that is kept, and for one look at the exact density, by whether the
-posterior is wide: trajectories along its bent ridges turn back sooner."""
+TRAJECTORIES = {Polynomial: 3, Itself: 3, OwnMean: 6}
+"""Trajectories for one draw that is kept, and for one look at the exact density, by what they
+follow: along the bent ridges of wide posteriors they turn back sooner."""
 
 FIRST_STEP = 0.5
 
@@ -67,8 +68,7 @@ def sample_batch(
         )
     ]
     target, surrogate = together(prepared)
-    wide = not isinstance(surrogate, Polynomial)
-    trajectories = TRAJECTORIES[wide] * (2 if careful and likelihoods[0].noisy else 1)
+    trajectories = TRAJECTORIES[type(surrogate)] * (2 if careful and likelihoods[0].noisy else 1)
     chains = _Chains(surrogate, prepared, settings, seeds)
     chains.run(settings.warmup, adapt=True)
     chains.settle()

@@ -88,9 +88,10 @@ class Likelihood:
     Uses the paper's multi-output form; the predictive covariance varies with theta, so its
     determinant is part of the density.
 
-    Where the emulator's covariance is a scalar times a fixed matrix B and the noise is known, both
-    are made diagonal once: with B = L L' and L^-1 R L^-T = U diag(rho) U', the covariance v B + R
-    has the variances v + rho along the columns of L^-T U.
+    Where the emulator's covariance is a scalar times a fixed matrix B, and the noise R is known, or
+    known but for one scale, both are made diagonal once: with B = L L' and
+    L^-1 R L^-T = U diag(rho) U', the covariance v B + R has the variances v + rho along the columns
+    of L^-T U.
     """
 
     def __init__(self, emulator: Emulator, y: torch.Tensor, noise: Noise):
@@ -101,9 +102,13 @@ class Likelihood:
             prediction = emulator.predict(theta)
         self.separable = isinstance(prediction, SeparablePrediction)
         self._whiten = None
-        if self.separable and not noise.groups:
+        # The sd of R, to be multiplied by the one unknown scale if there is one.
+        unit = noise.sd
+        if len(noise.groups) == 1 and not (noise.sd > 0).any():
+            (unit,) = noise.groups.values()
+        if self.separable and (unit is not noise.sd or not noise.groups):
             factor = torch.linalg.cholesky(prediction.output_covariance)
-            half = torch.linalg.solve_triangular(factor, torch.diag(noise.sd), upper=False)
+            half = torch.linalg.solve_triangular(factor, torch.diag(unit), upper=False)
             rho, basis = torch.linalg.eigh(half @ half.T)
             inverse_rows = torch.linalg.solve_triangular(factor.T, basis, upper=True)
             self._whiten = inverse_rows.contiguous()  # residual @ this is whitened, (D, D)
@@ -146,7 +151,8 @@ class Likelihood:
         """The same (...) for what the emulator predicts at theta."""
         residual = self.y - prediction.mean
         if self._whiten is not None:
-            variances = prediction.variance[..., None] + self._rho
+            scale = torch.exp(2 * log_sigma) if self.noise.groups else 1.0
+            variances = prediction.variance[..., None] + scale * self._rho
             white = residual @ self._whiten
             return self._constant - 0.5 * (
                 (white * white / variances).sum(-1) + self._weight * variances.log().sum(-1)
@@ -170,7 +176,7 @@ class Likelihood:
             prediction = self.emulator.predict(theta)
             by_theta, variance_slope = self.emulator.jacobian(theta)
             jacobian = by_theta * theta[..., None, :]
-            if self._whiten is not None:
+            if self._whiten is not None and not self.noise.groups:
                 weights = 1 / (prediction.variance[..., None] + self._rho)
                 white = self._whiten.T @ jacobian
                 slope = variance_slope * theta

@@ -1,18 +1,16 @@
 """Posteriors by the No-U-Turn Sampler (Hoffman and Gelman 2014) of Pyro, one case at a time.
 
-The sampler works in a space without bounds: log theta = log lower + log(upper / lower) Phi(u) with
-the normal distribution function Phi, sigma = exp(s). In log theta the ridges along which C_a and
-C_b compensate are straight, and Phi gives a parameter of which the data say nothing, or one that
-leans against a bound, the light tails that a logistic map lacks. There the space is moved and
-whitened, (u, s) = centre + M z, by the Laplace approximation at the mode, made better by a few
-rounds of importance sampling: those are batches, for which emulators are fast. The parameters of
-one case differ in scale by a factor of a hundred and are strongly correlated; warm-up would spend
-its few hundred draws on finding that out with tiny steps. In z the posterior is close to a
-standard normal, M M' is the dense mass matrix, and warm-up is left with the step size: a dense
-matrix estimated from a hundred correlated draws serves less well (18,700 to 20,500 gradients per
-posterior instead of 13,200 for the same effective sample size, mean of six posteriors on published
-simulations). Where the gate shows that this was not good enough, the second attempt adapts the
-dense matrix too.
+The sampler works in a space without bounds: `box.Box` bends log theta near the bounds, and sigma
+is exp(s). In log theta the ridges along which C_a and C_b compensate are straight. There the
+space is moved and whitened, (v, s) = centre + M z, by the Laplace approximation at the mode, made
+better by a few rounds of importance sampling: those are batches, for which emulators are fast.
+The parameters of one case differ in scale by a factor of a hundred and are strongly correlated;
+warm-up would spend its few hundred draws on finding that out with tiny steps. In z the posterior
+is close to a standard normal, M M' is the dense mass matrix, and warm-up is left with the step
+size: a dense matrix estimated from a hundred correlated draws serves less well (18,700 to 20,500
+gradients per posterior instead of 13,200 for the same effective sample size, mean of six
+posteriors on published simulations). Where the gate shows that this was not good enough, the
+second attempt adapts the dense matrix too.
 """
 
 import logging

@@ -45,6 +45,11 @@ class PointEstimate:
     log_density: torch.Tensor
     agreement: torch.Tensor
 
+    def each(self) -> list["PointEstimate"]:
+        """One estimate, of one case, for every case."""
+        parts = [getattr(self, key).split(1) for key in self.__dataclass_fields__]
+        return [PointEstimate(*one) for one in zip(*parts, strict=True)]
+
 
 @dataclass(frozen=True)
 class Candidates:
