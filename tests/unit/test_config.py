@@ -167,8 +167,16 @@ MISTAKES = [
     (changed("test_posteriors.cases", "most"), "test_posteriors.cases", "`all`"),
     (changed("test_posteriors.cases", 121), "test_posteriors.cases", "or write `all`"),
     (changed("emulators.shortlist.names", []), "emulators.shortlist.names", "name at least one"),
-    (changed("emulators.shortlist.names", ["dnn"]), "shortlist.names: dnn", "add it there"),
-    (changed("emulators.final", "mvgp"), "emulators.final: mvgp", "or write `auto`"),
+    (
+        changed("emulators", {"names": ["exact_gp"], "shortlist": {"names": ["dnn"]}}),
+        "shortlist.names: dnn",
+        "add it there",
+    ),
+    (
+        changed("emulators", {"names": ["exact_gp"], "final": "mvgp"}),
+        "emulators.final: mvgp",
+        "or write `auto`",
+    ),
     (
         changed("scenarios.sets.mild", {"kind": "local", "mu": 7}),
         "scenarios.sets.mild.mu: 7 lies outside [0.1, 5]",
