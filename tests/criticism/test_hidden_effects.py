@@ -22,7 +22,7 @@ THETA = {
     **{"C_a_apical": 1.0, "C_b_apical": 1.0},
 }
 NOISE = {"strain": 0.01, "volume": 1.0}
-PLANTED = {"segment_rotation": 12.0}
+PLANTED = {"mixed_frames": 0.35}
 STUDY = {
     "study": "smoke",
     "mesh": {"circumferential": 16, "basal": 1, "mid": 1, "transmural": 1},
@@ -75,10 +75,10 @@ def criticise_again(results, table, without=()):
 
 def test_the_planted_effect_is_found(results):
     found = findings(results, "planted")
-    assert "segment_rotation" in answered(found) and len(answered(found)) <= 2
-    (rotation,) = [h for h in found["hypotheses"] if h["name"] == "segment_rotation"]
-    low, high = rotation["interval95"]
-    assert low < 12.0 < high
+    assert "mixed_frames" in answered(found) and len(answered(found)) <= 2
+    (frames,) = [h for h in found["hypotheses"] if h["name"] == "mixed_frames"]
+    low, high = frames["interval95"]
+    assert low < 0.35 < high
     (pressure,) = [h for h in found["hypotheses"] if h["name"] == "end_diastolic_pressure"]
     assert not pressure["identifiable"]
     assert "C_a of all zones together" in pressure["why"]
@@ -99,12 +99,12 @@ def test_shuffled_channels_are_not_explained(results):
     for _, rows in table.groupby("quantity"):
         table.loc[rows.index, "value"] = rng.permutation(rows["value"].to_numpy())
     found = criticise_again(results, table, without=["heavy_tails"])
-    assert "segment_rotation" not in answered(found)
+    assert "mixed_frames" not in answered(found)
     assert any("No listed cause explains the misfit" in s for s in found["words"])
 
 
 def test_without_the_cause_in_the_catalogue(results):
     table = read_measured(results / "measured" / "planted.csv")
-    found = criticise_again(results, table, without=["segment_rotation", "heavy_tails"])
+    found = criticise_again(results, table, without=["mixed_frames", "heavy_tails"])
     assert found["misfit"]["detected"]
     assert any("No listed cause explains the misfit" in s for s in found["words"])

@@ -143,8 +143,7 @@ def test_left_out_residuals_match_refits(null):
 
 def test_pressure_hides_in_global_stiffness(null):
     best = fit_from_nothing(null, 1)
-    projected = score.Projected.of(best, null)
-    found = identify(null, best, projected, Pressure())
+    found = identify(null, best, Pressure())
     assert not found.identifiable
     assert found.absorbed > 0.99
     assert "C_a of all zones together" in found.why
@@ -157,7 +156,7 @@ def test_effect_on_channels_that_were_not_measured(null):
         Hypothesis("lengthening", 0.0, -1.0, 1.0), pattern("longitudinal", range(1, 18), 0.1)
     ).select(model.observations.outputs)
     best = fit_from_nothing(model, 1)
-    found = identify(model, best, score.Projected.of(best, model), extension)
+    found = identify(model, best, extension)
     assert not found.identifiable
     assert "none of the channels" in found.why
 

@@ -9,8 +9,11 @@ from regional_lv.criticism.fit import Fit
 from regional_lv.criticism.model import Model
 from regional_lv.criticism.score import Projected, pattern_of
 
-LARGEST_SHARE = 0.5
-"""Identifiable: the data narrow psi to less than this share of its prior sd."""
+LARGEST_SHARE = 0.8
+"""Identifiable: the data alone would know psi to less than this share of its prior sd."""
+
+FREE = 0.01
+"""Factor on the weak prior of theta: what theta takes up, the prior must not give back."""
 
 ABSORBED = 0.98
 """Share of the signature's information beyond which theta takes it up as a whole."""
@@ -27,9 +30,9 @@ class Identified:
     why: str
 
 
-def identify(model: Model, best: Fit, projected: Projected, extension) -> Identified:
+def identify(model: Model, best: Fit, extension) -> Identified:
     """Judge an extension by its signature at the fit (M = 1)."""
-    h = extension.hypothesis
+    h, projected = extension.hypothesis, Projected.of(best, model, FREE)
     pattern = pattern_of(model, extension, best.x)
     information = float(projected.information(pattern))
     absorbed = float(projected.absorbed(pattern))
@@ -52,7 +55,7 @@ def identify(model: Model, best: Fit, projected: Projected, extension) -> Identi
     else:
         why = (
             f"the data would leave {sd:.2g} {_unit(h)} of uncertainty, the plausible range "
-            f"itself has an sd of {prior:.2g}; fewer than half of it would be learnt"
+            f"itself has an sd of {prior:.2g}"
         )
     return Identified(False, sd, absorbed, why)
 

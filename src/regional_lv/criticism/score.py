@@ -41,11 +41,12 @@ class Projected:
     gain: torch.Tensor
 
     @classmethod
-    def of(cls, found: Fit, model: Model) -> "Projected":
+    def of(cls, found: Fit, model: Model, prior: float = 1.0) -> "Projected":
+        """`prior` multiplies the weak prior precision."""
         m, s, d = found.residual.shape
         w = _block_diagonal(found.whitening)
         slopes = white(found.whitening, found.jacobian).reshape(m, s * d, -1)
-        information = slopes.mT @ slopes + torch.diag(model.prior_precision)
+        information = slopes.mT @ slopes + torch.diag(prior * model.prior_precision)
         solved = torch.linalg.solve(information, slopes.mT)  # (M, R, n)
         q = torch.eye(s * d, dtype=w.dtype) - slopes @ solved
         precision = w.mT @ q @ w

@@ -265,8 +265,7 @@ def _round(
 def _rank(model, best, extensions, noises, observed, null, level) -> tuple[list[Cause], float]:
     """All causes, the component with the largest score for each, most conspicuous first; and the
     score that the test over the catalogue asks for."""
-    projected = score.Projected.of(best, model)
-    identified = [identify(model, best, projected, e) for e in extensions]
+    identified = [identify(model, best, e) for e in extensions]
     family = torch.tensor([i.identifiable for i in identified], dtype=torch.bool)
     extreme = null.causes[:, family].abs()
     use_tails = observed.tails is not None and len(noises) > 0
