@@ -95,7 +95,9 @@ rule adopt_test_posteriors:
     """The final emulator's posteriors on the test set are there already, under its own name."""
     input:
         report=f"{R}/posteriors/{EMULATOR}.json",
-        posteriors=lambda wildcards: [posterior_files(name, "test") for name in shortlist()],
+        posteriors=lambda wildcards: of_shortlist(
+            *(f"{batch}.nc" for batch in posterior_batches("test"))
+        ),
         tables=lambda wildcards: of_shortlist(*SET_TABLES),
         library=library("inference.choice"),
     output:
