@@ -6,12 +6,12 @@ REFINEMENTS = {"1": 16, "2": 32, "3": 48}
 REFINED_ROWS = ["basal", "mid", "apical", "apex", "transmural"]
 # Meshes that are compared with one at least twice as fine as the study's in every direction.
 STUDY_MESHES = {
-    "quick": {"circumferential": 16, "basal": 2, "transmural": 1},
-    "one layer": {"transmural": 1},
-    "equal rows": {"basal_grading": 1.0},
+    "quick": {"circumferential": 16, "basal": 2, "apical": 1, "apex": 1, "transmural": 1},
+    "one row": {"apical": 1, "apex": 1},
+    "one row, one layer": {"apical": 1, "apex": 1, "transmural": 1},
+    "one row, three layers": {"apical": 1, "apex": 1, "transmural": 3},
     "study": {},
-    "three layers": {"transmural": 3},
-    "fine": {"circumferential": 32, "basal": 4, "mid": 3, "apical": 2},
+    "fine": {"circumferential": 32, "basal": 4, "mid": 3, "apex": 1},
     "reference": {
         "circumferential": 48,
         "basal": 6,
