@@ -17,8 +17,8 @@ STUDY_MESHES = {
         "basal": 6,
         "basal_grading": 0.707,
         "mid": 4,
-        "apical": 2,
-        "apex": 2,
+        "apical": 4,
+        "apex": 4,
         "transmural": 4,
     },
 }
