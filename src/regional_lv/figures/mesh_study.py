@@ -38,6 +38,7 @@ def _panel(ax: Axes, table: pd.DataFrame, column: str, limits) -> None:
     for limit in limits:
         ax.axhline(limit, color="0.5", linestyle=":", linewidth=1)
     unknowns = table.groupby("mesh")["unknowns"].first()
-    ax.set_xticks(range(len(names)), [f"{n}\n{unknowns[n]:,}" for n in names], fontsize=7)
+    labels = [f"{unknowns[n]:,}\n" + n.replace(", ", ",\n") for n in names]
+    ax.set_xticks(range(len(names)), labels, fontsize=7)
     ax.set_yscale("log")
     ax.set_xlabel("mesh, with its number of unknowns (line: median)")
