@@ -48,7 +48,7 @@ hidden-effects: env
 	snakemake --cores "$$CORES" hidden_effects --configfile config/quick.yaml
 
 test: lint
-	pytest
+	pytest -n "$$CORES" --dist loadfile --no-loadscope-reorder
 
 test-dolfinx-next:
 	envs/test-dolfinx-next.sh
