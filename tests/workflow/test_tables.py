@@ -58,7 +58,7 @@ def plan(study: Path) -> tuple[int, str]:
 def test_no_rule_needs_the_simulator(study):
     status, output = plan(study)
     assert status == 0, output[-3000:]
-    rules = set(re.findall(r"^(?:rule|localrule) (\w+):", output, flags=re.MULTILINE))
+    rules = set(re.findall(r"^(?:local)?(?:rule|checkpoint) (\w+):", output, flags=re.MULTILINE))
     assert {"import_simulations", "estimate_parameters", "rank_emulators"} <= rules
     assert {"fit_stand_in", "sample_posteriors"} <= rules
     assert not rules & MECHANICS

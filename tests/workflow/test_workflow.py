@@ -54,7 +54,7 @@ def run(project: Path, *arguments: str, check: bool = True) -> str:
 def planned(project: Path) -> set[str]:
     """Rules that a dry run would run."""
     output = run(project, "--cores", "1", "--dry-run")
-    return set(re.findall(r"^(?:rule|localrule) (\w+):", output, flags=re.MULTILINE))
+    return set(re.findall(r"^(?:local)?(?:rule|checkpoint) (\w+):", output, flags=re.MULTILINE))
 
 
 def edit_config(project: Path, change) -> None:
@@ -116,7 +116,7 @@ def test_everything_is_made(study):
     assert truth["theta"]["C_a_lateral"] == 2.0
     measured = pd.read_csv(results / "measured" / "synthetic_lateral.csv")
     assert measured["source"].str.contains("synthetic").all()
-    assert list(results.glob("posteriors/exact_gp/subjects/synthetic_lateral.nc"))
+    assert list(results.glob("posteriors/final/subjects/synthetic_lateral.nc"))
     assert list((results / "logs").rglob("*.log"))
     compared = pd.read_csv(results / "tables" / "paper_comparison.csv")
     assert compared["ours"].notna().sum() > 50
