@@ -1,0 +1,121 @@
+"""From posteriors in files to what they are worth: scenarios, samplers, calibration, simulator."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from regional_lv import aha, inference
+from regional_lv.inference.agreement import COLUMNS, compare_samplers
+from regional_lv.inference.calibration import calibrate_chain
+from regional_lv.inference.noise_prior import compare_noise_priors
+from regional_lv.inference.resimulation import compare_resimulated, pick_draws
+from regional_lv.inference.told_apart import measure_separation, tell_zones_apart
+
+FEW = {"chains": 2, "warmup": 60, "draws": 60, "rhat_max": 10.0, "ess_min": 0}
+FEW["cases_per_batch"] = 3
+POINT = {"starts": 2, "iterations": 60}
+
+
+@pytest.fixture(scope="module")
+def posteriors(study):
+    """Of a scenario of four ventricles, two of them with a stiff septum."""
+    table = pd.read_parquet(study / "test.parquet")
+    table["zone"] = ["septal", "septal", "apical", "lateral"]
+    table.to_parquet(study / "scenario.parquet")
+    path = study / "checks.nc"
+    inference.sample_set_batch(
+        *(study / "emulator.pt", study / "scenario.parquet", "test", 0, 1, 4, None),
+        *("hmc", FEW, POINT, 1, path),
+    )
+    return path
+
+
+def test_zones_are_told_apart(study, posteriors):
+    told, zones = study / "told.csv", study / "zones.csv"
+    tell_zones_apart([posteriors], {"mean": 1.0, "sd": 0.05}, told, zones)
+    table = pd.read_csv(told)
+    assert len(table) == 4 * 5 * 3
+    septal = table[table["zone"] == "septal"].groupby("case")["stiffened"].first()
+    assert septal.tolist() == [True, True, False, False]
+    # Narrow posteriors: the probability says on which side of the edge the truth is.
+    sure = table[(table["truth"] / 1.098 - 1).abs() > 0.3]
+    assert (sure["probability"].gt(0.5) == sure["truth"].gt(1.098)).all()
+    errors = pd.read_csv(zones)
+    assert errors["cases"].sum() == 4 * 10 and errors["mse"].max() < 0.1
+    measure_separation(told, [], study / "roc.csv", study / "auc.csv", 1)
+    auc = pd.read_csv(study / "auc.csv")
+    assert auc.loc[auc["zone"] == "all", "positives"].tolist() == [4] * 3
+
+
+def test_samplers_are_compared(study, posteriors):
+    files = study / "emulator.pt", [posteriors]
+    compare_samplers(*files, 1, FEW, POINT, 1, study / "agreement.csv")
+    table = pd.read_csv(study / "agreement.csv")
+    assert tuple(table.columns) == COLUMNS and len(table) == 10
+    assert (table["mean_difference_in_sd"].abs() < 6 * table["monte_carlo_error"]).all()
+
+
+def test_no_case_of_the_fast_sampler_is_no_error(study, posteriors):
+    import arviz as az
+
+    data = az.from_netcdf(posteriors)
+    data.constant_data["sampler"][:] = "nuts"
+    inference.write(data, study / "by_nuts.nc")
+    files = study / "emulator.pt", [study / "by_nuts.nc"]
+    compare_samplers(*files, 1, FEW, POINT, 1, study / "agreement.csv")
+    assert pd.read_csv(study / "agreement.csv").empty
+
+
+def test_chain_is_calibrated(study):
+    names = [study / f"sbc_{name}.csv" for name in ("ranks", "histogram", "tests")]
+    files = study / "emulator.pt", study / "test.parquet"
+    calibrate_chain(*files, 6, "hmc", FEW, POINT, 1, *names)
+    ranks, histogram, tests = (pd.read_csv(name) for name in names)
+    assert len(ranks) == 60 and ranks["rank"].between(0, 99).all()
+    # Six cases prove little, but that no rank of sixty is stuck at an end they do.
+    assert (ranks["rank"] == 0).mean() < 0.1 and (ranks["rank"] == 99).mean() < 0.1
+    assert 25 < ranks["rank"].mean() < 75
+    assert histogram.groupby("parameter")["count"].sum()["all"] == 60
+    assert tests["parameter"].tolist()[-1] == "all"
+
+
+def test_posterior_draws_go_through_the_simulator(study, posteriors):
+    """A simulator that is the emulator's mean plus one sd everywhere."""
+    pick_draws([posteriors], 2, 3, 1, study / "draws.parquet")
+    design = pd.read_parquet(study / "draws.parquet")
+    assert len(design) == 6 and design["case"].nunique() == 2
+    assert design["sample"].tolist() == list(range(6)) and (design["scale"] == "posterior").all()
+    import torch
+
+    from regional_lv import emulators
+
+    emulator = emulators.load(study / "emulator.pt")
+    prediction = emulator.predict(torch.as_tensor(design[list(aha.PARAMETERS)].to_numpy()))
+    values = (prediction.mean + prediction.sd).detach().numpy()
+    simulated = pd.concat([design, pd.DataFrame(values, columns=list(aha.OUTPUTS))], axis=1)
+    simulated.to_parquet(study / "resimulated.parquet")
+    files = study / "resimulated.parquet", study / "test.parquet"
+    results = study / "resimulated.csv", study / "resimulated_summary.csv"
+    compare_resimulated(study / "emulator.pt", *files, *results)
+    table, summary = (pd.read_csv(path) for path in results)
+    assert len(table) == 6 * 52
+    np.testing.assert_allclose(table["z"], 1.0, rtol=1e-6)
+    assert summary.set_index("output").loc["all", "z_sd"] == pytest.approx(1.0)
+    assert summary.set_index("output").loc["all", "draws"] == 6
+
+
+def test_noise_priors_are_compared(study):
+    files = study / "prior.nc", study / "prior.csv"
+    inference.sample_subject(
+        *(study / "emulator.pt", study / "subject.csv", "someone", FEW, POINT, 0.2, 1, *files)
+    )
+    compare_noise_priors([files[0]] * 2, [0.1, 0.2], study / "priors.csv")
+    table = pd.read_csv(study / "priors.csv")
+    assert table["prior_scale"].tolist() == [0.1] * 12 + [0.2] * 12
+    assert table["parameter"].tolist()[:3] == [
+        "sigma_circumferential",
+        "sigma_radial",
+        "C_a_anterior",
+    ]
+    assert (table["outputs"] == 33).all() and table["outside"].max() <= 6
+    assert (table["lower95"] < table["median"]).all() and (table["median"] < table["upper95"]).all()
