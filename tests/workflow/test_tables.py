@@ -34,7 +34,7 @@ def study(root, tmp_path) -> Path:
     config = {
         "study": "tables",
         "simulations": {"source": "table", "tables": {"train": paths}, "holdout": 6},
-        "emulators": {"names": ["exact_gp", "dnn"]},
+        "emulators": {"names": ["exact_gp", "dnn"], "shortlist": {"names": ["exact_gp"]}},
         "subjects": {},
         "synthetic_subjects": {},
     }
