@@ -106,7 +106,7 @@ def test_a_bad_surrogate_costs_draws_and_not_correctness():
     """The exact density decides: with the surrogate of another case the posterior is the same."""
     emulator, truth, likelihoods = cases(0.02)
     settings = Settings(warmup=80, draws=900)
-    shifted = [likelihoods[0].at(likelihoods[0].y + 0.01)]
+    shifted = [likelihoods[0].at(likelihoods[0].y + 0.003)]
     original = hmc.prepare
 
     def wrong(target, *rest):
