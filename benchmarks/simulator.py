@@ -20,6 +20,8 @@ from regional_lv.mechanics.predictor import Predictor
 from regional_lv.simulations import make_simulator
 
 NATURAL, LOG, COLD = 150, 50, 16
+FRAMES = (0.5, 0.75)
+EVERY = 5  # of the points, with further load fractions
 PAPER_SIMULATIONS = 6181
 
 
@@ -67,6 +69,7 @@ def main(path: Path) -> None:
 
     with_s, steps = warm(Runner(solver, predictor, pressure), thetas)
     without_s, _ = warm(Runner(solver, predictor, pressure, sensitivities=False), thetas)
+    framed_s, framed_steps = warm(Runner(solver, predictor, pressure, FRAMES), thetas[::EVERY])
     peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     share = further_points(config["design"], config["seed"], "benchmark", 3 * COLD // 4, COLD // 4)
     plain, plain_steps = cold(Solver(simulator, config["solver"], kept_rate=0.0), share, pressure)
@@ -96,6 +99,8 @@ def main(path: Path) -> None:
     for label, cost, count in (
         ("predicted, with sensitivities", with_s, steps),
         ("predicted, without", without_s, None),
+        (f"of every {EVERY}th: the full load", with_s[::EVERY], steps[::EVERY]),
+        (f"and at {FRAMES[0]} and {FRAMES[1]} of it", framed_s, framed_steps),
         ("cold, a tangent for every step", plain, plain_steps),
         ("cold, tangents kept", kept, kept_steps),
     ):

@@ -74,6 +74,10 @@ class Hypothesis:
     parameter: str = "size"
     description: str = "A change of the outputs."
     source: str = "made up"
+    load_power: float = 0.0
+
+    def at_load(self, psi, fraction):
+        return psi * fraction**self.load_power
 
 
 class Extension:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import torch
 
+from regional_lv import aha
 from regional_lv.criticism.findings import findings_of, write_findings
 from regional_lv.criticism.observations import observe
 from regional_lv.criticism.report import write_report
@@ -26,6 +27,7 @@ from tests.criticism.stand_in import (
     scars,
 )
 
+BASAL = tuple(f"_{segment:02d}" for segment in aha.LEVELS["basal"])
 SETTINGS = Settings(bootstrap=119, level=0.05, leading_p=0.02, leading_least=1, draws=500, rounds=2)
 
 
@@ -134,6 +136,18 @@ def test_causes_that_look_alike_are_named_together(planted):
     assert found["named_cause"] is None
     assert set(found["indistinguishable"]) == {"basal_motion", "twin"}
     assert found["separating"][0]["channels"][0]["output"] == "radial_17"
+
+
+def test_a_lower_load_tells_apart_what_end_diastole_cannot(planted):
+    """A twin with the same signature, of an effect that shrinks with the load as springs do."""
+    twin = basal()
+    twin = Extension(replace(twin.hypothesis, name="twin", load_power=1.0), twin.pattern)
+    settings = replace(SETTINGS, load_fractions=(0.75, 0.5))
+    found = findings(planted, [bias(), basal(), twin], settings=settings)
+    assert set(found["indistinguishable"]) == {"basal_motion", "twin"}
+    best = found["separating"][0]["channels"][0]
+    assert best["load_fraction"] == 0.5 and best["output"].endswith(BASAL)
+    assert any("at 50 % of the end-diastolic pressure" in sentence for sentence in found["words"])
 
 
 def test_a_scar_is_found_in_its_segment():

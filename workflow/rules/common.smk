@@ -29,6 +29,7 @@ from regional_lv import dependencies  # noqa: E402
 from regional_lv.aha import PARAMETERS  # noqa: E402
 from regional_lv.design import scenario_size  # noqa: E402
 from regional_lv.criticism.hypotheses import SimulatorHypothesis, asked  # noqa: E402
+from regional_lv.criticism.hypotheses.base import why_not_scaling  # noqa: E402
 from regional_lv.errors import InputError  # noqa: E402
 from regional_lv.geometry.table import read_segments  # noqa: E402
 from regional_lv.measured import states_noise  # noqa: E402

@@ -6,6 +6,9 @@ JOINT = config["criticism"]["joint"]
 CRITICISM = {
     key: config["criticism"][key] for key in ("bootstrap", "level", "leading", "draws", "rounds")
 }
+CRITICISM["load_fractions"] = (
+    [] if why_not_scaling(PHYSICS) else config["criticism"]["load_fractions"]
+)
 CRITICISED = [
     *SUBJECTS,
     *(name for name, entry in JOINT.items() if set(entry["subjects"]) <= set(SUBJECTS)),

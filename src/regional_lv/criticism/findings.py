@@ -36,7 +36,9 @@ def findings_of(subject: str, criticism: Criticism, emulator: Emulator, extensio
         "named_cause": named.name if named else None,
         "named_component": named.component if named else None,
         "indistinguishable": [cause.name for cause in rivals],
-        "separating": separating_measurement(rivals, emulator, extensions),
+        "separating": separating_measurement(
+            rivals, emulator, extensions, criticism.settings.load_fractions
+        ),
         "explained": criticism.explained,
         "partly": [cause.name for cause in criticism.found] if not criticism.explained else [],
         "gain": _gain(first.base, final),

@@ -48,7 +48,8 @@ the Laplace approximation takes over."""
 @dataclass(frozen=True)
 class Settings:
     """bootstrap: replicates. level: family-wise level of the tests. leading_p, leading_least: which
-    causes are fitted in earnest. draws: per round of the sampler. rounds: at most."""
+    causes are fitted in earnest. draws: per round of the sampler. rounds: at most. load_fractions:
+    at which the heart could be imaged to tell causes apart."""
 
     bootstrap: int
     level: float
@@ -56,6 +57,7 @@ class Settings:
     leading_least: int
     draws: int
     rounds: int
+    load_fractions: tuple[float, ...] = ()
 
     @classmethod
     def from_config(cls, section: dict) -> "Settings":

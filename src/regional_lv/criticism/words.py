@@ -111,8 +111,10 @@ def verdict(content: dict) -> list[str]:
         for pair in content["separating"]:
             best = pair["channels"][0]
             a, b = (cause(n) for n in pair["pair"])
+            load = best["load_fraction"]
+            at = "" if load == 1 else f" at {100 * load:.0f} % of the end-diastolic pressure"
             said.append(
-                f"{channel(best['output']).capitalize()} would separate {a} and {b} best: they "
+                f"{channel(best['output']).capitalize()}{at} would separate {a} and {b} best: they "
                 f"differ there by {abs(best['difference_in_noise_sd']):.1f} sd of a noise of 0.01 "
                 "in strain (1 mL)."
             )

@@ -24,6 +24,9 @@ class BasalMotion(SimulatorHypothesis):
     half_way = 1.0
     """Compliance (mm/kPa) about which the base is as stiff as the spring."""
 
+    def at_load(self, psi, fraction):
+        return psi * fraction
+
     def coordinate(self, psi):
         """Share of the free motion, that of two springs in series."""
         return psi / (psi + self.half_way)

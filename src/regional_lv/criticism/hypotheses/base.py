@@ -48,6 +48,11 @@ class Hypothesis(ABC):
         """The physics of the simulator with the effect."""
         return physics
 
+    def at_load(self, psi, fraction: float):
+        """The psi (float or tensor) of a heart at its full load that acts as `psi` does at a
+        `fraction` of the load: springs are as many times stiffer as all other stresses."""
+        return psi
+
     def strain_fraction(self, value: float) -> float:
         """Share of the end-diastolic pressure at which the strains are observed."""
         return 1.0

@@ -22,6 +22,9 @@ class Compressibility(SimulatorHypothesis):
         "Circ Physiol 295:H610-H618, doi 10.1152/ajpheart.00041.2008"
     )
 
+    def at_load(self, psi, fraction):
+        return psi * fraction
+
     def extend(self, physics, value, component=""):
         bulk = None if value == 0 else 1 / float(value)
         return with_value(physics, self.section, self.key, bulk)

@@ -25,6 +25,9 @@ class EpicardialSupport(SimulatorHypothesis):
     half_way = 0.3
     """Stiffness (kPa/mm) about which the springs are as stiff as the wall."""
 
+    def at_load(self, psi, fraction):
+        return psi / fraction
+
     def coordinate(self, psi):
         """Share of the motion that the springs take away."""
         return psi / (psi + self.half_way)

@@ -15,7 +15,7 @@ class SeptalLoad(SimulatorHypothesis):
         "few mmHg in health and more with pulmonary hypertension, pushes it into the left cavity. "
         "The base model leaves the septum's outside free. Psi acts as a dead load along the "
         "normal of the unloaded epicardium of segments 2, 3, 8 and 9: the septum strains less, "
-        "the cavity holds less."
+        "the cavity holds less. At lower loads both pressures are lower alike."
     )
     source = (
         "Little et al. 1984, Circ Res 54:719-730, doi 10.1161/01.RES.54.6.719; right-heart "
