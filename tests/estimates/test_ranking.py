@@ -1,6 +1,7 @@
 """Ranking, tests and scores against values known from elsewhere."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -12,6 +13,7 @@ from regional_lv.estimates import ranking
 from regional_lv.figures import per_sample_mse, sample_efficiency
 
 CASES = 30
+NUMBERS = Path(__file__).parents[2] / "resources" / "paper_numbers.csv"
 
 
 def estimates(mse: dict[str, np.ndarray]) -> pd.DataFrame:
@@ -133,7 +135,7 @@ def study(tmp_path):
 def rank(study, size: int, estimator: str = "weighted"):
     ranking.rank_emulators(
         *(["vgp", "mvgp", "dnn"], study / "estimates", study / "emulators"),
-        *(study / "train.parquet", study / "test.parquet", size, estimator),
+        *(study / "train.parquet", study / "test.parquet", NUMBERS, size, estimator),
         *(study / "ranking.csv", study / "pairs.csv", study / "shortlist.json"),
     )
     return pd.read_csv(study / "ranking.csv"), json.loads((study / "shortlist.json").read_text())

@@ -115,6 +115,7 @@ checkpoint rank_emulators:
         ),
         train=f"{R}/screening/train.parquet",
         test=f"{R}/screening/test.parquet",
+        paper="resources/paper_numbers.csv",
         library=library("estimates.ranking"),
     output:
         ranking=f"{ESTIMATES}/ranking.csv",

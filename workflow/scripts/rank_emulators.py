@@ -12,6 +12,7 @@ rank_emulators(
     Path(snakemake.input.fits[0]).parents[1],
     snakemake.input.train,
     snakemake.input.test,
+    snakemake.input.paper,
     snakemake.params.size,
     snakemake.params.estimator,
     ranking=snakemake.output.ranking,

@@ -21,18 +21,6 @@ PAIRS = (("local_gp", "local_mgp"), ("local_dkgp", "local_dkmgp"), ("vgp", "mvgp
 LEVEL = 0.05
 Z95 = stats.norm.ppf(0.975)
 
-PAPER = {
-    "local_gp": (2.0639, 0.003194),
-    "local_mgp": (0.0853, 0.009780),
-    "local_dkgp": (0.0239, 0.005025),
-    "local_dkmgp": (0.0096, 0.001409),
-    "vgp": (0.0775, 0.024445),
-    "mvgp": (0.0080, 0.000643),
-    "dgp": (0.0615, 0.004502),
-    "dnn": (0.0122, 0.003068),
-}
-"""The paper's Table S1: MSE of the parameters and of the outputs."""
-
 
 def rank_emulators(
     names: Sequence[str],
@@ -40,6 +28,7 @@ def rank_emulators(
     fits: Path,
     train: Path,
     test: Path,
+    paper: Path,
     size: int,
     estimator: str,
     ranking: Path,
@@ -50,7 +39,8 @@ def rank_emulators(
     and `choose` describe (CSV, CSV, JSON).
 
     folder: with `<name>/test.parquet`, `<name>/checked.parquet`, `<name>/cost.json`. fits: with
-    `<name>/fit.json`, `<name>/test_predictions.parquet`. train, test: the screened tables.
+    `<name>/fit.json`, `<name>/test_predictions.parquet`. train, test: the screened tables. paper:
+    the numbers that the paper prints.
     """
     y_train = pd.read_parquet(train, columns=list(aha.OUTPUTS))
     truth = pd.read_parquet(test, columns=["sample", *aha.OUTPUTS])
@@ -77,7 +67,7 @@ def rank_emulators(
                 **json.loads((Path(folder) / name / "cost.json").read_text()),
             }
         )
-    table = rank(pd.DataFrame(rows), estimator)
+    table = rank(pd.DataFrame(rows), estimator, pd.read_csv(paper))
     table.to_csv(ranking, index=False)
     compare_pairs(estimates).to_csv(pairs, index=False)
     chosen = choose(table, size, estimator)
@@ -142,17 +132,18 @@ def gaussian_crps(error: np.ndarray, sd: np.ndarray) -> np.ndarray:
     return sd * (z * (2 * stats.norm.cdf(z) - 1) + 2 * stats.norm.pdf(z) - 1 / np.sqrt(np.pi))
 
 
-def rank(table: pd.DataFrame, estimator: str) -> pd.DataFrame:
+def rank(table: pd.DataFrame, estimator: str, paper: pd.DataFrame) -> pd.DataFrame:
     """`table` with `rank` (1 is best) in front, by the parameter MSE of `estimator`, and the
     paper's figures behind: paper_param_mse, paper_output_mse, ratio_to_paper (of the parameter MSE
     by least squares, the paper's estimator)."""
     table = table.sort_values(f"param_mse_{estimator}", ignore_index=True)
     table.insert(0, "rank", np.arange(1, len(table) + 1))
-    paper = pd.DataFrame(
-        [PAPER.get(name, (np.nan, np.nan)) for name in table["emulator"]],
-        columns=["paper_param_mse", "paper_output_mse"],
-    )
-    table = table.join(paper)
+    for column, quantity in (
+        ("paper_param_mse", "parameter_mse"),
+        ("paper_output_mse", "output_mse"),
+    ):
+        printed = paper[paper["quantity"] == quantity].set_index("emulator")["value"]
+        table[column] = table["emulator"].map(printed.astype(float))
     table["ratio_to_paper"] = table["param_mse_least_squares"] / table["paper_param_mse"]
     return table
 
