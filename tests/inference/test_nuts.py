@@ -135,6 +135,8 @@ def test_test_set(study):
     tables = {name: pd.read_csv(study / f"{name}.csv") for name in TABLES}
     assert len(tables["diagnostics"]) == len(tables["recovery"]) == 20
     assert (tables["diagnostics"]["sampler"] == "nuts").all()
+    assert data.sample_stats["outside"].shape == (2, 300, 1)
+    assert tables["diagnostics"]["outside"].between(0, 1).all()
     assert tables["coverage"]["parameter"].tolist() == [*aha.PARAMETERS, "all"]
     assert tables["map_mse"]["case"].tolist() == [3, 5]
     assert tables["recovery"]["variance_ratio"].max() < 1

@@ -342,7 +342,8 @@ def to_inference_data(sampled: Sampled, nuts: dict) -> az.InferenceData:
 
     posterior: theta (chain, draw, case, parameter) and, if noise scales were inferred, sigma
     (chain, draw, case, direction) in training sd; attributes emulator, lower, upper, rhat_max,
-    ess_min. sample_stats: diverging, acceptance_rate, energy (potential) (chain, draw, case).
+    ess_min. sample_stats: diverging, acceptance_rate, energy (potential), outside (no simulation
+    of the training set is near; `Emulator.outside`) (chain, draw, case).
     observed_data: y (case, output). constant_data: theta_map, theta_true (if known), y_obs, zone
     (the stiffened one, of a scenario), and what the sampling took: sampler, seconds (the one number
     that differs between runs) and repeated.
@@ -374,6 +375,11 @@ def to_inference_data(sampled: Sampled, nuts: dict) -> az.InferenceData:
         {key: (each, stack(key)) for key in ("diverging", "acceptance_rate", "energy")},
         coords=sampling,
     )
+    outside = [
+        one.emulator.outside(torch.as_tensor(draws.theta)).numpy()
+        for one, draws in zip(sampled.likelihoods, sampled.draws, strict=True)
+    ]
+    stats["outside"] = (each, np.stack(outside, axis=2))
     y = (("case", "output"), torch.stack([one.y for one in sampled.likelihoods]).numpy())
     outputs = {key: base[key] for key in ("case", "output")}
     constant = xr.Dataset(

@@ -57,8 +57,8 @@ def gate(
 def diagnose(data: az.InferenceData) -> pd.DataFrame:
     """Diagnostics of every case in a file of posteriors.
 
-    Columns: case, parameter, rhat, ess_bulk, ess_tail, divergences, passed, verdict, seconds,
-    sampler.
+    Columns: case, parameter, rhat, ess_bulk, ess_tail, divergences, passed, verdict, outside (share
+    of the draws that lie where no simulation of the training set is near), seconds, sampler.
     Inferred noise scales appear as `sigma_<direction>`. The gate is the one that the sampler
     worked with, kept in the file.
     """
@@ -75,6 +75,7 @@ def diagnose(data: az.InferenceData) -> pd.DataFrame:
         )
         table.insert(0, "case", str(case))
         table["verdict"] = verdict
+        table["outside"] = float(data.sample_stats["outside"].sel(case=case).mean())
         table["seconds"] = float(data.constant_data["seconds"].sel(case=case))
         table["sampler"] = str(data.constant_data["sampler"].sel(case=case).item())
         tables.append(table)
