@@ -9,12 +9,15 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from regional_lv import aha
 from regional_lv.mechanics.equilibrium import LinearSolveError
 from regional_lv.mechanics.simulator import Simulator, State
 
 # How far the residual may grow in a step, and the smallest share of a step that is tried.
 MOST_GROWTH = 2.0
 LEAST_SHARE = 1 / 16
+
+IS_C_A = np.array([name.startswith("C_a") for name in aha.PARAMETERS])
 
 
 class NotConverged(ArithmeticError):
@@ -214,30 +217,32 @@ class Runner:
             per_log = simulator.directional_derivatives(state.w, result.tangents)
             result.sensitivity = (per_log / state.theta[:, None]).T
         if self.frames:
-            self._deflate(state, result, effort)
+            self._lower(state, result, effort)
 
-    def _deflate(self, state: State, result: Simulation, effort: Effort) -> None:
-        """Observables at the load fractions, by unloading from the end-diastolic state."""
-        solver, simulator = self.solver, self.solver.simulator
-        here, slope = state, simulator.pressure_sensitivity(state.w)
+    def _lower(self, state: State, result: Simulation, effort: Effort) -> None:
+        """Observables at the load fractions, each from a guess as the full load's was."""
+        here = state
         for fraction in self.frames:
             target = fraction * self.pressure
-            while here.pressure != target:
-                step = target - here.pressure
-                while True:
-                    goal = target if here.pressure + step == target else here.pressure + step
-                    try:
-                        found = solver.newton(
-                            here.w + step * slope, state.theta, goal, effort, tangent=False
-                        )
-                        break
-                    except NotConverged:
-                        step /= 2
-                        if abs(step) < solver.settings["min_load_fraction"] * self.pressure:
-                            return
-                # The last factorisation is near enough to predict with.
-                here, slope = found, simulator.pressure_sensitivity(found.w)
-            result.frames[fraction] = simulator.observables(here.w)
+            missed = here.w - self._guess_at(state.theta, here.pressure / self.pressure)
+            guess = self._guess_at(state.theta, fraction) + target / here.pressure * missed
+            try:
+                here = self.solver.newton(guess, state.theta, target, effort, tangent=False)
+            except NotConverged:
+                try:
+                    here = self.solver.inflate(state.theta, target, effort)
+                except NotConverged:
+                    return
+            result.frames[fraction] = self.solver.simulator.observables(here.w)
+
+    def _guess_at(self, theta: np.ndarray, fraction: float) -> np.ndarray:
+        """Guessed field at a `fraction` of the load: stresses are proportional to C_a, so that the
+        displacement is that of a wall as many times stiffer at the full load, and the pressures in
+        the wall are as many times smaller. Springs and other loads make it a worse guess only."""
+        stiffer = np.where(IS_C_A, theta / fraction, theta)
+        guess = fraction * self.guess.field(stiffer)
+        guess[self.solver.simulator.displacement_dofs] /= fraction
+        return guess
 
 
 class GrowingRunner(Runner):

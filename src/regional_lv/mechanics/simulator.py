@@ -121,7 +121,6 @@ class Simulator(Equilibrium):
         if effect:
             outside = effects.surface_energy(domain, u, effect, self.segment, ds)
             residual += ufl.derivative(outside, self.w, test)
-        self._load = api.compile_form(load)
 
         # d(residual)/d(log C) of one zone: the same kernel on that zone's cells only.
         self._parameter_forms = []
@@ -223,11 +222,6 @@ class Simulator(Equilibrium):
         for form in self._parameter_forms:
             rows.append(-self.solve(self._assembled(form)))
         return np.stack(rows)
-
-    def pressure_sensitivity(self, w: np.ndarray) -> np.ndarray:
-        """d(w)/d(pressure), (size,), per mmHg, with the factor at hand."""
-        self._place(w)
-        return -KPA_PER_MMHG * self.solve(self._assembled(self._load))
 
     def directional_derivatives(self, w: np.ndarray, directions: np.ndarray) -> np.ndarray:
         """Derivatives (k, 52) of the outputs at `w` along fields `directions` (k, size)."""
