@@ -57,6 +57,11 @@ def cold(solver: Solver, thetas: np.ndarray, pressure: float):
     return np.array(seconds), np.array(steps)
 
 
+def done(what: str, seconds: np.ndarray) -> None:
+    """Say at once what was measured: the table comes after half an hour."""
+    print(f"{what}: {len(seconds)} runs, {seconds.mean():.2f} CPU s each", file=sys.stderr)
+
+
 def main(path: Path) -> None:
     """Measure and print."""
     config = study_config.load(path)
@@ -68,12 +73,17 @@ def main(path: Path) -> None:
     thetas = further_points(config["design"], config["seed"], "benchmark", NATURAL, LOG)
 
     with_s, steps = warm(Runner(solver, predictor, pressure), thetas)
+    done("predicted, with sensitivities", with_s)
     without_s, _ = warm(Runner(solver, predictor, pressure, sensitivities=False), thetas)
+    done("predicted, without", without_s)
     framed_s, framed_steps = warm(Runner(solver, predictor, pressure, FRAMES), thetas[::EVERY])
+    done("at lower loads, too", framed_s)
     peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     share = further_points(config["design"], config["seed"], "benchmark", 3 * COLD // 4, COLD // 4)
     plain, plain_steps = cold(Solver(simulator, config["solver"], kept_rate=0.0), share, pressure)
+    done("cold, a tangent for every step", plain)
     kept, kept_steps = cold(solver, share, pressure)
+    done("cold, tangents kept", kept)
 
     state = solver.newton(predictor.field(np.ones(10)), np.ones(10), pressure, Effort())
     residual = simulator.residual(state.w)
