@@ -5,6 +5,7 @@ import torch
 from regional_lv import gradient_gp, kernel
 from regional_lv.emulators.base import Architecture, TrainingSet
 from regional_lv.emulators.exact_gp import ExactGP
+from regional_lv.emulators.kernels import squared_distance
 from regional_lv.emulators.shared_kernel import subset
 from regional_lv.seeds import derive
 
@@ -44,48 +45,64 @@ class GradientGP(ExactGP):
         return torch.cat([training.y, slopes.permute(2, 0, 1).reshape(-1, slopes.shape[1])])
 
     def _training_covariance(self):
-        x, sloped = self.inputs, self.inputs[self.sloped]
-        n = len(x)
-        upper = self._covariances(x, values_only=True)
-        lower = self._covariances(sloped)[len(sloped) :]
+        x, sloped, common = self.inputs, self.inputs[self.sloped], (self.length_scales, self.alpha)
+        self._scaled = x / self.length_scales
+        n, count = len(x), len(sloped)
+        upper, _ = self._rows(x)
+        lower = [
+            kernel.covariance_with_values(sloped, x, *common)[count:],
+            kernel.covariance_with_gradients(sloped, sloped, *common)[count:],
+        ]
         noise = (self.gradient_nugget - self.nugget * self.length_scales**2).clamp(min=0.0)
-        matrix = torch.cat([upper, lower])
-        matrix.diagonal()[n:].add_((noise / self.length_scales**2).repeat_interleave(len(sloped)))
+        matrix = torch.cat([upper, torch.cat(lower, dim=1)])
+        matrix.diagonal()[n:].add_((noise / self.length_scales**2).repeat_interleave(count))
         constant = torch.zeros(len(matrix), 1, dtype=x.dtype)
         constant[:n] = 1.0
         return matrix, constant
 
-    def _covariances(self, x, values_only: bool = False) -> torch.Tensor:
-        """Covariance ((1 + 10) M, n) of the value and the derivatives at `x` (M, 10), or (M, n) of
-        the value alone, with the observations."""
-        common = (self.length_scales, self.alpha)
-        sloped = self.inputs[self.sloped]
-        if not values_only:
-            return torch.cat(
-                [
-                    kernel.covariance_with_values(x, self.inputs, *common),
-                    kernel.covariance_with_gradients(x, sloped, *common),
-                ],
-                dim=1,
-            )
-        gap = (x[:, None, :] - self.inputs) / self.length_scales
-        value = kernel.rational_quadratic(gap.square().sum(-1), self.alpha)[0]
-        # Covariance of a value with a derivative: that of the derivative with the value, turned.
-        slopes = kernel.covariance_with_values(sloped, x, *common)[len(sloped) :]
-        return torch.cat([value, slopes.T], dim=1)
+    # With u = x / l and v those of the simulations, r^2 = |u - v|^2, and the covariance of the
+    # value at x with the derivative of a simulation along input p is -2 k' (u_p - v_p) / l_p. Its
+    # derivative about u_i is -4 k" (u_i - v_i) (u_p - v_p) / l_p, and for i = p -2 k' / l_p more.
+    # The sums over p are products of matrices: nothing of size M x N x 10 is made.
 
     def _rows(self, x):
-        return self._covariances(x, values_only=True), (x,)
+        u, v = x / self.length_scales, self._scaled
+        value, first, second = kernel.rational_quadratic(squared_distance(u, v), self.alpha)
+        second, v = second[:, self.sloped], v[self.sloped]
+        by_input = -2 * first[:, self.sloped]
+        slopes = [
+            by_input * (u[:, p, None] - v[:, p]) / scale
+            for p, scale in enumerate(self.length_scales)
+        ]
+        return torch.cat([value, *slopes], dim=1), (u, first, second)
 
-    def _slopes(self, x) -> torch.Tensor:
-        """d(k)/dx, (10, M, n)."""
-        return self._covariances(x)[len(x) :].reshape(x.shape[1], len(x), -1)
+    def _pull_back(self, by_k, u, first, second):
+        n, v = first.shape[1], self._scaled
+        by_value = 2 * by_k[:, :n] * first
+        by_u = by_value.sum(1, keepdim=True) * u - by_value @ v
+        v, first = v[self.sloped], first[:, None, self.sloped]
+        by_slope = by_k[:, n:].reshape(len(u), u.shape[1], -1) / self.length_scales[:, None]
+        along = (u[:, None, :] @ by_slope)[:, 0] - (by_slope * v.T).sum(1)
+        bend = -4 * second * along
+        by_u = by_u + bend.sum(1, keepdim=True) * u - bend @ v - 2 * (first * by_slope).sum(-1)
+        return by_u / self.length_scales
 
-    def _pull_back(self, by_k, x):
-        return (self._slopes(x) * by_k).sum(-1).T
-
-    def _mean_slopes(self, x):
-        return (self._slopes(x) @ self.weights).permute(1, 2, 0)
+    def _mean_slopes(self, u, first, second):
+        n, v = first.shape[1], self._scaled
+        plain = first @ self.weights[:n]
+        moments = torch.stack(
+            [first @ (v[:, p, None] * self.weights[:n]) for p in range(u.shape[1])], -1
+        )
+        slopes = 2 * (plain[..., None] * u[:, None, :] - moments)
+        v, first = v[self.sloped], first[:, self.sloped]
+        weights = (
+            self.weights[n:].reshape(u.shape[1], len(v), -1) / self.length_scales[:, None, None]
+        )
+        along = torch.tensordot(u, weights, 1) - (v.T[..., None] * weights).sum(0)
+        bend = -4 * second[..., None] * along
+        slopes = slopes + bend.sum(1)[..., None] * u[:, None, :] - bend.mT @ v
+        slopes = slopes - 2 * torch.tensordot(first, weights, ([1], [1])).mT
+        return slopes / self.length_scales
 
     def _leave_one_out(self, precision, targets):
         """Without a simulation's derivatives, too: blocks of the projected precision.
