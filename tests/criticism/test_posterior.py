@@ -60,6 +60,20 @@ def test_evidence_and_moments(base):
     assert ((found - mean).abs() < 0.15 * sd).all()
 
 
+def test_mixtures_of_proposals_find_the_same(base, monkeypatch):
+    """What hard posteriors get, on one whose evidence is known."""
+    monkeypatch.setattr("regional_lv.criticism.posterior.LEAST_ESS", math.inf)
+    monkeypatch.setattr("regional_lv.criticism.posterior.MOST_ROUNDS", 12)
+    model, best, easy = base
+    posterior = sample(model, *laplace(model, best), 1000, 2)
+    assert posterior.ess > easy.ess
+    exact, mean, covariance = log_evidence(model)
+    assert posterior.log_evidence == pytest.approx(exact, abs=4 * posterior.evidence_error + 0.02)
+    found, sd = posterior.moments(posterior.x)
+    assert torch.allclose(sd, covariance.diagonal().sqrt(), rtol=0.1)
+    assert ((found - mean).abs() < 0.1 * sd).all()
+
+
 def test_extension_and_its_evidence(base):
     _, best, _ = base
 

@@ -1,23 +1,29 @@
 """Posterior, evidence and leave-one-segment-out prediction by adaptive importance sampling.
 
 Proposals are Student t distributions in unconstrained coordinates, fitted to the weighted draws of
-the rounds before (population Monte Carlo, Cappe et al. 2004, doi 10.1198/106186004X12803); in the
-end all draws count, weighted against the mixture of all proposals (Cornuet et al. 2012,
-doi 10.1111/j.1467-9469.2011.00756.x). It needs no gradient, gives the evidence as well, and one set
-of draws serves all folds whose posterior is near to the full one; the others are sampled anew.
+the rounds before (population Monte Carlo, Cappe et al. 2004, doi 10.1198/106186004X12803); a
+posterior that one of them does not resemble gets a mixture of several (Cappe et al. 2008,
+doi 10.1007/s11222-008-9059-x). In the end all draws count, weighted against the mixture of all
+proposals (Cornuet et al. 2012, doi 10.1111/j.1467-9469.2011.00756.x). It needs no gradient, gives
+the evidence as well, and one set of draws serves all folds whose posterior is near to the full one;
+the others are sampled anew.
 """
 
 import math
 from dataclasses import dataclass
 
 import torch
+from sklearn.cluster import KMeans
 
 from regional_lv.criticism.fit import Fit
 from regional_lv.criticism.model import LOG_2PI, Model
 from regional_lv.seeds import derive
 
-ROUNDS, MOST_ROUNDS = 6, 14
-"""Rounds of proposals, and how many more than that a hard posterior gets."""
+ROUNDS, MOST_ROUNDS = 6, 30
+"""Rounds of proposals of one distribution, and rounds at most: further ones are of mixtures."""
+
+PARTS = 8
+"""Distributions in a mixture."""
 
 FREEDOM = 5.0
 """Degrees of freedom of the proposals: heavier tails than any posterior in a box."""
@@ -122,10 +128,9 @@ def sample(
     u0 = box.outside(centre)
     slope = box.slope(u0)
     spread = covariance / slope[:, None] / slope
-    mean, spread = u0, _tame(2.0 * spread)
+    proposal = _Student(u0, _tame(2.0 * spread))
     proposals, us, targets, residuals = [], [], [], []
     for turn in range(MOST_ROUNDS):
-        proposal = _Student(mean, spread)
         u = proposal.draw(draws, generator)
         x = box.inside(u)
         residual = model.observations.y - model.mean(x)
@@ -141,8 +146,13 @@ def sample(
         weight = torch.softmax(log_w, 0)
         if turn >= ROUNDS - 1 and 1 / weight.square().sum() >= 2 * LEAST_ESS:
             break
-        mean, spread = moments_of(u, _temper(log_w, 4 * len(u0) + TRUNCATION))
-        spread = _tame(1.2 * spread)
+        tempered = _temper(log_w, 4 * len(u0) + TRUNCATION)
+        if turn < ROUNDS - 1:
+            mean, spread = moments_of(u, tempered)
+            proposal = _Student(mean, _tame(1.2 * spread))
+        else:
+            old = proposal if isinstance(proposal, _Mixture) else _Mixture.split(u, tempered)
+            proposal = old.adapted(u, tempered)
     total = torch.logsumexp(log_w, 0)
     log_weight = log_w - total
     ess = float(1 / log_weight.exp().square().sum())
@@ -198,9 +208,62 @@ class _Student:
         return self.mean + (normal / scale) @ self.factor.mT
 
     def log_density(self, u: torch.Tensor) -> torch.Tensor:
-        z = torch.linalg.solve_triangular(self.factor, (u - self.mean).mT, upper=False)
         p = len(self.mean)
-        return self.constant - 0.5 * (FREEDOM + p) * torch.log1p(z.square().sum(0) / FREEDOM)
+        return self.constant - 0.5 * (FREEDOM + p) * torch.log1p(self.distance(u) / FREEDOM)
+
+    def distance(self, u: torch.Tensor) -> torch.Tensor:
+        """Squared Mahalanobis distance (N,) of u (N, P) from the centre."""
+        z = torch.linalg.solve_triangular(self.factor, (u - self.mean).mT, upper=False)
+        return z.square().sum(0)
+
+
+class _Mixture:
+    """Student t distributions with shares (K,) that add up to one."""
+
+    def __init__(self, parts: list[_Student], shares: torch.Tensor):
+        self.parts, self.shares = parts, shares
+
+    @classmethod
+    def split(cls, u: torch.Tensor, weight: torch.Tensor) -> "_Mixture":
+        """Around the centres of clusters of weighted draws, all as wide as the draws within."""
+        mean, spread = moments_of(u, weight)
+        factor = torch.linalg.cholesky(_tame(spread))
+        z = torch.linalg.solve_triangular(factor, (u - mean).mT, upper=False).mT
+        means = KMeans(PARTS, n_init=1, random_state=0)
+        means.fit(z.numpy(), sample_weight=weight.numpy())
+        centres = torch.as_tensor(means.cluster_centers_)
+        labels = torch.as_tensor(means.labels_).long()
+        _, within = moments_of(z - centres[labels], weight)
+        spread = _tame(factor @ within @ factor.mT)
+        parts = [_Student(mean + factor @ centre, spread) for centre in centres]
+        return cls(parts, torch.full((PARTS,), 1 / PARTS, dtype=u.dtype))
+
+    def adapted(self, u: torch.Tensor, weight: torch.Tensor) -> "_Mixture":
+        """After one step of expectation maximisation on weighted draws."""
+        logs = self._logs(u)
+        share = torch.softmax(logs, 0) * weight
+        parts, shares = [], []
+        for part, own in zip(self.parts, share, strict=True):
+            total = own.sum()
+            if 1 / (own / total).square().sum() < 2 * u.shape[1]:
+                # Too few draws for a covariance: the others take over.
+                continue
+            pulled = own * (FREEDOM + u.shape[1]) / (FREEDOM + part.distance(u))
+            mean, spread = moments_of(u, pulled / pulled.sum())
+            parts.append(_Student(mean, _tame(1.2 * spread * pulled.sum() / total)))
+            shares.append(total)
+        return _Mixture(parts, torch.stack(shares) / sum(shares)) if parts else self
+
+    def draw(self, count: int, generator: torch.Generator) -> torch.Tensor:
+        which = torch.multinomial(self.shares, count, replacement=True, generator=generator)
+        counts = torch.bincount(which, minlength=len(self.parts)).tolist()
+        return torch.cat([p.draw(n, generator) for p, n in zip(self.parts, counts, strict=True)])
+
+    def log_density(self, u: torch.Tensor) -> torch.Tensor:
+        return torch.logsumexp(self._logs(u), 0)
+
+    def _logs(self, u: torch.Tensor) -> torch.Tensor:
+        return torch.stack([p.log_density(u) for p in self.parts]) + self.shares.log()[:, None]
 
 
 def _mixture(proposals, u: torch.Tensor) -> torch.Tensor:
