@@ -142,7 +142,7 @@ def sample(
         # The first rounds only show the way.
         recent = slice(turn // 2, None)
         u = torch.cat(us[recent])
-        log_w = torch.cat(targets[recent]) - _mixture(proposals[recent], u)
+        log_w = torch.cat(targets[recent]) - _Mixture.equal(proposals[recent]).log_density(u)
         weight = torch.softmax(log_w, 0)
         if turn >= ROUNDS - 1 and 1 / weight.square().sum() >= 2 * LEAST_ESS:
             break
@@ -218,10 +218,14 @@ class _Student:
 
 
 class _Mixture:
-    """Student t distributions with shares (K,) that add up to one."""
+    """Distributions with shares (K,) that add up to one."""
 
-    def __init__(self, parts: list[_Student], shares: torch.Tensor):
+    def __init__(self, parts: list, shares: torch.Tensor):
         self.parts, self.shares = parts, shares
+
+    @classmethod
+    def equal(cls, parts: list) -> "_Mixture":
+        return cls(parts, torch.full((len(parts),), 1 / len(parts), dtype=torch.float64))
 
     @classmethod
     def split(cls, u: torch.Tensor, weight: torch.Tensor) -> "_Mixture":
@@ -235,8 +239,7 @@ class _Mixture:
         labels = torch.as_tensor(means.labels_).long()
         _, within = moments_of(z - centres[labels], weight)
         spread = _tame(factor @ within @ factor.mT)
-        parts = [_Student(mean + factor @ centre, spread) for centre in centres]
-        return cls(parts, torch.full((PARTS,), 1 / PARTS, dtype=u.dtype))
+        return cls.equal([_Student(mean + factor @ centre, spread) for centre in centres])
 
     def adapted(self, u: torch.Tensor, weight: torch.Tensor) -> "_Mixture":
         """After one step of expectation maximisation on weighted draws."""
@@ -264,11 +267,6 @@ class _Mixture:
 
     def _logs(self, u: torch.Tensor) -> torch.Tensor:
         return torch.stack([p.log_density(u) for p in self.parts]) + self.shares.log()[:, None]
-
-
-def _mixture(proposals, u: torch.Tensor) -> torch.Tensor:
-    logs = torch.stack([proposal.log_density(u) for proposal in proposals])
-    return torch.logsumexp(logs, 0) - math.log(len(proposals))
 
 
 # --------------------------------------------------------------------------------- densities
