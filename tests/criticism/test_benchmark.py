@@ -119,7 +119,7 @@ def test_from_subjects_to_score(tmp_path, monkeypatch):
     pd.DataFrame(rows).to_parquet(subjects)
     pd.DataFrame(truths).to_parquet(truth)
     settings = {"bootstrap": 99, "level": 0.05, "leading": {"p": 0.02, "least": 1}}
-    settings |= {"draws": 300, "rounds": 2}
+    settings |= {"draws": 300, "rounds": 2, "load_fractions": []}
     verdicts = [tmp_path / f"{i}.parquet" for i in range(2)]
     for i, path in enumerate(verdicts):
         benchmark.criticise_benchmark(subjects, i, i + 1, "", [], settings, 1.0, 3, path)
