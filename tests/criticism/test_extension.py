@@ -155,7 +155,7 @@ def test_derivatives_are_those_of_the_values(extension, theta):
     at = theta.clone().requires_grad_(True), psi.clone().requires_grad_(True)
     for k in (0, 1):
         by_theta, by_psi = torch.autograd.grad(both(*at)[k], at)
-        h = 1e-5
+        h = 1e-4  # the variance is what is left of numbers near one
         beside = [both(theta, psi + s * h)[k] for s in (1, -1)]
         assert float(by_psi) == pytest.approx(float(beside[0] - beside[1]) / (2 * h), rel=1e-4)
         step = torch.zeros_like(theta)
