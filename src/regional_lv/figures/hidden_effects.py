@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from matplotlib.ticker import FixedLocator, NullLocator
 
 from regional_lv.criticism.rates import rate
 from regional_lv.figures import style
@@ -80,6 +81,9 @@ def _draw_each(ax, visible: pd.DataFrame) -> None:
         )
     ax.axvline(3, color=style.GREY, linestyle="--", linewidth=0.8)
     ax.set_xscale("log")
+    ax.xaxis.set_major_locator(FixedLocator([1, 2, 3, 5, 10, 20, 50]))
+    ax.xaxis.set_major_formatter("{x:g}")
+    ax.xaxis.set_minor_locator(NullLocator())
     ax.set_yticks(range(len(names)), [name.replace("_", " ") for name in names])
     ax.set_ylim(-0.7, len(names) - 0.3)
     ax.set_xlabel("score expected of the effect (se of psi)")
