@@ -56,6 +56,9 @@ LEVELS = {"basal": range(1, 7), "mid": range(7, 13), "apical": range(13, 17), "a
 PARAMETERS = tuple(f"{c}_{zone}" for zone in ZONES for c in ("C_a", "C_b"))
 """The ten scaling factors theta in the paper's order."""
 
+IS_C_A = np.array([name.startswith("C_a") for name in PARAMETERS])
+"""Which of them (10,) scale the a-type constants, and with them all stresses."""
+
 DIRECTIONS = ("circumferential", "radial", "longitudinal")
 
 OUTPUTS = ("volume_ml", *(f"{q}_{s.number:02d}" for q in DIRECTIONS for s in SEGMENTS))

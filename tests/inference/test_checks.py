@@ -4,8 +4,9 @@ import arviz as az
 import numpy as np
 import pandas as pd
 import pytest
+import torch
 
-from regional_lv import aha, inference
+from regional_lv import aha, emulators, inference
 from regional_lv.inference.agreement import COLUMNS, compare_samplers
 from regional_lv.inference.calibration import calibrate_chain
 from regional_lv.inference.noise_prior import compare_noise_priors
@@ -89,10 +90,6 @@ def test_posterior_draws_go_through_the_simulator(study, posteriors):
     design = pd.read_parquet(study / "draws.parquet")
     assert len(design) == 6 and design["case"].nunique() == 2
     assert design["sample"].tolist() == list(range(6)) and (design["scale"] == "posterior").all()
-    import torch
-
-    from regional_lv import emulators
-
     emulator = emulators.load(study / "emulator.pt")
     prediction = emulator.predict(torch.as_tensor(design[list(aha.PARAMETERS)].to_numpy()))
     values = (prediction.mean + prediction.sd).detach().numpy()

@@ -74,14 +74,14 @@ def test_agrees_with_nuts_where_the_bounds_cut_the_posterior(kind):
     sd = torch.full_like(emulator.output_sd, 0.2)
     noise = {"known": Noise.known(sd), "inferred": Noise.shared(emulator, 0.3)}[kind]
     _, truth, likelihoods = cases(0.2, noise)
-    settings = Settings(warmup=60, draws=120, ess_min=40, rhat_max=1.2)
+    settings = Settings(warmup=80, draws=150, ess_min=60, rhat_max=1.1)
     (together,) = run(likelihoods[2:], truth[2:], settings, [3])
     log_sigma = torch.full((len(likelihoods[2].noise.groups),), -1.5, dtype=torch.float64)
     alone = sample_case(likelihoods[2], truth[2], log_sigma, settings, 5, "third")
     assert alone.theta.max() > 4.9  # the upper bound is felt
     # Both means have Monte Carlo errors near 0.05 sd, and the largest of ten is looked at.
     means, sds = difference(together, alone)
-    assert means < 0.4 and sds < 0.35
+    assert means < 0.35 and sds < 0.3
     if kind == "inferred":
         assert together.sigma.mean() == pytest.approx(alone.sigma.mean(), rel=0.15)
 

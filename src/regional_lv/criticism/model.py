@@ -55,7 +55,7 @@ class Layout:
         Raises InputError if that leaves no room.
         """
         offset = theta.log()
-        kinds = torch.tensor([name.startswith("C_b") for name in aha.PARAMETERS])
+        kinds = ~torch.as_tensor(aha.IS_C_A)
         moves = torch.stack([~kinds, kinds], dim=-1).double().expand(len(theta), -1, -1)
         low = torch.stack([math.log(lower) - offset[:, k].min() for k in (~kinds, kinds)])
         high = torch.stack([math.log(upper) - offset[:, k].max() for k in (~kinds, kinds)])

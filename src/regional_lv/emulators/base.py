@@ -190,7 +190,7 @@ class Emulator(ABC):
 
     def without_error(self) -> "Emulator":
         """This emulator with no error of its own, where `error_prior_scale` is a number."""
-        raise NotImplementedError
+        raise TypeError(f"{self.name}: its error is its own, and cannot be left to the likelihood")
 
     def outside(self, theta: torch.Tensor) -> torch.Tensor:
         """Whether each row of `theta` (..., 10) lies where no simulation is near, bool (...).

@@ -208,11 +208,12 @@ class ExactGP(Emulator):
         return by_scaled / self.length_scales
 
     def _mean_slopes(self, scaled, slope) -> torch.Tensor:
-        """d(k weights)/dx, (M, D, 10)."""
-        slopes = torch.empty(*(len(slope), self.weights.shape[1], scaled.shape[1])).to(slope)
-        plain = slope @ self.weights
+        """d(k weights)/dx, (M, D, 10), of the values among the observations: they come first."""
+        weights = self.weights[: slope.shape[1]]
+        slopes = torch.empty(*(len(slope), weights.shape[1], scaled.shape[1])).to(slope)
+        plain = slope @ weights
         for p in range(scaled.shape[1]):
-            moment = slope @ (self._scaled[:, p, None] * self.weights)
+            moment = slope @ (self._scaled[:, p, None] * weights)
             slopes[:, :, p] = 2 * (scaled[:, p, None] * plain - moment)
         return slopes / self.length_scales
 

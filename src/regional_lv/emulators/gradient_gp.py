@@ -77,32 +77,26 @@ class GradientGP(ExactGP):
         return torch.cat([value, *slopes], dim=1), (u, first, second)
 
     def _pull_back(self, by_k, u, first, second):
-        n, v = first.shape[1], self._scaled
-        by_value = 2 * by_k[:, :n] * first
-        by_u = by_value.sum(1, keepdim=True) * u - by_value @ v
-        v, first = v[self.sloped], first[:, None, self.sloped]
+        n, v = first.shape[1], self._scaled[self.sloped]
+        by_values = super()._pull_back(by_k[:, :n], u, first)
+        first = first[:, None, self.sloped]
         by_slope = by_k[:, n:].reshape(len(u), u.shape[1], -1) / self.length_scales[:, None]
         along = (u[:, None, :] @ by_slope)[:, 0] - (by_slope * v.T).sum(1)
         bend = -4 * second * along
-        by_u = by_u + bend.sum(1, keepdim=True) * u - bend @ v - 2 * (first * by_slope).sum(-1)
-        return by_u / self.length_scales
+        by_u = bend.sum(1, keepdim=True) * u - bend @ v - 2 * (first * by_slope).sum(-1)
+        return by_values + by_u / self.length_scales
 
     def _mean_slopes(self, u, first, second):
-        n, v = first.shape[1], self._scaled
-        plain = first @ self.weights[:n]
-        moments = torch.stack(
-            [first @ (v[:, p, None] * self.weights[:n]) for p in range(u.shape[1])], -1
-        )
-        slopes = 2 * (plain[..., None] * u[:, None, :] - moments)
-        v, first = v[self.sloped], first[:, self.sloped]
+        n, v = first.shape[1], self._scaled[self.sloped]
+        of_values = super()._mean_slopes(u, first)
         weights = (
             self.weights[n:].reshape(u.shape[1], len(v), -1) / self.length_scales[:, None, None]
         )
         along = torch.tensordot(u, weights, 1) - (v.T[..., None] * weights).sum(0)
         bend = -4 * second[..., None] * along
-        slopes = slopes + bend.sum(1)[..., None] * u[:, None, :] - bend.mT @ v
-        slopes = slopes - 2 * torch.tensordot(first, weights, ([1], [1])).mT
-        return slopes / self.length_scales
+        by_u = bend.sum(1)[..., None] * u[:, None, :] - bend.mT @ v
+        by_u = by_u - 2 * torch.tensordot(first[:, self.sloped], weights, ([1], [1])).mT
+        return of_values + by_u / self.length_scales
 
     def _leave_one_out(self, precision, targets):
         """Without a simulation's derivatives, too: blocks of the projected precision.

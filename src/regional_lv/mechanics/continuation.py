@@ -17,8 +17,6 @@ from regional_lv.mechanics.simulator import Simulator, State
 MOST_GROWTH = 2.0
 LEAST_SHARE = 1 / 16
 
-IS_C_A = np.array([name.startswith("C_a") for name in aha.PARAMETERS])
-
 
 class NotConverged(ArithmeticError):
     """Newton's method stopped without a solution; the message says how."""
@@ -239,7 +237,7 @@ class Runner:
         """Guessed field at a `fraction` of the load: stresses are proportional to C_a, so that the
         displacement is that of a wall as many times stiffer at the full load, and the pressures in
         the wall are as many times smaller. Springs and other loads make it a worse guess only."""
-        stiffer = np.where(IS_C_A, theta / fraction, theta)
+        stiffer = np.where(aha.IS_C_A, theta / fraction, theta)
         guess = fraction * self.guess.field(stiffer)
         guess[self.solver.simulator.displacement_dofs] /= fraction
         return guess

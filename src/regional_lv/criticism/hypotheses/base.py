@@ -10,6 +10,8 @@ from typing import ClassVar
 
 import numpy as np
 
+from regional_lv import aha
+
 
 class Hypothesis(ABC):
     """A physical extension of the base model, f(theta, psi) with f(theta, base) = f(theta).
@@ -148,8 +150,7 @@ def pressure_scaled(theta, factor):
     """
     import torch
 
-    is_a = torch.arange(theta.shape[-1]) % 2 == 0
-    return torch.where(is_a, theta / factor[..., None], theta)
+    return torch.where(torch.as_tensor(aha.IS_C_A), theta / factor[..., None], theta)
 
 
 def why_not_scaling(physics: dict) -> str:
