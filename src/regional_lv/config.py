@@ -20,7 +20,7 @@ import yaml
 
 from regional_lv.criticism.hypotheses import REGISTRY
 from regional_lv.errors import InputError
-from regional_lv.resources import PUBLISHED, PUBLISHED_HEART, PUBLISHED_ROWS
+from regional_lv.resources import PUBLISHED, PUBLISHED_HEART, PUBLISHED_ROWS, SLICES_OF_LEVEL
 from regional_lv.schema import load_schema
 
 MARK = "<!-- The tables below are written from the schema by `make format`. -->\n"
@@ -471,6 +471,11 @@ def _check_subject(key: str, subject: dict, name: str, synthetic: dict) -> Itera
         yield f"{key}.measured: only `source: file` reads a file; remove one of the two"
     if subject.get("frame") is not None and source != "published_volunteer":
         yield f"{key}.frame: only `source: published_volunteer` has frames; remove one of the two"
+    slices = subject.get("slices")
+    if slices is not None and subject.get("frame") is None:
+        yield f"{key}.slices: slices are of a frame; add `frame: extrema` or the number of one"
+    if slices is not None and not all(set(level) & set(slices) for level in SLICES_OF_LEVEL):
+        yield f"{key}.slices: {slices} lacks a level; name one of 1 and 2, one of 3 and 4, and 5"
     row = subject.get("row")
     if source == "published_simulation" and row is None:
         yield f"{key}.row: missing; give the row of the published simulation (1, 2, ...)"

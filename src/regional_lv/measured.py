@@ -20,6 +20,7 @@ import pandas as pd
 
 from regional_lv import aha
 from regional_lv.errors import InputError
+from regional_lv.resources import SLICES_OF_LEVEL
 
 REQUIRED = ("quantity", "segment", "value", "unit")
 OPTIONAL = ("sd", "frame", "slice", "source")
@@ -319,15 +320,19 @@ def write_measured(table: pd.DataFrame, path: str | Path) -> None:
 
 
 def published_volunteer(
-    case: str | Path, curves: str | Path | None = None, frame: int | str | None = None
+    case: str | Path,
+    slices: list[str | Path] | None = None,
+    frame: int | str | None = None,
+    chosen: list[int] | None = None,
 ) -> pd.DataFrame:
     """The healthy volunteer of the paper as a measured table.
 
     `case`: header-less CSV, one row of 33: volume (mL), then 16 circumferential and 16 radial
-    strains in the published order of segments, without the apex. `curves` (CSV with a header and
-    a row per cine frame, first column `source`, the same 32 strains): if given, the strains are
-    those of its frame number `frame` (1, 2, ...), or with "extrema" those of its first row, the
-    largest ones of each segment, whenever they occur. Raises InputError otherwise.
+    strains in the published order of segments, without the apex. `slices`: CSVs with a row per
+    cine frame, one for each short-axis slice; if given, the strains are those of frame
+    number `frame` (1, 2, ...), or with "extrema" the largest of each segment in each slice,
+    whenever they occur; `chosen`, numbers of the slices that count, all if None. Raises InputError
+    otherwise.
     """
     try:
         row = np.loadtxt(case, delimiter=",", ndmin=2)
@@ -336,26 +341,53 @@ def published_volunteer(
     if row.shape != (1, 33):
         raise _error(case, None, f"shape {row.shape} instead of (1, 33); fetch it again")
     values, source = row[0], "published volunteer"
-    if curves is not None:
-        values = np.concatenate([values[:1], _curve(curves, frame)])
+    if slices is not None:
+        values = np.concatenate([values[:1], _slice_strains(slices, frame, chosen)])
         source += f", frame {frame}"
+        if chosen:
+            source += f", slices {', '.join(map(str, chosen))}"
     order = sorted(aha.SEGMENTS, key=lambda segment: segment.published_order)[:16]
     channels = [("volume", None)]
     channels += [(q, s.number) for q in ("circumferential", "radial") for s in order]
     return _published(channels, values, source)
 
 
-def _curve(curves: str | Path, frame: int | str) -> np.ndarray:
-    """The 32 strains of one frame of the volunteer's curves, in published order."""
+_SECTORS = ((0,), (1,), (2,), (3,), (4,), (5,))
+"""A slice's columns, each direction: the six sectors of the published order of segments."""
+
+_APICAL_SECTORS = ((0, 1), (2,), (3, 4), (5,))
+"""Septal, anterior, lateral, inferior: means of the sectors that they contain."""
+
+
+def _slice_strains(slices, frame: int | str, chosen: list[int] | None) -> np.ndarray:
+    """The 32 strains of one frame, in published order: per level the mean over its slices."""
+    tables = [_slice(path, frame) for path in slices]
+    values = []
+    for direction in (0, 1):
+        for numbers, sectors in zip(
+            SLICES_OF_LEVEL, (_SECTORS, _SECTORS, _APICAL_SECTORS), strict=True
+        ):
+            used = [n for n in numbers if chosen is None or n in chosen]
+            mean = np.mean([tables[n - 1][direction] for n in used], axis=0)
+            values += [mean[list(columns)].mean() for columns in sectors]
+    return np.array(values)
+
+
+def _slice(path: str | Path, frame: int | str) -> np.ndarray:
+    """Circumferential and radial strains (2, 6) of one slice."""
     try:
-        table = pd.read_csv(curves, index_col="source")
-    except (OSError, ValueError, KeyError) as error:
-        raise _error(curves, None, f"cannot be read ({error}); fetch it again") from error
-    name = frame if frame == "extrema" else f"row_{frame - 1}"
-    if name not in table.index:
-        last = len(table.index) - 1
-        raise _error(curves, None, f"no frame {frame}; choose one of 1 to {last}, or extrema")
-    return table.loc[name].to_numpy(float)
+        curves = np.loadtxt(path, delimiter=",", skiprows=1, ndmin=2)
+    except (OSError, ValueError) as error:
+        raise _error(path, None, f"cannot be read ({error}); fetch it again") from error
+    if curves.shape[1] != 12 or len(curves) < 2:
+        raise _error(path, None, f"{curves.shape} instead of 12 columns; fetch it again")
+    # The first row is the reference: end-diastole, no strain.
+    curves = curves[1:].reshape(-1, 2, 6)
+    if frame == "extrema":
+        return np.stack([curves[:, 0].min(0), curves[:, 1].max(0)])
+    if frame > len(curves):
+        raise _error(path, None, f"no frame {frame}; choose 1 to {len(curves)}, or extrema")
+    return curves[frame - 1]
 
 
 def published_simulation(

@@ -24,7 +24,10 @@ NETWORK_VARIABLE = "REGIONAL_LV_REPOSITORY_ANSWERS"
 """Set by the first process that asked; the jobs it starts inherit the answer."""
 
 VOLUNTEER = "measured/ACase.csv"
-VOLUNTEER_CURVES = "measured/AHA17_rows_full_labels_cir_then_rad.csv"
+VOLUNTEER_SLICES = tuple(f"measured/slice{number}.csv" for number in range(1, 6))
+"""Strains over the cine frames, a file per short-axis slice, from base to apex."""
+SLICES_OF_LEVEL = ((1, 2), (3, 4), (5,))
+"""Numbers of these slices at the basal, mid and apical level."""
 HEART_MESH = "mesh/hexheartLVmeshF60S45.inp"
 HEART_SEGMENTS = "mesh/AHALVMeshDivisionPCAReconstructed.mat"
 TRAINING_INPUTS = "simulations/X_train_Final_10.csv"
@@ -49,10 +52,20 @@ FILES = {
     VOLUNTEER: Published(
         "ACase/ACase.csv", "62a4c71de9f7608cb22edabb06e9b63aa58c6fa291f887bf7c2856d216e39906"
     ),
-    VOLUNTEER_CURVES: Published(
-        "ACase/AHA17_rows_full_labels_cir_then_rad.csv",
-        "13c5785c59ddf56335c07308440443b34e90fce9bf26573efaf02c80c6280a1f",
-    ),
+    **{
+        path: Published(f"ACase/{Path(path).name}", digest)
+        for path, digest in zip(
+            VOLUNTEER_SLICES,
+            (
+                "1b215d983c501e9f5aa871c5a932cb9669b7268773c8edcfcecda492e806c11d",
+                "773fde1d2f4c7a3be8417b560efc1afc69275f307a9688c8d4d6ef2684f03ce4",
+                "ffd3d00811f71f0accc4b906acfe4902e6eec2ecfea6150da61584c9faeac645",
+                "6d1b6e68a56dda6f3facf218e6226f137e1f686609826615a53e0e60ae1bbdcb",
+                "dd2515530bc0868a99b249b9e73e984f960f7304b24bd9c20c3a0402c6fd44f2",
+            ),
+            strict=True,
+        )
+    },
     HEART_MESH: Published(
         "LVmeshV/hexheartLVmeshF60S45.inp",
         "28542da10e407e9544738da2c651ed3152d9fdcb6ba2c66446c9abb070add74a",

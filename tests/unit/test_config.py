@@ -205,6 +205,19 @@ MISTAKES = [
         "subjects.anna.measured",
         "remove one of the two",
     ),
+    (
+        changed("subjects.anna", {"source": "published_volunteer", "slices": [1, 3, 5]}),
+        "subjects.anna.slices",
+        "add `frame",
+    ),
+    (
+        changed(
+            "subjects.anna",
+            {"source": "published_volunteer", "frame": "extrema", "slices": [1, 5]},
+        ),
+        "subjects.anna.slices: ",
+        "name one of 1 and 2",
+    ),
 ]
 
 

@@ -224,27 +224,44 @@ def test_volunteer_of_another_shape_is_refused(tmp_path):
         published_volunteer(file)
 
 
-def volunteer_curves(folder: Path) -> tuple[Path, Path]:
-    """A volunteer, and curves whose strains in frame k are k hundredths (circumferential: -)."""
-    case, curves = folder / "ACase.csv", folder / "curves.csv"
+def volunteer_slices(folder: Path) -> tuple[Path, list[Path]]:
+    """A volunteer, and slices n = 1-5 whose strain in frame k and sector j is n + k / 10 + j / 100
+    (circumferential: -)."""
+    case = folder / "ACase.csv"
     case.write_text(",".join(["180.9", *["-0.15"] * 16, *["0.4"] * 16]))
-    names = [f"{place}_{d}" for d in ("cir", "rad") for place in range(16)]
-    rows = [["source", *names], ["extrema", *["-0.5"] * 16, *["0.5"] * 16]]
-    rows += [[f"row_{k - 1}", *[-k / 100] * 16, *[k / 100] * 16] for k in (1, 2, 3)]
-    curves.write_text("\n".join(",".join(map(str, row)) for row in rows) + "\n")
-    return case, curves
+    slices = []
+    for n in range(1, 6):
+        rows = [[n + k / 10 + j / 100 for j in range(6)] for k in range(5)]
+        lines = [",".join(f"{v}" for v in [*(-value for value in row), *row]) for row in rows]
+        slices.append(folder / f"slice{n}.csv")
+        slices[-1].write_text("\n".join(["names", *lines]) + "\n")
+    return case, slices
 
 
-@pytest.mark.parametrize(("frame", "strain"), [(3, 0.03), ("extrema", 0.5)])
-def test_volunteer_of_one_frame(tmp_path, frame, strain):
-    table = published_volunteer(*volunteer_curves(tmp_path), frame)
-    assert table["value"].tolist() == [180.9, *[-strain] * 16, *[strain] * 16]
-    assert table["source"].unique().tolist() == [f"published volunteer, frame {frame}"]
+def test_volunteer_of_one_frame_is_the_mean_of_the_slices_at_each_level(tmp_path):
+    case, slices = volunteer_slices(tmp_path)
+    table = published_volunteer(case, slices, 2).set_index("output")["value"]
+    assert table["volume_ml"] == 180.9
+    # AHA 1 is the third sector, 8 the second; apical septal (14) joins the first two.
+    expected = {1: 1.5 + 0.2 + 0.02, 8: 3.5 + 0.2 + 0.01, 14: 5 + 0.2 + 0.005, 15: 5 + 0.2 + 0.05}
+    for segment, strain in expected.items():
+        assert table[f"radial_{segment:02d}"] == pytest.approx(strain)
+        assert table[f"circumferential_{segment:02d}"] == pytest.approx(-strain)
 
 
-def test_frame_that_the_curves_lack(tmp_path):
-    with pytest.raises(InputError, match="no frame 4; choose one of 1 to 3, or extrema"):
-        published_volunteer(*volunteer_curves(tmp_path), 4)
+def test_volunteer_of_chosen_slices_and_of_extrema(tmp_path):
+    table = published_volunteer(*volunteer_slices(tmp_path), "extrema", [2, 3, 5])
+    values = table.set_index("output")["value"]
+    assert values["radial_03"] == pytest.approx(2 + 0.4)
+    assert values["circumferential_09"] == pytest.approx(-(3 + 0.4))
+    assert table["source"].unique().tolist() == [
+        "published volunteer, frame extrema, slices 2, 3, 5"
+    ]
+
+
+def test_frame_that_the_slices_lack(tmp_path):
+    with pytest.raises(InputError, match=r"slice1.csv: no frame 5; choose 1 to 4, or extrema"):
+        published_volunteer(*volunteer_slices(tmp_path), 5)
 
 
 def test_published_simulation_gets_official_segment_numbers(tmp_path):

@@ -43,7 +43,7 @@ from regional_lv.resources import (  # noqa: E402
     TRAINING_INPUTS,
     TRAINING_OUTPUTS,
     VOLUNTEER,
-    VOLUNTEER_CURVES,
+    VOLUNTEER_SLICES,
     fetched_path,
     volunteer_available,
 )
@@ -209,10 +209,10 @@ def subject_seed(name):
 
 
 def volunteer_files(wildcards):
-    """The volunteer's published file, and the curves over time where one frame is asked for."""
+    """The volunteer's published file, and the slices' curves where one frame is asked for."""
     files = {"case": fetched_path(config["study"], VOLUNTEER)}
     if config["subjects"][wildcards.subject]["frame"] is not None:
-        files["curves"] = fetched_path(config["study"], VOLUNTEER_CURVES)
+        files["slices"] = [fetched_path(config["study"], path) for path in VOLUNTEER_SLICES]
     return files
 
 

@@ -45,6 +45,7 @@ rule import_volunteer:
         f"{R}/measured/{{subject}}.csv",
     params:
         frame=lambda wildcards: config["subjects"][wildcards.subject]["frame"],
+        slices=lambda wildcards: config["subjects"][wildcards.subject]["slices"],
     wildcard_constraints:
         subject=subjects_from("published_volunteer"),
     log:

@@ -4,6 +4,10 @@ from regional_lv.measured import published_volunteer, write_measured
 from regional_lv.progress import start_log
 
 start_log(snakemake.log[0])
-curves = snakemake.input.get("curves")
-table = published_volunteer(snakemake.input.case, curves, snakemake.params.frame)
+table = published_volunteer(
+    snakemake.input.case,
+    snakemake.input.get("slices"),
+    snakemake.params.frame,
+    snakemake.params.slices,
+)
 write_measured(table, snakemake.output[0])
