@@ -29,12 +29,14 @@ def draw_residuals(findings: dict, png: Path, csv: Path) -> None:
     if len(findings["rounds"]) == 1:
         steps.pop("after")
     tables = {when: pd.DataFrame(step["channels"]) for when, step in steps.items()}
-    fig = style.figure(9.6, 3.2 * len(steps) + 0.3)
-    axes = fig.subplots(len(steps), 3, squeeze=False)
+    measured = set(tables["before"]["quantity"])
+    directions = [d for d in aha.DIRECTIONS if d in measured]
+    fig = style.figure(2.9 * len(directions) + 0.9, 3.2 * len(steps) + 0.3)
+    axes = fig.subplots(len(steps), len(directions), squeeze=False)
     scale = None
     for row, (when, table) in zip(axes, tables.items(), strict=True):
         volume = table.loc[table["quantity"] == "volume", "z"]
-        for ax, direction in zip(row, aha.DIRECTIONS, strict=True):
+        for ax, direction in zip(row, directions, strict=True):
             z = table[table["quantity"] == direction].groupby("segment")["z"].mean()
             values = z.reindex([s.number for s in aha.SEGMENTS]).to_numpy(float)
             labels = [f"{v:+.1f}" if np.isfinite(v) else "" for v in values]
@@ -82,11 +84,15 @@ def draw_causes(findings: dict, png: Path, csv: Path) -> None:
     strength = -np.log10(table["p_value"].to_numpy(float))
     left.barh(at, np.where(table["identifiable"], strength, 0.0), color=colours, height=0.65)
     for y, (_, row) in zip(at, table.iterrows(), strict=True):
-        text = f"z = {row['z']:+.1f}" if row["identifiable"] else "not identifiable"
-        left.text(0.02, y, f"  {text}", va="center", fontsize=7.5)
+        known = row["identifiable"]
+        text = f"z = {row['z']:+.1f}" if known else "not identifiable"
+        end = -np.log10(row["p_value"]) if known else 0.0
+        left.text(end, y, f"  {text}", va="center", fontsize=7.5)
     left.axvline(-np.log10(0.05), color=style.BLACK, linestyle="--", linewidth=0.8)
     left.set_yticks(at, table["cause"])
-    ticks = [p for p in (1, 0.3, 0.1, 0.03, 0.01, 0.003, 0.001) if p >= table["p_value"].min() / 2]
+    least = min(table["p_value"].min(), 0.05)
+    ticks = [p for p in (1, 0.3, 0.1, 0.03, 0.01, 0.003, 0.001) if p >= least / 2]
+    left.set_xlim(0, -1.3 * np.log10(least))
     left.set_xticks([-np.log10(p) for p in ticks], [f"{p:g}" for p in ticks])
     left.set_xlabel("family-wise p-value (dashed: 0.05)")
     fitted = table["elpd_gain"].notna().to_numpy()
@@ -99,7 +105,7 @@ def draw_causes(findings: dict, png: Path, csv: Path) -> None:
         markersize=4,
     )
     right.axvline(0, color=style.GREY, linewidth=0.8)
-    right.set_xlabel("gain in log predictive density (+- 2 se)")
+    right.set_xlabel("gain in log density (\u00b1 2 se)")
     style.save(fig, table, png, csv)
 
 
@@ -161,6 +167,6 @@ def draw_theta(findings: dict, png: Path, csv: Path) -> None:
     ax.axhline(1, color=style.LIGHT, zorder=0)
     labels = [style.parameter_label(p) for p in table["parameter"]]
     ax.set_xticks(at, labels, rotation=45, ha="right")
-    ax.set_ylabel("factor (+- 2 sd)")
+    ax.set_ylabel("factor (\u00b1 2 sd)")
     ax.legend()
     style.save(fig, table, png, csv)
