@@ -105,7 +105,7 @@ def draw_causes(findings: dict, png: Path, csv: Path) -> None:
         markersize=4,
     )
     right.axvline(0, color=style.GREY, linewidth=0.8)
-    right.set_xlabel("gain in log density (\u00b1 2 se)")
+    right.set_xlabel("gain in log density (± 2 se)")
     style.save(fig, table, png, csv)
 
 
@@ -167,6 +167,6 @@ def draw_theta(findings: dict, png: Path, csv: Path) -> None:
     ax.axhline(1, color=style.LIGHT, zorder=0)
     labels = [style.parameter_label(p) for p in table["parameter"]]
     ax.set_xticks(at, labels, rotation=45, ha="right")
-    ax.set_ylabel("factor (\u00b1 2 sd)")
+    ax.set_ylabel("factor (± 2 sd)")
     ax.legend()
     style.save(fig, table, png, csv)
