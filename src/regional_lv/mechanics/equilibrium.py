@@ -169,8 +169,10 @@ class Equilibrium:
     def _rotate(self, vector: np.ndarray, sign: float = 1.0) -> np.ndarray:
         """Nodes to turn from x, y to r, theta (`sign` 1) or back (-1), in place."""
         x, y = vector[self._x].copy(), vector[self._y].copy()
-        vector[self._x] = self._cos * x + sign * self._sin * y
-        vector[self._y] = self._cos * y - sign * self._sin * x
+        # Residuals of a step that went astray may be infinite; whoever took it looks at their norm.
+        with np.errstate(invalid="ignore"):
+            vector[self._x] = self._cos * x + sign * self._sin * y
+            vector[self._y] = self._cos * y - sign * self._sin * x
         return vector
 
     def supported(self, w: np.ndarray) -> np.ndarray:
