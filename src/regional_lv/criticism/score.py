@@ -15,7 +15,10 @@ from regional_lv.criticism.model import Model
 from regional_lv.criticism.observations import contrasts
 from regional_lv.progress import Progress
 
-BATCH = 250
+BATCH, LARGEST_MATRICES = 250, 5e7
+"""Data sets that are fitted at once, at most: and as many as have so many numbers in their
+projections, which several hearts together make large."""
+
 TAILS = (0.02, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4)
 """Values of 1 / nu that the test for heavy tails tries."""
 
@@ -187,9 +190,10 @@ def bootstrap(model: Model, best: Fit, extensions, replicates: int, seed: int) -
     generator = torch.Generator().manual_seed(seed)
     factor = torch.linalg.cholesky(model.covariance(best.x))
     mean = model.observations.y - best.residual[0]
+    batch = max(1, min(BATCH, int(LARGEST_MATRICES / mean.numel() ** 2)))
     parts, progress = [], Progress("bootstrap", replicates)
-    for first in range(0, replicates, BATCH):
-        count = min(BATCH, replicates - first)
+    for first in range(0, replicates, batch):
+        count = min(batch, replicates - first)
         deviates = torch.randn(count, *mean.shape, generator=generator, dtype=torch.float64)
         y = mean + (factor @ deviates[..., None])[..., 0]
         y = torch.where(model.observations.present, y, 0.0)
