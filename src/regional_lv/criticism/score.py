@@ -185,21 +185,25 @@ def _channel_groups(model: Model) -> list[torch.Tensor]:
     return found
 
 
-def bootstrap(model: Model, best: Fit, extensions, replicates: int, seed: int) -> Statistics:
-    """`statistics` of data drawn from the fitted model, each fitted anew (M = replicates)."""
+def replicates_of(model: Model, best: Fit, count: int, seed: int) -> torch.Tensor:
+    """Data sets (count, S, D) drawn from the fitted model, zero where nothing was observed."""
     generator = torch.Generator().manual_seed(seed)
     factor = torch.linalg.cholesky(model.covariance(best.x))
     mean = model.observations.y - best.residual[0]
-    batch = max(1, min(BATCH, int(LARGEST_MATRICES / mean.numel() ** 2)))
+    deviates = torch.randn(count, *mean.shape, generator=generator, dtype=torch.float64)
+    y = mean + (factor @ deviates[..., None])[..., 0]
+    return torch.where(model.observations.present, y, 0.0)
+
+
+def bootstrap(model: Model, best: Fit, extensions, replicates: int, seed: int) -> Statistics:
+    """`statistics` of data drawn from the fitted model, each fitted anew (M = replicates)."""
+    data = replicates_of(model, best, replicates, seed)
+    batch = max(1, min(BATCH, int(LARGEST_MATRICES / data[0].numel() ** 2)))
     parts, progress = [], Progress("bootstrap", replicates)
-    for first in range(0, replicates, batch):
-        count = min(batch, replicates - first)
-        deviates = torch.randn(count, *mean.shape, generator=generator, dtype=torch.float64)
-        y = mean + (factor @ deviates[..., None])[..., 0]
-        y = torch.where(model.observations.present, y, 0.0)
-        found = fit(model, y, best.x.repeat(count, 1))
+    for y in data.split(batch):
+        found = fit(model, y, best.x.repeat(len(y), 1))
         parts.append(statistics(model, found, extensions))
-        progress.step(count=count)
+        progress.step(count=len(y))
     return Statistics(
         {k: torch.cat([part.misfit[k] for part in parts]) for k in parts[0].misfit},
         parts[0].names,

@@ -25,6 +25,7 @@ from regional_lv.criticism.posterior import (
     leave_out,
     sample,
 )
+from regional_lv.criticism.ratio import likelihood_ratios
 from regional_lv.emulators.base import Emulator
 from regional_lv.seeds import derive
 
@@ -238,7 +239,12 @@ def _round(
     testable = int(model.observations.present.sum()) > len(model.low)
     # With as many coordinates as channels every residual is round-off.
     misfit = score.judge_misfit(observed, null) if testable else score.Misfit(1.0, {}, [])
-    causes, critical = _rank(model, best, extensions, noises, observed, null, settings.level)
+    # Of several hearts together the noise is known well enough for scores.
+    both = testable and len(model.observations.units) > 0 and len(model.observations.subjects) == 1
+    level = settings.level / 2 if both else settings.level
+    causes, critical = _rank(model, best, extensions, noises, observed, null, level)
+    if both:
+        causes = _fit_all(model, best, extensions, causes, misfit.p_value, settings.level, seed)
     rejected = testable and bool(causes) and min(c.p_value for c in causes) <= settings.level
     if rejected or first:
         _fit_leading(base, causes, settings, seed)
@@ -310,7 +316,27 @@ def _rank(model, best, extensions, noises, observed, null, level) -> tuple[list[
         causes.append(Cause(hypothesis, None, z, p, over_catalogue(z), known))
         causes[-1].log_evidence = float(observed.tail_evidence[0])
     critical = math.nan if largest is None else float(largest.quantile(1 - level))
-    return sorted(causes, key=lambda c: (c.p_value, c.p_single, -abs(c.z))), critical
+    return sorted(causes, key=_conspicuous), critical
+
+
+def _fit_all(model, best, extensions, causes, misfit: float, level: float, seed: int):
+    """Causes with the p-values of two tests where the noise is inferred, most conspicuous first.
+
+    Where the model is wrong and no score says why, every cause is fitted. Each test has half the
+    level.
+    """
+    ratios: dict[str, float] = {}
+    if misfit <= level and causes and 2 * min(c.p_value for c in causes) > level:
+        shown = {c.name for c in causes if c.identified.identifiable}
+        tested = [e for e in extensions if e.hypothesis.name in shown]
+        ratios = likelihood_ratios(model, best, tested, derive(seed, "ratios")) if tested else {}
+    for cause in causes:
+        cause.p_value = min(1.0, 2 * min(cause.p_value, ratios.get(cause.name, 1.0)))
+    return sorted(causes, key=_conspicuous)
+
+
+def _conspicuous(cause: Cause) -> tuple:
+    return cause.p_value, cause.p_single, -abs(cause.z)
 
 
 def _laplace_gain(extension, identified: Identified, z: float) -> float:
