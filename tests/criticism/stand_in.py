@@ -164,3 +164,17 @@ def measured(emulator, extension=None, psi=0.0, seed=0, strain=0.01, theta=THETA
     unit = np.random.default_rng(seed).standard_normal(len(outputs))
     table = synthetic_subject(outputs.numpy(), {"strain": strain, "volume": 100 * strain}, unit)
     return table if known else table.assign(sd=math.nan)
+
+
+class Bent(Extension):
+    """An effect that begins at the apex and ends with the pattern."""
+
+    def mean(self, base, theta, psi, at_base=None):
+        d = psi - self.hypothesis.base
+        at = torch.tensor([aha.OUTPUTS.index(o) for o in self.outputs])
+        first = pattern("radial", [14, 17], 0.02)[at]
+        later = Extension.mean(self, base, theta, self.hypothesis.base + d * d)
+        return d[..., None] * first + later
+
+    def select(self, outputs):
+        return Bent(self.hypothesis, self.pattern, self.component, tuple(outputs))
