@@ -75,6 +75,7 @@ class Hypothesis:
     description: str = "A change of the outputs."
     source: str = "made up"
     load_power: float = 0.0
+    signature_at: float | None = None
 
     def at_load(self, psi, fraction):
         return psi * fraction**self.load_power

@@ -1,6 +1,9 @@
 """Likelihood-ratio tests on a heart in closed form whose noise is inferred."""
 
+from dataclasses import replace
+
 import pytest
+import torch
 
 from regional_lv.criticism import ratio, score
 from regional_lv.criticism.extended import ExtendedEmulator
@@ -38,3 +41,15 @@ def test_a_cause_that_a_score_overlooks_is_found_when_fitted(causes):
 
 def test_nothing_is_found_where_nothing_is(causes):
     assert min(p_values(causes, psi=0.0)[2].values()) > 0.05
+
+
+def test_a_secant_sees_what_the_beginning_of_an_effect_does_not(causes):
+    """`signature_at` takes the direction from there, so that a score is enough."""
+    model, best, _ = p_values(causes, psi=1.0)
+    bent = causes[0]
+    secant = Bent(replace(bent.hypothesis, signature_at=1.0), bent.pattern)
+    at_base, along = score.statistics(model, best, [bent, secant]).causes[0].abs()
+    assert along > 1.5 * at_base
+    theta = model.theta(best.x)
+    one = torch.ones(theta.shape[:-1], dtype=theta.dtype)
+    assert torch.allclose(model.signature(secant, best.x), secant.mean(None, theta, one))

@@ -94,10 +94,13 @@ class ExtendedEmulator:
 
     @torch.no_grad()
     def signature(self, extension, theta: torch.Tensor) -> torch.Tensor:
-        """d(outputs)/d(psi) (..., D) of one more extension at its base value."""
+        """d(outputs)/d(psi) (..., D) of one more extension at its base value, or up to where its
+        hypothesis says (`signature_at`)."""
         h = extension.hypothesis
         step = STEP * (h.high - h.low)
         ahead, behind = min(h.base + step, h.high), max(h.base - step, h.low)
+        if h.signature_at is not None:
+            ahead, behind = h.signature_at, h.base
         base = theta.new_full(theta.shape[:-1], h.base)
         outputs = self.emulator.predict_mean(theta)
         difference = extension.mean(self._base, theta, base + (ahead - h.base), outputs)

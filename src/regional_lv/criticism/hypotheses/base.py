@@ -34,6 +34,9 @@ class Hypothesis(ABC):
     low: float
     high: float
     components: tuple[str, ...] = ("",)
+    signature_at: ClassVar[float | None] = None
+    """Psi up to which the signature is a secant from the base value, for effects that begin unlike
+    they go on; None for the derivative at the base value."""
 
     def why_not(self, physics: dict) -> str:
         """Why it cannot be asked of a study with these physics; empty if it can."""
