@@ -110,8 +110,7 @@ class Pressure(Extension):
         super().__init__(PRESSURE, None, "", outputs)
 
     def mean(self, base, theta, psi, at_base=None):
-        kind = torch.tensor([name.startswith("C_a") for name in aha.PARAMETERS])
-        moved = torch.where(kind, theta * (8 / psi[..., None]), theta)
+        moved = torch.where(torch.as_tensor(aha.IS_C_A), theta * (8 / psi[..., None]), theta)
         return base.predict(moved).mean - base.predict(theta).mean
 
     def select(self, outputs):

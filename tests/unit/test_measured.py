@@ -240,8 +240,10 @@ def volunteer_slices(folder: Path) -> tuple[Path, list[Path]]:
 
 def test_volunteer_of_one_frame_is_the_mean_of_the_slices_at_each_level(tmp_path):
     case, slices = volunteer_slices(tmp_path)
-    table = published_volunteer(case, slices, 2).set_index("output")["value"]
-    assert table["volume_ml"] == 180.9
+    whole = published_volunteer(case, slices, 2)
+    assert whole["source"].unique().tolist() == ["published volunteer, frame 2"]
+    table = whole.set_index("output")["value"]
+    assert len(table) == 33 and table["volume_ml"] == 180.9
     # AHA 1 is the third sector, 8 the second; apical septal (14) joins the first two.
     expected = {1: 1.5 + 0.2 + 0.02, 8: 3.5 + 0.2 + 0.01, 14: 5 + 0.2 + 0.005, 15: 5 + 0.2 + 0.05}
     for segment, strain in expected.items():

@@ -7,7 +7,7 @@ fitted in earnest: with theta and a smaller noise, all anew, in every replicate.
 
 import torch
 
-from regional_lv.criticism.fit import fit
+from regional_lv.criticism.fit import Fit, fit
 from regional_lv.criticism.model import Model
 from regional_lv.criticism.score import Projected, cause_score, replicates_of, share_beyond
 from regional_lv.progress import Progress
@@ -21,12 +21,12 @@ STARTS = (0.25, 0.75)
 ITERATIONS = 30
 
 
-def likelihood_ratios(model: Model, best, extensions, seed: int) -> dict[str, float]:
+def likelihood_ratios(model: Model, best: Fit, extensions, seed: int) -> dict[str, float]:
     """Family-wise p-value of every hypothesis among `extensions`, by name.
 
     best: fit of `model` to its observations. The statistic is twice the gain of the objective of
     `fit`; of a hypothesis with several places, in the one with the largest score. Data and
-    replicates are treated alike, which makes the test exact whatever the fits miss.
+    replicates are treated alike: whatever the fits miss, they miss in both.
     """
     y = torch.cat([model.observations.y[None], replicates_of(model, best, REPLICATES, seed)])
     base = fit(model, y, best.x.repeat(len(y), 1))

@@ -15,9 +15,11 @@ from regional_lv.criticism.model import Model
 from regional_lv.criticism.observations import contrasts
 from regional_lv.progress import Progress
 
-BATCH, LARGEST_MATRICES = 250, 5e7
-"""Data sets that are fitted at once, at most: and as many as have so many numbers in their
-projections, which several hearts together make large."""
+BATCH = 250
+"""Data sets that are fitted at once, at most."""
+
+LARGEST_MATRICES = 5e7
+"""Numbers in the projections of those fitted at once: several hearts together make them large."""
 
 TAILS = (0.02, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4)
 """Values of 1 / nu that the test for heavy tails tries."""

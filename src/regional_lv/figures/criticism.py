@@ -82,12 +82,11 @@ def draw_causes(findings: dict, png: Path, csv: Path) -> None:
         for n, ok in zip(table["name"], table["identifiable"], strict=True)
     ]
     strength = -np.log10(table["p_value"].to_numpy(float))
-    left.barh(at, np.where(table["identifiable"], strength, 0.0), color=colours, height=0.65)
-    for y, (_, row) in zip(at, table.iterrows(), strict=True):
-        known = row["identifiable"]
-        text = f"z = {row['z']:+.1f}" if known else "not identifiable"
-        end = -np.log10(row["p_value"]) if known else 0.0
-        left.text(end, y, f"  {text}", va="center", fontsize=7.5)
+    lengths = np.where(table["identifiable"], strength, 0.0)
+    left.barh(at, lengths, color=colours, height=0.65)
+    for y, length, (_, row) in zip(at, lengths, table.iterrows(), strict=True):
+        text = f"z = {row['z']:+.1f}" if row["identifiable"] else "not identifiable"
+        left.text(length, y, f"  {text}", va="center", fontsize=7.5)
     left.axvline(-np.log10(0.05), color=style.BLACK, linestyle="--", linewidth=0.8)
     left.set_yticks(at, table["cause"])
     least = min(table["p_value"].min(), 0.05)
