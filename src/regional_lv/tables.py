@@ -266,6 +266,13 @@ def pairs(path: Path) -> pd.DataFrame:
     return table
 
 
+def transforms(path: Path) -> pd.DataFrame:
+    """What the input transform does to each emulator (`estimates.transforms`), by its label."""
+    table = pd.read_csv(path)
+    table["emulator"] = [REGISTRY[name].architecture.label for name in table["emulator"]]
+    return table
+
+
 def sample_efficiency(curves: list[Path]) -> pd.DataFrame:
     """Errors against the number of simulations (`estimates.efficiency`), all curves."""
     return pd.concat([pd.read_csv(path) for path in curves], ignore_index=True)

@@ -9,7 +9,7 @@ import pytest
 from scipy import integrate, stats
 
 from regional_lv import aha, tables
-from regional_lv.estimates import ranking
+from regional_lv.estimates import ranking, transforms
 from regional_lv.figures import per_sample_mse, sample_efficiency
 
 CASES = 30
@@ -178,6 +178,31 @@ def test_tables_and_box_plots(study):
     assert len(data) == 3 * 2 * CASES
     assert data.loc[data["shortlisted"], "emulator"].unique().tolist() == ["dnn"]
     assert (study / "box.png").stat().st_size > 10_000
+
+
+def test_transforms_compare_an_emulator_with_itself(study):
+    """The other transform's files stand under `<emulator>-<transform>`, whichever it is."""
+    for name, other in (("mvgp", "identity"), ("dnn", "log")):
+        own, fits = (study / f / f"{name}-{other}" for f in ("estimates", "emulators"))
+        own.mkdir()
+        fits.mkdir()
+        estimates = pd.read_parquet(study / "estimates" / name / "test.parquet")
+        estimates.assign(mse=4 * estimates["mse"]).to_parquet(own / "test.parquet")
+        predictions = pd.read_parquet(study / "emulators" / name / "test_predictions.parquet")
+        predictions["truth"] *= 3  # the mean is 0
+        predictions.to_parquet(fits / "test_predictions.parquet")
+    transforms.compare_transforms(
+        *({"mvgp": "log", "dnn": "identity"}, study / "estimates", study / "emulators"),
+        *(study / "train.parquet", NUMBERS, study / "transforms.csv"),
+    )
+    table = pd.read_csv(study / "transforms.csv").set_index("emulator")
+    for quantity in ("param_mse_least_squares", "param_mse_weighted"):
+        np.testing.assert_allclose(table[f"{quantity}_gain"], [4, 1 / 4])
+    np.testing.assert_allclose(table["predictive_mse_gain"], [9, 1 / 9])
+    mvgp = table.loc["mvgp"]
+    assert np.isclose(mvgp["ratio_to_paper"], mvgp["param_mse_least_squares_identity"] / 0.0080)
+    labels = tables.transforms(study / "transforms.csv")["emulator"]
+    assert labels.tolist() == ["MVGP", "DNN"]
 
 
 def test_efficiency_figure_shows_all_curves(tmp_path):

@@ -35,6 +35,7 @@ def study(root, tmp_path) -> Path:
         "study": "tables",
         "simulations": {"source": "table", "tables": {"train": paths}, "holdout": 6},
         "emulators": {"names": ["exact_gp", "dnn"], "shortlist": {"names": ["exact_gp"]}},
+        "estimates": {"both_transforms": True},
         "subjects": {},
         "synthetic_subjects": {},
     }
@@ -60,8 +61,10 @@ def test_no_rule_needs_the_simulator(study):
     assert status == 0, output[-3000:]
     rules = set(re.findall(r"^(?:local)?(?:rule|checkpoint) (\w+):", output, flags=re.MULTILINE))
     assert {"import_simulations", "estimate_parameters", "rank_emulators"} <= rules
-    assert {"fit_stand_in", "sample_posteriors"} <= rules
+    assert {"fit_stand_in", "sample_posteriors", "make_table_transforms"} <= rules
     assert not rules & MECHANICS
+    for emulator in ("dnn", "dnn-identity"):
+        assert f"results/tables/estimates/{emulator}/test.parquet" in output
 
 
 def test_a_bad_table_stops_before_anything_runs(study):

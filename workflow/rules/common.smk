@@ -132,6 +132,22 @@ def simulation_table(name, kind):
 # Figures and tables of the stage `estimates`, up to the shortlist.
 COMPARISON_FIGURES = ["per_sample_mse", "sample_efficiency"]
 COMPARISON_TABLES = ["architectures", "ranking", "pairs", "sample_efficiency"]
+if config["estimates"]["both_transforms"]:
+    COMPARISON_TABLES.append("transforms")
+
+# An emulator with the input transform that it is not configured with is `<emulator>-<transform>`.
+OTHER_TRANSFORM = {
+    name: "identity" if config["emulators"][name]["input_transform"] == "log" else "log"
+    for name in config["emulators"]["names"]
+}
+TRANSFORMED = [f"{name}-{transform}" for name, transform in OTHER_TRANSFORM.items()]
+
+
+def emulator_settings(wildcards):
+    """Settings of an emulator, its name with or without an input transform."""
+    name, _, transform = wildcards.emulator.partition("-")
+    return config["emulators"][name] | ({"input_transform": transform} if transform else {})
+
 
 # Tables of finished simulations need not bring sensitivities; where an emulator is asked for that
 # learns from them, they do (the config is checked for that).

@@ -9,11 +9,11 @@ rule train_emulator:
         emulator=f"{R}/emulators/{{emulator}}.pt",
         report=f"{R}/emulators/{{emulator}}/fit.json",
     params:
-        settings=lambda wildcards: config["emulators"][wildcards.emulator],
+        settings=emulator_settings,
         bounds=BOUNDS,
         seed=config["seed"],
     wildcard_constraints:
-        emulator="|".join(config["emulators"]["names"]),
+        emulator=any_of([*config["emulators"]["names"], *TRANSFORMED]),
     log:
         f"{LOGS}/emulators/{{emulator}}/train.log",
     benchmark:

@@ -212,6 +212,46 @@ rule make_table_pairs:
         "../scripts/make_table_pairs.py"
 
 
+rule compare_transforms:
+    input:
+        estimates=expand(f"{ESTIMATES}/{{emulator}}/test.parquet", emulator=RANKED + TRANSFORMED),
+        predictions=expand(
+            f"{R}/emulators/{{emulator}}/test_predictions.parquet", emulator=RANKED + TRANSFORMED
+        ),
+        train=f"{R}/screening/train.parquet",
+        paper="resources/paper_numbers.csv",
+        library=library("estimates.transforms"),
+    output:
+        f"{ESTIMATES}/transforms.csv",
+    params:
+        transforms={name: config["emulators"][name]["input_transform"] for name in RANKED},
+    log:
+        f"{LOGS}/estimates/compare_transforms.log",
+    conda:
+        "../../envs/statistics.yaml"
+    script:
+        "../scripts/compare_transforms.py"
+
+
+rule make_table_transforms:
+    input:
+        transforms=f"{ESTIMATES}/transforms.csv",
+        library=library("tables"),
+    output:
+        csv=report(
+            f"{R}/tables/transforms.csv",
+            caption="../report/table_transforms.rst",
+            category="Emulator",
+        ),
+        tex=f"{R}/tables/transforms.tex",
+    log:
+        f"{LOGS}/tables/transforms.log",
+    conda:
+        "../../envs/figures.yaml"
+    script:
+        "../scripts/make_table_transforms.py"
+
+
 rule measure_efficiency:
     input:
         train=f"{R}/screening/train.parquet",
