@@ -11,7 +11,7 @@ from regional_lv.criticism.hypotheses import REGISTRY
 
 @pytest.fixture(scope="module")
 def entries():
-    return planted.random_subjects(140, 60, 5, REGISTRY, (0.1, 5.0))
+    return planted.random_subjects(10 * len(REGISTRY), 60, 5, REGISTRY, (0.1, 5.0))
 
 
 def test_every_hypothesis_is_planted_and_some_have_none(entries):
@@ -43,8 +43,8 @@ def test_theta_is_physiological_and_in_the_box():
 
 
 def test_subjects_follow_the_seed(entries):
-    again = planted.random_subjects(140, 60, 5, REGISTRY, (0.1, 5.0))
-    other = planted.random_subjects(140, 60, 6, REGISTRY, (0.1, 5.0))
+    again = planted.random_subjects(10 * len(REGISTRY), 60, 5, REGISTRY, (0.1, 5.0))
+    other = planted.random_subjects(10 * len(REGISTRY), 60, 6, REGISTRY, (0.1, 5.0))
     assert again == entries
     assert other[0]["theta"] != entries[0]["theta"] and other[0]["seed"] != entries[0]["seed"]
 

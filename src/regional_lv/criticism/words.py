@@ -53,14 +53,17 @@ def misfit(part: dict) -> str:
         )
         text += f" Taken together, {names}."
     single = [x for x in part["largest"] if x["family"] == "channel" and x["p_value"] <= 0.05]
-    rows = {c["output"]: c for c in part["channels"]}
+    rows = {(c.get("subject"), c["output"]): c for c in part["channels"]}
     if single:
         said = []
         for x in single[:3]:
-            row = rows.get(x["what"].split(": ")[-1])
+            # Of several hearts, the channel stands behind its heart's name.
+            heart, _, output = x["what"].rpartition(": ")
+            row = rows.get((heart or part["channels"][0].get("subject"), output))
             if row:
                 said.append(
-                    f"{channel(row['output'])} is {number(row['observed'])} where "
+                    f"{f'{heart}: ' if heart else ''}{channel(row['output'])} is "
+                    f"{number(row['observed'])} where "
                     f"{number(row['predicted'])} +- {number(row['sd'], 2)} is predicted from the "
                     "others"
                 )

@@ -31,6 +31,8 @@ from regional_lv.units import KPA_PER_MMHG
 
 QUADRATURE_DEGREE = 5  # three Gauss points per direction
 
+ROOT_STEPS = 8  # of the square root's invariants: errors below 1e-9
+
 LAYERS = {
     "wall": (0.0, 1.0),
     "endocardium": (0.0, 1 / 3),
@@ -150,6 +152,11 @@ class Simulator(Equilibrium):
         back = J * ufl.inv(F) if isinstance(dilation, float) else J / dilation * ufl.inv(F)
         directions = local_directions(back.T * ufl.grad(transmural))
         strains = [(ufl.dot(back * q, back * q) - 1) / 2 for q in directions]
+        if observed.get("nominal_share", 0.0):
+            share = api.fem.Constant(domain, float(observed["nominal_share"]))
+            stretch = square_root(back.T * back)
+            nominal = [ufl.dot(q, stretch * q) - 1 for q in directions]
+            strains = [g + share * (n - g) for g, n in zip(strains, nominal, strict=True)]
         self._direction = api.fem.Function(space)
 
         def averages(region):
@@ -241,6 +248,25 @@ class Simulator(Equilibrium):
 
     def _mixed(self, strains: list[np.ndarray]) -> np.ndarray:
         return sum(share * e for (share, _), e in zip(self._averages, strains, strict=True))
+
+
+def square_root(c):
+    """The square root of a symmetric positive definite 3 x 3 tensor.
+
+    By its invariants I, II, III, from the theorem of Cayley and Hamilton: (I c + III 1) times the
+    inverse of c + II 1 (Hoger and Carlson 1984, doi 10.1090/qam/736511). Those satisfy
+    I^2 = tr c + 2 II and II^2 = II_c + 2 III I. Solving the two in turn divides the error by nine
+    or more where det c = 1, and needs no eigenvalues, whose derivatives fail where two are equal.
+    """
+    trace, second = ufl.tr(c), (ufl.tr(c) ** 2 - ufl.tr(c * c)) / 2
+    third = ufl.sqrt(ufl.det(c))
+    first = ufl.sqrt(trace + 6 * ufl.det(c) ** (1 / 3))
+    for _ in range(ROOT_STEPS):
+        other = ufl.sqrt(second + 2 * third * first)
+        first = ufl.sqrt(trace + 2 * other)
+    other = ufl.sqrt(second + 2 * third * first)
+    eye = ufl.Identity(3)
+    return (first * c + third * eye) * ufl.inv(c + other * eye)
 
 
 def local_directions(transmural_gradient):

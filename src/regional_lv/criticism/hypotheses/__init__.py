@@ -20,6 +20,7 @@ from regional_lv.criticism.hypotheses.mixed_frames import MixedFrames
 from regional_lv.criticism.hypotheses.radial_scale import RadialScale
 from regional_lv.criticism.hypotheses.segment_rotation import SegmentRotation
 from regional_lv.criticism.hypotheses.septal_load import SeptalLoad
+from regional_lv.criticism.hypotheses.strain_measure import StrainMeasure
 from regional_lv.criticism.hypotheses.wall_thickness import WallThickness
 
 __all__ = [
@@ -39,6 +40,7 @@ REGISTRY: dict[str, Hypothesis] = {
         FibreRotation,
         BasalMotion,
         EndocardialSampling,
+        StrainMeasure,
         SeptalLoad,
         EpicardialSupport,
         WallThickness,
