@@ -1,7 +1,7 @@
 """Gaussian process regression on values and gradients: the algebra, shared by its users.
 
-One rational quadratic kernel (`kernel`) with a length scale per input serves all outputs, and
-gradients are further observations of the same process.
+One kernel serves all outputs: the product over the zones of rational quadratic ones, with a length
+scale per input (`kernel`). Gradients are further observations of the same process.
 """
 
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from scipy.optimize import minimize
 
-from regional_lv.kernel import joint_covariance
+from regional_lv.kernel import joint_covariance, zone_blocks
 
 LEAST_NUGGET = 1e-8
 
@@ -34,7 +34,7 @@ def factorise(x: np.ndarray, hyperparameters: Hyperparameters) -> torch.Tensor:
     h = hyperparameters
     scales = torch.as_tensor(h.lengthscales)
     x = torch.as_tensor(x)
-    covariance = joint_covariance(x, x, scales, torch.tensor(h.alpha))
+    covariance = joint_covariance(x, x, scales, torch.tensor(h.alpha), zone_blocks)
     return torch.linalg.cholesky(covariance + torch.diag(_noise(len(x), scales, h)))
 
 
@@ -76,7 +76,7 @@ def fit(
         free = torch.tensor(vector, requires_grad=True)
         parts = torch.exp(free)
         h = Hyperparameters(parts[:d], parts[d], *(parts[d + 1 :] + LEAST_NUGGET))
-        covariance = joint_covariance(points, points, h.lengthscales, h.alpha)
+        covariance = joint_covariance(points, points, h.lengthscales, h.alpha, zone_blocks)
         covariance = covariance + torch.diag(_noise(n, h.lengthscales, h))
         factor, failed = torch.linalg.cholesky_ex(covariance)
         if failed:

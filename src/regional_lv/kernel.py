@@ -1,58 +1,79 @@
 """The rational quadratic kernel and its derivatives, for NumPy arrays and for torch tensors.
 
-With a length scale per input,
+With a length scale per input, and the inputs in blocks,
 
-    k(x, x') = (1 + r^2 / (2 alpha))^(-alpha),   r^2 = sum_d ((x_d - x'_d) / l_d)^2,
+    k(x, x') = prod_b (1 + r_b^2 / (2 alpha))^(-alpha),
+    r_b^2 = sum_{d in b} ((x_d - x'_d) / l_d)^2.
 
-and the covariances of derivatives are derivatives of k (Rasmussen and Williams 2006, section 9.4,
-ISBN 026218253X). Observations are ordered values first, then the derivative along each input in
-turn: (1 + d) n rows.
+One block of all inputs is the usual kernel. With a block for each of the ventricle's zones, its C_a
+and its C_b, functions of one zone and their products come cheaper: what a zone's stiffness does
+depends on that of the others, but smoothly. The covariances of derivatives are derivatives of k
+(Rasmussen and Williams 2006, section 9.4, ISBN 026218253X). Observations are ordered values first,
+then the derivative along each input in turn: (1 + d) n rows.
 """
 
 import sys
 
 
+def one_block(inputs: int) -> list[slice]:
+    """All inputs together."""
+    return [slice(0, inputs)]
+
+
+def zone_blocks(inputs: int) -> list[slice]:
+    """Pairs of inputs, C_a and C_b of one zone each."""
+    return [slice(i, i + 2) for i in range(0, inputs, 2)]
+
+
 def rational_quadratic(r2, alpha):
-    """k, dk/d(r^2) and d2k/d(r^2)^2 at squared scaled distances `r2`."""
+    """k (...), d(log k)/d(r_b^2) and d2(log k)/d(r_b^2)^2 (B, ...) at squared scaled distances `r2`
+    (B, ...) within the blocks."""
     base = 1 + r2 / (2 * alpha)
-    value = base**-alpha
-    first = -value / (2 * base)
-    return value, first, -first * (alpha + 1) / (2 * alpha * base)
+    return base.prod(0) ** -alpha, -1 / (2 * base), 1 / (4 * alpha * base**2)
 
 
-def joint_covariance(x, y, lengthscales, alpha):
+def joint_covariance(x, y, lengthscales, alpha, blocks=one_block):
     """Covariance ((1 + d) n, (1 + d) m) of values and gradients at `x` (n, d) with those at `y`.
 
-    `lengthscales` (d,) and `alpha` are positive.
+    `lengthscales` (d,) and `alpha` are positive; `blocks` makes slices of d.
     """
     parts = (covariance_with_values, covariance_with_gradients)
-    return _library(x).concatenate([part(x, y, lengthscales, alpha) for part in parts], 1)
+    return _library(x).concatenate([part(x, y, lengthscales, alpha, blocks) for part in parts], 1)
 
 
-def covariance_with_values(x, y, lengthscales, alpha):
+def covariance_with_values(x, y, lengthscales, alpha, blocks=one_block):
     """Covariance ((1 + d) n, m) of values and gradients at `x` (n, d) with the values at `y`."""
-    scaled, value, first, _ = _derivatives(x, y, lengthscales, alpha)
-    slopes = [2 * first * scaled[..., j] for j in range(x.shape[1])]
+    gap, value, rate, _, block = _derivatives(x, y, lengthscales, alpha, blocks)
+    slopes = [2 * value * rate[block[j]] * gap[..., j] for j in range(x.shape[1])]
     return _library(x).concatenate([value, *slopes], 0)
 
 
-def covariance_with_gradients(x, y, lengthscales, alpha):
+def covariance_with_gradients(x, y, lengthscales, alpha, blocks=one_block):
     """Covariance ((1 + d) n, d m) of values and gradients at `x` (n, d) with the gradients at
     `y` (m, d)."""
     library, d = _library(x), x.shape[1]
-    scaled, _, first, second = _derivatives(x, y, lengthscales, alpha)
-    rows = [library.concatenate([-2 * first * scaled[..., j] for j in range(d)], 1)]
+    gap, value, rate, bend, block = _derivatives(x, y, lengthscales, alpha, blocks)
+    # d(log k)/dx_j, and minus d(log k)/dy_j
+    slope = [2 * rate[block[j]] * gap[..., j] for j in range(d)]
+    rows = [library.concatenate([-value * slope[j] for j in range(d)], 1)]
     for i in range(d):
-        curvature = [-4 * second * scaled[..., i] * scaled[..., j] for j in range(d)]
-        curvature[i] = curvature[i] - 2 * first / lengthscales[i] ** 2
-        rows.append(library.concatenate(curvature, 1))
+        second = [slope[i] * slope[j] for j in range(d)]
+        for j in range(d):
+            if block[j] == block[i]:
+                second[j] = second[j] + 4 * bend[block[i]] * gap[..., i] * gap[..., j]
+        second[i] = second[i] + 2 * rate[block[i]] / lengthscales[i] ** 2
+        rows.append(library.concatenate([-value * part for part in second], 1))
     return library.concatenate(rows, 0)
 
 
-def _derivatives(x, y, lengthscales, alpha):
-    """Gaps over squared length scales (n, m, d), and k with its derivatives (n, m)."""
+def _derivatives(x, y, lengthscales, alpha, blocks):
+    """Gaps over squared length scales (n, m, d), what `rational_quadratic` gives, and the number of
+    each input's block."""
     gap = (x[:, None, :] - y[None, :, :]) / lengthscales
-    return gap / lengthscales, *rational_quadratic((gap**2).sum(-1), alpha)
+    parts = blocks(x.shape[1])
+    r2 = _library(x).stack([(gap[..., part] ** 2).sum(-1) for part in parts])
+    block = [b for b, part in enumerate(parts) for _ in range(part.start, part.stop)]
+    return gap / lengthscales, *rational_quadratic(r2, alpha), block
 
 
 def _library(x):

@@ -9,7 +9,10 @@ from regional_lv.kernel import joint_covariance
 from regional_lv.mechanics.predictor import Known, Predictor
 
 rng = np.random.default_rng(3)
-MIXES = rng.normal(size=(6, 10)) / 4
+# As in a ventricle, most of what moves comes from one zone, and a little from all others.
+MIXES = rng.normal(size=(6, 10)) / 10
+for zone in range(5):
+    MIXES[zone, 2 * zone : 2 * zone + 2] *= 5
 SHAPES = rng.normal(size=(6, 300))
 
 

@@ -18,7 +18,7 @@ from regional_lv.emulators.base import (
     SeparablePrediction,
     TrainingSet,
 )
-from regional_lv.emulators.kernels import KERNELS, squared_distance
+from regional_lv.emulators.kernels import block_distances, blocks, correlation_and_slopes
 from regional_lv.emulators.shared_kernel import (
     cholesky,
     condition,
@@ -35,6 +35,7 @@ HYPERPARAMETER_ROWS = 1500
 evaluation and a dozen numbers are well determined long before."""
 
 RESTARTS = 2
+ROWS_AT_ONCE = 256
 FEW_ROWS_SHRINKAGE = 0.1
 """Least shrinkage with no more simulations than outputs: the errors then lie in a subspace, and
 leaving one out says nothing of the directions outside it."""
@@ -94,7 +95,8 @@ class ExactGP(Emulator):
     def _training_covariance(self) -> tuple[torch.Tensor, torch.Tensor]:
         """Correlations (n, n) of the observations, and what each sees of the mean (n, 1)."""
         self._scaled = self.inputs / self.length_scales
-        matrix, _ = self._correlate(squared_distance(self._scaled, self._scaled))
+        # Part by part: the slopes are not needed, and all of them together take gigabytes.
+        matrix = torch.cat([self._rows(part)[0] for part in self.inputs.split(ROWS_AT_ONCE)])
         return matrix, torch.ones(len(matrix), 1, dtype=matrix.dtype)
 
     def _factorise(self) -> None:
@@ -104,8 +106,9 @@ class ExactGP(Emulator):
         self._ones = torch.linalg.solve_triangular(self.cholesky, self._constant, upper=False)
         self._total = (self._ones**2).sum()
 
-    def _correlate(self, d2):
-        return KERNELS[self.settings["kernel"]](d2, self.alpha)
+    @property
+    def kernel(self) -> str:
+        return self.settings["kernel"]
 
     def _leave_one_out(self, precision, targets) -> tuple[torch.Tensor, torch.Tensor]:
         """Errors (N, D) and variances (N,) of predicting each simulation from all others."""
@@ -197,25 +200,30 @@ class ExactGP(Emulator):
     def _rows(self, x: torch.Tensor) -> tuple[torch.Tensor, tuple[torch.Tensor, ...]]:
         """Correlations k (M, n) of `x` with the observations, and what their derivative needs."""
         scaled = x / self.length_scales
-        k, slope = self._correlate(squared_distance(scaled, self._scaled))
-        return k, (scaled, slope)
+        d2 = block_distances(self.kernel, scaled, self._scaled)
+        k, slopes = correlation_and_slopes(self.kernel, d2, self.alpha)
+        return k, (scaled, slopes)
 
-    def _pull_back(self, by_k, scaled, slope) -> torch.Tensor:
+    def _pull_back(self, by_k, scaled, slopes) -> torch.Tensor:
         """Gradient (M, 10) about x of a function whose gradient about k is `by_k` (M, n)."""
-        # d k_n / d scaled_p = 2 slope_n (scaled_p - scaled_np)
-        by_k = by_k * slope
-        by_scaled = 2 * (by_k.sum(1, keepdim=True) * scaled - by_k @ self._scaled)
+        # d k_n / d scaled_p = 2 slope_n (scaled_p - scaled_np), the slope that of p's block
+        by_scaled = torch.empty_like(scaled)
+        for part, slope in zip(blocks(self.kernel, scaled.shape[1]), slopes, strict=True):
+            by_d2 = by_k * slope
+            moment = by_d2 @ self._scaled[:, part]
+            by_scaled[:, part] = 2 * (by_d2.sum(1, keepdim=True) * scaled[:, part] - moment)
         return by_scaled / self.length_scales
 
-    def _mean_slopes(self, scaled, slope) -> torch.Tensor:
+    def _mean_slopes(self, scaled, slopes) -> torch.Tensor:
         """d(k weights)/dx, (M, D, 10), of the values among the observations: they come first."""
-        weights = self.weights[: slope.shape[1]]
-        slopes = torch.empty(*(len(slope), weights.shape[1], scaled.shape[1])).to(slope)
-        plain = slope @ weights
-        for p in range(scaled.shape[1]):
-            moment = slope @ (self._scaled[:, p, None] * weights)
-            slopes[:, :, p] = 2 * (scaled[:, p, None] * plain - moment)
-        return slopes / self.length_scales
+        weights = self.weights[: slopes.shape[-1]]
+        by_x = torch.empty(*(len(scaled), weights.shape[1], scaled.shape[1])).to(slopes)
+        for part, slope in zip(blocks(self.kernel, scaled.shape[1]), slopes, strict=True):
+            plain = slope @ weights
+            for p in range(part.start, part.stop):
+                moment = slope @ (self._scaled[:, p, None] * weights)
+                by_x[:, :, p] = 2 * (scaled[:, p, None] * plain - moment)
+        return by_x / self.length_scales
 
     def _variance_weights(self, half, rest) -> torch.Tensor:
         """d(variance)/d(k), (M, N)."""

@@ -4,14 +4,14 @@ import torch
 
 from regional_lv import gradient_gp, kernel
 from regional_lv.emulators.base import Architecture, TrainingSet
-from regional_lv.emulators.exact_gp import ExactGP
-from regional_lv.emulators.kernels import squared_distance
+from regional_lv.emulators.exact_gp import ROWS_AT_ONCE, ExactGP
+from regional_lv.emulators.kernels import ZONAL, block_distances, blocks
 from regional_lv.emulators.shared_kernel import subset
 from regional_lv.seeds import derive
 
 
 class GradientGP(ExactGP):
-    """The exact GP with a rational quadratic kernel on values and derivatives.
+    """The exact GP with the kernel `zonal_rq` on values and derivatives.
 
     Derivatives are further observations (`regional_lv.kernel`), ten per simulation: values of
     all simulations come first, then derivatives of as many of them (at random) as fit into
@@ -23,6 +23,11 @@ class GradientGP(ExactGP):
     name = "gradient_gp"
     architecture = Architecture("Gradient GP", "GP", "global", "multi-output")
     learns_from_sensitivities = True
+    kernel = ZONAL
+
+    @property
+    def _blocks(self) -> list[slice]:
+        return blocks(self.kernel, self.inputs.shape[1])
 
     def _learn_hyperparameters(self, training: TrainingSet, seed: int) -> dict:
         rows = subset(len(training.x), self.settings["hyperparameter_rows"], seed)
@@ -45,10 +50,11 @@ class GradientGP(ExactGP):
         return torch.cat([training.y, slopes.permute(2, 0, 1).reshape(-1, slopes.shape[1])])
 
     def _training_covariance(self):
-        x, sloped, common = self.inputs, self.inputs[self.sloped], (self.length_scales, self.alpha)
+        x, sloped = self.inputs, self.inputs[self.sloped]
+        common = (self.length_scales, self.alpha, kernel.zone_blocks)
         self._scaled = x / self.length_scales
         n, count = len(x), len(sloped)
-        upper, _ = self._rows(x)
+        upper = torch.cat([self._rows(part)[0] for part in x.split(ROWS_AT_ONCE)])
         lower = [
             kernel.covariance_with_values(sloped, x, *common)[count:],
             kernel.covariance_with_gradients(sloped, sloped, *common)[count:],
@@ -60,42 +66,60 @@ class GradientGP(ExactGP):
         constant[:n] = 1.0
         return matrix, constant
 
-    # With u = x / l and v those of the simulations, r^2 = |u - v|^2, and the covariance of the
-    # value at x with the derivative of a simulation along input p is -2 k' (u_p - v_p) / l_p. Its
-    # derivative about u_i is -4 k" (u_i - v_i) (u_p - v_p) / l_p, and for i = p -2 k' / l_p more.
-    # The sums over p are products of matrices: nothing of size M x N x 10 is made.
+    # With u = x / l, v those of the simulations and k = prod_b k_b(r_b^2): for inputs p of block b
+    # and i of block c, with f the derivative of log k about r_b^2 and g that of f (`rate`, `bend`),
+    # the covariance of the value at x with the derivative of a simulation along p is
+    # -2 k f_b (u_p - v_p) / l_p. Its derivative about u_i is -4 k (f_b f_c + g_b [b = c])
+    # (u_i - v_i) (u_p - v_p) / l_p, and for i = p -2 k f_b / l_p more. The sums over p are products
+    # of matrices: nothing of size M x N x 10 is made.
 
     def _rows(self, x):
         u, v = x / self.length_scales, self._scaled
-        value, first, second = kernel.rational_quadratic(squared_distance(u, v), self.alpha)
-        second, v = second[:, self.sloped], v[self.sloped]
-        by_input = -2 * first[:, self.sloped]
-        slopes = [
-            by_input * (u[:, p, None] - v[:, p]) / scale
-            for p, scale in enumerate(self.length_scales)
-        ]
-        return torch.cat([value, *slopes], dim=1), (u, first, second)
+        d2 = block_distances(self.kernel, u, v)
+        value, rate, bend = kernel.rational_quadratic(d2, self.alpha)
+        slopes, v = value * rate, v[self.sloped]
+        columns = [value]
+        for part, slope in zip(self._blocks, slopes[..., self.sloped], strict=True):
+            for p in range(part.start, part.stop):
+                columns.append(-2 * slope * (u[:, p, None] - v[:, p]) / self.length_scales[p])
+        bend = value[:, self.sloped] * bend[..., self.sloped]
+        return torch.cat(columns, dim=1), (u, slopes, rate[..., self.sloped], bend)
 
-    def _pull_back(self, by_k, u, first, second):
-        n, v = first.shape[1], self._scaled[self.sloped]
-        by_values = super()._pull_back(by_k[:, :n], u, first)
-        first = first[:, None, self.sloped]
+    def _pull_back(self, by_k, u, slopes, rate, bend):
+        n, v = slopes.shape[-1], self._scaled[self.sloped]
+        by_values = super()._pull_back(by_k[:, :n], u, slopes)
+        slopes = slopes[..., self.sloped]
         by_slope = by_k[:, n:].reshape(len(u), u.shape[1], -1) / self.length_scales[:, None]
-        along = (u[:, None, :] @ by_slope)[:, 0] - (by_slope * v.T).sum(1)
-        bend = -4 * second * along
-        by_u = bend.sum(1, keepdim=True) * u - bend @ v - 2 * (first * by_slope).sum(-1)
+        along = [
+            (u[:, None, part] @ by_slope[:, part])[:, 0] - (by_slope[:, part] * v[:, part].T).sum(1)
+            for part in self._blocks
+        ]
+        common = sum(f * each for f, each in zip(rate, along, strict=True))
+        by_u = torch.empty_like(u)
+        for part, slope, g, own in zip(self._blocks, slopes, bend, along, strict=True):
+            pulled = -4 * (slope * common + g * own)
+            moment = pulled.sum(1, keepdim=True) * u[:, part] - pulled @ v[:, part]
+            by_u[:, part] = moment - 2 * (slope[:, None] * by_slope[:, part]).sum(-1)
         return by_values + by_u / self.length_scales
 
-    def _mean_slopes(self, u, first, second):
-        n, v = first.shape[1], self._scaled[self.sloped]
-        of_values = super()._mean_slopes(u, first)
+    def _mean_slopes(self, u, slopes, rate, bend):
+        n, v = slopes.shape[-1], self._scaled[self.sloped]
+        of_values = super()._mean_slopes(u, slopes)
+        slopes = slopes[..., self.sloped]
         weights = (
             self.weights[n:].reshape(u.shape[1], len(v), -1) / self.length_scales[:, None, None]
         )
-        along = torch.tensordot(u, weights, 1) - (v.T[..., None] * weights).sum(0)
-        bend = -4 * second[..., None] * along
-        by_u = bend.sum(1)[..., None] * u[:, None, :] - bend.mT @ v
-        by_u = by_u - 2 * torch.tensordot(first[:, self.sloped], weights, ([1], [1])).mT
+        along = [
+            torch.tensordot(u[:, part], weights[part], 1)
+            - (v[:, part].T[..., None] * weights[part]).sum(0)
+            for part in self._blocks
+        ]
+        common = sum(f[..., None] * each for f, each in zip(rate, along, strict=True))
+        by_u = torch.empty_like(of_values)
+        for part, slope, g, own in zip(self._blocks, slopes, bend, along, strict=True):
+            pulled = -4 * (slope[..., None] * common + g[..., None] * own)
+            moment = pulled.sum(1)[..., None] * u[:, None, part] - pulled.mT @ v[:, part]
+            by_u[..., part] = moment - 2 * torch.tensordot(slope, weights[part], ([1], [1])).mT
         return of_values + by_u / self.length_scales
 
     def _leave_one_out(self, precision, targets):

@@ -2,6 +2,8 @@
 
 import torch
 
+from regional_lv import kernel as blockwise
+
 # Each gives the correlation and its slope with respect to the squared scaled distance d2; `alpha`
 # is the exponent of the rational quadratic kernel, which the others ignore.
 
@@ -25,6 +27,28 @@ def _matern52(d2, alpha):
 
 
 KERNELS = {"rq": _rq, "rbf": _rbf, "matern52": _matern52}
+ZONAL = "zonal_rq"
+"""The product over the zones of rational quadratic kernels of their two parameters, one alpha."""
+
+
+def blocks(kernel: str, inputs: int) -> list[slice]:
+    """The inputs whose squared distance the kernel takes together: all, or those of each zone."""
+    return (blockwise.zone_blocks if kernel == ZONAL else blockwise.one_block)(inputs)
+
+
+def block_distances(kernel: str, a: torch.Tensor, b: torch.Tensor) -> torch.Tensor:
+    """Squared distances (B, M, N) within each block of the kernel, of scaled `a` (M, P), `b`."""
+    parts = blocks(kernel, a.shape[1])
+    return torch.stack([squared_distance(a[:, part], b[:, part]) for part in parts])
+
+
+def correlation_and_slopes(kernel: str, d2: torch.Tensor, alpha) -> tuple[torch.Tensor, ...]:
+    """Correlations (M, N) at `block_distances` (B, M, N), and their slopes (B, M, N) about them."""
+    if kernel == ZONAL:
+        value, rate, _ = blockwise.rational_quadratic(d2, alpha)
+        return value, value * rate
+    value, slope = KERNELS[kernel](d2[0], alpha)
+    return value, slope[None]
 
 
 def squared_distance(a: torch.Tensor, b: torch.Tensor) -> torch.Tensor:

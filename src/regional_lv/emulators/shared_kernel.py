@@ -13,7 +13,13 @@ import numpy as np
 import torch
 from scipy.optimize import minimize
 
-from regional_lv.emulators.kernels import KERNELS, squared_distance
+from regional_lv.emulators.kernels import (
+    KERNELS,
+    block_distances,
+    blocks,
+    correlation_and_slopes,
+    squared_distance,
+)
 from regional_lv.seeds import derive
 
 log = logging.getLogger(__name__)
@@ -96,8 +102,8 @@ def negative_log_likelihood(p, x, y, kernel: str, nugget: float) -> tuple[float,
     scales, alpha = torch.exp(p[:-2]), torch.exp(p[-2])
     learnt = torch.exp(p[-1])
     scaled = x / scales
-    d2 = squared_distance(scaled, scaled)
-    correlation, slope = KERNELS[kernel](d2, alpha)
+    d2 = block_distances(kernel, scaled, scaled)
+    correlation, slopes = correlation_and_slopes(kernel, d2, alpha)
     n, d = y.shape
     matrix = correlation.clone()
     matrix.diagonal().add_(nugget + learnt)
@@ -116,11 +122,12 @@ def negative_log_likelihood(p, x, y, kernel: str, nugget: float) -> tuple[float,
     value = (n - 1) * b_factor.diagonal().log().sum()
     value = value + d * (factor.diagonal().log().sum() + 0.5 * torch.log(total))
     sensitivity = 0.5 * (d * precision - weights @ torch.cholesky_solve(weights.T, b_factor))
-    # sum_ij W_ij (a_i - a_j)^2 for every parameter from one product, W symmetric
-    w = sensitivity * slope
-    spread = 2 * ((scaled**2).T @ w.sum(1) - ((w @ scaled) * scaled).sum(0))
-    gradient = [-2 * spread]
-    if kernel == "rq":
+    # sum_ij W_ij (a_i - a_j)^2 for every parameter of a block from one product, W symmetric
+    gradient = []
+    for part, slope in zip(blocks(kernel, x.shape[1]), slopes, strict=True):
+        w, own = sensitivity * slope, scaled[:, part]
+        gradient.append(-4 * ((own**2).T @ w.sum(1) - ((w @ own) * own).sum(0)))
+    if "rq" in kernel:
         by_alpha = (sensitivity * _rq_alpha_slope(d2, alpha, correlation)).sum()
     else:
         by_alpha = torch.zeros((), dtype=y.dtype)
@@ -129,9 +136,9 @@ def negative_log_likelihood(p, x, y, kernel: str, nugget: float) -> tuple[float,
 
 
 def _rq_alpha_slope(d2, alpha, k):
-    """d(correlation)/d(log alpha) of the rational quadratic kernel."""
+    """d(correlation)/d(log alpha) of the rational quadratic kernels."""
     u = d2 / (2 * alpha)
-    return alpha * k * (u / (1 + u) - torch.log1p(u))
+    return alpha * k * (u / (1 + u) - torch.log1p(u)).sum(0)
 
 
 def choose_kernel(x: torch.Tensor, y: torch.Tensor, nugget: float, seed: int) -> tuple[str, dict]:
