@@ -28,7 +28,7 @@ TEMPERING = (0.3, 0.03)
 is a narrow curved ridge, and three starts in four end on the bounds of the box far from it."""
 
 FOLLOWED = 6
-"""Starts per case that are followed after the first pass: most have met by then."""
+"""Starts per case that are followed to the end: most have met by then."""
 
 LOG_SIGMA_BOUNDS = (-7.0, 3.0)
 CHUNK = 256
@@ -86,7 +86,7 @@ def find_map(
 
     `starts` points per case, the most likely ones of `candidates` (by default those that `seed`
     gives), each improved by at most `iterations` projected Levenberg-Marquardt steps with exact
-    gradients and the expected information as curvature; after the first pass the best `FOLLOWED`.
+    gradients and the expected information as curvature; in the last pass the best `FOLLOWED`.
     """
     emulator, noise = likelihood.emulator, likelihood.noise
     y = likelihood.y
@@ -113,7 +113,7 @@ def find_map(
     for level in (*TEMPERING, 0.0):
         stage = likelihood.tempered(level) if level else likelihood
         flat, values = climb(stage, y[owner], flat, low, high, iterations)
-        if level == TEMPERING[0]:
+        if level == TEMPERING[-1]:
             best = values.reshape(cases, -1).topk(min(FOLLOWED, chosen.shape[1])).indices
             kept = (best + chosen.shape[1] * torch.arange(cases)[:, None]).flatten()
             flat, owner = flat[kept], owner[kept]
