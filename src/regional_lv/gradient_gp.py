@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from scipy.optimize import minimize
 
-from regional_lv.kernel import joint_covariance, zone_blocks
+from regional_lv.kernel import joint_covariance
 
 LEAST_NUGGET = 1e-8
 
@@ -27,15 +27,6 @@ class Hyperparameters:
     alpha: float
     value_nugget: float
     gradient_nugget: float
-
-
-def factorise(x: np.ndarray, hyperparameters: Hyperparameters) -> torch.Tensor:
-    """Lower Cholesky factor of the observations' covariance at `x` (n, d)."""
-    h = hyperparameters
-    scales = torch.as_tensor(h.lengthscales)
-    x = torch.as_tensor(x)
-    covariance = joint_covariance(x, x, scales, torch.tensor(h.alpha), zone_blocks)
-    return torch.linalg.cholesky(covariance + torch.diag(_noise(len(x), scales, h)))
 
 
 def _noise(n, lengthscales, h):
@@ -76,7 +67,7 @@ def fit(
         free = torch.tensor(vector, requires_grad=True)
         parts = torch.exp(free)
         h = Hyperparameters(parts[:d], parts[d], *(parts[d + 1 :] + LEAST_NUGGET))
-        covariance = joint_covariance(points, points, h.lengthscales, h.alpha, zone_blocks)
+        covariance = joint_covariance(points, points, h.lengthscales, h.alpha)
         covariance = covariance + torch.diag(_noise(n, h.lengthscales, h))
         factor, failed = torch.linalg.cholesky_ex(covariance)
         if failed:

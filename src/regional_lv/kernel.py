@@ -32,7 +32,7 @@ def rational_quadratic(r2, alpha):
     return base.prod(0) ** -alpha, -1 / (2 * base), 1 / (4 * alpha * base**2)
 
 
-def joint_covariance(x, y, lengthscales, alpha, blocks=one_block):
+def joint_covariance(x, y, lengthscales, alpha, blocks=zone_blocks):
     """Covariance ((1 + d) n, (1 + d) m) of values and gradients at `x` (n, d) with those at `y`.
 
     `lengthscales` (d,) and `alpha` are positive; `blocks` makes slices of d.
@@ -41,14 +41,14 @@ def joint_covariance(x, y, lengthscales, alpha, blocks=one_block):
     return _library(x).concatenate([part(x, y, lengthscales, alpha, blocks) for part in parts], 1)
 
 
-def covariance_with_values(x, y, lengthscales, alpha, blocks=one_block):
+def covariance_with_values(x, y, lengthscales, alpha, blocks=zone_blocks):
     """Covariance ((1 + d) n, m) of values and gradients at `x` (n, d) with the values at `y`."""
     gap, value, rate, _, block = _derivatives(x, y, lengthscales, alpha, blocks)
     slopes = [2 * value * rate[block[j]] * gap[..., j] for j in range(x.shape[1])]
     return _library(x).concatenate([value, *slopes], 0)
 
 
-def covariance_with_gradients(x, y, lengthscales, alpha, blocks=one_block):
+def covariance_with_gradients(x, y, lengthscales, alpha, blocks=zone_blocks):
     """Covariance ((1 + d) n, d m) of values and gradients at `x` (n, d) with the gradients at
     `y` (m, d)."""
     library, d = _library(x), x.shape[1]

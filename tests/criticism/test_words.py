@@ -10,22 +10,24 @@ def channel(subject, value):
     }
 
 
-def said(*names):
+def said(channels, *names):
     part = {
         **{"detected": True, "p_value": 0.001},
         "largest": [
             {"family": "channel", "what": name, "z": 6.0, "p_value": 0.001} for name in names
         ],
-        "channels": [channel("first", 180.0), channel("second", 220.0)],
+        "channels": channels,
     }
     return words.misfit(part)
 
 
 def test_a_channel_of_several_hearts_is_that_of_its_own_heart():
-    text = said("second: volume_ml", "first: volume_ml")
+    hearts = [channel("first", 180.0), channel("second", 220.0)]
+    text = said(hearts, "second: volume_ml", "first: volume_ml")
     assert "second: the volume is 220 where 200 +- 1.5" in text
     assert "first: the volume is 180 where 160 +- 1.5" in text
 
 
 def test_a_channel_of_one_heart_has_no_name_before_it():
-    assert "Single channels: the volume is 180" in said("volume_ml")
+    text = said([channel("first", 180.0)], "volume_ml")
+    assert "Single channels: the volume is 180" in text

@@ -181,7 +181,7 @@ def test_tables_and_box_plots(study):
 
 
 def test_transforms_compare_an_emulator_with_itself(study):
-    """The other transform's files stand under `<emulator>-<transform>`, whichever it is."""
+    """Whichever of the two it is configured with."""
     for name, other in (("mvgp", "identity"), ("dnn", "log")):
         own, fits = (study / f / f"{name}-{other}" for f in ("estimates", "emulators"))
         own.mkdir()
@@ -192,7 +192,11 @@ def test_transforms_compare_an_emulator_with_itself(study):
         predictions["truth"] *= 3  # the mean is 0
         predictions.to_parquet(fits / "test_predictions.parquet")
     transforms.compare_transforms(
-        *({"mvgp": "log", "dnn": "identity"}, study / "estimates", study / "emulators"),
+        {
+            "mvgp": {"identity": "mvgp-identity", "log": "mvgp"},
+            "dnn": {"identity": "dnn", "log": "dnn-log"},
+        },
+        *(study / "estimates", study / "emulators"),
         *(study / "train.parquet", NUMBERS, study / "transforms.csv"),
     )
     table = pd.read_csv(study / "transforms.csv").set_index("emulator")

@@ -32,8 +32,10 @@ from regional_lv.schema import load_schema
 NAMES = ("volume_ml", "circumferential_01", "radial_01", "radial_02", "longitudinal_05")
 BOX = {"lower": 0.1, "upper": 5.0}
 ROWS = 150
-SMALL = {"neighbours": 60, "inducing": 60, "epochs": 150, "hidden": [32], "iterations": 40}
-SMALL |= {"nugget": 1e-6}
+SMALL = {
+    **{"neighbours": 60, "inducing": 60, "epochs": 150, "hidden": [32], "iterations": 40},
+    "nugget": 1e-6,
+}
 """Settings for a small training set, where an emulator has them. The toy is so smooth that with a
 smaller nugget the differences of predictions are those of rounding."""
 

@@ -135,19 +135,23 @@ COMPARISON_TABLES = ["architectures", "ranking", "pairs", "sample_efficiency"]
 if config["estimates"]["both_transforms"]:
     COMPARISON_TABLES.append("transforms")
 
-# An emulator with the input transform that it is not configured with is `<emulator>-<transform>`.
-OTHER_TRANSFORM = {
-    name: "identity" if config["emulators"][name]["input_transform"] == "log" else "log"
+# By emulator and input transform, the name of its files: its own for the one that it is configured
+# with, `<emulator>-<transform>` for the other.
+TRANSFORMS = {
+    name: {
+        transform: name
+        if transform == config["emulators"][name]["input_transform"]
+        else f"{name}-{transform}"
+        for transform in ("identity", "log")
+    }
     for name in config["emulators"]["names"]
 }
-TRANSFORMED = [f"{name}-{transform}" for name, transform in OTHER_TRANSFORM.items()]
-
-
-def emulator_settings(wildcards):
-    """Settings of an emulator, its name with or without an input transform."""
-    name, _, transform = wildcards.emulator.partition("-")
-    return config["emulators"][name] | ({"input_transform": transform} if transform else {})
-
+# By the name of its files, an emulator and its settings.
+EMULATORS = {
+    files: (name, config["emulators"][name] | {"input_transform": transform})
+    for name, transforms in TRANSFORMS.items()
+    for transform, files in transforms.items()
+}
 
 # Tables of finished simulations need not bring sensitivities; where an emulator is asked for that
 # learns from them, they do (the config is checked for that).

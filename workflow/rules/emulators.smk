@@ -9,11 +9,12 @@ rule train_emulator:
         emulator=f"{R}/emulators/{{emulator}}.pt",
         report=f"{R}/emulators/{{emulator}}/fit.json",
     params:
-        settings=emulator_settings,
+        name=lambda wildcards: EMULATORS[wildcards.emulator][0],
+        settings=lambda wildcards: EMULATORS[wildcards.emulator][1],
         bounds=BOUNDS,
         seed=config["seed"],
     wildcard_constraints:
-        emulator=any_of([*config["emulators"]["names"], *TRANSFORMED]),
+        emulator=any_of(EMULATORS),
     log:
         f"{LOGS}/emulators/{{emulator}}/train.log",
     benchmark:

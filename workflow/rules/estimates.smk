@@ -214,9 +214,9 @@ rule make_table_pairs:
 
 rule compare_transforms:
     input:
-        estimates=expand(f"{ESTIMATES}/{{emulator}}/test.parquet", emulator=RANKED + TRANSFORMED),
+        estimates=expand(f"{ESTIMATES}/{{emulator}}/test.parquet", emulator=EMULATORS),
         predictions=expand(
-            f"{R}/emulators/{{emulator}}/test_predictions.parquet", emulator=RANKED + TRANSFORMED
+            f"{R}/emulators/{{emulator}}/test_predictions.parquet", emulator=EMULATORS
         ),
         train=f"{R}/screening/train.parquet",
         paper="resources/paper_numbers.csv",
@@ -224,7 +224,7 @@ rule compare_transforms:
     output:
         f"{ESTIMATES}/transforms.csv",
     params:
-        transforms={name: config["emulators"][name]["input_transform"] for name in RANKED},
+        transforms=TRANSFORMS,
     log:
         f"{LOGS}/estimates/compare_transforms.log",
     conda:

@@ -8,7 +8,7 @@ from regional_lv.progress import start_log
 start_log(snakemake.log[0])
 torch.set_num_threads(snakemake.threads)
 train_emulator(
-    snakemake.wildcards.emulator.partition("-")[0],
+    snakemake.params.name,
     snakemake.params.settings,
     snakemake.input.train,
     *snakemake.params.bounds,

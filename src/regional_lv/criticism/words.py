@@ -53,17 +53,17 @@ def misfit(part: dict) -> str:
         )
         text += f" Taken together, {names}."
     single = [x for x in part["largest"] if x["family"] == "channel" and x["p_value"] <= 0.05]
-    rows = {(c.get("subject"), c["output"]): c for c in part["channels"]}
+    # Of several hearts, a channel's name is its output's behind its heart's.
+    rows = {c["output"]: c for c in part["channels"]}
+    rows |= {f"{c['subject']}: {c['output']}": c for c in part["channels"]}
     if single:
         said = []
         for x in single[:3]:
-            # Of several hearts, the channel stands behind its heart's name.
-            heart, _, output = x["what"].rpartition(": ")
-            row = rows.get((heart or part["channels"][0].get("subject"), output))
+            row = rows.get(x["what"])
             if row:
+                heart = x["what"].removesuffix(row["output"])
                 said.append(
-                    f"{f'{heart}: ' if heart else ''}{channel(row['output'])} is "
-                    f"{number(row['observed'])} where "
+                    f"{heart}{channel(row['output'])} is {number(row['observed'])} where "
                     f"{number(row['predicted'])} +- {number(row['sd'], 2)} is predicted from the "
                     "others"
                 )

@@ -36,6 +36,9 @@ evaluation and a dozen numbers are well determined long before."""
 
 RESTARTS = 2
 ROWS_AT_ONCE = 256
+"""Rows of the covariance matrix that are made together: what their derivatives need is made, too,
+and for all rows it takes gigabytes."""
+
 FEW_ROWS_SHRINKAGE = 0.1
 """Least shrinkage with no more simulations than outputs: the errors then lie in a subspace, and
 leaving one out says nothing of the directions outside it."""
@@ -95,8 +98,7 @@ class ExactGP(Emulator):
     def _training_covariance(self) -> tuple[torch.Tensor, torch.Tensor]:
         """Correlations (n, n) of the observations, and what each sees of the mean (n, 1)."""
         self._scaled = self.inputs / self.length_scales
-        # Part by part: the slopes are not needed, and all of them together take gigabytes.
-        matrix = torch.cat([self._rows(part)[0] for part in self.inputs.split(ROWS_AT_ONCE)])
+        matrix = self._rows_of_inputs()
         return matrix, torch.ones(len(matrix), 1, dtype=matrix.dtype)
 
     def _factorise(self) -> None:
@@ -106,9 +108,17 @@ class ExactGP(Emulator):
         self._ones = torch.linalg.solve_triangular(self.cholesky, self._constant, upper=False)
         self._total = (self._ones**2).sum()
 
+    def _rows_of_inputs(self) -> torch.Tensor:
+        """Correlations (N, n) of the simulations' values with the observations."""
+        return torch.cat([self._rows(part)[0] for part in self.inputs.split(ROWS_AT_ONCE)])
+
     @property
     def kernel(self) -> str:
         return self.settings["kernel"]
+
+    @property
+    def _blocks(self) -> list[slice]:
+        return blocks(self.kernel, self.inputs.shape[1])
 
     def _leave_one_out(self, precision, targets) -> tuple[torch.Tensor, torch.Tensor]:
         """Errors (N, D) and variances (N,) of predicting each simulation from all others."""
@@ -208,7 +218,7 @@ class ExactGP(Emulator):
         """Gradient (M, 10) about x of a function whose gradient about k is `by_k` (M, n)."""
         # d k_n / d scaled_p = 2 slope_n (scaled_p - scaled_np), the slope that of p's block
         by_scaled = torch.empty_like(scaled)
-        for part, slope in zip(blocks(self.kernel, scaled.shape[1]), slopes, strict=True):
+        for part, slope in zip(self._blocks, slopes, strict=True):
             by_d2 = by_k * slope
             moment = by_d2 @ self._scaled[:, part]
             by_scaled[:, part] = 2 * (by_d2.sum(1, keepdim=True) * scaled[:, part] - moment)
@@ -218,7 +228,7 @@ class ExactGP(Emulator):
         """d(k weights)/dx, (M, D, 10), of the values among the observations: they come first."""
         weights = self.weights[: slopes.shape[-1]]
         by_x = torch.empty(*(len(scaled), weights.shape[1], scaled.shape[1])).to(slopes)
-        for part, slope in zip(blocks(self.kernel, scaled.shape[1]), slopes, strict=True):
+        for part, slope in zip(self._blocks, slopes, strict=True):
             plain = slope @ weights
             for p in range(part.start, part.stop):
                 moment = slope @ (self._scaled[:, p, None] * weights)

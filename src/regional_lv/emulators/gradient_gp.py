@@ -4,8 +4,8 @@ import torch
 
 from regional_lv import gradient_gp, kernel
 from regional_lv.emulators.base import Architecture, TrainingSet
-from regional_lv.emulators.exact_gp import ROWS_AT_ONCE, ExactGP
-from regional_lv.emulators.kernels import ZONAL, block_distances, blocks
+from regional_lv.emulators.exact_gp import ExactGP
+from regional_lv.emulators.kernels import ZONAL, block_distances
 from regional_lv.emulators.shared_kernel import subset
 from regional_lv.seeds import derive
 
@@ -24,10 +24,6 @@ class GradientGP(ExactGP):
     architecture = Architecture("Gradient GP", "GP", "global", "multi-output")
     learns_from_sensitivities = True
     kernel = ZONAL
-
-    @property
-    def _blocks(self) -> list[slice]:
-        return blocks(self.kernel, self.inputs.shape[1])
 
     def _learn_hyperparameters(self, training: TrainingSet, seed: int) -> dict:
         rows = subset(len(training.x), self.settings["hyperparameter_rows"], seed)
@@ -50,11 +46,10 @@ class GradientGP(ExactGP):
         return torch.cat([training.y, slopes.permute(2, 0, 1).reshape(-1, slopes.shape[1])])
 
     def _training_covariance(self):
-        x, sloped = self.inputs, self.inputs[self.sloped]
-        common = (self.length_scales, self.alpha, kernel.zone_blocks)
+        x, sloped, common = self.inputs, self.inputs[self.sloped], (self.length_scales, self.alpha)
         self._scaled = x / self.length_scales
         n, count = len(x), len(sloped)
-        upper = torch.cat([self._rows(part)[0] for part in x.split(ROWS_AT_ONCE)])
+        upper = self._rows_of_inputs()
         lower = [
             kernel.covariance_with_values(sloped, x, *common)[count:],
             kernel.covariance_with_gradients(sloped, sloped, *common)[count:],

@@ -12,7 +12,7 @@ QUANTITIES = ("param_mse_least_squares", "param_mse_weighted", "predictive_mse")
 
 
 def compare_transforms(
-    transforms: dict[str, str],
+    transforms: dict[str, dict[str, str]],
     folder: Path,
     predictions: Path,
     train: Path,
@@ -21,20 +21,19 @@ def compare_transforms(
 ) -> None:
     """Compare every emulator with itself on the other input transform; write a table (CSV).
 
-    transforms: by emulator, the one it is configured with: its files are in `<name>/`, those of
-    the other transform in `<name>-<transform>/`. folder: with `.../test.parquet`; predictions:
-    with `.../test_predictions.parquet`; train: the screened table; paper: the numbers that the
-    paper prints. Columns: emulator, and for each of param_mse_least_squares, param_mse_weighted
-    and predictive_mse (outputs in training sd) `..._identity`, `..._log` and `..._gain`, the first
-    over the second; paper_param_mse (natural inputs, least squares), ratio_to_paper.
+    transforms: by emulator and transform, the name of the folder of its files. folder: with
+    `<name>/test.parquet`; predictions: with `<name>/test_predictions.parquet`; train: the screened
+    table; paper: the numbers that the paper prints. Columns: emulator, and for each of
+    param_mse_least_squares, param_mse_weighted and predictive_mse (outputs in training sd)
+    `..._identity`, `..._log` and `..._gain`, the first over the second; paper_param_mse (natural
+    inputs, least squares), ratio_to_paper.
     """
     sd = pd.read_parquet(train, columns=list(aha.OUTPUTS)).std()
     printed = pd.read_csv(paper).query("quantity == 'parameter_mse'").set_index("emulator")
     rows = []
-    for name, configured in transforms.items():
+    for name, parts in transforms.items():
         row = {"emulator": name}
-        for transform in TRANSFORMS:
-            part = name if transform == configured else f"{name}-{transform}"
+        for transform, part in parts.items():
             errors = parameter_errors(pd.read_parquet(Path(folder) / part / "test.parquet"))
             scores = predictive_scores(
                 pd.read_parquet(Path(predictions) / part / "test_predictions.parquet"), sd

@@ -5,6 +5,10 @@ Debian 12 ships dolfinx 0.5.2; conda-forge and Debian 13 ship 0.9 and later, whi
 never imports dolfinx itself.
 """
 
+import fcntl
+import os
+from pathlib import Path
+
 import dolfinx
 import numpy as np
 import ufl
@@ -14,9 +18,25 @@ from mpi4py import MPI
 VERSION = tuple(int(part) for part in dolfinx.__version__.split(".")[:2])
 _LEGACY = VERSION < (0, 8)
 
-# Compiled by the C compiler once per form and kept in a cache on disk: -O3 costs a few seconds
-# there and pays in every Newton step.
-_JIT_OPTIONS = {"cffi_extra_compile_args": ["-O3"]}
+CACHE = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "regional_lv"
+
+
+def _compiled(make, *arguments):
+    """What `make` makes of `arguments`, a form or a function space, both with code in C.
+
+    The C compiler runs once per form and its result is kept in a cache on disk: -O3 costs a few
+    seconds there and pays in every Newton step. ffcx gives a form that another process compiles
+    ten seconds, and one whose process was killed can never be compiled again. So one process at a
+    time compiles here, and takes away what others left unfinished.
+    """
+    CACHE.mkdir(parents=True, exist_ok=True)
+    options = {"cffi_extra_compile_args": ["-O3"], "cache_dir": str(CACHE)}
+    with open(CACHE / "lock", "w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        for source in CACHE.glob("*.c"):
+            if not source.with_suffix(".c.cached").exists():
+                source.unlink()
+        return make(*arguments, **{"jit_params" if _LEGACY else "jit_options": options})
 
 
 def hexahedral_mesh(points: np.ndarray, cells: np.ndarray):
@@ -56,25 +76,27 @@ def mixed_space(mesh, order: int = 2):
         cell = mesh.ufl_cell()
         displacement = ufl.VectorElement("Lagrange", cell, order)
         pressure = ufl.FiniteElement(family, cell, order - 1)
-        return fem.FunctionSpace(mesh, ufl.MixedElement([displacement, pressure]))
+        return _compiled(fem.FunctionSpace, mesh, ufl.MixedElement([displacement, pressure]))
     import basix.ufl
 
     displacement = basix.ufl.element("Lagrange", mesh.basix_cell(), order, shape=(3,))
     pressure = basix.ufl.element(family, mesh.basix_cell(), order - 1)
-    return fem.functionspace(mesh, basix.ufl.mixed_element([displacement, pressure]))
+    element = basix.ufl.mixed_element([displacement, pressure])
+    return _compiled(fem.functionspace, mesh, element)
 
 
 def space(mesh, family: str, degree: int, components: int = 1):
     """Scalar or vector function space, `family` being "Lagrange" or "DG"."""
     if _LEGACY:
-        make = fem.FunctionSpace if components == 1 else fem.VectorFunctionSpace
-        return (
-            make(mesh, (family, degree))
+        kind = (family, mesh.ufl_cell(), degree)
+        element = (
+            ufl.FiniteElement(*kind)
             if components == 1
-            else make(mesh, (family, degree), dim=components)
+            else ufl.VectorElement(*kind, dim=components)
         )
+        return _compiled(fem.FunctionSpace, mesh, element)
     shape = () if components == 1 else (components,)
-    return fem.functionspace(mesh, (family, degree, shape))
+    return _compiled(fem.functionspace, mesh, (family, degree, shape))
 
 
 def quadrature_space(mesh, dx, components: int = 1):
@@ -85,15 +107,17 @@ def quadrature_space(mesh, dx, components: int = 1):
     degree = dx.metadata()["quadrature_degree"]
     if _LEGACY:
         cell, given = mesh.ufl_cell(), {"degree": degree, "quad_scheme": "default"}
-        if components == 1:
-            return fem.FunctionSpace(mesh, ufl.FiniteElement("Quadrature", cell, **given))
-        element = ufl.VectorElement("Quadrature", cell, dim=components, **given)
-        return fem.FunctionSpace(mesh, element)
+        element = (
+            ufl.FiniteElement("Quadrature", cell, **given)
+            if components == 1
+            else ufl.VectorElement("Quadrature", cell, dim=components, **given)
+        )
+        return _compiled(fem.FunctionSpace, mesh, element)
     import basix.ufl
 
     shape = () if components == 1 else (components,)
     element = basix.ufl.quadrature_element(mesh.basix_cell(), shape, degree=degree)
-    return fem.functionspace(mesh, element)
+    return _compiled(fem.functionspace, mesh, element)
 
 
 def cell_corners(mesh) -> np.ndarray:
@@ -114,9 +138,7 @@ def require_cellwise_order(mesh) -> None:
 
 def compile_form(form):
     """Compile a UFL form."""
-    if _LEGACY:
-        return fem.form(form, jit_params=_JIT_OPTIONS)
-    return fem.form(form, jit_options=_JIT_OPTIONS)
+    return _compiled(fem.form, form)
 
 
 def facet_tags(mesh, facets: np.ndarray, tags: np.ndarray):

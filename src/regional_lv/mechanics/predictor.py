@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from regional_lv.kernel import joint_covariance, zone_blocks
+from regional_lv.kernel import joint_covariance
 
 # The kernel in log theta, a product over the zones. Of 24 anchors held out of 120 it misses the
 # field by 2.0 % (mean; at most 4.6 %); length scales of 8 to 20 and an alpha of 0.03 to 0.4 by 1.9
@@ -21,8 +21,7 @@ LEAST_ENERGY, MOST_MODES = 1e-10, 200
 
 
 def _covariance(logs: np.ndarray, others: np.ndarray) -> np.ndarray:
-    scales = np.full(logs.shape[1], LENGTHSCALE)
-    return joint_covariance(logs, others, scales, ALPHA, zone_blocks)
+    return joint_covariance(logs, others, np.full(logs.shape[1], LENGTHSCALE), ALPHA)
 
 
 def _among(logs: np.ndarray) -> np.ndarray:
