@@ -26,10 +26,17 @@ def zone_blocks(inputs: int) -> list[slice]:
 
 
 def rational_quadratic(r2, alpha):
-    """k (...), d(log k)/d(r_b^2) and d2(log k)/d(r_b^2)^2 (B, ...) at squared scaled distances `r2`
-    (B, ...) within the blocks."""
-    base = 1 + r2 / (2 * alpha)
-    return base.prod(0) ** -alpha, -1 / (2 * base), 1 / (4 * alpha * base**2)
+    """k (...) at the squared scaled distances (...) within the blocks, one of `r2` for each."""
+    base = 1 + r2[0] / (2 * alpha)
+    for block in r2[1:]:
+        base = base * (1 + block / (2 * alpha))
+    library = _library(base)
+    return library.exp(-alpha * library.log(base))
+
+
+def rates(r2, alpha):
+    """f_b = d(log k)/d(r_b^2) (...) for each of the blocks; its own derivative is f_b^2 / alpha."""
+    return [-1 / (2 + block / alpha) for block in r2]
 
 
 def joint_covariance(x, y, lengthscales, alpha, blocks=zone_blocks):
@@ -43,7 +50,7 @@ def joint_covariance(x, y, lengthscales, alpha, blocks=zone_blocks):
 
 def covariance_with_values(x, y, lengthscales, alpha, blocks=zone_blocks):
     """Covariance ((1 + d) n, m) of values and gradients at `x` (n, d) with the values at `y`."""
-    gap, value, rate, _, block = _derivatives(x, y, lengthscales, alpha, blocks)
+    gap, value, rate, block = _derivatives(x, y, lengthscales, alpha, blocks)
     slopes = [2 * value * rate[block[j]] * gap[..., j] for j in range(x.shape[1])]
     return _library(x).concatenate([value, *slopes], 0)
 
@@ -52,7 +59,7 @@ def covariance_with_gradients(x, y, lengthscales, alpha, blocks=zone_blocks):
     """Covariance ((1 + d) n, d m) of values and gradients at `x` (n, d) with the gradients at
     `y` (m, d)."""
     library, d = _library(x), x.shape[1]
-    gap, value, rate, bend, block = _derivatives(x, y, lengthscales, alpha, blocks)
+    gap, value, rate, block = _derivatives(x, y, lengthscales, alpha, blocks)
     # d(log k)/dx_j, and minus d(log k)/dy_j
     slope = [2 * rate[block[j]] * gap[..., j] for j in range(d)]
     rows = [library.concatenate([-value * slope[j] for j in range(d)], 1)]
@@ -60,20 +67,20 @@ def covariance_with_gradients(x, y, lengthscales, alpha, blocks=zone_blocks):
         second = [slope[i] * slope[j] for j in range(d)]
         for j in range(d):
             if block[j] == block[i]:
-                second[j] = second[j] + 4 * bend[block[i]] * gap[..., i] * gap[..., j]
+                second[j] = second[j] + slope[i] * slope[j] / alpha
         second[i] = second[i] + 2 * rate[block[i]] / lengthscales[i] ** 2
         rows.append(library.concatenate([-value * part for part in second], 1))
     return library.concatenate(rows, 0)
 
 
 def _derivatives(x, y, lengthscales, alpha, blocks):
-    """Gaps over squared length scales (n, m, d), what `rational_quadratic` gives, and the number of
-    each input's block."""
+    """Gaps over squared length scales (n, m, d), k (n, m), its rates, the number of each input's
+    block."""
     gap = (x[:, None, :] - y[None, :, :]) / lengthscales
     parts = blocks(x.shape[1])
-    r2 = _library(x).stack([(gap[..., part] ** 2).sum(-1) for part in parts])
+    r2 = [(gap[..., part] ** 2).sum(-1) for part in parts]
     block = [b for b, part in enumerate(parts) for _ in range(part.start, part.stop)]
-    return gap / lengthscales, *rational_quadratic(r2, alpha), block
+    return gap / lengthscales, rational_quadratic(r2, alpha), rates(r2, alpha), block
 
 
 def _library(x):

@@ -1,13 +1,16 @@
 """The cache of compiled forms, which outlives the processes that fill it."""
 
 import os
+import pickle
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-PROGRAM = """
+from regional_lv.criticism.hypotheses.base import with_value
+
+INTEGRAL = """
 import numpy as np
 import ufl
 from regional_lv.mechanics import dolfinx_api as api
@@ -19,29 +22,64 @@ x = ufl.SpatialCoordinate(mesh)
 print(api.fem.assemble_scalar(api.compile_form(x[0] * x[1] * x[2] * ufl.dx)))
 """
 
+FORMS = """
+import pickle
+import sys
+from regional_lv.mechanics import dolfinx_api as api
+from regional_lv.simulations import make_simulator
+
+compile_form = api.compile_form
+
+def told(form):
+    print("form", len(form.constants()), form.signature())
+    return compile_form(form)
+
+api.compile_form = told
+make_simulator(*pickle.load(sys.stdin.buffer))
+"""
+
+
+def run(program, environment, given=b""):
+    """What a process of its own prints."""
+    done = subprocess.run(
+        [sys.executable, "-c", program],
+        **{"input": given, "capture_output": True, "env": {**os.environ, **environment}},
+    )
+    assert done.returncode == 0, done.stderr.decode()
+    return done.stdout.decode()
+
 
 def integral(folder):
-    """Integral of xyz over the unit cube, from a process of its own."""
-    done = subprocess.run(
-        [sys.executable, "-c", PROGRAM],
-        **{"capture_output": True, "text": True, "env": {**os.environ, **folder}},
-    )
-    assert done.returncode == 0, done.stderr
-    return float(done.stdout)
+    """Integral of xyz over the unit cube, compiled into the cache of `folder`."""
+    return float(run(INTEGRAL, {"XDG_CACHE_HOME": str(folder)}))
 
 
 def test_what_a_killed_process_left_half_made_is_made_again(tmp_path):
-    cache = {"XDG_CACHE_HOME": str(tmp_path)}
-    assert integral(cache) == pytest.approx(1 / 8)
+    assert integral(tmp_path) == pytest.approx(1 / 8)
     finished = sorted(tmp_path.glob("regional_lv/*.c.cached"))
     assert finished
     for path in finished:
         path.unlink()  # the source is there, the word that it is compiled is not
-    assert integral(cache) == pytest.approx(1 / 8)
+    assert integral(tmp_path) == pytest.approx(1 / 8)
     assert sorted(tmp_path.glob("regional_lv/*.c.cached")) == finished
 
 
 def test_processes_that_start_together_share_the_work(tmp_path):
     with ThreadPoolExecutor(2) as pool:
-        cache = {"XDG_CACHE_HOME": str(tmp_path)}
-        assert list(pool.map(integral, [cache, cache])) == pytest.approx([1 / 8, 1 / 8])
+        assert list(pool.map(integral, [tmp_path, tmp_path])) == pytest.approx([1 / 8, 1 / 8])
+
+
+def test_no_value_compiles_a_form(small_mesh, smoke_config):
+    """Sizes of effects are constants; the base model's forms know of none of them."""
+
+    def forms(physics):
+        # Seeded, as by the workflow: else the order of a form's terms differs by process.
+        given = pickle.dumps((small_mesh, physics))
+        printed = run(FORMS, {"PYTHONHASHSEED": "0"}, given).splitlines()
+        return [line.split()[1:] for line in printed if line.startswith("form ")]
+
+    assert max(int(constants) for constants, _ in forms(smoke_config)) == 1
+    one = with_value(smoke_config, "fibres", "rotation_deg", 5.0)
+    other = with_value(one, "material", "bulk_modulus_kpa", 30.0)
+    other = with_value(other, "loading", "septal_pressure_mmhg", 2.0)
+    assert forms(one) == forms(other) != forms(smoke_config)

@@ -13,7 +13,6 @@ from regional_lv.criticism.planted import Ventricles, read_effects
 from regional_lv.criticism.simulation import SLOPE_STEP, Extended, simulate_extension
 from regional_lv.geometry.mesh import EPICARDIUM, read_mesh
 from regional_lv.geometry.thickness import thickened
-from regional_lv.mechanics import dolfinx_api as api
 from regional_lv.mechanics.continuation import Effort, Solver
 from regional_lv.mechanics.predictor import Predictor
 from regional_lv.mechanics.segments import turned_membership
@@ -43,26 +42,6 @@ def test_base_value_is_the_base_model(smoke_config, name):
     """The same physics, key by key: no form, no number differs."""
     hypothesis = REGISTRY[name]
     assert hypothesis.extend(smoke_config, hypothesis.base) == smoke_config
-
-
-def test_no_value_compiles_a_form(small_mesh, smoke_config, monkeypatch):
-    """Sizes of effects are constants; the base model's forms know of none of them."""
-
-    def forms(physics):
-        compiled = []
-        with monkeypatch.context() as patch:
-            compile_form = api.compile_form
-            patch.setattr(api, "compile_form", lambda f: compiled.append(f) or compile_form(f))
-            make_simulator(small_mesh, physics)
-        return compiled
-
-    base = forms(smoke_config)
-    assert max(len(form.constants()) for form in base) == 1
-    one = with_value(smoke_config, "fibres", "rotation_deg", 5.0)
-    other = with_value(one, "material", "bulk_modulus_kpa", 30.0)
-    other = with_value(other, "loading", "septal_pressure_mmhg", 2.0)
-    signatures = [[form.signature() for form in forms(physics)] for physics in (one, other)]
-    assert signatures[0] == signatures[1]
 
 
 def test_terms_that_are_off_add_nothing(simulator, extended_base, solved):

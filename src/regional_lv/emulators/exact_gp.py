@@ -7,6 +7,7 @@ product, one Cholesky factor of the N x N matrix K serves all outputs.
 import logging
 import math
 import time
+from collections.abc import Iterator
 
 import numpy as np
 import torch
@@ -18,7 +19,7 @@ from regional_lv.emulators.base import (
     SeparablePrediction,
     TrainingSet,
 )
-from regional_lv.emulators.kernels import block_distances, blocks, correlation_and_slopes
+from regional_lv.emulators.kernels import KERNELS, distances
 from regional_lv.emulators.shared_kernel import (
     cholesky,
     condition,
@@ -118,7 +119,7 @@ class ExactGP(Emulator):
 
     @property
     def _blocks(self) -> list[slice]:
-        return blocks(self.kernel, self.inputs.shape[1])
+        return KERNELS[self.kernel].blocks(self.inputs.shape[1])
 
     def _leave_one_out(self, precision, targets) -> tuple[torch.Tensor, torch.Tensor]:
         """Errors (N, D) and variances (N,) of predicting each simulation from all others."""
@@ -210,25 +211,29 @@ class ExactGP(Emulator):
     def _rows(self, x: torch.Tensor) -> tuple[torch.Tensor, tuple[torch.Tensor, ...]]:
         """Correlations k (M, n) of `x` with the observations, and what their derivative needs."""
         scaled = x / self.length_scales
-        d2 = block_distances(self.kernel, scaled, self._scaled)
-        k, slopes = correlation_and_slopes(self.kernel, d2, self.alpha)
-        return k, (scaled, slopes)
+        parts = distances(self.kernel, scaled, self._scaled)
+        k = KERNELS[self.kernel].value(parts, self.alpha)
+        return k, (scaled, k, *parts)
 
-    def _pull_back(self, by_k, scaled, slopes) -> torch.Tensor:
+    def _slopes(self, k, parts) -> Iterator[tuple[slice, torch.Tensor]]:
+        """The blocks of the kernel, each with the slope of k (M, N) about its squared distance."""
+        return zip(self._blocks, KERNELS[self.kernel].slopes(k, parts, self.alpha), strict=True)
+
+    def _pull_back(self, by_k, scaled, k, *parts) -> torch.Tensor:
         """Gradient (M, 10) about x of a function whose gradient about k is `by_k` (M, n)."""
         # d k_n / d scaled_p = 2 slope_n (scaled_p - scaled_np), the slope that of p's block
         by_scaled = torch.empty_like(scaled)
-        for part, slope in zip(self._blocks, slopes, strict=True):
+        for part, slope in self._slopes(k, parts):
             by_d2 = by_k * slope
             moment = by_d2 @ self._scaled[:, part]
             by_scaled[:, part] = 2 * (by_d2.sum(1, keepdim=True) * scaled[:, part] - moment)
         return by_scaled / self.length_scales
 
-    def _mean_slopes(self, scaled, slopes) -> torch.Tensor:
+    def _mean_slopes(self, scaled, k, *parts) -> torch.Tensor:
         """d(k weights)/dx, (M, D, 10), of the values among the observations: they come first."""
-        weights = self.weights[: slopes.shape[-1]]
-        by_x = torch.empty(*(len(scaled), weights.shape[1], scaled.shape[1])).to(slopes)
-        for part, slope in zip(self._blocks, slopes, strict=True):
+        weights = self.weights[: k.shape[1]]
+        by_x = k.new_empty(len(scaled), weights.shape[1], scaled.shape[1])
+        for part, slope in self._slopes(k, parts):
             plain = slope @ weights
             for p in range(part.start, part.stop):
                 moment = slope @ (self._scaled[:, p, None] * weights)

@@ -5,7 +5,7 @@ import torch
 from regional_lv import gradient_gp, kernel
 from regional_lv.emulators.base import Architecture, TrainingSet
 from regional_lv.emulators.exact_gp import ExactGP
-from regional_lv.emulators.kernels import ZONAL, block_distances
+from regional_lv.emulators.kernels import ZONAL
 from regional_lv.emulators.shared_kernel import subset
 from regional_lv.seeds import derive
 
@@ -62,57 +62,59 @@ class GradientGP(ExactGP):
         return matrix, constant
 
     # With u = x / l, v those of the simulations and k = prod_b k_b(r_b^2): for inputs p of block b
-    # and i of block c, with f the derivative of log k about r_b^2 and g that of f (`rate`, `bend`),
+    # and i of block c, with f the derivative of log k about r_b^2, and f_b^2 / alpha that of f_b,
     # the covariance of the value at x with the derivative of a simulation along p is
-    # -2 k f_b (u_p - v_p) / l_p. Its derivative about u_i is -4 k (f_b f_c + g_b [b = c])
+    # -2 k f_b (u_p - v_p) / l_p. Its derivative about u_i is -4 k f_b (f_c + f_b / alpha [b = c])
     # (u_i - v_i) (u_p - v_p) / l_p, and for i = p -2 k f_b / l_p more. The sums over p are products
     # of matrices: nothing of size M x N x 10 is made.
 
     def _rows(self, x):
-        u, v = x / self.length_scales, self._scaled
-        d2 = block_distances(self.kernel, u, v)
-        value, rate, bend = kernel.rational_quadratic(d2, self.alpha)
-        slopes, v = value * rate, v[self.sloped]
-        columns = [value]
-        for part, slope in zip(self._blocks, slopes[..., self.sloped], strict=True):
+        k, context = super()._rows(x)
+        u, _, *parts = context
+        v, slopes, _ = self._at_sloped(k, parts)
+        columns = [k]
+        for part, slope in zip(self._blocks, slopes, strict=True):
             for p in range(part.start, part.stop):
                 columns.append(-2 * slope * (u[:, p, None] - v[:, p]) / self.length_scales[p])
-        bend = value[:, self.sloped] * bend[..., self.sloped]
-        return torch.cat(columns, dim=1), (u, slopes, rate[..., self.sloped], bend)
+        return torch.cat(columns, dim=1), context
 
-    def _pull_back(self, by_k, u, slopes, rate, bend):
-        n, v = slopes.shape[-1], self._scaled[self.sloped]
-        by_values = super()._pull_back(by_k[:, :n], u, slopes)
-        slopes = slopes[..., self.sloped]
+    def _at_sloped(self, k, parts):
+        """v, k f_b and f_b of the simulations that give derivatives."""
+        rates = kernel.rates([part[:, self.sloped] for part in parts], self.alpha)
+        k = k[:, self.sloped]
+        return self._scaled[self.sloped], [k * rate for rate in rates], rates
+
+    def _pull_back(self, by_k, u, k, *parts):
+        n = k.shape[1]
+        by_values = super()._pull_back(by_k[:, :n], u, k, *parts)
+        v, slopes, rates = self._at_sloped(k, parts)
         by_slope = by_k[:, n:].reshape(len(u), u.shape[1], -1) / self.length_scales[:, None]
         along = [
             (u[:, None, part] @ by_slope[:, part])[:, 0] - (by_slope[:, part] * v[:, part].T).sum(1)
             for part in self._blocks
         ]
-        common = sum(f * each for f, each in zip(rate, along, strict=True))
+        common = sum(f * each for f, each in zip(rates, along, strict=True))
         by_u = torch.empty_like(u)
-        for part, slope, g, own in zip(self._blocks, slopes, bend, along, strict=True):
-            pulled = -4 * (slope * common + g * own)
+        for part, slope, f, own in zip(self._blocks, slopes, rates, along, strict=True):
+            pulled = -4 * slope * (common + f * own / self.alpha)
             moment = pulled.sum(1, keepdim=True) * u[:, part] - pulled @ v[:, part]
             by_u[:, part] = moment - 2 * (slope[:, None] * by_slope[:, part]).sum(-1)
         return by_values + by_u / self.length_scales
 
-    def _mean_slopes(self, u, slopes, rate, bend):
-        n, v = slopes.shape[-1], self._scaled[self.sloped]
-        of_values = super()._mean_slopes(u, slopes)
-        slopes = slopes[..., self.sloped]
-        weights = (
-            self.weights[n:].reshape(u.shape[1], len(v), -1) / self.length_scales[:, None, None]
-        )
+    def _mean_slopes(self, u, k, *parts):
+        of_values = super()._mean_slopes(u, k, *parts)
+        v, slopes, rates = self._at_sloped(k, parts)
+        weights = self.weights[k.shape[1] :].reshape(u.shape[1], len(v), -1)
+        weights = weights / self.length_scales[:, None, None]
         along = [
             torch.tensordot(u[:, part], weights[part], 1)
             - (v[:, part].T[..., None] * weights[part]).sum(0)
             for part in self._blocks
         ]
-        common = sum(f[..., None] * each for f, each in zip(rate, along, strict=True))
+        common = sum(f[..., None] * each for f, each in zip(rates, along, strict=True))
         by_u = torch.empty_like(of_values)
-        for part, slope, g, own in zip(self._blocks, slopes, bend, along, strict=True):
-            pulled = -4 * (slope[..., None] * common + g[..., None] * own)
+        for part, slope, f, own in zip(self._blocks, slopes, rates, along, strict=True):
+            pulled = -4 * slope[..., None] * (common + f[..., None] * own / self.alpha)
             moment = pulled.sum(1)[..., None] * u[:, None, part] - pulled.mT @ v[:, part]
             by_u[..., part] = moment - 2 * torch.tensordot(slope, weights[part], ([1], [1])).mT
         return of_values + by_u / self.length_scales

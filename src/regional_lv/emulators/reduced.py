@@ -7,7 +7,6 @@ import numpy as np
 import torch
 
 from regional_lv.emulators.base import Emulator, Prediction, TrainingSet
-from regional_lv.emulators.kernels import KERNELS
 from regional_lv.emulators.shared_kernel import choose_kernel
 from regional_lv.reduction import Reduction
 from regional_lv.seeds import derive
@@ -57,9 +56,9 @@ class ReducedEmulator(Emulator):
         self._fit_scores(training.x, z, seed)
 
     def _choose_kernel(self, x, z, nugget: float, seed: int) -> str:
-        """The kernel of the setting `kernel`; `auto` is cross-validation among all."""
+        """The kernel of the setting `kernel`; `auto` is cross-validation."""
         kernel = self.settings["kernel"]
-        if kernel not in KERNELS:
+        if kernel == "auto":
             kernel, errors = choose_kernel(x, z, nugget, derive(seed, "kernel"))
             self.info["kernel_errors"] = errors
         self.info["kernel"] = kernel

@@ -13,13 +13,7 @@ import numpy as np
 import torch
 from scipy.optimize import minimize
 
-from regional_lv.emulators.kernels import (
-    KERNELS,
-    block_distances,
-    blocks,
-    correlation_and_slopes,
-    squared_distance,
-)
+from regional_lv.emulators.kernels import KERNELS, distances
 from regional_lv.seeds import derive
 
 log = logging.getLogger(__name__)
@@ -27,6 +21,9 @@ log = logging.getLogger(__name__)
 CHOICE_ROWS, CHOICE_FOLDS, CHOICE_ITERATIONS = 300, 3, 40
 """Cross-validation of the kernels: rows used at most, folds, iterations per fit. Kernels differ by
 far more than this leaves uncertain."""
+
+OFFERED = ("rq", "rbf", "matern52")
+"""Kernels among which cross-validation chooses, those of the paper."""
 
 MOST_NUGGET = 1e-2
 """Largest nugget that is tried for a Cholesky factor: beyond it the matrix is wrong, not stiff."""
@@ -102,8 +99,9 @@ def negative_log_likelihood(p, x, y, kernel: str, nugget: float) -> tuple[float,
     scales, alpha = torch.exp(p[:-2]), torch.exp(p[-2])
     learnt = torch.exp(p[-1])
     scaled = x / scales
-    d2 = block_distances(kernel, scaled, scaled)
-    correlation, slopes = correlation_and_slopes(kernel, d2, alpha)
+    of = KERNELS[kernel]
+    parts = distances(kernel, scaled, scaled)
+    correlation = of.value(parts, alpha)
     n, d = y.shape
     matrix = correlation.clone()
     matrix.diagonal().add_(nugget + learnt)
@@ -124,21 +122,22 @@ def negative_log_likelihood(p, x, y, kernel: str, nugget: float) -> tuple[float,
     sensitivity = 0.5 * (d * precision - weights @ torch.cholesky_solve(weights.T, b_factor))
     # sum_ij W_ij (a_i - a_j)^2 for every parameter of a block from one product, W symmetric
     gradient = []
-    for part, slope in zip(blocks(kernel, x.shape[1]), slopes, strict=True):
+    slopes = of.slopes(correlation, parts, alpha)
+    for part, slope in zip(of.blocks(x.shape[1]), slopes, strict=True):
         w, own = sensitivity * slope, scaled[:, part]
         gradient.append(-4 * ((own**2).T @ w.sum(1) - ((w @ own) * own).sum(0)))
     if "rq" in kernel:
-        by_alpha = (sensitivity * _rq_alpha_slope(d2, alpha, correlation)).sum()
+        by_alpha = (sensitivity * _rq_alpha_slope(parts, alpha, correlation)).sum()
     else:
         by_alpha = torch.zeros((), dtype=y.dtype)
     gradient.append(torch.stack([by_alpha, learnt * sensitivity.diagonal().sum()]))
     return float(value), torch.cat(gradient).numpy()
 
 
-def _rq_alpha_slope(d2, alpha, k):
+def _rq_alpha_slope(parts, alpha, k):
     """d(correlation)/d(log alpha) of the rational quadratic kernels."""
-    u = d2 / (2 * alpha)
-    return alpha * k * (u / (1 + u) - torch.log1p(u)).sum(0)
+    halves = [part / (2 * alpha) for part in parts]
+    return alpha * k * sum(u / (1 + u) - torch.log1p(u) for u in halves)
 
 
 def choose_kernel(x: torch.Tensor, y: torch.Tensor, nugget: float, seed: int) -> tuple[str, dict]:
@@ -151,8 +150,8 @@ def choose_kernel(x: torch.Tensor, y: torch.Tensor, nugget: float, seed: int) ->
     order = np.random.default_rng(derive(seed, "folds")).permutation(len(x))
     fold = torch.as_tensor(order % CHOICE_FOLDS)
     errors = {}
-    for kernel in KERNELS:
-        total = 0.0
+    for kernel in OFFERED:
+        value, total = KERNELS[kernel].value, 0.0
         for k in range(CHOICE_FOLDS):
             inside, outside = fold != k, fold == k
             h = fit_hyperparameters(
@@ -160,10 +159,10 @@ def choose_kernel(x: torch.Tensor, y: torch.Tensor, nugget: float, seed: int) ->
             )
             a, b = x[inside] / h.length_scales, x[outside] / h.length_scales
             alpha = torch.tensor(h.alpha, dtype=x.dtype)
-            matrix, _ = KERNELS[kernel](squared_distance(a, a), alpha)
+            matrix = value(distances(kernel, a, a), alpha)
             factor, _ = cholesky(matrix, h.nugget, "choice of the kernel")
             mean, weights = condition(factor, y[inside], torch.ones(len(a), 1, dtype=x.dtype))
-            predicted = mean + KERNELS[kernel](squared_distance(b, a), alpha)[0] @ weights
+            predicted = mean + value(distances(kernel, b, a), alpha) @ weights
             total += float((predicted - y[outside]).square().sum())
         errors[kernel] = math.sqrt(total / y.numel())
     best = min(errors, key=errors.get)
