@@ -160,7 +160,7 @@ def test_what_fails_its_gate_twice_goes_to_nuts(monkeypatch, caplog):
         return sample_case(likelihood, theta, log_sigma, settings, seed, name)
 
     monkeypatch.setattr(inference, "sample_case", nuts)
-    settings = {"warmup": 60, "draws": 40, "ess_min": 1e6}
+    settings = {"warmup": 20, "draws": 10, "ess_min": 1e6}
     point = {"starts": 2, "iterations": 40}
     how = inference.Sampling(settings, point, 1, "test")
     sampled = inference.sample_together(likelihoods, ["a", "b", "c"], how)

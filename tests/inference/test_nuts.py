@@ -47,8 +47,18 @@ def test_gaussian_posterior():
         expected / np.outer(sd, sd),
         atol=0.15,
     )
-    again = sample_case(likelihood, truth, none, settings, 7, "known")
-    np.testing.assert_array_equal(again.theta, draws.theta)
+
+
+def test_same_seed_same_draws():
+    emulator = linear(0.02)
+    truth = torch.linspace(2.0, 3.0, 10, dtype=torch.float64)
+    likelihood = Likelihood(emulator, emulator.predict(truth).mean, Noise.none(emulator))
+    none, settings = torch.zeros(0, dtype=torch.float64), Settings(warmup=20, draws=10)
+    first, again, other = (
+        sample_case(likelihood, truth, none, settings, seed, "known").theta for seed in (7, 7, 8)
+    )
+    np.testing.assert_array_equal(first, again)
+    assert not np.allclose(first, other)
 
 
 def test_noise_scale_and_uniform_prior():

@@ -150,7 +150,12 @@ def test_no_download_asks_nobody(repository, caplog):
 
 
 def test_repository_that_hangs_is_given_up(monkeypatch):
-    monkeypatch.setattr(resources.urllib.request, "urlopen", lambda *_, **__: time.sleep(5))
+
+    def slow(*_, **__):
+        time.sleep(5)
+        raise TimeoutError("no answer")
+
+    monkeypatch.setattr(resources.urllib.request, "urlopen", slow)
     start = time.monotonic()
     assert not resources.volunteer_available(study(), timeout=0.2)
     assert time.monotonic() - start < 1
