@@ -160,12 +160,12 @@ def test_what_fails_its_gate_twice_goes_to_nuts(monkeypatch, caplog):
         return sample_case(likelihood, theta, log_sigma, settings, seed, name)
 
     monkeypatch.setattr(inference, "sample_case", nuts)
-    settings = {"warmup": 20, "draws": 10, "ess_min": 1e6}
+    settings = {"warmup": 10, "draws": 10, "ess_min": 1e6}
     point = {"starts": 2, "iterations": 40}
     how = inference.Sampling(settings, point, 1, "test")
-    sampled = inference.sample_together(likelihoods, ["a", "b", "c"], how)
-    assert called == ["test/a", "test/b", "test/c"]
-    assert sampled.samplers == ("nuts",) * 3
+    sampled = inference.sample_together(likelihoods[:2], ["a", "b"], how)
+    assert called == ["test/a", "test/b"]
+    assert sampled.samplers == ("nuts",) * 2
     assert all(draws.repeated for draws in sampled.draws)
     assert "batched HMC" in caplog.text
 

@@ -53,7 +53,7 @@ def test_same_seed_same_draws():
     emulator = linear(0.02)
     truth = torch.linspace(2.0, 3.0, 10, dtype=torch.float64)
     likelihood = Likelihood(emulator, emulator.predict(truth).mean, Noise.none(emulator))
-    none, settings = torch.zeros(0, dtype=torch.float64), Settings(warmup=20, draws=10)
+    none, settings = torch.zeros(0, dtype=torch.float64), Settings(warmup=5, draws=5)
     first, again, other = (
         sample_case(likelihood, truth, none, settings, seed, "known").theta for seed in (7, 7, 8)
     )
