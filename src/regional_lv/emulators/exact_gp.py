@@ -19,7 +19,7 @@ from regional_lv.emulators.base import (
     SeparablePrediction,
     TrainingSet,
 )
-from regional_lv.emulators.kernels import KERNELS, distances
+from regional_lv.emulators.kernels import KERNELS, parts_of
 from regional_lv.emulators.shared_kernel import (
     cholesky,
     condition,
@@ -111,7 +111,8 @@ class ExactGP(Emulator):
 
     def _rows_of_inputs(self) -> torch.Tensor:
         """Correlations (N, n) of the simulations' values with the observations."""
-        return torch.cat([self._rows(part)[0] for part in self.inputs.split(ROWS_AT_ONCE)])
+        parts = self.inputs.split(ROWS_AT_ONCE)
+        return torch.cat([self._rows(self._near(part)) for part in parts])
 
     @property
     def kernel(self) -> str:
@@ -195,29 +196,34 @@ class ExactGP(Emulator):
 
     def _forward(self, theta: torch.Tensor) -> dict:
         """Everything about predictions at `theta` (M, 10) that values and derivatives need."""
-        k, context = self._rows(self.standardise(theta))
+        context = self._near(self.standardise(theta))
+        k = self._rows(context)
         half = torch.linalg.solve_triangular(self.cholesky, k.T, upper=False)
         rest = 1 - (self._ones.T @ half)[0]
         variance = 1 + self.nugget - (half * half).sum(0) + rest * rest / self._total
         variance = variance.clamp(min=self.nugget)
         return {
-            "mean": self._mean(k),
+            "mean": self._mean(context),
             "variance": self.variance_factor * variance,
             "half": half,
             "rest": rest,
             "context": context,
         }
 
-    def _rows(self, x: torch.Tensor) -> tuple[torch.Tensor, tuple[torch.Tensor, ...]]:
-        """Correlations k (M, n) of `x` with the observations, and what their derivative needs."""
+    def _near(self, x: torch.Tensor) -> tuple[torch.Tensor, ...]:
+        """The context of predictions at `x` (M, 10), of which their values and derivatives are
+        made: `x` scaled, its correlations k (M, N) with the simulations, and the kernel's parts."""
         scaled = x / self.length_scales
-        parts = distances(self.kernel, scaled, self._scaled)
-        k = KERNELS[self.kernel].value(parts, self.alpha)
-        return k, (scaled, k, *parts)
+        parts = parts_of(self.kernel, scaled, self._scaled, self.alpha)
+        return scaled, KERNELS[self.kernel].value(parts, self.alpha), *parts
+
+    def _rows(self, context) -> torch.Tensor:
+        """Correlations (M, n) with the observations."""
+        return context[1]
 
     def _slopes(self, k, parts) -> Iterator[tuple[slice, torch.Tensor]]:
         """The blocks of the kernel, each with the slope of k (M, N) about its squared distance."""
-        return zip(self._blocks, KERNELS[self.kernel].slopes(k, parts, self.alpha), strict=True)
+        return zip(self._blocks, KERNELS[self.kernel].slopes(k, parts), strict=True)
 
     def _pull_back(self, by_k, scaled, k, *parts) -> torch.Tensor:
         """Gradient (M, 10) about x of a function whose gradient about k is `by_k` (M, n)."""
@@ -263,14 +269,18 @@ class ExactGP(Emulator):
         """As in the base class; O(N) per point, where the variance is O(N^2)."""
         shape = theta.shape[:-1]
         flat = theta.reshape(-1, theta.shape[-1])
-        k, context = self._rows(self.standardise(flat))
+        context = self._near(self.standardise(flat))
         slopes = self._mean_slopes(*context) * self.output_sd[:, None]
         slopes = slopes * self.standardise_slope(flat)[:, None, :]
-        return self._mean(k).reshape(*shape, -1), slopes.reshape(*shape, *slopes.shape[1:])
+        return self._mean(context).reshape(*shape, -1), slopes.reshape(*shape, *slopes.shape[1:])
 
-    def _mean(self, k: torch.Tensor) -> torch.Tensor:
-        """Predicted mean (M, D) from the correlations k (M, n)."""
-        return self.output_mean + self.output_sd * (self.mean + k @ self.weights)
+    def _mean(self, context) -> torch.Tensor:
+        """Predicted mean (M, D)."""
+        return self.output_mean + self.output_sd * (self.mean + self._weighted(*context))
+
+    def _weighted(self, scaled, k, *parts) -> torch.Tensor:
+        """The correlations with the observations times their weights, (M, D)."""
+        return k @ self.weights
 
     # --------------------------------------------------------------------------- keeping
 
@@ -321,10 +331,10 @@ class _Mean(torch.autograd.Function):
 
     @staticmethod
     def forward(ctx, theta, gp):
-        k, context = gp._rows(gp.standardise(theta))
+        context = gp._near(gp.standardise(theta))
         ctx.gp = gp
         ctx.save_for_backward(theta, *context)
-        return gp._mean(k)
+        return gp._mean(context)
 
     @staticmethod
     @torch.autograd.function.once_differentiable

@@ -5,7 +5,7 @@ import torch
 from regional_lv import gradient_gp, kernel
 from regional_lv.emulators.base import Architecture, TrainingSet
 from regional_lv.emulators.exact_gp import ExactGP
-from regional_lv.emulators.kernels import ZONAL
+from regional_lv.emulators.kernels import KERNELS, ZONAL, parts_of, rq_rates
 from regional_lv.emulators.shared_kernel import subset
 from regional_lv.seeds import derive
 
@@ -68,26 +68,46 @@ class GradientGP(ExactGP):
     # (u_i - v_i) (u_p - v_p) / l_p, and for i = p -2 k f_b / l_p more. The sums over p are products
     # of matrices: nothing of size M x N x 10 is made.
 
-    def _rows(self, x):
-        k, context = super()._rows(x)
-        u, _, *parts = context
-        v, slopes, _ = self._at_sloped(k, parts)
+    def _rows(self, context):
+        u, k, *_ = context
+        v, slopes, _ = self._at_sloped(u)
         columns = [k]
         for part, slope in zip(self._blocks, slopes, strict=True):
             for p in range(part.start, part.stop):
                 columns.append(-2 * slope * (u[:, p, None] - v[:, p]) / self.length_scales[p])
-        return torch.cat(columns, dim=1), context
+        return torch.cat(columns, dim=1)
 
-    def _at_sloped(self, k, parts):
-        """v, k f_b and f_b of the simulations that give derivatives."""
-        rates = kernel.rates([part[:, self.sloped] for part in parts], self.alpha)
-        k = k[:, self.sloped]
-        return self._scaled[self.sloped], [k * rate for rate in rates], rates
+    def _at_sloped(self, u):
+        """v, k f_b and f_b of the simulations that give derivatives; made anew, which takes less
+        than picking their columns."""
+        v = self._scaled[self.sloped]
+        parts = parts_of(self.kernel, u, v, self.alpha)
+        k, rates = KERNELS[self.kernel].value(parts, self.alpha), rq_rates(parts)
+        return v, [k * rate for rate in rates], rates
+
+    def _weighted(self, u, k, *parts):
+        # As `_rows` times the weights, one column after the other: putting them side by side takes
+        # longer than the products.
+        v, slopes, _ = self._at_sloped(u)
+        weights = self._slope_weights
+        total = k @ self.weights[: k.shape[1]]
+        for part, slope in zip(self._blocks, slopes, strict=True):
+            for p in range(part.start, part.stop):
+                total.addmm_((v[:, p] - u[:, p, None]) * slope, weights[p], alpha=2)
+        return total
+
+    @property
+    def _slope_weights(self):
+        """Weights (10, n, D) of the derivatives, over the length scales."""
+        weights = self.weights[len(self.inputs) :].reshape(
+            len(self.length_scales), -1, self.weights.shape[1]
+        )
+        return weights / self.length_scales[:, None, None]
 
     def _pull_back(self, by_k, u, k, *parts):
         n = k.shape[1]
         by_values = super()._pull_back(by_k[:, :n], u, k, *parts)
-        v, slopes, rates = self._at_sloped(k, parts)
+        v, slopes, rates = self._at_sloped(u)
         by_slope = by_k[:, n:].reshape(len(u), u.shape[1], -1) / self.length_scales[:, None]
         along = [
             (u[:, None, part] @ by_slope[:, part])[:, 0] - (by_slope[:, part] * v[:, part].T).sum(1)
@@ -103,9 +123,8 @@ class GradientGP(ExactGP):
 
     def _mean_slopes(self, u, k, *parts):
         of_values = super()._mean_slopes(u, k, *parts)
-        v, slopes, rates = self._at_sloped(k, parts)
-        weights = self.weights[k.shape[1] :].reshape(u.shape[1], len(v), -1)
-        weights = weights / self.length_scales[:, None, None]
+        v, slopes, rates = self._at_sloped(u)
+        weights = self._slope_weights
         along = [
             torch.tensordot(u[:, part], weights[part], 1)
             - (v[:, part].T[..., None] * weights[part]).sum(0)

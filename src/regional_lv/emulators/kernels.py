@@ -5,6 +5,7 @@ zone. Correlations are made for thousands of points at a time and their slopes o
 needed, so that the ones do not wait for the others.
 """
 
+import math
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
@@ -13,28 +14,54 @@ import torch
 from regional_lv import kernel as blockwise
 
 Parts = Sequence[torch.Tensor]
-"""Squared scaled distances (..., M, N), one for each block."""
+"""What a kernel is a function of (..., M, N), for each block: the squared scaled distance d2, or
+for the rational quadratic ones 1 + d2 / (2 alpha)."""
 
 
 class Kernel(NamedTuple):
-    """blocks: slices of the inputs, by their number. value: correlations at the distances, with
-    `alpha` the exponent of the rational quadratic kernels, which others ignore. slopes: from these
-    correlations, distances and alpha, the slope about each of the distances."""
+    """blocks: slices of the inputs, by their number. parts: from a block's scaled inputs
+    (..., M, P) and (..., N, P) and from `alpha`, the exponent of the rational quadratic kernels,
+    which others ignore. value: correlations at the parts. slopes: from these correlations and the
+    parts, the slope about each d2."""
 
     blocks: Callable[[int], list[slice]]
+    parts: Callable[[torch.Tensor, torch.Tensor, torch.Tensor], torch.Tensor]
     value: Callable[[Parts, torch.Tensor], torch.Tensor]
-    slopes: Callable[[torch.Tensor, Parts, torch.Tensor], list[torch.Tensor]]
+    slopes: Callable[[torch.Tensor, Parts], list[torch.Tensor]]
 
 
-def _rq_slopes(k, parts, alpha):
-    return [k * rate for rate in blockwise.rates(parts, alpha)]
+def _distance(a, b, alpha):
+    return squared_distance(a, b)
+
+
+def _rq_part(a, b, alpha):
+    # 1 + |a - b|^2 / (2 alpha) as one matrix product: (1 + |a|^2) 1 + 1 |b|^2 - 2 a b'
+    scale = (2 * alpha) ** -0.5
+    a, b = a * scale, b * scale
+    one_a, one_b = torch.ones_like(a[..., :1]), torch.ones_like(b[..., :1])
+    left = torch.cat([-2 * a, 1 + (a * a).sum(-1, keepdim=True), one_a], -1)
+    right = torch.cat([b, one_b, (b * b).sum(-1, keepdim=True)], -1)
+    return left @ right.mT
+
+
+def _rq(parts, alpha):
+    return torch.exp(-alpha * torch.log(math.prod(parts[1:], start=parts[0])))
+
+
+def rq_rates(parts):
+    """d(log k)/d(d2) for each block; its own derivative is its square over alpha."""
+    return [-0.5 / part for part in parts]
+
+
+def _rq_slopes(k, parts):
+    return [k * rate for rate in rq_rates(parts)]
 
 
 def _rbf(parts, alpha):
     return torch.exp(-0.5 * parts[0])
 
 
-def _rbf_slopes(k, parts, alpha):
+def _rbf_slopes(k, parts):
     return [-0.5 * k]
 
 
@@ -43,7 +70,7 @@ def _matern52(parts, alpha):
     return (1 + r + r * r / 3) * torch.exp(-r)
 
 
-def _matern52_slopes(k, parts, alpha):
+def _matern52_slopes(k, parts):
     r = _matern_distance(parts)
     return [-5 / 6 * (1 + r) * torch.exp(-r)]
 
@@ -57,18 +84,18 @@ ZONAL = "zonal_rq"
 """The product over the zones of rational quadratic kernels of their two parameters, one alpha."""
 
 KERNELS = {
-    "rq": Kernel(blockwise.one_block, blockwise.rational_quadratic, _rq_slopes),
-    "rbf": Kernel(blockwise.one_block, _rbf, _rbf_slopes),
-    "matern52": Kernel(blockwise.one_block, _matern52, _matern52_slopes),
-    ZONAL: Kernel(blockwise.zone_blocks, blockwise.rational_quadratic, _rq_slopes),
+    "rq": Kernel(blockwise.one_block, _rq_part, _rq, _rq_slopes),
+    "rbf": Kernel(blockwise.one_block, _distance, _rbf, _rbf_slopes),
+    "matern52": Kernel(blockwise.one_block, _distance, _matern52, _matern52_slopes),
+    ZONAL: Kernel(blockwise.zone_blocks, _rq_part, _rq, _rq_slopes),
 }
 
 
-def distances(kernel: str, a: torch.Tensor, b: torch.Tensor) -> list[torch.Tensor]:
-    """Squared distances (..., M, N) within each block of the kernel between the rows of scaled
-    inputs `a` (..., M, P) and `b` (..., N, P)."""
-    blocks = KERNELS[kernel].blocks(a.shape[-1])
-    return [squared_distance(a[..., part], b[..., part]) for part in blocks]
+def parts_of(kernel: str, a: torch.Tensor, b: torch.Tensor, alpha) -> list[torch.Tensor]:
+    """What the kernel is a function of, between the rows of scaled inputs `a` (..., M, P) and `b`
+    (..., N, P)."""
+    of = KERNELS[kernel]
+    return [of.parts(a[..., part], b[..., part], alpha) for part in of.blocks(a.shape[-1])]
 
 
 def squared_distance(a: torch.Tensor, b: torch.Tensor) -> torch.Tensor:
@@ -82,19 +109,17 @@ def squared_distance(a: torch.Tensor, b: torch.Tensor) -> torch.Tensor:
 def correlation(kernel: str, a, b, length_scales, alpha) -> torch.Tensor:
     """(G, M, N) correlations of `a` (M, P) or (G, M, P) with `b`, one kernel of each of G: length
     scales (G, P), alpha (G,)."""
-    scales = length_scales[:, None, :]
-    return KERNELS[kernel].value(distances(kernel, a / scales, b / scales), alpha[:, None, None])
+    scales, alpha = length_scales[:, None, :], alpha[:, None, None]
+    return KERNELS[kernel].value(parts_of(kernel, a / scales, b / scales, alpha), alpha)
 
 
 def mean_slopes(kernel: str, a, b, length_scales, alpha, weights) -> torch.Tensor:
     """d(k weights)/d(a), (G, M, P), of k = `correlation(a, b)` with `weights` (G, N)."""
-    scales, alpha = length_scales[:, None, :], alpha[:, None, None]
+    of, scales, alpha = KERNELS[kernel], length_scales[:, None, :], alpha[:, None, None]
     a, b = a / scales, b / scales
-    parts = distances(kernel, a, b)
-    k = KERNELS[kernel].value(parts, alpha)
-    found = []
-    blocks = KERNELS[kernel].blocks(a.shape[-1])
-    for part, slope in zip(blocks, KERNELS[kernel].slopes(k, parts, alpha), strict=True):
+    parts = parts_of(kernel, a, b, alpha)
+    slopes, found = of.slopes(of.value(parts, alpha), parts), []
+    for part, slope in zip(of.blocks(a.shape[-1]), slopes, strict=True):
         weighted = slope * weights[:, None, :]
         # d k_n / d a_p = 2 slope_n (a_p - b_np), both scaled
         own = weighted.sum(-1, keepdim=True) * a[..., part] - weighted @ b[..., part]

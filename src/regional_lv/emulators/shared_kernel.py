@@ -13,7 +13,7 @@ import numpy as np
 import torch
 from scipy.optimize import minimize
 
-from regional_lv.emulators.kernels import KERNELS, distances
+from regional_lv.emulators.kernels import KERNELS, parts_of
 from regional_lv.seeds import derive
 
 log = logging.getLogger(__name__)
@@ -100,7 +100,7 @@ def negative_log_likelihood(p, x, y, kernel: str, nugget: float) -> tuple[float,
     learnt = torch.exp(p[-1])
     scaled = x / scales
     of = KERNELS[kernel]
-    parts = distances(kernel, scaled, scaled)
+    parts = parts_of(kernel, scaled, scaled, alpha)
     correlation = of.value(parts, alpha)
     n, d = y.shape
     matrix = correlation.clone()
@@ -122,7 +122,7 @@ def negative_log_likelihood(p, x, y, kernel: str, nugget: float) -> tuple[float,
     sensitivity = 0.5 * (d * precision - weights @ torch.cholesky_solve(weights.T, b_factor))
     # sum_ij W_ij (a_i - a_j)^2 for every parameter of a block from one product, W symmetric
     gradient = []
-    slopes = of.slopes(correlation, parts, alpha)
+    slopes = of.slopes(correlation, parts)
     for part, slope in zip(of.blocks(x.shape[1]), slopes, strict=True):
         w, own = sensitivity * slope, scaled[:, part]
         gradient.append(-4 * ((own**2).T @ w.sum(1) - ((w @ own) * own).sum(0)))
@@ -136,8 +136,7 @@ def negative_log_likelihood(p, x, y, kernel: str, nugget: float) -> tuple[float,
 
 def _rq_alpha_slope(parts, alpha, k):
     """d(correlation)/d(log alpha) of the rational quadratic kernels."""
-    halves = [part / (2 * alpha) for part in parts]
-    return alpha * k * sum(u / (1 + u) - torch.log1p(u) for u in halves)
+    return alpha * k * sum(1 - 1 / base - torch.log(base) for base in parts)
 
 
 def choose_kernel(x: torch.Tensor, y: torch.Tensor, nugget: float, seed: int) -> tuple[str, dict]:
@@ -159,10 +158,10 @@ def choose_kernel(x: torch.Tensor, y: torch.Tensor, nugget: float, seed: int) ->
             )
             a, b = x[inside] / h.length_scales, x[outside] / h.length_scales
             alpha = torch.tensor(h.alpha, dtype=x.dtype)
-            matrix = value(distances(kernel, a, a), alpha)
+            matrix = value(parts_of(kernel, a, a, alpha), alpha)
             factor, _ = cholesky(matrix, h.nugget, "choice of the kernel")
             mean, weights = condition(factor, y[inside], torch.ones(len(a), 1, dtype=x.dtype))
-            predicted = mean + value(distances(kernel, b, a), alpha) @ weights
+            predicted = mean + value(parts_of(kernel, b, a, alpha), alpha) @ weights
             total += float((predicted - y[outside]).square().sum())
         errors[kernel] = math.sqrt(total / y.numel())
     best = min(errors, key=errors.get)
