@@ -12,6 +12,7 @@ depends on that of the others, but smoothly. The covariances of derivatives are 
 then the derivative along each input in turn: (1 + d) n rows.
 """
 
+import math
 import sys
 
 
@@ -25,18 +26,15 @@ def zone_blocks(inputs: int) -> list[slice]:
     return [slice(i, i + 2) for i in range(0, inputs, 2)]
 
 
-def rational_quadratic(r2, alpha):
-    """k (...) at the squared scaled distances (...) within the blocks, one of `r2` for each."""
-    base = 1 + r2[0] / (2 * alpha)
-    for block in r2[1:]:
-        base = base * (1 + block / (2 * alpha))
-    library = _library(base)
-    return library.exp(-alpha * library.log(base))
+def rational_quadratic(bases, alpha):
+    """k (...) of 1 + r_b^2 / (2 alpha) (...), one of `bases` for each block."""
+    library = _library(bases[0])
+    return library.exp(-alpha * library.log(math.prod(bases[1:], start=bases[0])))
 
 
-def rates(r2, alpha):
+def rates(bases):
     """f_b = d(log k)/d(r_b^2) (...) for each of the blocks; its own derivative is f_b^2 / alpha."""
-    return [-1 / (2 + block / alpha) for block in r2]
+    return [-0.5 / base for base in bases]
 
 
 def joint_covariance(x, y, lengthscales, alpha, blocks=zone_blocks):
@@ -78,9 +76,9 @@ def _derivatives(x, y, lengthscales, alpha, blocks):
     block."""
     gap = (x[:, None, :] - y[None, :, :]) / lengthscales
     parts = blocks(x.shape[1])
-    r2 = [(gap[..., part] ** 2).sum(-1) for part in parts]
+    bases = [1 + (gap[..., part] ** 2).sum(-1) / (2 * alpha) for part in parts]
     block = [b for b, part in enumerate(parts) for _ in range(part.start, part.stop)]
-    return gap / lengthscales, rational_quadratic(r2, alpha), rates(r2, alpha), block
+    return gap / lengthscales, rational_quadratic(bases, alpha), rates(bases), block
 
 
 def _library(x):

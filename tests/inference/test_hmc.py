@@ -163,9 +163,9 @@ def test_what_fails_its_gate_twice_goes_to_nuts(monkeypatch, caplog):
     settings = {"warmup": 10, "draws": 10, "ess_min": 1e6}
     point = {"starts": 2, "iterations": 40}
     how = inference.Sampling(settings, point, 1, "test")
-    sampled = inference.sample_together(likelihoods[:2], ["a", "b"], how)
-    assert called == ["test/a", "test/b"]
-    assert sampled.samplers == ("nuts",) * 2
+    sampled = inference.sample_together(likelihoods, ["a", "b", "c"], how)
+    assert called == ["test/a", "test/b", "test/c"]
+    assert sampled.samplers == ("nuts",) * 3
     assert all(draws.repeated for draws in sampled.draws)
     assert "batched HMC" in caplog.text
 

@@ -203,7 +203,7 @@ class ExactGP(Emulator):
         variance = 1 + self.nugget - (half * half).sum(0) + rest * rest / self._total
         variance = variance.clamp(min=self.nugget)
         return {
-            "mean": self._mean(context),
+            "mean": self._mean(k @ self.weights),
             "variance": self.variance_factor * variance,
             "half": half,
             "rest": rest,
@@ -272,14 +272,15 @@ class ExactGP(Emulator):
         context = self._near(self.standardise(flat))
         slopes = self._mean_slopes(*context) * self.output_sd[:, None]
         slopes = slopes * self.standardise_slope(flat)[:, None, :]
-        return self._mean(context).reshape(*shape, -1), slopes.reshape(*shape, *slopes.shape[1:])
+        mean = self._mean(self._weighted(*context))
+        return mean.reshape(*shape, -1), slopes.reshape(*shape, *slopes.shape[1:])
 
-    def _mean(self, context) -> torch.Tensor:
-        """Predicted mean (M, D)."""
-        return self.output_mean + self.output_sd * (self.mean + self._weighted(*context))
+    def _mean(self, weighted) -> torch.Tensor:
+        """Predicted mean (M, D) from the correlations times the weights (M, D)."""
+        return self.output_mean + self.output_sd * (self.mean + weighted)
 
     def _weighted(self, scaled, k, *parts) -> torch.Tensor:
-        """The correlations with the observations times their weights, (M, D)."""
+        """`_rows` times the weights, (M, D), for means without their variance."""
         return k @ self.weights
 
     # --------------------------------------------------------------------------- keeping
@@ -334,7 +335,7 @@ class _Mean(torch.autograd.Function):
         context = gp._near(gp.standardise(theta))
         ctx.gp = gp
         ctx.save_for_backward(theta, *context)
-        return gp._mean(context)
+        return gp._mean(gp._weighted(*context))
 
     @staticmethod
     @torch.autograd.function.once_differentiable

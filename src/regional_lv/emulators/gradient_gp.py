@@ -5,7 +5,7 @@ import torch
 from regional_lv import gradient_gp, kernel
 from regional_lv.emulators.base import Architecture, TrainingSet
 from regional_lv.emulators.exact_gp import ExactGP
-from regional_lv.emulators.kernels import KERNELS, ZONAL, parts_of, rq_rates
+from regional_lv.emulators.kernels import KERNELS, ZONAL, parts_of
 from regional_lv.emulators.shared_kernel import subset
 from regional_lv.seeds import derive
 
@@ -82,7 +82,7 @@ class GradientGP(ExactGP):
         than picking their columns."""
         v = self._scaled[self.sloped]
         parts = parts_of(self.kernel, u, v, self.alpha)
-        k, rates = KERNELS[self.kernel].value(parts, self.alpha), rq_rates(parts)
+        k, rates = KERNELS[self.kernel].value(parts, self.alpha), kernel.rates(parts)
         return v, [k * rate for rate in rates], rates
 
     def _weighted(self, u, k, *parts):

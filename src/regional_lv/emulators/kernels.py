@@ -5,7 +5,6 @@ zone. Correlations are made for thousands of points at a time and their slopes o
 needed, so that the ones do not wait for the others.
 """
 
-import math
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
@@ -30,8 +29,11 @@ class Kernel(NamedTuple):
     slopes: Callable[[torch.Tensor, Parts], list[torch.Tensor]]
 
 
-def _distance(a, b, alpha):
-    return squared_distance(a, b)
+def _squared_distance(a, b, alpha):
+    # One matrix product instead of M N P differences.
+    d2 = (-2 * a) @ b.mT
+    d2.add_((a * a).sum(-1)[..., :, None]).add_((b * b).sum(-1)[..., None, :])
+    return d2.clamp_(min=0.0)
 
 
 def _rq_part(a, b, alpha):
@@ -44,17 +46,8 @@ def _rq_part(a, b, alpha):
     return left @ right.mT
 
 
-def _rq(parts, alpha):
-    return torch.exp(-alpha * torch.log(math.prod(parts[1:], start=parts[0])))
-
-
-def rq_rates(parts):
-    """d(log k)/d(d2) for each block; its own derivative is its square over alpha."""
-    return [-0.5 / part for part in parts]
-
-
 def _rq_slopes(k, parts):
-    return [k * rate for rate in rq_rates(parts)]
+    return [k * rate for rate in blockwise.rates(parts)]
 
 
 def _rbf(parts, alpha):
@@ -84,10 +77,10 @@ ZONAL = "zonal_rq"
 """The product over the zones of rational quadratic kernels of their two parameters, one alpha."""
 
 KERNELS = {
-    "rq": Kernel(blockwise.one_block, _rq_part, _rq, _rq_slopes),
-    "rbf": Kernel(blockwise.one_block, _distance, _rbf, _rbf_slopes),
-    "matern52": Kernel(blockwise.one_block, _distance, _matern52, _matern52_slopes),
-    ZONAL: Kernel(blockwise.zone_blocks, _rq_part, _rq, _rq_slopes),
+    "rq": Kernel(blockwise.one_block, _rq_part, blockwise.rational_quadratic, _rq_slopes),
+    "rbf": Kernel(blockwise.one_block, _squared_distance, _rbf, _rbf_slopes),
+    "matern52": Kernel(blockwise.one_block, _squared_distance, _matern52, _matern52_slopes),
+    ZONAL: Kernel(blockwise.zone_blocks, _rq_part, blockwise.rational_quadratic, _rq_slopes),
 }
 
 
@@ -96,14 +89,6 @@ def parts_of(kernel: str, a: torch.Tensor, b: torch.Tensor, alpha) -> list[torch
     (..., N, P)."""
     of = KERNELS[kernel]
     return [of.parts(a[..., part], b[..., part], alpha) for part in of.blocks(a.shape[-1])]
-
-
-def squared_distance(a: torch.Tensor, b: torch.Tensor) -> torch.Tensor:
-    """(..., M, N) squared distances between the rows of `a` (..., M, P) and `b` (..., N, P); one
-    matrix product instead of M N P differences."""
-    d2 = (-2 * a) @ b.mT
-    d2.add_((a * a).sum(-1)[..., :, None]).add_((b * b).sum(-1)[..., None, :])
-    return d2.clamp_(min=0.0)
 
 
 def correlation(kernel: str, a, b, length_scales, alpha) -> torch.Tensor:

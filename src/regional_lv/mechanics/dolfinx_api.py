@@ -88,15 +88,17 @@ def mixed_space(mesh, order: int = 2):
 def space(mesh, family: str, degree: int, components: int = 1):
     """Scalar or vector function space, `family` being "Lagrange" or "DG"."""
     if _LEGACY:
-        kind = (family, mesh.ufl_cell(), degree)
-        element = (
-            ufl.FiniteElement(*kind)
-            if components == 1
-            else ufl.VectorElement(*kind, dim=components)
-        )
-        return _compiled(fem.FunctionSpace, mesh, element)
+        return _compiled(fem.FunctionSpace, mesh, _element(mesh, family, degree, components))
     shape = () if components == 1 else (components,)
     return _compiled(fem.functionspace, mesh, (family, degree, shape))
+
+
+def _element(mesh, family, degree, components, **given):
+    """Scalar or vector element of UFL's own, which dolfinx 0.5 takes."""
+    kind = (family, mesh.ufl_cell(), degree)
+    if components == 1:
+        return ufl.FiniteElement(*kind, **given)
+    return ufl.VectorElement(*kind, dim=components, **given)
 
 
 def quadrature_space(mesh, dx, components: int = 1):
@@ -106,12 +108,7 @@ def quadrature_space(mesh, dx, components: int = 1):
     """
     degree = dx.metadata()["quadrature_degree"]
     if _LEGACY:
-        cell, given = mesh.ufl_cell(), {"degree": degree, "quad_scheme": "default"}
-        element = (
-            ufl.FiniteElement("Quadrature", cell, **given)
-            if components == 1
-            else ufl.VectorElement("Quadrature", cell, dim=components, **given)
-        )
+        element = _element(mesh, "Quadrature", degree, components, quad_scheme="default")
         return _compiled(fem.FunctionSpace, mesh, element)
     import basix.ufl
 
