@@ -3,6 +3,7 @@
 import ast
 import os
 from collections.abc import Iterable
+from functools import cache
 from pathlib import Path
 
 PACKAGE = "regional_lv"
@@ -34,6 +35,7 @@ def _file(source: Path, name: str) -> Path | None:
     return next((c for c in candidates if name and c.is_file()), None)
 
 
+@cache  # most rules share most of the library, and parsing it was half of every dry run
 def _imports(source: Path, path: Path) -> set[str]:
     found = set()
     for node in ast.walk(ast.parse(path.read_text())):

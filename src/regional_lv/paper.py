@@ -15,9 +15,10 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from regional_lv import aha, tables
+from regional_lv import aha
 from regional_lv.errors import InputError
-from regional_lv.figures.posterior import by_emulator, chosen
+from regional_lv.figures.verdicts import by_emulator, chosen
+from regional_lv.tables.writing import save_markdown
 
 KEYS = ("quantity", "emulator", "set", "parameter", "statistic")
 COLUMNS = ("place", *KEYS, "relation", "value", "unit")
@@ -156,7 +157,7 @@ def save(table: pd.DataFrame, csv: Path, md: Path) -> None:
     Path(csv).parent.mkdir(parents=True, exist_ok=True)
     table.to_csv(csv, index=False, float_format="%.8g")
     limits = ", ".join(f"{name} {value:g}" for name, value in DIFFERENCE.items())
-    tables.save_markdown(table, md, HEADING.format(factor=FACTOR, limits=limits))
+    save_markdown(table, md, HEADING.format(factor=FACTOR, limits=limits))
 
 
 # ------------------------------------------------------------------- what this study has to offer
@@ -276,7 +277,7 @@ def from_scenarios(zone_correlations: dict[str, Path]) -> list[dict]:
 def from_volunteer(convergence: Path, stiffness: Path, predictive: Path) -> list[dict]:
     """The clinical case: convergence, noise scales and observations outside their interval.
 
-    convergence: `tables.convergence` of the subject (parameter, rhat, split_rhat, ess); stiffness:
+    convergence: `tables.subjects.convergence` (parameter, rhat, split_rhat, ess); stiffness:
     the table of its bullseye (parameter, item, value); predictive: that of its violins.
     """
     where = {"emulator": "final", "set": "volunteer"}

@@ -8,9 +8,11 @@ import pandas as pd
 import pytest
 from scipy import integrate, stats
 
-from regional_lv import aha, tables
+from regional_lv import aha
 from regional_lv.estimates import ranking, transforms
 from regional_lv.figures import per_sample_mse, sample_efficiency
+from regional_lv.tables import emulators as tables
+from regional_lv.tables import writing
 
 CASES = 30
 NUMBERS = Path(__file__).parents[2] / "resources" / "paper_numbers.csv"
@@ -167,7 +169,7 @@ def test_tables_and_box_plots(study):
     assert one["emulator"].tolist() == ["VGP", "MVGP", "DNN"]
     assert one["output_structure"].tolist() == ["single-output", *["multi-output"] * 2]
     for table in (s1, pairs, one):
-        tables.save(table, study / "t.csv", study / "t.tex")
+        writing.save(table, study / "t.csv", study / "t.tex")
         assert (study / "t.tex").read_text().count(r"\\") == len(table) + 1
     per_sample_mse.draw(
         names,

@@ -6,7 +6,8 @@ import pandas as pd
 import pytest
 import torch
 
-from regional_lv import aha, emulators, inference
+from regional_lv import aha, emulators
+from regional_lv.inference import sampling
 from regional_lv.inference.agreement import COLUMNS, compare_samplers
 from regional_lv.inference.calibration import calibrate_chain
 from regional_lv.inference.noise_prior import compare_noise_priors
@@ -25,7 +26,7 @@ def posteriors(study):
     table["zone"] = ["septal", "septal", "apical", "lateral"]
     table.to_parquet(study / "scenario.parquet")
     path = study / "checks.nc"
-    inference.sample_set_batch(
+    sampling.sample_set_batch(
         *(study / "emulator.pt", study / "scenario.parquet", "test", 0, 1, 4, None),
         *("hmc", FEW, POINT, 1, path),
     )
@@ -65,7 +66,7 @@ def test_samplers_are_compared(study, posteriors):
 def test_no_case_of_the_fast_sampler_is_no_error(study, posteriors):
     data = az.from_netcdf(posteriors)
     data.constant_data["sampler"][:] = "nuts"
-    inference.write(data, study / "by_nuts.nc")
+    sampling.write(data, study / "by_nuts.nc")
     files = study / "emulator.pt", [study / "by_nuts.nc"]
     compare_samplers(*files, 1, FEW, POINT, 1, study / "agreement.csv")
     assert pd.read_csv(study / "agreement.csv").empty
@@ -107,7 +108,7 @@ def test_posterior_draws_go_through_the_simulator(study, posteriors):
 
 def test_noise_priors_are_compared(study):
     files = study / "prior.nc", study / "prior.csv"
-    inference.sample_subject(
+    sampling.sample_subject(
         *(study / "emulator.pt", study / "subject.csv", "someone", FEW, POINT, 0.2, 1, *files)
     )
     compare_noise_priors([files[0]] * 2, [0.1, 0.2], study / "priors.csv")

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 import torch
 
-from regional_lv import inference
-from regional_lv.inference import hmc
+from regional_lv.inference import hmc, sampling
 from regional_lv.inference.hmc import sample_batch
 from regional_lv.inference.likelihood import Likelihood, Noise
 from regional_lv.inference.nuts import Settings, Target, sample_case, verdict
@@ -159,11 +158,11 @@ def test_what_fails_its_gate_twice_goes_to_nuts(monkeypatch, caplog):
         called.append(name)
         return sample_case(likelihood, theta, log_sigma, settings, seed, name)
 
-    monkeypatch.setattr(inference, "sample_case", nuts)
+    monkeypatch.setattr(sampling, "sample_case", nuts)
     settings = {"warmup": 10, "draws": 10, "ess_min": 1e6}
     point = {"starts": 2, "iterations": 40}
-    how = inference.Sampling(settings, point, 1, "test")
-    sampled = inference.sample_together(likelihoods, ["a", "b", "c"], how)
+    how = sampling.Sampling(settings, point, 1, "test")
+    sampled = sampling.sample_together(likelihoods, ["a", "b", "c"], how)
     assert called == ["test/a", "test/b", "test/c"]
     assert sampled.samplers == ("nuts",) * 3
     assert all(draws.repeated for draws in sampled.draws)
@@ -172,4 +171,4 @@ def test_what_fails_its_gate_twice_goes_to_nuts(monkeypatch, caplog):
 
 @pytest.mark.parametrize("name", ["hmc", "nuts"])
 def test_samplers_of_the_config_are_registered(name):
-    assert name in inference.SAMPLERS
+    assert name in sampling.SAMPLERS

@@ -7,8 +7,9 @@ import pytest
 import torch
 from scipy import stats
 
-from regional_lv import aha, emulators, inference
+from regional_lv import aha, emulators
 from regional_lv.errors import InputError
+from regional_lv.inference import sampling
 from regional_lv.inference.likelihood import Likelihood, Noise
 from regional_lv.inference.nuts import Settings, Target, sample_case
 from regional_lv.inference.summaries import TABLES, summarise_posteriors
@@ -124,7 +125,7 @@ def test_a_failed_posterior_is_sampled_again_and_kept(caplog):
 
 
 def sample(study, path, batch, batches, cases=4, noise=None, sampler="nuts", nuts=NUTS):
-    inference.sample_set_batch(
+    sampling.sample_set_batch(
         *(study / "emulator.pt", study / "test.parquet", "test", batch, batches, cases, noise),
         *(sampler, nuts, POINT, 1, path),
     )
@@ -173,7 +174,7 @@ def test_noisy_scenario(study):
     noise = {"volume": 2.0, "circumferential": 0.02, "radial": 0.05, "longitudinal": None}
     test = pd.read_parquet(study / "test.parquet")
     test.assign(zone="septal").to_parquet(study / "scenario.parquet")
-    inference.sample_set_batch(
+    sampling.sample_set_batch(
         *(study / "emulator.pt", study / "scenario.parquet", "some-noisy", 0, 1, 2, noise),
         *("hmc", FEW, POINT, 1, study / "noisy.nc"),
     )
@@ -192,7 +193,7 @@ def test_noisy_scenario(study):
 @pytest.mark.parametrize("measured", ["subject.csv", "with_sd.csv"])
 def test_subject(study, measured):
     files = study / f"{measured}.nc", study / f"{measured}.diagnostics.csv"
-    inference.sample_subject(
+    sampling.sample_subject(
         study / "emulator.pt", study / measured, "someone", NUTS, POINT, 1.0, 1, *files
     )
     data, table = az.from_netcdf(files[0]), pd.read_csv(files[1])

@@ -12,7 +12,7 @@ from matplotlib.image import imread
 from matplotlib.path import Path as Outline
 from vtkmodules.vtkCommonDataModel import vtkTriQuadraticHexahedron
 
-from regional_lv import aha, tables
+from regional_lv import aha
 from regional_lv.errors import InputError
 from regional_lv.figures import (
     bullseye,
@@ -28,6 +28,7 @@ from regional_lv.figures import (
     traces,
     zones,
 )
+from regional_lv.tables import posteriors, subjects, writing
 
 FAILED = "failed: R-hat 1.6 of C_a_septal above 1.01"
 OBSERVED = [o for o in aha.OUTPUTS if not o.startswith("longitudinal") and "17" not in o]
@@ -406,7 +407,7 @@ def test_table_of_diagnostics(test_set, subject, tmp_path):
     test = tmp_path / "test.csv"
     test.write_bytes(test_set[2].read_bytes())
     _, diagnostics, _ = subject(FAILED)
-    table = tables.diagnostics({"test set": test}, [diagnostics]).set_index(
+    table = posteriors.diagnostics({"test set": test}, [diagnostics]).set_index(
         ["posterior", "parameter"]
     )
     row = table.loc["test set", "C_a_septal"]
@@ -418,12 +419,12 @@ def test_table_of_diagnostics(test_set, subject, tmp_path):
 
 def test_table_of_subjects(subject, tmp_path):
     nc, diagnostics, _ = subject(FAILED)
-    table = tables.subjects([nc], [diagnostics], ["synthetic"])
+    table = subjects.subjects([nc], [diagnostics], ["synthetic"])
     assert len(table) == 12
     assert set(table["data"]) == {"synthetic data"}
     assert set(table["verdict"]) == {FAILED}
     assert (table["lower95"] < table["median"]).all() and (table["median"] < table["upper95"]).all()
-    tables.save(table, tmp_path / "t" / "s.csv", tmp_path / "t" / "s.tex")
+    writing.save(table, tmp_path / "t" / "s.csv", tmp_path / "t" / "s.tex")
     assert pd.read_csv(tmp_path / "t" / "s.csv")["median"].to_numpy() == pytest.approx(
         table["median"].to_numpy()
     )
@@ -435,7 +436,7 @@ def test_table_of_subjects(subject, tmp_path):
 
 
 def test_table_of_recovery(test_set):
-    table = tables.recovery(*test_set).set_index("parameter")
+    table = posteriors.recovery(*test_set).set_index("parameter")
     assert list(table.index) == [*aha.PARAMETERS, "all"]
     assert table["map_mse"].to_numpy() == pytest.approx(0.01)
     assert table["mean_mse"].to_numpy() == pytest.approx(0.04)

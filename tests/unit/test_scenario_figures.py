@@ -9,7 +9,7 @@ import pytest
 import xarray as xr
 from matplotlib.image import imread
 
-from regional_lv import aha, tables
+from regional_lv import aha
 from regional_lv.figures import (
     bullseye_map,
     correlations,
@@ -25,6 +25,7 @@ from regional_lv.figures import (
     trust,
     uncertainty,
 )
+from regional_lv.tables import posteriors, subjects, writing
 
 FAILED = "failed: bulk ESS 40 < 400"
 LOCAL = {"local, μ = 1.5": 1.5, "local, μ = 2": 2.0, "local, μ = 3": 3.0}
@@ -228,7 +229,7 @@ def noise_table(tmp_path):
 def test_noise_prior(noise_table, paths):
     noise_prior.draw(noise_table, "volunteer", "published_volunteer", *paths)
     assert read(paths)["width95"].to_numpy() == pytest.approx(0.2)
-    table = tables.noise_prior(noise_table)
+    table = subjects.noise_prior(noise_table)
     assert list(table["outside"]) == [9, 3, 1]
     assert table["sigma_radial"].to_numpy() == pytest.approx([0.06, 0.36, 1.2])
 
@@ -313,7 +314,7 @@ def test_emulator_traces_show_the_middle_case(shortlisted, paths, titles):
 
 
 def test_variance_ratios(shortlisted):
-    table = tables.variance_ratios(shortlisted["coverage"]).set_index("parameter")
+    table = posteriors.variance_ratios(shortlisted["coverage"]).set_index("parameter")
     assert list(table.columns) == ["exact_gp", "dnn", "failed"]
     assert table.loc["C_b_apical", "dnn"] == pytest.approx(0.4)
     assert (table["failed"] == 2).all()
@@ -333,7 +334,7 @@ def test_convergence_tells_three_rhats(tmp_path):
         [("heart", name, 1.5, 50.0, 60.0, 0, False, FAILED) for name in aha.PARAMETERS],
         columns="case parameter rhat ess_bulk ess_tail divergences passed verdict".split(),
     ).to_csv(tmp_path / "h.csv", index=False)
-    table = tables.convergence(tmp_path / "h.nc", tmp_path / "h.csv").set_index("parameter")
+    table = subjects.convergence(tmp_path / "h.nc", tmp_path / "h.csv").set_index("parameter")
     assert table.loc["C_a_anterior", "rhat"] < 1.05 < 1.5 < table.loc["C_a_anterior", "split_rhat"]
     assert table["split_rhat"].iloc[1:].max() < 1.05
     assert set(table["verdict"]) == {FAILED}
@@ -348,7 +349,7 @@ def test_scenario_table(shortlisted, tmp_path):
     test = pd.read_csv(recovery).assign(zone=np.nan)
     test.to_csv(tmp_path / "test.csv", index=False)
     coverage = shortlisted["coverage"]["exact_gp"]
-    table = tables.scenarios(
+    table = posteriors.scenarios(
         {"test set": coverage, "local": coverage},
         {"local": tmp_path / "auc.csv"},
         {"test set": tmp_path / "test.csv", "local": recovery},
@@ -362,13 +363,13 @@ def test_scenario_table(shortlisted, tmp_path):
 def test_choice(tmp_path):
     candidates = [{"emulator": "mvgp", "crps": 0.1}, {"emulator": "dnn", "crps": 0.2}]
     (tmp_path / "f.json").write_text(json.dumps({"final": "mvgp", "candidates": candidates}))
-    table = tables.choice(tmp_path / "f.json")
+    table = posteriors.choice(tmp_path / "f.json")
     assert list(table["chosen"]) == [True, False]
 
 
 def test_markdown_has_no_nan_and_escapes_bars(tmp_path):
     table = pd.DataFrame({"a": [1.23456, np.nan], "b": ["x|y", "z"]})
-    tables.save_markdown(table, tmp_path / "t.md", "Heading.")
+    writing.save_markdown(table, tmp_path / "t.md", "Heading.")
     lines = (tmp_path / "t.md").read_text().splitlines()
     assert lines == ["Heading.", "", "| a | b |", "|---|---|", "| 1.235 | x\\|y |", "|  | z |"]
 

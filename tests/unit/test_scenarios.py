@@ -6,7 +6,7 @@ import pytest
 
 from regional_lv import aha
 from regional_lv.design import draw_scenario, scenario_size
-from regional_lv.inference import add_noise
+from regional_lv.inference.sampling import add_noise
 from regional_lv.inference.told_apart import (
     area,
     auc_interval,

@@ -158,7 +158,7 @@ rule plot_per_sample_mse:
 rule make_table_architectures:
     input:
         fits=expand(f"{R}/emulators/{{emulator}}/fit.json", emulator=RANKED),
-        library=library("tables", "emulators"),
+        library=library("tables.emulators", "tables.writing"),
     output:
         csv=report(
             f"{R}/tables/architectures.csv",
@@ -177,7 +177,7 @@ rule make_table_architectures:
 rule make_table_ranking:
     input:
         ranking=f"{ESTIMATES}/ranking.csv",
-        library=library("tables"),
+        library=library("tables.emulators", "tables.writing"),
     output:
         csv=report(
             f"{R}/tables/ranking.csv",
@@ -196,7 +196,7 @@ rule make_table_ranking:
 rule make_table_pairs:
     input:
         pairs=f"{ESTIMATES}/pairs.csv",
-        library=library("tables"),
+        library=library("tables.emulators", "tables.writing"),
     output:
         csv=report(
             f"{R}/tables/pairs.csv",
@@ -236,7 +236,7 @@ rule compare_transforms:
 rule make_table_transforms:
     input:
         transforms=f"{ESTIMATES}/transforms.csv",
-        library=library("tables"),
+        library=library("tables.emulators", "tables.writing"),
     output:
         csv=report(
             f"{R}/tables/transforms.csv",
@@ -302,7 +302,7 @@ rule plot_sample_efficiency:
 rule make_table_sample_efficiency:
     input:
         curves=expand(f"{R}/efficiency/{{curve}}.csv", curve=EFFICIENCY_CURVES),
-        library=library("tables"),
+        library=library("tables.emulators", "tables.writing"),
     output:
         csv=report(
             f"{R}/tables/sample_efficiency.csv",

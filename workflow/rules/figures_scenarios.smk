@@ -165,7 +165,7 @@ rule make_table_scenarios:
         coverage=expand(f"{POSTERIORS}/{{name}}/coverage.csv", name=SETS),
         areas=expand(f"{POSTERIORS}/{{name}}/auc.csv", name=[*SCENARIOS, *NOISY]),
         recovery=expand(f"{POSTERIORS}/{{name}}/recovery.csv", name=SETS),
-        library=library("tables"),
+        library=library("tables.posteriors", "tables.writing"),
     output:
         csv=report(
             f"{R}/tables/scenarios.csv",

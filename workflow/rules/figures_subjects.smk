@@ -76,7 +76,7 @@ rule make_table_subjects:
     input:
         posteriors=expand(f"{POSTERIORS}/subjects/{{subject}}.nc", subject=SUBJECTS),
         diagnostics=expand(f"{POSTERIORS}/subjects/{{subject}}.csv", subject=SUBJECTS),
-        library=library("tables"),
+        library=library("tables.subjects", "tables.writing"),
     output:
         csv=report(
             f"{R}/tables/subjects.csv",
@@ -119,7 +119,7 @@ rule plot_noise_prior:
 rule make_table_noise_prior:
     input:
         noise_prior=f"{POSTERIORS}/subjects/{{subject}}_noise_prior.csv",
-        library=library("tables"),
+        library=library("tables.subjects", "tables.writing"),
     output:
         csv=report(
             f"{R}/tables/{{subject}}/noise_prior.csv",
@@ -140,7 +140,7 @@ rule make_table_convergence:
     input:
         posterior=f"{POSTERIORS}/subjects/{{subject}}.nc",
         diagnostics=f"{POSTERIORS}/subjects/{{subject}}.csv",
-        library=library("tables"),
+        library=library("tables.subjects", "tables.writing"),
     output:
         csv=report(
             f"{R}/tables/{{subject}}/convergence.csv",

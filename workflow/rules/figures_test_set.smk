@@ -28,7 +28,7 @@ rule make_table_recovery:
         recovery=f"{POSTERIORS}/test/recovery.csv",
         coverage=f"{POSTERIORS}/test/coverage.csv",
         diagnostics=f"{POSTERIORS}/test/diagnostics.csv",
-        library=library("tables"),
+        library=library("tables.posteriors", "tables.writing"),
     output:
         csv=report(
             f"{R}/tables/recovery.csv",
@@ -115,7 +115,7 @@ rule plot_sbc:
 rule make_table_variance_ratios:
     input:
         coverage=lambda wildcards: of_shortlist("coverage.csv"),
-        library=library("tables"),
+        library=library("tables.posteriors", "tables.writing"),
     output:
         csv=report(
             f"{R}/tables/variance_ratios.csv",
@@ -134,7 +134,7 @@ rule make_table_variance_ratios:
 rule make_table_choice:
     input:
         choice=f"{R}/posteriors/final.json",
-        library=library("tables"),
+        library=library("tables.posteriors", "tables.writing"),
     output:
         csv=report(
             f"{R}/tables/choice.csv",
@@ -155,7 +155,7 @@ rule make_table_diagnostics:
         shortlist=lambda wildcards: of_shortlist("diagnostics.csv"),
         scenarios=expand(f"{POSTERIORS}/{{name}}/diagnostics.csv", name=[*SCENARIOS, *NOISY]),
         subjects=expand(f"{POSTERIORS}/subjects/{{subject}}.csv", subject=SUBJECTS),
-        library=library("tables"),
+        library=library("tables.posteriors", "tables.writing"),
     output:
         csv=report(
             f"{R}/tables/diagnostics.csv",

@@ -27,7 +27,7 @@ rule make_paper_comparison:
         volunteer=VOLUNTEER_FILES,
         estimates=[f"{ESTIMATES}/ranking.csv", f"{ESTIMATES}/pairs.csv"],
         choice=f"{R}/posteriors/final.json",
-        library=library("paper", "tables"),
+        library=library("paper"),
     output:
         csv=report(
             f"{R}/tables/paper_comparison.csv",

@@ -31,7 +31,7 @@ rule sample_posteriors:
         simulations=lambda wildcards: (
             f"{R}/screening/{NOISY.get(wildcards.set, wildcards.set)}.parquet"
         ),
-        library=library("inference"),
+        library=library("inference.sampling"),
     output:
         f"{R}/posteriors/{{emulator}}/{{set}}/batch-{{batch}}.nc",
     params:
@@ -159,7 +159,7 @@ rule sample_subject:
     input:
         emulator=f"{R}/emulators/{{emulator}}.pt",
         measured=f"{R}/measured/{{subject}}.csv",
-        library=library("inference"),
+        library=library("inference.sampling"),
     output:
         posterior=f"{R}/posteriors/{{emulator}}/subjects/{{subject}}.nc",
         diagnostics=f"{R}/posteriors/{{emulator}}/subjects/{{subject}}.csv",

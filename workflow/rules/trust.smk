@@ -90,7 +90,7 @@ rule sample_noise_prior:
     input:
         emulator=f"{R}/emulators/{{emulator}}.pt",
         measured=f"{R}/measured/{{subject}}.csv",
-        library=library("inference"),
+        library=library("inference.sampling"),
     output:
         posterior=f"{R}/posteriors/{{emulator}}/subjects/noise_prior/{{subject}}-{{scale}}.nc",
         diagnostics=f"{R}/posteriors/{{emulator}}/subjects/noise_prior/{{subject}}-{{scale}}.csv",

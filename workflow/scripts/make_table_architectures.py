@@ -1,8 +1,9 @@
 """Write the table of emulator architectures."""
 
-from regional_lv import tables
 from regional_lv.progress import start_log
+from regional_lv.tables.emulators import architectures
+from regional_lv.tables.writing import save
 
 start_log(snakemake.log[0])
-table = tables.architectures(snakemake.input.fits)
-tables.save(table, snakemake.output.csv, snakemake.output.tex)
+table = architectures(snakemake.input.fits)
+save(table, snakemake.output.csv, snakemake.output.tex)

@@ -1,11 +1,12 @@
 """Write the table of convergence."""
 
-from regional_lv import tables
 from regional_lv.progress import start_log
+from regional_lv.tables.posteriors import by_posteriors, diagnostics
+from regional_lv.tables.writing import save
 
 start_log(snakemake.log[0])
-table = tables.diagnostics(
-    tables.by_posteriors([*snakemake.input.shortlist, *snakemake.input.scenarios]),
+table = diagnostics(
+    by_posteriors([*snakemake.input.shortlist, *snakemake.input.scenarios]),
     snakemake.input.subjects,
 )
-tables.save(table, snakemake.output.csv, snakemake.output.tex)
+save(table, snakemake.output.csv, snakemake.output.tex)

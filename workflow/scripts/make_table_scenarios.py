@@ -1,12 +1,13 @@
 """Write the table of all simulated sets."""
 
-from regional_lv import tables
 from regional_lv.progress import start_log
+from regional_lv.tables.posteriors import by_set, scenarios
+from regional_lv.tables.writing import save
 
 start_log(snakemake.log[0])
-table = tables.scenarios(
-    tables.by_set(snakemake.input.coverage),
-    tables.by_set(snakemake.input.areas),
-    tables.by_set(snakemake.input.recovery),
+table = scenarios(
+    by_set(snakemake.input.coverage),
+    by_set(snakemake.input.areas),
+    by_set(snakemake.input.recovery),
 )
-tables.save(table, snakemake.output.csv, snakemake.output.tex)
+save(table, snakemake.output.csv, snakemake.output.tex)

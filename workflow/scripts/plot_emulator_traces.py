@@ -1,7 +1,7 @@
 """Draw one test case under every shortlisted emulator."""
 
 from regional_lv.figures import emulator_traces
-from regional_lv.figures.posterior import by_emulator
+from regional_lv.figures.verdicts import by_emulator
 from regional_lv.progress import start_log
 
 start_log(snakemake.log[0])

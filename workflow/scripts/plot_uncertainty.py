@@ -1,7 +1,7 @@
 """Draw coverage and probability score of the shortlisted emulators."""
 
 from regional_lv.figures import uncertainty
-from regional_lv.figures.posterior import by_emulator
+from regional_lv.figures.verdicts import by_emulator
 from regional_lv.progress import start_log
 
 start_log(snakemake.log[0])

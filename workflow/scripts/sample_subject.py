@@ -2,7 +2,7 @@
 
 import torch
 
-from regional_lv.inference import sample_subject
+from regional_lv.inference.sampling import sample_subject
 from regional_lv.progress import start_log
 
 start_log(snakemake.log[0])

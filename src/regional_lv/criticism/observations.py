@@ -10,8 +10,8 @@ import torch
 from regional_lv import aha
 from regional_lv.emulators.base import Emulator
 from regional_lv.errors import InputError
-from regional_lv.inference import subject_noise
 from regional_lv.inference.likelihood import Noise
+from regional_lv.inference.sampling import subject_noise
 from regional_lv.measured import read_measured
 
 VOLUME_GROUP = 0

@@ -18,7 +18,6 @@ import logging
 import math
 
 import torch
-from sklearn.cluster import KMeans
 
 from regional_lv.emulators.kernels import correlation, mean_slopes
 from regional_lv.emulators.optimise import lbfgs
@@ -89,6 +88,8 @@ class VariationalGP(ReducedEmulator):
         )
         points = x
         if self.settings["inducing"] < len(x):
+            from sklearn.cluster import KMeans  # slow to load, and every job loads this module
+
             means = KMeans(self.settings["inducing"], n_init=1, max_iter=50, random_state=seed)
             points = torch.as_tensor(means.fit((x / h.length_scales).numpy()).cluster_centers_)
             points = points * h.length_scales

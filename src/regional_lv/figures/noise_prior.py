@@ -7,7 +7,8 @@ from matplotlib.axes import Axes
 
 from regional_lv import aha
 from regional_lv.figures import style
-from regional_lv.figures.posterior import SOURCES, warning_of
+from regional_lv.figures.posterior import SOURCES
+from regional_lv.figures.verdicts import warning_of
 
 COLOURS = (style.BLUE, style.GREEN, style.ORANGE)
 

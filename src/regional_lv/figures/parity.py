@@ -7,7 +7,7 @@ import pandas as pd
 
 from regional_lv import aha
 from regional_lv.figures import style
-from regional_lv.figures.posterior import chosen
+from regional_lv.figures.verdicts import chosen
 
 Z95 = 1.959963984540054
 UNITS = {"volume": "mL", **dict.fromkeys(aha.DIRECTIONS, "strain")}

@@ -1,7 +1,6 @@
 """One posterior as the figures and tables need it: draws by name, verdict, truth if known."""
 
 import json
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,6 +10,7 @@ import pandas as pd
 
 from regional_lv import aha
 from regional_lv.errors import InputError
+from regional_lv.figures.verdicts import verdict_of
 
 SOURCES = {
     "synthetic": "synthetic data",
@@ -92,49 +92,6 @@ def read(nc: Path, diagnostics: Path, case: str | None = None, truth: Path | Non
         values = data.constant_data["theta_true"].isel(case=at)
         known = {name: float(values.sel(parameter=name)) for name in aha.PARAMETERS}
     return Posterior(case, draws, verdict_of(diagnostics, case), known)
-
-
-def verdict_of(diagnostics: Path, case: str) -> str:
-    """Verdict of one case in a `diagnostics.csv`: "passed" or "failed: ..." with every reason.
-
-    Raises InputError if the file has no row for the case.
-    """
-    table = pd.read_csv(diagnostics, dtype={"case": str})
-    rows = table[table["case"] == case]
-    if rows.empty:
-        raise InputError(f"{diagnostics}: no row for case {case!r}; rerun the diagnostics")
-    reasons = [v for v in rows["verdict"].unique() if v != "passed"]
-    if reasons:
-        return "failed: " + "; ".join(v.removeprefix("failed: ") for v in reasons)
-    return "passed" if rows["passed"].all() else "failed: a parameter did not pass"
-
-
-def failed_cases(diagnostics: Path) -> set[str]:
-    """Cases of a `diagnostics.csv` with a verdict other than "passed"."""
-    table = pd.read_csv(diagnostics, dtype={"case": str})
-    bad = (table["verdict"] != "passed") | ~table["passed"].astype(bool)
-    return set(table.loc[bad, "case"])
-
-
-def chosen(choice: Path) -> str:
-    """Name of the emulator that a study chose, of its `posteriors/final.json`."""
-    return json.loads(Path(choice).read_text())["final"]
-
-
-def by_emulator(paths: Sequence[Path]) -> dict[str, list[Path]]:
-    """Files `posteriors/<emulator>/<set>/...` by the emulator in their path, in their order."""
-    groups = {}
-    for path in paths:
-        groups.setdefault(Path(path).parent.parent.name, []).append(path)
-    return groups
-
-
-def warning_of(failed: int, cases: int, drawn: str = "") -> str:
-    """Sentence about posteriors that failed their gate, `drawn` in some way; empty if none did."""
-    if not failed:
-        return ""
-    how = f" ({drawn})" if drawn else ""
-    return f"{failed} OF {cases} POSTERIORS FAILED THEIR CONVERGENCE GATE{how}"
 
 
 def density(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

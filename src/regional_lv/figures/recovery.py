@@ -9,7 +9,7 @@ from matplotlib.lines import Line2D
 
 from regional_lv import aha
 from regional_lv.figures import style
-from regional_lv.figures.posterior import chosen, failed_cases, warning_of
+from regional_lv.figures.verdicts import chosen, failed_cases, warning_of
 
 LEVEL_COLOURS = {50: style.SKY, 80: style.GREEN, 95: style.BLUE}
 

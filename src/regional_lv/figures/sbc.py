@@ -8,7 +8,7 @@ from scipy import stats
 
 from regional_lv import aha
 from regional_lv.figures import style
-from regional_lv.figures.posterior import chosen
+from regional_lv.figures.verdicts import chosen
 
 BAND = 0.99
 TESTS = {"p_chi2": r"$\chi^2$", "p_ecdf": "ECDF"}

@@ -8,7 +8,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from regional_lv.figures import style
-from regional_lv.figures.posterior import warning_of
+from regional_lv.figures.verdicts import warning_of
 
 COLOURS = (style.SKY, style.BLUE, style.BLACK, style.ORANGE, style.GREEN, style.PINK)
 MARKERS = ("o", "s", "^", "D", "v", "P")

@@ -8,7 +8,7 @@ import pandas as pd
 
 from regional_lv import aha
 from regional_lv.figures import style
-from regional_lv.figures.posterior import warning_of
+from regional_lv.figures.verdicts import warning_of
 
 COLOURS = (style.BLUE, style.ORANGE, style.VERMILLION, style.GREEN, style.PINK, style.SKY)
 NOMINAL = 95

@@ -9,7 +9,7 @@ import pandas as pd
 import torch
 
 from regional_lv import aha, emulators
-from regional_lv.inference import Sampling, error_model, make_likelihoods
+from regional_lv.inference.sampling import Sampling, error_model, make_likelihoods
 from regional_lv.progress import Progress
 from regional_lv.seeds import derive
 

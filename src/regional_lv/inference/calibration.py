@@ -14,9 +14,9 @@ import torch
 from scipy import stats
 
 from regional_lv import aha, emulators
-from regional_lv.inference import SAMPLERS, Sampled, Sampling, error_model
 from regional_lv.inference.likelihood import Likelihood, draw_observations
 from regional_lv.inference.nuts import verdict
+from regional_lv.inference.sampling import SAMPLERS, Sampled, Sampling, error_model
 from regional_lv.seeds import derive
 
 DRAWS = 99

@@ -1,0 +1,410 @@
+"""From observations to posteriors: sets of simulated cases in batches, subjects one by one."""
+
+import logging
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import arviz as az
+import numpy as np
+import pandas as pd
+import pyarrow.parquet as pq
+import torch
+import xarray as xr
+
+from regional_lv import aha, emulators
+from regional_lv.emulators.base import Emulator
+from regional_lv.errors import InputError
+from regional_lv.inference.diagnostics import diagnose
+from regional_lv.inference.hmc import sample_batch
+from regional_lv.inference.likelihood import Likelihood, Noise, draw_observations
+from regional_lv.inference.nuts import Draws, Settings, sample_case, verdict
+from regional_lv.inference.point import Candidates, PointEstimate, find_map
+from regional_lv.measured import read_measured
+from regional_lv.progress import Progress
+from regional_lv.seeds import derive
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Sampled:
+    """Posteriors of some cases with the same outputs and the same kind of noise.
+
+    likelihoods: one per case, of one observation (D,). theta_map: (C, 10). truth: (C, 10) or None.
+    zones: the stiffened zone of each case of a scenario, or None. samplers: `hmc` or `nuts`.
+    """
+
+    cases: tuple[str, ...]
+    likelihoods: Sequence[Likelihood]
+    theta_map: torch.Tensor
+    draws: tuple[Draws, ...]
+    samplers: tuple[str, ...]
+    truth: np.ndarray | None = None
+    zones: Sequence[str] | None = None
+
+
+@dataclass(frozen=True)
+class Sampling:
+    """How posteriors are sampled, and where their random numbers come from.
+
+    nuts, point: sections `nuts` and `map` of the config. seed: the study's master seed; every case
+    has its own, so that batches may be cut in any way. set_name: of the cases.
+    """
+
+    nuts: dict
+    point: dict
+    seed: int
+    set_name: str
+
+    @property
+    def settings(self) -> Settings:
+        return Settings.from_config(self.nuts)
+
+    def find_maxima(
+        self, likelihoods: Sequence[Likelihood], together: bool = False
+    ) -> list[PointEstimate]:
+        """The maximum of each case.
+
+        One by one by default: matrix products round differently in batches of another size, and a
+        case must not depend on the batch that it is in. together: in one go, which is several times
+        as fast with many training simulations.
+        """
+        emulator = likelihoods[0].emulator
+        seed = derive(self.seed, "map", emulator.name, self.set_name)
+        starts, iterations = self.point["starts"], self.point["iterations"]
+        if any(one.emulator is not emulator for one in likelihoods):
+            return [find_map(one.at(one.y[None]), starts, iterations, seed) for one in likelihoods]
+        candidates = Candidates.of(emulator, starts, seed)
+        if together:
+            every = likelihoods[0].at(torch.stack([one.y for one in likelihoods]))
+            return find_map(every, starts, iterations, seed, candidates).each()
+        return [
+            find_map(one.at(one.y[None]), starts, iterations, seed, candidates)
+            for one in likelihoods
+        ]
+
+    def seeds(self, sampler: str, emulator: str, cases: Sequence[str]) -> list[int]:
+        return [derive(self.seed, sampler, emulator, self.set_name, case) for case in cases]
+
+    def by_nuts(self, likelihood: Likelihood, maximum: PointEstimate, case: str) -> Draws:
+        """The reference: Pyro's NUTS from the maximum."""
+        (seed,) = self.seeds("nuts", likelihood.emulator.name, [case])
+        return sample_case(
+            likelihood,
+            maximum.theta[0],
+            maximum.log_sigma[0],
+            self.settings,
+            seed,
+            f"{self.set_name}/{case}",
+        )
+
+
+def make_likelihoods(emulator: Emulator, y: torch.Tensor, noise: Noise) -> list[Likelihood]:
+    """One likelihood for each row of `y` (C, D); a local emulator trains for each."""
+    local = [emulator.localise(row) for row in y]
+    if all(one is emulator for one in local):
+        common = Likelihood(emulator, y[0], noise)
+        return [common.at(row) for row in y]
+    return [Likelihood(one, row, noise) for one, row in zip(local, y, strict=True)]
+
+
+def sample_cases(likelihoods: Sequence[Likelihood], cases: Sequence[str], how: Sampling) -> Sampled:
+    """Maximum, then NUTS, of every case."""
+    progress = Progress(f"{likelihoods[0].emulator.name}, {how.set_name}: posteriors", len(cases))
+    maxima, draws = how.find_maxima(likelihoods), []
+    for likelihood, maximum, case in zip(likelihoods, maxima, cases, strict=True):
+        draws.append(how.by_nuts(likelihood, maximum, case))
+        progress.step()
+    theta = torch.cat([maximum.theta for maximum in maxima])
+    return Sampled(tuple(cases), likelihoods, theta, tuple(draws), ("nuts",) * len(cases))
+
+
+def sample_together(
+    likelihoods: Sequence[Likelihood], cases: Sequence[str], how: Sampling
+) -> Sampled:
+    """As `sample_cases`, all cases at once by batched HMC; those that fail their gate a second time
+    with more care, and those that fail again by NUTS.
+
+    Numbers depend in their last digits on which cases share a batch.
+    """
+    name, settings = likelihoods[0].emulator.name, how.settings
+    maxima = how.find_maxima(likelihoods, together=True)
+    draws: list = [None] * len(cases)
+    samplers, waiting = ["hmc"] * len(cases), list(range(len(cases)))
+    for careful in (False, True):
+        done = sample_batch(
+            [likelihoods[i] for i in waiting],
+            torch.cat([maxima[i].theta for i in waiting]),
+            torch.cat([maxima[i].log_sigma for i in waiting]),
+            settings,
+            how.seeds("careful hmc" if careful else "hmc", name, [cases[i] for i in waiting]),
+            careful,
+        )
+        for i, one in zip(waiting, done, strict=True):
+            draws[i] = replace(one, repeated=careful)
+        waiting = [i for i in waiting if verdict(draws[i], settings) != "passed"]
+        log.info("%d of %d cases left to do", len(waiting), len(cases))
+        if not waiting:
+            break
+    progress = Progress(f"{name}, {how.set_name}: posteriors", len(cases))
+    for i, case in enumerate(cases):
+        if i in waiting:
+            outcome = verdict(draws[i], settings)
+            log.warning(
+                "case %s/%s %s by batched HMC; sampled by NUTS", how.set_name, case, outcome
+            )
+            draws[i], samplers[i] = how.by_nuts(likelihoods[i], maxima[i], case), "nuts"
+        progress.step(failed=verdict(draws[i], settings) != "passed")
+    theta = torch.cat([maximum.theta for maximum in maxima])
+    return Sampled(tuple(cases), likelihoods, theta, tuple(draws), tuple(samplers))
+
+
+SAMPLERS = {"hmc": sample_together, "nuts": sample_cases}
+"""`test_posteriors.sampler` of the config -> how a set of simulated cases is sampled."""
+
+
+def sample_set_batch(
+    emulator_file: str | Path,
+    simulations: str | Path,
+    set_name: str,
+    batch: int,
+    batches: int,
+    cases: int,
+    noise: dict | None,
+    sampler: str,
+    nuts: dict,
+    point: dict,
+    seed: int,
+    posteriors: str | Path,
+) -> None:
+    """Sample one of `batches` equal parts of the first `cases` rows of a screened table; write it
+    (NetCDF).
+
+    noise: section `scenarios.noise`, to be added to the simulated outputs and known to the
+    likelihood; None: the emulator's error is all there is. point: section `map` of the config.
+    Raises InputError if there are fewer rows than batches.
+    """
+    emulator = emulators.load(emulator_file)
+    theta, y, samples = emulators.read_simulations(simulations)
+    count = min(cases, len(samples))
+    chosen = slice(batch * count // batches, (batch + 1) * count // batches)
+    if chosen.start == chosen.stop:
+        raise InputError(
+            f"{simulations}: {count} simulations converged, too few for {batches} batches of "
+            "posteriors; simulate more, or raise nuts.cases_per_batch"
+        )
+    if noise is not None:
+        y, sd = add_noise(y, samples, noise, seed, set_name)
+        emulator = emulator.select([name for name in emulator.outputs if name in sd])
+    at = [aha.OUTPUTS.index(name) for name in emulator.outputs]
+    observed = torch.as_tensor(y[chosen][:, at])
+    if noise is None:
+        emulator, kind = error_model(emulator)
+    else:
+        kind = Noise.known(torch.tensor([sd[name] for name in emulator.outputs]))
+    how = Sampling(nuts, point, seed, set_name)
+    sampled = SAMPLERS[sampler](make_likelihoods(emulator, observed, kind), samples[chosen], how)
+    zones = read_zones(simulations)
+    sampled = replace(sampled, truth=theta[chosen], zones=None if zones is None else zones[chosen])
+    write(to_inference_data(sampled, nuts), posteriors)
+
+
+def read_zones(simulations: str | Path) -> np.ndarray | None:
+    """The stiffened zone of each row of a scenario's table; None for other tables."""
+    if "zone" not in pq.read_schema(simulations).names:
+        return None
+    return pd.read_parquet(simulations, columns=["zone"])["zone"].to_numpy()
+
+
+def error_model(emulator: Emulator) -> tuple[Emulator, Noise]:
+    """Emulator and noise for simulated data, where the emulator's error is all there is.
+
+    An emulator that leaves the scale of its error to the likelihood (the paper's network) loses
+    its own and gets an unknown one, the same for all outputs in standardised units.
+    """
+    scale = emulator.error_prior_scale
+    if scale is None:
+        return emulator, Noise.none(emulator)
+    return emulator.without_error(), Noise.shared(emulator, scale)
+
+
+def add_noise(
+    y: np.ndarray, samples: Sequence[str], noise: dict, seed: int, set_name: str
+) -> tuple[np.ndarray, dict[str, float]]:
+    """Outputs (N, 52) with Gaussian noise, and its sd by output; outputs that are not measured
+    (noise null) keep their values and have no sd. Each sample has its own random numbers."""
+    kinds = {name: "volume" if name == "volume_ml" else name[:-3] for name in aha.OUTPUTS}
+    sd = {name: noise[kind] for name, kind in kinds.items() if noise[kind] is not None}
+    scale = np.array([sd.get(name, 0.0) for name in aha.OUTPUTS])
+    deviates = np.stack(
+        [
+            np.random.default_rng(derive(seed, "noise", set_name, sample)).normal(size=len(scale))
+            for sample in samples
+        ]
+    )
+    return y + scale * deviates, sd
+
+
+def sample_subject(
+    emulator_file: str | Path,
+    measured: str | Path,
+    subject: str,
+    nuts: dict,
+    point: dict,
+    noise_prior_scale: float,
+    seed: int,
+    posterior: str | Path,
+    diagnostics: str | Path,
+) -> None:
+    """Sample the posterior of a measured file; write it (NetCDF) and its diagnostics (CSV).
+
+    The emulator is reduced to the outputs that were measured. Where the strains come with a
+    standard deviation, that is the noise; where they do not, one scale per direction is inferred
+    with a half-normal prior of scale `noise_prior_scale` (in training sd).
+
+    Raises InputError if the measured file cannot be used.
+    """
+    likelihood = subject_likelihood(emulator_file, measured, noise_prior_scale)
+    sampled = sample_cases([likelihood], [subject], Sampling(nuts, point, seed, "subjects"))
+    data = to_inference_data(sampled, nuts)
+    name = likelihood.emulator.name
+    predictive = predict_observations(
+        sampled, derive(seed, "predictive", name, "subjects", subject)
+    )
+    data.add_groups(
+        posterior_predictive=xr.Dataset(
+            {"y": (("chain", "draw", "case", "output"), predictive[:, :, None])},
+            coords=_coordinates(sampled),
+        )
+    )
+    write(data, posterior)
+    diagnose(data).to_csv(diagnostics, index=False)
+
+
+def subject_likelihood(
+    emulator_file: str | Path, measured: str | Path, noise_prior_scale: float
+) -> Likelihood:
+    """The likelihood of a measured file: the emulator for its channels, and their noise.
+
+    What the file cannot tell (no volume, fewer channels than parameters) is said as a warning.
+    Raises InputError if the measured file cannot be used.
+    """
+    table = read_measured(measured).set_index("output")
+    names = [name for name in aha.OUTPUTS if name in table.index]
+    table = table.loc[names]
+    emulator = emulators.load(emulator_file).select(names)
+    y = torch.as_tensor(table["value"].to_numpy(float))
+    emulator = emulator.localise(y)
+    return Likelihood(emulator, y, subject_noise(emulator, table["sd"], noise_prior_scale))
+
+
+def subject_noise(emulator: Emulator, sd: pd.Series, prior_scale: float) -> Noise:
+    """Known noise if the strains have an `sd`, inferred noise if they have none.
+
+    sd: by output, natural units, NaN where not given; `read_measured` allows no mixture.
+    """
+    values = torch.as_tensor(sd.to_numpy(float))
+    if sd[sd.index != "volume_ml"].notna().all():
+        return Noise.known(values)
+    return Noise.inferred(emulator, prior_scale, values)
+
+
+def predict_observations(sampled: Sampled, seed: int) -> np.ndarray:
+    """Posterior predictive (chain, draw, D) of the first case, natural units: emulator error and
+    measurement noise included."""
+    draws, likelihood = sampled.draws[0], sampled.likelihoods[0]
+    generator = torch.Generator().manual_seed(seed)
+    theta = torch.as_tensor(draws.theta).reshape(-1, draws.theta.shape[-1])
+    log_sigma = torch.log(torch.as_tensor(draws.sigma)).reshape(len(theta), -1)
+    parts = [
+        draw_observations(likelihood.emulator, likelihood.noise, t, s, generator)
+        for t, s in zip(theta.split(256), log_sigma.split(256), strict=True)
+    ]
+    return torch.cat(parts).reshape(*draws.theta.shape[:2], -1).numpy()
+
+
+# ------------------------------------------------------------------------------------- files
+
+
+def _coordinates(sampled: Sampled) -> dict:
+    chains, draws = sampled.draws[0].theta.shape[:2]
+    return {
+        "chain": np.arange(chains),
+        "draw": np.arange(draws),
+        "case": list(sampled.cases),
+        "output": list(sampled.likelihoods[0].emulator.outputs),
+    }
+
+
+def to_inference_data(sampled: Sampled, nuts: dict) -> az.InferenceData:
+    """ArviZ groups posterior, sample_stats, observed_data and constant_data.
+
+    posterior: theta (chain, draw, case, parameter) and, if noise scales were inferred, sigma
+    (chain, draw, case, direction) in training sd; attributes emulator, lower, upper, rhat_max,
+    ess_min. sample_stats: diverging, acceptance_rate, energy (potential), outside (no simulation
+    of the training set is near; `Emulator.outside`) (chain, draw, case).
+    observed_data: y (case, output). constant_data: theta_map, theta_true (if known), y_obs, zone
+    (the stiffened one, of a scenario), and what the sampling took: sampler, seconds (the one number
+    that differs between runs) and repeated.
+    """
+    base, likelihood = _coordinates(sampled), sampled.likelihoods[0]
+    sampling = {key: base[key] for key in ("chain", "draw", "case")}
+    parameter, directions = {"parameter": list(aha.PARAMETERS)}, likelihood.noise.directions
+
+    def stack(key: str) -> np.ndarray:
+        return np.stack([getattr(draws, key) for draws in sampled.draws], axis=2)
+
+    each = ("chain", "draw", "case")
+    emulator = likelihood.emulator
+    posterior = xr.Dataset(
+        {"theta": ((*each, "parameter"), stack("theta"))},
+        coords=sampling | parameter,
+        attrs={
+            "emulator": emulator.name,
+            "lower": emulator.lower,
+            "upper": emulator.upper,
+            "rhat_max": float(nuts["rhat_max"]),
+            "ess_min": float(nuts["ess_min"]),
+        },
+    )
+    if directions:
+        posterior = posterior.assign_coords(direction=list(directions))
+        posterior["sigma"] = ((*each, "direction"), stack("sigma"))
+    stats = xr.Dataset(
+        {key: (each, stack(key)) for key in ("diverging", "acceptance_rate", "energy")},
+        coords=sampling,
+    )
+    outside = [
+        one.emulator.outside(torch.as_tensor(draws.theta)).numpy()
+        for one, draws in zip(sampled.likelihoods, sampled.draws, strict=True)
+    ]
+    stats["outside"] = (each, np.stack(outside, axis=2))
+    y = (("case", "output"), torch.stack([one.y for one in sampled.likelihoods]).numpy())
+    outputs = {key: base[key] for key in ("case", "output")}
+    constant = xr.Dataset(
+        {
+            "theta_map": (("case", "parameter"), sampled.theta_map.numpy()),
+            "y_obs": y,
+            "seconds": ("case", np.array([d.seconds for d in sampled.draws])),
+            "repeated": ("case", np.array([d.repeated for d in sampled.draws])),
+            "sampler": ("case", list(sampled.samplers)),
+        },
+        coords=outputs | parameter,
+    )
+    if sampled.truth is not None:
+        constant["theta_true"] = (("case", "parameter"), sampled.truth)
+    if sampled.zones is not None:
+        constant["zone"] = ("case", list(sampled.zones))
+    return az.InferenceData(
+        posterior=posterior,
+        sample_stats=stats,
+        observed_data=xr.Dataset({"y": y}, coords=outputs),
+        constant_data=constant,
+    )
+
+
+def write(data: az.InferenceData, path: str | Path) -> None:
+    """NetCDF, compressed; directories are made."""
+    Path(path).parent.mkdir(parents=True, exist_ok=True)
+    data.to_netcdf(str(path), engine="h5netcdf")

@@ -1,0 +1,1 @@
+"""The study's tables: CSV for programs, LaTeX (booktabs) for papers."""

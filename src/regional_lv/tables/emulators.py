@@ -1,0 +1,77 @@
+"""Tables of the emulators: what they are, how they rank, what they learn from."""
+
+import json
+from pathlib import Path
+
+import pandas as pd
+
+from regional_lv.emulators import REGISTRY
+
+
+def architectures(fits: list[Path]) -> pd.DataFrame:
+    """The paper's Table 1 with what each emulator was fitted with.
+
+    fits: reports of training (JSON). Columns: emulator, base_method, training_scope,
+    output_structure, deep_component, input_transform, kernel, simulations (that one fit learns
+    from: neighbours, or all of them), inducing.
+    """
+    rows = []
+    for path in fits:
+        fit = json.loads(Path(path).read_text())
+        settings, kind = fit["settings"], REGISTRY[fit["emulator"]].architecture
+        kernel = fit.get("kernel", settings.get("kernel", "rq" if "alpha" in fit else ""))
+        rows.append(
+            kind._asdict()
+            | {
+                "input_transform": settings["input_transform"],
+                "kernel": kernel,
+                "simulations": settings.get("neighbours", fit["rows"]),
+                "inducing": fit.get("inducing", ""),
+            }
+        )
+    return pd.DataFrame(rows).rename(columns={"label": "emulator"})
+
+
+def ranking(path: Path) -> pd.DataFrame:
+    """The paper's Table S1 and what else the screening measured, of a ranking (CSV)."""
+    columns = {
+        "rank": "rank",
+        "label": "emulator",
+        "input_transform": "input_transform",
+        "param_mse_least_squares": "param_mse_least_squares",
+        "param_mse_weighted": "param_mse_weighted",
+        "outside_weighted": "outside",
+        "output_mse": "output_mse",
+        "checked_by": "checked_by",
+        "predictive_mse": "predictive_mse",
+        "predictive_crps": "predictive_crps",
+        "predictive_coverage95": "predictive_coverage95",
+        "training_seconds": "training_seconds",
+        "seconds_per_case_weighted": "seconds_per_case",
+        "ms_prediction": "ms_prediction",
+        "ms_gradient": "ms_gradient",
+        "peak_memory_mb": "peak_memory_mb",
+        "paper_param_mse": "paper_param_mse",
+        "paper_output_mse": "paper_output_mse",
+    }
+    return pd.read_csv(path)[list(columns)].rename(columns=columns)
+
+
+def pairs(path: Path) -> pd.DataFrame:
+    """Wilcoxon-Holm tests of single- against multi-output emulators, by their labels."""
+    table = pd.read_csv(path)
+    for column in ("single", "multi", "better"):
+        table[column] = [REGISTRY[name].architecture.label for name in table[column]]
+    return table
+
+
+def transforms(path: Path) -> pd.DataFrame:
+    """What the input transform does to each emulator (`estimates.transforms`), by its label."""
+    table = pd.read_csv(path)
+    table["emulator"] = [REGISTRY[name].architecture.label for name in table["emulator"]]
+    return table
+
+
+def sample_efficiency(curves: list[Path]) -> pd.DataFrame:
+    """Errors against the number of simulations (`estimates.efficiency`), all curves."""
+    return pd.concat([pd.read_csv(path) for path in curves], ignore_index=True)

@@ -1,0 +1,71 @@
+"""Tables of single subjects."""
+
+from pathlib import Path
+
+import arviz as az
+import pandas as pd
+
+from regional_lv.figures import posterior
+
+
+def subjects(posteriors: list[Path], diagnostics: list[Path], sources: list[str]) -> pd.DataFrame:
+    """Stiffness and noise of every subject: posterior median and 95 % HPD interval.
+
+    posteriors: InferenceData files of one subject each; diagnostics: CSV with its verdict, and
+    sources: `subjects.<name>.source` of the config, both in the same order. Columns: subject, data,
+    parameter, median, lower95, upper95, verdict. Noise scales are in standardised units.
+    """
+    tables = []
+    for nc, check, source in zip(posteriors, diagnostics, sources, strict=True):
+        one = posterior.read(nc, check)
+        table = one.summary().reset_index()
+        table.insert(0, "subject", one.case)
+        table.insert(1, "data", posterior.SOURCES[source])
+        table["verdict"] = one.verdict
+        tables.append(table)
+    columns = ["subject", "data", "parameter", "median", "lower95", "upper95", "verdict"]
+    return pd.concat(tables, ignore_index=True) if tables else pd.DataFrame(columns=columns)
+
+
+def convergence(nc: Path, diagnostics: Path) -> pd.DataFrame:
+    """Convergence of one subject as the paper reports it (Table S6), beside this study's gate.
+
+    Columns: parameter, rhat (conventional), split_rhat, ess (bulk), rhat_rank (rank-normalised
+    and split: what the gate looks at), ess_tail, verdict.
+    """
+    one = posterior.read(nc, diagnostics)
+    checks = pd.read_csv(diagnostics).set_index("parameter")
+    rows = [
+        {
+            "parameter": name,
+            "rhat": float(az.rhat(draws, method="identity")),
+            "split_rhat": float(az.rhat(draws, method="split")),
+            "ess": checks.loc[name, "ess_bulk"],
+            "rhat_rank": checks.loc[name, "rhat"],
+            "ess_tail": checks.loc[name, "ess_tail"],
+            "verdict": one.verdict,
+        }
+        for name, draws in one.draws.items()
+    ]
+    return pd.DataFrame(rows)
+
+
+def noise_prior(path: Path) -> pd.DataFrame:
+    """Noise of one subject by its prior's scale: a row per scale.
+
+    path: `<subject>_noise_prior.csv`. Columns: prior_scale, median and 95 % HPD ends of each
+    direction's noise, outside (observations outside the 95 % predictive interval), outputs,
+    verdict.
+    """
+    table = pd.read_csv(path)
+    rows = []
+    for scale, part in table.groupby("prior_scale"):
+        row = {"prior_scale": scale}
+        for entry in part[part["parameter"].str.startswith("sigma_")].itertuples():
+            row |= {
+                entry.parameter: entry.median,
+                f"{entry.parameter}_lower95": entry.lower95,
+                f"{entry.parameter}_upper95": entry.upper95,
+            }
+        rows.append(row | part[["outside", "outputs", "verdict"]].iloc[0].to_dict())
+    return pd.DataFrame(rows)

@@ -1,0 +1,48 @@
+"""How a table is written: CSV and LaTeX, or Markdown."""
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from regional_lv import aha
+
+
+def save(table: pd.DataFrame, csv: Path, tex: Path) -> None:
+    """Write a table as CSV (all digits that matter) and as a LaTeX tabular (four digits)."""
+    for path in (csv, tex):
+        Path(path).parent.mkdir(parents=True, exist_ok=True)
+    table.to_csv(csv, index=False, float_format="%.8g")
+    head = " & ".join(_tex(name) for name in table.columns)
+    body = [" & ".join(_tex(v) for v in row) for row in table.itertuples(index=False)]
+    columns = "".join("r" if pd.api.types.is_numeric_dtype(t) else "l" for t in table.dtypes)
+    lines = [rf"\begin{{tabular}}{{@{{}}{columns}@{{}}}}", r"\toprule", rf"{head} \\", r"\midrule"]
+    lines += [rf"{row} \\" for row in body] + [r"\bottomrule", r"\end{tabular}"]
+    Path(tex).write_text("\n".join(lines) + "\n")
+
+
+def save_markdown(table: pd.DataFrame, md: Path, heading: str) -> None:
+    """Write a table as Markdown (four digits, empty for NaN) under a `heading` of free text."""
+    lines = [heading.strip(), ""]
+    lines.append("| " + " | ".join(table.columns) + " |")
+    lines.append("|" + "---|" * len(table.columns))
+    for row in table.itertuples(index=False):
+        lines.append("| " + " | ".join(_plain(value) for value in row) + " |")
+    Path(md).parent.mkdir(parents=True, exist_ok=True)
+    Path(md).write_text("\n".join(lines) + "\n")
+
+
+def _plain(value: object) -> str:
+    if isinstance(value, float):
+        return "" if np.isnan(value) else f"{value:.4g}"
+    return str(value).replace("|", "\\|")
+
+
+def _tex(value: object) -> str:
+    if isinstance(value, str):
+        if value in aha.PARAMETERS:
+            return f"$C_{value[2]}$ {value[4:]}"
+        return value.replace("_", r"\_").replace("%", r"\%")
+    if isinstance(value, float):
+        return "" if np.isnan(value) else f"{value:.4g}"
+    return str(value)
