@@ -318,6 +318,13 @@ rule make_table_sample_efficiency:
         "../scripts/make_table_sample_efficiency.py"
 
 
+rule sample_efficiency:
+    """How many simulations a Gaussian process needs, with and without their sensitivities."""
+    input:
+        expand(f"{R}/figures/sample_efficiency.{{ext}}", ext=["png", "csv"]),
+        expand(f"{R}/tables/sample_efficiency.{{ext}}", ext=["csv", "tex"]),
+
+
 rule compare_emulators:
     """Everything up to the shortlist, without posteriors."""
     input:
