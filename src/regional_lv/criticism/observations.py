@@ -11,7 +11,6 @@ from regional_lv import aha
 from regional_lv.emulators.base import Emulator
 from regional_lv.errors import InputError
 from regional_lv.inference.likelihood import Noise
-from regional_lv.inference.sampling import subject_noise
 from regional_lv.measured import read_measured
 
 VOLUME_GROUP = 0
@@ -79,7 +78,7 @@ def observe(
         names = [name for name in outputs if name in table.index]
         at = [outputs.index(name) for name in names]
         table = table.loc[names]
-        noise = subject_noise(emulator.select(names), table["sd"], prior_scale)
+        noise = Noise.of_subject(emulator.select(names), table["sd"], prior_scale)
         y[i, at] = torch.as_tensor(table["value"].to_numpy(float))
         present[i, at] = True
         sd[i, at] = noise.sd

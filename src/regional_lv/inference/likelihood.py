@@ -3,6 +3,7 @@
 import math
 from dataclasses import dataclass, field, replace
 
+import pandas as pd
 import torch
 
 from regional_lv import aha
@@ -53,6 +54,17 @@ class Noise:
             strain = sum(groups.values()) > 0
             known = torch.where(strain, known, torch.nan_to_num(sd))
         return cls(known, groups, float(prior_scale))
+
+    @classmethod
+    def of_subject(cls, emulator: Emulator, sd: pd.Series, prior_scale: float) -> "Noise":
+        """Known noise if the strains have an `sd`, inferred noise if they have none.
+
+        sd: by output, natural units, NaN where not given; `read_measured` allows no mixture.
+        """
+        values = torch.as_tensor(sd.to_numpy(float))
+        if sd[sd.index != "volume_ml"].notna().all():
+            return cls.known(values)
+        return cls.inferred(emulator, prior_scale, values)
 
     @classmethod
     def shared(cls, emulator: Emulator, prior_scale: float) -> "Noise":

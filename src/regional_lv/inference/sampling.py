@@ -296,18 +296,7 @@ def subject_likelihood(
     emulator = emulators.load(emulator_file).select(names)
     y = torch.as_tensor(table["value"].to_numpy(float))
     emulator = emulator.localise(y)
-    return Likelihood(emulator, y, subject_noise(emulator, table["sd"], noise_prior_scale))
-
-
-def subject_noise(emulator: Emulator, sd: pd.Series, prior_scale: float) -> Noise:
-    """Known noise if the strains have an `sd`, inferred noise if they have none.
-
-    sd: by output, natural units, NaN where not given; `read_measured` allows no mixture.
-    """
-    values = torch.as_tensor(sd.to_numpy(float))
-    if sd[sd.index != "volume_ml"].notna().all():
-        return Noise.known(values)
-    return Noise.inferred(emulator, prior_scale, values)
+    return Likelihood(emulator, y, Noise.of_subject(emulator, table["sd"], noise_prior_scale))
 
 
 def predict_observations(sampled: Sampled, seed: int) -> np.ndarray:
