@@ -51,8 +51,8 @@ def fit(
     """Maximise the density of theta, psi and noise scales for every row of y (M, S, D).
 
     start: (M, P). mask: (M, S, D) or (1, S, D), channels to fit to; all that were observed if None.
-    The prior is uniform in the box of log theta and psi and half-normal in the noise scales; the
-    maximum is that of the density of log theta, psi and sigma.
+    The prior is uniform in the box and half-normal in the noise scales; the maximum is that of
+    the density of theta, psi and sigma themselves, as in `inference.point`.
     """
     x = torch.minimum(torch.maximum(start, model.low), model.high)
     sigmas = model.first_sigma < x.shape[1]
@@ -157,7 +157,7 @@ def fit_from_nothing(model: Model, seed: int) -> Fit:
     """
     count = len(model.layout.names)
     x = torch.full((SCREENED, len(model.low)), math.log(FIRST_SIGMA), dtype=torch.float64)
-    if not model.layout.inferred_theta:
+    if not model.layout.uniform_in_theta:
         x[:, :count] = 0.0
         return fit_best(model, x[:1])
     p = len(aha.PARAMETERS)

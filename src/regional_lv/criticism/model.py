@@ -27,23 +27,18 @@ SMALLEST_SHIFT = 0.1
 @dataclass(frozen=True)
 class Layout:
     """Where log theta of each heart comes from: offset (S, 10), moves (S, 10, Q), names (Q), low
-    and high (Q,), and whether the coordinates are each heart's own theta."""
+    and high (Q,), and whether the coordinates are log theta with a prior uniform in theta."""
 
     offset: torch.Tensor
     moves: torch.Tensor
     names: tuple[str, ...]
     low: torch.Tensor
     high: torch.Tensor
-    inferred_theta: bool
+    uniform_in_theta: bool
 
     @classmethod
     def inferred(cls, subjects: tuple[str, ...], lower: float, upper: float) -> "Layout":
-        """Ten unknown parameters per heart, uniform in the logarithm on the box.
-
-        Not uniform in theta as in `inference`: an effect that theta can nearly take up (a_f) has
-        five C_a to trade with, a prior that weighs stiff walls five times over draws psi away
-        from what the data say, and it is psi that is asked for here.
-        """
+        """Ten unknown parameters per heart, uniform on the box."""
         count, p = len(subjects), len(aha.PARAMETERS)
         moves = torch.eye(count * p, dtype=torch.float64).reshape(count, p, count * p)
         prefix = [""] if count == 1 else [f"{name}: " for name in subjects]
@@ -56,7 +51,7 @@ class Layout:
     def known(cls, theta: torch.Tensor, lower: float, upper: float) -> "Layout":
         """Known thetas (S, 10); with the common factors on C_a and on C_b unknown.
 
-        Their prior is uniform in the logarithm, too, over all that keeps every heart in the box.
+        Their prior is uniform in the logarithm, over all that keeps every heart inside the box.
         Raises InputError if that leaves no room.
         """
         offset = theta.log()
@@ -201,8 +196,14 @@ class Model:
 
     def log_prior(self, x: torch.Tensor) -> torch.Tensor:
         """Log density (M,) in the coordinates x, normalised over the box."""
+        q = len(self.layout.names)
         width = self.high - self.low
-        total = x.new_zeros(x.shape[:-1]) - width[: self.first_sigma].log().sum()
+        total = x.new_zeros(x.shape[:-1]) - width[q : self.first_sigma].log().sum()
+        if self.layout.uniform_in_theta:
+            edges = self.high[:q].exp() - self.low[:q].exp()
+            total = total + (x[..., :q] - edges.log()).sum(-1)
+        else:
+            total = total - width[:q].log().sum()
         if self.first_sigma < x.shape[-1]:
             log_sigma, s = x[..., self.first_sigma :], self.observations.prior_scale
             half_normal = 0.5 * math.log(2 / math.pi) - math.log(s)
