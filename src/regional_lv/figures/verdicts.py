@@ -1,4 +1,5 @@
-"""Which posteriors passed their gate, and what a figure says of those that did not."""
+"""What is known of posteriors without their draws: whose they are, which emulator was chosen, which
+passed their gate, and what a figure says of those that did not."""
 
 import json
 from collections.abc import Sequence
