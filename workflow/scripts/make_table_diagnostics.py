@@ -1,7 +1,8 @@
 """Write the table of convergence."""
 
+from regional_lv.figures.verdicts import by_posteriors
 from regional_lv.progress import start_log
-from regional_lv.tables.posteriors import by_posteriors, diagnostics
+from regional_lv.tables.posteriors import diagnostics
 from regional_lv.tables.writing import save
 
 start_log(snakemake.log[0])

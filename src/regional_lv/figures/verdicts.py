@@ -45,6 +45,16 @@ def by_emulator(paths: Sequence[Path]) -> dict[str, list[Path]]:
     return groups
 
 
+def by_set(paths: Sequence[Path]) -> dict[str, Path]:
+    """Files `posteriors/<emulator>/<set>/...` by their set."""
+    return {Path(path).parent.name: path for path in paths}
+
+
+def by_posteriors(paths: Sequence[Path]) -> dict[str, Path]:
+    """Files `posteriors/<emulator>/<set>/...` by "<set>, <emulator>"."""
+    return {f"{Path(p).parent.name}, {Path(p).parent.parent.name}": p for p in paths}
+
+
 def warning_of(failed: int, cases: int, drawn: str = "") -> str:
     """Sentence about posteriors that failed their gate, `drawn` in some way; empty if none did."""
     if not failed:

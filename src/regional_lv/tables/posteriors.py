@@ -11,16 +11,6 @@ from regional_lv.figures.scenarios import read_sets
 from regional_lv.figures.verdicts import failed_cases
 
 
-def by_set(paths: list[Path]) -> dict[str, Path]:
-    """Files `posteriors/<emulator>/<set>/...` by their set."""
-    return {Path(path).parent.name: path for path in paths}
-
-
-def by_posteriors(paths: list[Path]) -> dict[str, Path]:
-    """Files `posteriors/<emulator>/<set>/...` by "<set>, <emulator>"."""
-    return {f"{Path(p).parent.name}, {Path(p).parent.parent.name}": p for p in paths}
-
-
 def diagnostics(sets: dict[str, Path], subjects: list[Path]) -> pd.DataFrame:
     """Convergence per parameter, as in the paper's Tables S3-S6.
 
