@@ -10,7 +10,7 @@ import torch
 from regional_lv.inference import hmc, sampling
 from regional_lv.inference.hmc import sample_batch
 from regional_lv.inference.likelihood import Likelihood, Noise
-from regional_lv.inference.nuts import Settings, Target, sample_case, verdict
+from regional_lv.inference.nuts import Settings, Target, sample_in_step, verdict
 from regional_lv.inference.surrogate import Surrogate
 from tests.inference.test_likelihood import linear
 
@@ -76,7 +76,7 @@ def test_agrees_with_nuts_where_the_bounds_cut_the_posterior(kind):
     settings = Settings(warmup=80, draws=150, ess_min=60, rhat_max=1.1)
     (together,) = run(likelihoods[2:], truth[2:], settings, [3])
     log_sigma = torch.full((len(likelihoods[2].noise.groups),), -1.5, dtype=torch.float64)
-    alone = sample_case(likelihoods[2], truth[2], log_sigma, settings, 5, "third")
+    (alone,) = sample_in_step(likelihoods[2:], truth[2:], log_sigma[None], settings, [5], ["third"])
     assert alone.theta.max() > 4.9  # the upper bound is felt
     # Both means have Monte Carlo errors near 0.05 sd, and the largest of ten is looked at.
     means, sds = difference(together, alone)
@@ -154,11 +154,11 @@ def test_what_fails_its_gate_twice_goes_to_nuts(monkeypatch, caplog):
     *_, likelihoods = cases(0.1)
     called = []
 
-    def nuts(likelihood, theta, log_sigma, settings, seed, name):
-        called.append(name)
-        return sample_case(likelihood, theta, log_sigma, settings, seed, name)
+    def nuts(likelihoods, theta, log_sigma, settings, seeds, names):
+        called.extend(names)
+        return sample_in_step(likelihoods, theta, log_sigma, settings, seeds, names)
 
-    monkeypatch.setattr(sampling, "sample_case", nuts)
+    monkeypatch.setattr(sampling, "sample_in_step", nuts)
     settings = {"warmup": 10, "draws": 10, "ess_min": 1e6}
     point = {"starts": 2, "iterations": 40}
     how = sampling.Sampling(settings, point, 1, "test")

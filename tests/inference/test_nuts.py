@@ -1,5 +1,7 @@
 """The sampler against posteriors that are known, and the files that it makes."""
 
+from dataclasses import replace
+
 import arviz as az
 import numpy as np
 import pandas as pd
@@ -9,9 +11,9 @@ from scipy import stats
 
 from regional_lv import aha, emulators
 from regional_lv.errors import InputError
-from regional_lv.inference import sampling
+from regional_lv.inference import nuts, sampling
 from regional_lv.inference.likelihood import Likelihood, Noise
-from regional_lv.inference.nuts import Settings, Target, sample_case
+from regional_lv.inference.nuts import Settings, Target, sample_in_step
 from regional_lv.inference.summaries import TABLES, summarise_posteriors
 from tests.inference.test_likelihood import linear
 
@@ -28,6 +30,11 @@ NUTS = {
 POINT = {"starts": 2, "iterations": 60}
 
 
+def sample_one(likelihood, theta, log_sigma, settings, seed, name):
+    (draws,) = sample_in_step([likelihood], theta[None], log_sigma[None], settings, [seed], [name])
+    return draws
+
+
 def test_gaussian_posterior():
     emulator = linear(0.02)
     truth = torch.linspace(2.0, 3.0, 10, dtype=torch.float64)
@@ -35,7 +42,7 @@ def test_gaussian_posterior():
     likelihood = Likelihood(emulator, y, Noise.none(emulator))
     none = torch.zeros(0, dtype=torch.float64)
     settings = Settings(warmup=200, draws=600)
-    draws = sample_case(likelihood, truth, none, settings, 7, "known")
+    draws = sample_one(likelihood, truth, none, settings, 7, "known")
     assert not draws.repeated and not draws.diverging.any()
     a = emulator.slopes
     expected = torch.linalg.inv(a.T @ torch.linalg.solve(emulator.matrix, a)).numpy()
@@ -56,10 +63,49 @@ def test_same_seed_same_draws():
     likelihood = Likelihood(emulator, emulator.predict(truth).mean, Noise.none(emulator))
     none, settings = torch.zeros(0, dtype=torch.float64), Settings(warmup=5, draws=5)
     first, again, other = (
-        sample_case(likelihood, truth, none, settings, seed, "known").theta for seed in (7, 7, 8)
+        sample_one(likelihood, truth, none, settings, seed, "known").theta for seed in (7, 7, 8)
     )
     np.testing.assert_array_equal(first, again)
     assert not np.allclose(first, other)
+
+
+def test_cases_in_step_are_those_alone():
+    emulator = linear(0.02)
+    truths = [torch.linspace(low, 3.0, 10, dtype=torch.float64) for low in (1.0, 1.5, 2.0)]
+    likelihoods = [
+        Likelihood(emulator, emulator.predict(t).mean, Noise.none(emulator)) for t in truths
+    ]
+    none, settings = torch.zeros(0, dtype=torch.float64), Settings(warmup=10, draws=5)
+    settings = replace(settings, ess_min=0, rhat_max=100)
+    together = sample_in_step(
+        likelihoods, torch.stack(truths), torch.stack([none] * 3), settings, [1, 2, 3], "abc"
+    )
+    for i, (likelihood, truth) in enumerate(zip(likelihoods, truths, strict=True)):
+        alone = sample_one(likelihood, truth, none, settings, i + 1, "alone")
+        np.testing.assert_allclose(together[i].theta, alone.theta, rtol=1e-5)
+        np.testing.assert_allclose(together[i].acceptance_rate, alone.acceptance_rate, rtol=1e-4)
+
+
+def test_a_likelihood_without_factor_is_impossible_and_leaves_the_others_alone(monkeypatch):
+    """Where one case has no Cholesky factor, the others still get their gradients."""
+    emulator = linear(0.02)
+    truth = torch.full((10,), 2.0, dtype=torch.float64)
+    likelihood = Likelihood(emulator, emulator.predict(truth).mean, Noise.none(emulator))
+    none = torch.zeros(0, dtype=torch.float64)
+    place = nuts._Place.find(Target.near(likelihood, truth, none), truth, none, 1)
+    original = Target.potential
+
+    def fragile(self, position, variance=None):
+        if (position > place.mode + 1).any():
+            raise torch.linalg.LinAlgError("no factor")
+        return original(self, position, variance)
+
+    z = torch.zeros(2, 10, dtype=torch.float64)
+    z[1] = torch.linalg.solve(place.whitening, torch.full((10,), 2.0, dtype=torch.float64))
+    monkeypatch.setattr(Target, "potential", fragile)
+    (value, gradient), (lost, nothing) = nuts._evaluate([place, place], z)
+    assert torch.isfinite(value) and torch.isfinite(gradient).all()
+    assert lost == np.inf and not nothing.any()
 
 
 def test_noise_scale_and_uniform_prior():
@@ -74,7 +120,7 @@ def test_noise_scale_and_uniform_prior():
     start = torch.full((3,), -0.5, dtype=torch.float64)
     settings = Settings(warmup=200, draws=600)
     likelihood = Likelihood(emulator, y, noise)
-    draws = sample_case(likelihood, middle, start, settings, 8, "noise")
+    draws = sample_one(likelihood, middle, start, settings, 8, "noise")
     theta = draws.theta.reshape(-1, 10)
     assert np.abs(theta.mean(0) - 2.55).max() < 0.15
     np.testing.assert_allclose(theta.std(0), 4.9 / np.sqrt(12), rtol=0.06)
@@ -116,7 +162,7 @@ def test_a_failed_posterior_is_sampled_again_and_kept(caplog):
     likelihood = Likelihood(emulator, emulator.predict(truth).mean, Noise.none(emulator))
     settings = Settings(warmup=30, draws=20, ess_min=1e6)
     none = torch.zeros(0, dtype=torch.float64)
-    draws = sample_case(likelihood, truth, none, settings, 9, "hopeless")
+    draws = sample_one(likelihood, truth, none, settings, 9, "hopeless")
     assert draws.repeated and draws.theta.shape == (2, 20, 10)
     assert "sampled again" in caplog.text and "second time" in caplog.text
 

@@ -1,5 +1,6 @@
 """Does the fast sampler agree with Pyro's NUTS?"""
 
+import logging
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -10,8 +11,9 @@ import torch
 
 from regional_lv import aha, emulators
 from regional_lv.inference.sampling import Sampling, error_model, make_likelihoods
-from regional_lv.progress import Progress
 from regional_lv.seeds import derive
+
+log = logging.getLogger(__name__)
 
 MEANS, SDS = 0.1, 0.1
 """Largest difference of means, in posterior sd, and of sds, relative, that counts as agreement."""
@@ -44,16 +46,15 @@ def compare_samplers(
     chosen = sorted(rng.choice(names, min(cases, len(names)), replace=False)) if names else []
     emulator, kind = error_model(emulators.load(emulator_file))
     how, rows = Sampling(nuts, point, seed, "test"), []
-    progress = Progress(f"{emulator.name}: agreement of samplers", len(chosen))
-    for case in chosen:
-        data, label = fast[case]
-        y = torch.as_tensor(data.observed_data["y"].sel(case=label).to_numpy())
-        likelihoods = make_likelihoods(emulator, y[None], kind)
-        (maximum,) = how.find_maxima(likelihoods)
-        reference = how.by_nuts(likelihoods[0], maximum, case).theta
-        ours = data.posterior["theta"].sel(case=label).transpose("chain", "draw", "parameter")
-        rows += compare(case, ours.to_numpy(), reference)
-        progress.step()
+    if chosen:
+        data = [fast[case] for case in chosen]
+        y = [one.observed_data["y"].sel(case=label).to_numpy() for one, label in data]
+        likelihoods = make_likelihoods(emulator, torch.as_tensor(np.stack(y)), kind)
+        log.info("%s: %d posteriors by NUTS, in step", emulator.name, len(chosen))
+        reference = how.by_nuts(likelihoods, how.find_maxima(likelihoods), chosen)
+        for case, (one, label), draws in zip(chosen, data, reference, strict=True):
+            ours = one.posterior["theta"].sel(case=label).transpose("chain", "draw", "parameter")
+            rows += compare(case, ours.to_numpy(), draws.theta)
     pd.DataFrame(rows, columns=COLUMNS).to_csv(table, index=False)
 
 

@@ -1,4 +1,4 @@
-"""Posteriors by the No-U-Turn Sampler (Hoffman and Gelman 2014) of Pyro, one case at a time.
+"""Posteriors by the No-U-Turn Sampler (Hoffman and Gelman 2014) of Pyro.
 
 The sampler works in a space without bounds: `box.Box` bends log theta near the bounds, and sigma
 is exp(s). In log theta the ridges along which C_a and C_b compensate are straight. There the
@@ -22,15 +22,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pyro
 import torch
-from pyro.infer import MCMC, NUTS
+from pyro.infer import NUTS
 from scipy.optimize import minimize
 
 from regional_lv import aha
 from regional_lv.emulators.base import Prediction
 from regional_lv.inference.box import Box
 from regional_lv.inference.diagnostics import gate
+from regional_lv.inference.in_step import Ask, run_in_step
 from regional_lv.inference.likelihood import Likelihood
 from regional_lv.inference.point import CHUNK
+from regional_lv.progress import Progress
 from regional_lv.seeds import derive
 
 log = logging.getLogger(__name__)
@@ -277,35 +279,49 @@ def refine(
     return mode + whitening @ centre, whitening @ factor
 
 
-def sample_case(
-    likelihood: Likelihood,
+def sample_in_step(
+    likelihoods: Sequence[Likelihood],
     theta_map: torch.Tensor,
     log_sigma_map: torch.Tensor,
     settings: Settings,
-    seed: int,
-    name: str,
-) -> Draws:
-    """Sample one posterior; once more if it fails its gate, with a doubled warm-up, smaller steps
-    and twice the thinning.
+    seeds: Sequence[int],
+    names: Sequence[str],
+) -> list[Draws]:
+    """Sample posteriors; those that fail their gate once more, with a doubled warm-up, smaller
+    steps and twice the thinning.
 
-    likelihood: of one observation (D,). theta_map (10,), log_sigma_map (G,): where to start.
-    The same seed gives the same draws.
+    likelihoods: one per case, of one observation (D,) each, all with the same kind of noise.
+    theta_map (C, 10), log_sigma_map (C, G): where to start. All chains of all cases go on in step,
+    their gradients made in one batch. The same seeds give the same draws; the last digits depend
+    on which cases are sampled together.
     """
     started = time.monotonic()
-    target = Target.near(likelihood, theta_map, log_sigma_map)
-    mode, whitening = target.laplace(target.unconstrain(theta_map, log_sigma_map))
-    mode, whitening = refine(target.potential, mode, whitening, derive(seed, "refine"))
-    draws = _run(target, mode, whitening, settings, derive(seed, "first"))
-    outcome = verdict(draws, settings)
-    if outcome != "passed":
-        log.warning("case %s %s; sampled again, longer", name, outcome)
+    places = [
+        _Place.find(Target.near(likelihood, theta, log_sigma), theta, log_sigma, seed)
+        for likelihood, theta, log_sigma, seed in zip(
+            likelihoods, theta_map, log_sigma_map, seeds, strict=True
+        )
+    ]
+    draws = _run(places, settings, [derive(seed, "first") for seed in seeds])
+    outcomes = [verdict(one, settings) for one in draws]
+    failed = [i for i, outcome in enumerate(outcomes) if outcome != "passed"]
+    for i in failed:
+        log.warning("case %s %s; sampled again, longer", names[i], outcomes[i])
+    if failed:
         longer = replace(settings, warmup=2 * settings.warmup, target_accept=PATIENT)
-        draws = _run(target, mode, whitening, longer, derive(seed, "second"), again=True)
-        outcome = verdict(draws, settings)
-        if outcome != "passed":
-            log.warning("case %s %s, the second time too", name, outcome)
-        draws = replace(draws, repeated=True)
-    return replace(draws, seconds=time.monotonic() - started)
+        again = _run(
+            [places[i] for i in failed],
+            longer,
+            [derive(seeds[i], "second") for i in failed],
+            again=True,
+        )
+        for i, one in zip(failed, again, strict=True):
+            outcome = verdict(one, settings)
+            if outcome != "passed":
+                log.warning("case %s %s, the second time too", names[i], outcome)
+            draws[i] = replace(one, repeated=True)
+    seconds = (time.monotonic() - started) / len(draws)
+    return [replace(one, seconds=seconds) for one in draws]
 
 
 def verdict(draws: Draws, settings: Settings) -> str:
@@ -315,74 +331,154 @@ def verdict(draws: Draws, settings: Settings) -> str:
     return gate(chains, names, draws.diverging, settings.rhat_max, settings.ess_min)[1]
 
 
-def _run(target: Target, mode, whitening, settings: Settings, seed: int, again=False) -> Draws:
-    """All chains, one after the other, in this process.
+@dataclass(frozen=True)
+class _Place:
+    """Where and how wide the posterior of one case is: position = mode + whitening z."""
+
+    target: Target
+    mode: torch.Tensor
+    whitening: torch.Tensor
+
+    @classmethod
+    def find(cls, target: Target, theta, log_sigma, seed: int) -> "_Place":
+        mode, whitening = target.laplace(target.unconstrain(theta, log_sigma))
+        return cls(target, *refine(target.potential, mode, whitening, derive(seed, "refine")))
+
+
+class _Asked(torch.autograd.Function):
+    """A potential whose value and gradient come together, from `ask`."""
+
+    @staticmethod
+    def forward(ctx, z, ask):
+        value, gradient = ask(z.detach())
+        ctx.save_for_backward(gradient)
+        return value
+
+    @staticmethod
+    @torch.autograd.function.once_differentiable
+    def backward(ctx, by_value):
+        (gradient,) = ctx.saved_tensors
+        return by_value * gradient, None
+
+
+def _evaluate(places: Sequence[_Place], z: torch.Tensor) -> list[tuple[torch.Tensor, torch.Tensor]]:
+    """Potential and its gradient (P + G,) about z, of each place at its row of z (M, P + G).
+
+    Where the likelihood has no Cholesky factor the potential is infinite.
+    """
+    z = z.detach().requires_grad_(True)
+    mode = torch.stack([place.mode for place in places])
+    whitening = torch.stack([place.whitening for place in places])
+    position = mode[:, None] + z[:, None] @ whitening.mT
+    try:
+        value = Target.together([place.target for place in places]).potential(position)[:, 0]
+    except torch.linalg.LinAlgError:
+        if len(places) == 1:
+            return [(torch.tensor(math.inf, dtype=z.dtype), torch.zeros_like(z[0]))]
+        each = [_evaluate([place], row[None]) for place, row in zip(places, z, strict=True)]
+        return [one for (one,) in each]
+    (gradient,) = torch.autograd.grad(value.sum(), z)
+    return list(zip(value.detach(), gradient, strict=True))
+
+
+@dataclass(frozen=True)
+class _Chain:
+    """Of one chain: z (draws made, P + G) and statistics (draws made,)."""
+
+    z: torch.Tensor
+    acceptance: np.ndarray
+    energy: np.ndarray
+    diverging: np.ndarray
+
+
+def _run(
+    places: Sequence[_Place], settings: Settings, seeds: Sequence[int], again=False
+) -> list[Draws]:
+    """All chains of all cases, in step.
 
     again: second attempt, which adapts the mass matrix as well and thins twice as much.
     """
-    thin = 2 * THIN if again else THIN
-    pyro.set_rng_seed(seed)
-    pyro.clear_param_store()
+    made = settings.draws * (2 * THIN if again else THIN)
 
-    def potential(z):
-        return target.potential(mode + whitening @ z["z"])
+    def task_of(place: _Place):
+        return lambda ask: _chain(place, settings, made, again, ask, progress)
 
+    of_chain = [place for place in places for _ in range(settings.chains)]
+    progress = Progress("NUTS: iterations", len(of_chain) * (settings.warmup + made))
+    of_seed = [derive(seed, chain) for seed in seeds for chain in range(settings.chains)]
+    # Pyro checks distributions unless told otherwise, and what tells it is global.
+    with pyro.validation_enabled(False):
+        chains = run_in_step(
+            [task_of(place) for place in of_chain],
+            lambda which, z: _evaluate([of_chain[i] for i in which], torch.stack(z)),
+            of_seed,
+        )
+    size = settings.chains
+    return [
+        _thinned(place, chains[i * size : (i + 1) * size], settings.draws)
+        for i, place in enumerate(places)
+    ]
+
+
+def _chain(
+    place: _Place, settings: Settings, made: int, again: bool, ask: Ask, progress: Progress
+) -> _Chain:
+    """One chain of Pyro's NUTS, which `ask`s for its gradients."""
     kernel = NUTS(
-        potential_fn=potential,
+        potential_fn=lambda z: _Asked.apply(z["z"], ask),
         full_mass=True,
         adapt_mass_matrix=again,
         target_accept_prob=settings.target_accept,
         max_tree_depth=settings.max_tree_depth,
     )
-    kept, acceptance, energies = [], [], []
-    previous = [0.0]
+    kernel.initial_params = {"z": _start(place, ask)}
+    kernel.setup(settings.warmup)
+    state = kernel.initial_params
+    for _ in range(settings.warmup):
+        state = kernel.sample(state)
+        progress.step()
+    kept, energies, acceptance, before = [], [], [], 0.0
+    for i in range(made):
+        state = kernel.sample(state)
+        kept.append(state["z"].detach())
+        energies.append(float(kernel._potential_energy_last))
+        # The kernel keeps the running mean over the draws so far.
+        mean = kernel._mean_accept_prob
+        acceptance.append(mean * (i + 1) - before * i)
+        before = mean
+        progress.step()
+    diverging = np.zeros(made, dtype=bool)
+    diverging[kernel.diagnostics()["divergences"]] = True
+    kernel.cleanup()
+    return _Chain(torch.stack(kept), np.array(acceptance), np.array(energies), diverging)
 
-    def record(kernel, _, stage, i):
-        if stage.startswith("Sample"):
-            # The kernel keeps the running mean over the draws so far.
-            mean = kernel._mean_accept_prob
-            acceptance.append(mean * (i + 1) - previous[0] * i)
-            previous[0] = mean
-            energies.append(float(kernel._potential_energy_last))
 
-    diverging = np.zeros((settings.chains, thin * settings.draws), dtype=bool)
-    with pyro.validation_enabled(False):
-        for chain in range(settings.chains):
-            previous[0] = 0.0
-            start = _start(target, mode, whitening)
-            sampler = MCMC(
-                kernel,
-                num_samples=thin * settings.draws,
-                warmup_steps=settings.warmup,
-                num_chains=1,
-                initial_params={"z": start},
-                disable_progbar=True,
-                disable_validation=True,
-                hook_fn=record,
-            )
-            sampler.run()
-            kept.append(sampler.get_samples()["z"][thin - 1 :: thin])
-            diverging[chain, sampler.diagnostics()["divergences"]["chain 0"]] = True
-    z = torch.stack(kept)
-    theta, log_sigma = target.constrain(mode + z @ whitening.T)
-    shape = (settings.chains, settings.draws, thin)
+def _thinned(place: _Place, chains: Sequence[_Chain], draws: int) -> Draws:
+    """The chains of one case, one draw in so many kept, in natural coordinates."""
+    thin = len(chains[0].z) // draws
+    z = torch.stack([chain.z[thin - 1 :: thin] for chain in chains])
+    theta, log_sigma = place.target.constrain(place.mode + z @ place.whitening.T)
+    acceptance, energy, diverging = (
+        np.stack([getattr(chain, key).reshape(draws, thin) for chain in chains])
+        for key in ("acceptance", "energy", "diverging")
+    )
     return Draws(
         theta=theta.numpy(),
         sigma=torch.exp(log_sigma).numpy(),
-        acceptance_rate=np.reshape(acceptance, shape).mean(axis=-1),
+        acceptance_rate=acceptance.mean(axis=-1),
         # A divergence counts, whether its draw is kept or not.
-        diverging=diverging.reshape(shape).any(axis=-1),
-        energy=np.reshape(energies, shape)[..., -1],
+        diverging=diverging.any(axis=-1),
+        energy=energy[..., -1],
         seconds=math.nan,
     )
 
 
-def _start(target: Target, mode, whitening) -> torch.Tensor:
+def _start(place: _Place, ask: Ask) -> torch.Tensor:
     """An overdispersed start: drawn wide, and pulled in until the density there is a number."""
-    z = DISPERSION * torch.randn(target.size, dtype=torch.float64)
+    z = DISPERSION * torch.randn(place.target.size, dtype=torch.float64)
     for _ in range(20):
-        value, gradient = target.value_and_gradient((mode + whitening @ z).numpy())
-        if np.isfinite(value) and np.isfinite(gradient).all():
+        value, gradient = ask(z)
+        if torch.isfinite(value) and torch.isfinite(gradient).all():
             return z
         z = 0.5 * z
-    return torch.zeros(target.size, dtype=torch.float64)
+    return torch.zeros(place.target.size, dtype=torch.float64)

@@ -18,7 +18,7 @@ from regional_lv.errors import InputError
 from regional_lv.inference.diagnostics import diagnose
 from regional_lv.inference.hmc import sample_batch
 from regional_lv.inference.likelihood import Likelihood, Noise, draw_observations
-from regional_lv.inference.nuts import Draws, Settings, sample_case, verdict
+from regional_lv.inference.nuts import Draws, Settings, sample_in_step, verdict
 from regional_lv.inference.point import Candidates, PointEstimate, find_map
 from regional_lv.measured import read_measured
 from regional_lv.progress import Progress
@@ -87,16 +87,20 @@ class Sampling:
     def seeds(self, sampler: str, emulator: str, cases: Sequence[str]) -> list[int]:
         return [derive(self.seed, sampler, emulator, self.set_name, case) for case in cases]
 
-    def by_nuts(self, likelihood: Likelihood, maximum: PointEstimate, case: str) -> Draws:
-        """The reference: Pyro's NUTS from the maximum."""
-        (seed,) = self.seeds("nuts", likelihood.emulator.name, [case])
-        return sample_case(
-            likelihood,
-            maximum.theta[0],
-            maximum.log_sigma[0],
+    def by_nuts(
+        self,
+        likelihoods: Sequence[Likelihood],
+        maxima: Sequence[PointEstimate],
+        cases: Sequence[str],
+    ) -> list[Draws]:
+        """The reference: Pyro's NUTS from the maxima."""
+        return sample_in_step(
+            likelihoods,
+            torch.cat([maximum.theta for maximum in maxima]),
+            torch.cat([maximum.log_sigma for maximum in maxima]),
             self.settings,
-            seed,
-            f"{self.set_name}/{case}",
+            self.seeds("nuts", likelihoods[0].emulator.name, cases),
+            [f"{self.set_name}/{case}" for case in cases],
         )
 
 
@@ -113,8 +117,9 @@ def sample_cases(likelihoods: Sequence[Likelihood], cases: Sequence[str], how: S
     """Maximum, then NUTS, of every case."""
     progress = Progress(f"{likelihoods[0].emulator.name}, {how.set_name}: posteriors", len(cases))
     maxima, draws = how.find_maxima(likelihoods), []
-    for likelihood, maximum, case in zip(likelihoods, maxima, cases, strict=True):
-        draws.append(how.by_nuts(likelihood, maximum, case))
+    # One by one, for the same reason as the maxima.
+    for one in zip(likelihoods, maxima, cases, strict=True):
+        draws += how.by_nuts(*([part] for part in one))
         progress.step()
     theta = torch.cat([maximum.theta for maximum in maxima])
     return Sampled(tuple(cases), likelihoods, theta, tuple(draws), ("nuts",) * len(cases))
@@ -147,15 +152,20 @@ def sample_together(
         log.info("%d of %d cases left to do", len(waiting), len(cases))
         if not waiting:
             break
-    progress = Progress(f"{name}, {how.set_name}: posteriors", len(cases))
-    for i, case in enumerate(cases):
-        if i in waiting:
-            outcome = verdict(draws[i], settings)
+    if waiting:
+        for i in waiting:
             log.warning(
-                "case %s/%s %s by batched HMC; sampled by NUTS", how.set_name, case, outcome
+                "case %s/%s %s by batched HMC; sampled by NUTS",
+                *(how.set_name, cases[i], verdict(draws[i], settings)),
             )
-            draws[i], samplers[i] = how.by_nuts(likelihoods[i], maxima[i], case), "nuts"
-        progress.step(failed=verdict(draws[i], settings) != "passed")
+        left = [[part[i] for i in waiting] for part in (likelihoods, maxima, cases)]
+        for i, one in zip(waiting, how.by_nuts(*left), strict=True):
+            draws[i], samplers[i] = one, "nuts"
+    failed = sum(verdict(one, settings) != "passed" for one in draws)
+    log.info(
+        "%s, %s: posteriors: done %d/%d, failed %d",
+        *(name, how.set_name, len(cases), len(cases), failed),
+    )
     theta = torch.cat([maximum.theta for maximum in maxima])
     return Sampled(tuple(cases), likelihoods, theta, tuple(draws), tuple(samplers))
 
