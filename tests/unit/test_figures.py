@@ -112,6 +112,8 @@ def test_set(tmp_path):
     columns = "case parameter truth map mean sd lower95 upper95 covered crps variance_ratio".split()
     pd.DataFrame(rows, columns=columns).to_csv(tmp_path / "recovery.csv", index=False)
     covered = pd.DataFrame({"parameter": [*aha.PARAMETERS, "all"]})
+    covered = covered.assign(cases=3, failed=1, bias=0.1, mse=0.01, mean_mse=0.04)
+    covered = covered.assign(crps=0.05, variance_ratio=0.01, hpd_width95=0.4)
     for level in (50, 80, 95):
         covered[f"coverage{level}"] = 2 / 3
         covered[f"coverage{level}_lower"] = 0.09
@@ -436,7 +438,7 @@ def test_table_of_subjects(subject, tmp_path):
 
 
 def test_table_of_recovery(test_set):
-    table = posteriors.recovery(*test_set).set_index("parameter")
+    table = posteriors.recovery(test_set[1]).set_index("parameter")
     assert list(table.index) == [*aha.PARAMETERS, "all"]
     assert table["map_mse"].to_numpy() == pytest.approx(0.01)
     assert table["mean_mse"].to_numpy() == pytest.approx(0.04)

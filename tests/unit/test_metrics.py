@@ -1,11 +1,13 @@
 """Scores, intervals and the convergence gate against what is known in closed form."""
 
 import numpy as np
+import pandas as pd
 import pytest
 from scipy import stats
 
 from regional_lv import aha
 from regional_lv.inference.diagnostics import (
+    ANY_SOFT,
     binomial_interval,
     clustered_interval,
     coverage,
@@ -77,14 +79,13 @@ def test_gate_names_every_reason(chains):
     assert not table["passed"].any()
 
 
-def _recovered(cases: int):
-    import pandas as pd
-
+def _recovered(cases: int) -> pd.DataFrame:
     rows = [
         {
             "case": str(case),
             "parameter": name,
             "truth": 1.0,
+            "mean": 1.2,
             "map": 1.1 if name == "C_a_apical" else 1.0,
             "covered50": case % 2 == 0,
             "covered80": True,
@@ -108,6 +109,19 @@ def test_coverage_table():
     assert (table["failed"] == 1).all()
     assert table.loc["C_a_apical", "bias"] == pytest.approx(0.1)
     assert table.loc["all", "mse"] == pytest.approx(0.001)
+    assert table["mean_mse"].to_numpy() == pytest.approx(0.04)
+
+
+def test_coverage_where_a_zone_is_soft():
+    """All parameters of the cases that have a soft one, whatever the other cases are like."""
+    recovered = _recovered(20)
+    soft = recovered["case"].isin(["2", "3", "4"])
+    recovered.loc[soft & (recovered["parameter"] == "C_b_septal"), "truth"] = 0.4
+    recovered.loc[recovered["case"] == "3", "covered95"] = False
+    row = coverage(recovered).set_index("parameter").loc[ANY_SOFT]
+    assert row["cases"] == 3 and row["failed"] == 0
+    assert row["coverage95"] == pytest.approx(2 / 3)
+    assert row["coverage95_lower"] == pytest.approx(binomial_interval(2, 3)[0])
 
 
 def test_map_errors_per_case():

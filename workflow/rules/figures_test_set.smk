@@ -25,9 +25,7 @@ rule plot_recovery:
 
 rule make_table_recovery:
     input:
-        recovery=f"{POSTERIORS}/test/recovery.csv",
         coverage=f"{POSTERIORS}/test/coverage.csv",
-        diagnostics=f"{POSTERIORS}/test/diagnostics.csv",
         library=library("tables.posteriors", "tables.writing"),
     output:
         csv=report(

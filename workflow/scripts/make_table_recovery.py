@@ -5,5 +5,4 @@ from regional_lv.tables.posteriors import recovery
 from regional_lv.tables.writing import save
 
 start_log(snakemake.log[0])
-table = recovery(snakemake.input.recovery, snakemake.input.coverage, snakemake.input.diagnostics)
-save(table, snakemake.output.csv, snakemake.output.tex)
+save(recovery(snakemake.input.coverage), snakemake.output.csv, snakemake.output.tex)

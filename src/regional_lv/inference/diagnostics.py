@@ -177,29 +177,42 @@ def clustered_interval(hits: np.ndarray) -> tuple[float, float]:
     return binomial_interval(share * effective, effective)
 
 
+SOFT = 0.5
+"""A stiffness factor below which emulators err most: outputs change fastest with it there."""
+
+ANY_SOFT = f"any below {SOFT:g}"
+"""Row of `coverage` over the cases that have such a factor."""
+
+
 def coverage(table: pd.DataFrame) -> pd.DataFrame:
     """Per parameter and over `all`: how often the truth lies in the central intervals, and errors.
 
-    table: of `recovery`. Columns: parameter, cases, failed (posteriors whose gate failed; they
-    count), coverage<level>, its 95 % interval coverage<level>_lower and _upper for 50, 80 and
-    95 %, bias and mse of the MAP, crps, variance_ratio, hpd_width95 (means).
+    table: of `recovery`. The last row, `ANY_SOFT`, is over all parameters of the cases of which one
+    lies below `SOFT`, if there are any. Columns: parameter, cases, failed (posteriors whose gate
+    failed; they count), coverage<level>, its 95 % interval coverage<level>_lower and _upper for 50,
+    80 and 95 %, bias and mse of the MAP, mean_mse (of the posterior mean), crps, variance_ratio
+    (posterior to prior), hpd_width95 (means).
     """
-    cases = table["case"].nunique()
-    failed = table.loc[table["verdict"] != "passed", "case"].nunique()
     groups = {name: table[table["parameter"] == name] for name in aha.PARAMETERS} | {"all": table}
+    soft = table.loc[table["truth"] < SOFT, "case"]
+    if len(soft):
+        groups[ANY_SOFT] = table[table["case"].isin(soft)]
     rows = []
     for name, part in groups.items():
+        cases = part["case"].nunique()
+        failed = part.loc[part["verdict"] != "passed", "case"].nunique()
         row = {"parameter": name, "cases": cases, "failed": failed}
         for level in LEVELS:
             hits = part[f"covered{level}"].to_numpy(float)
-            if name == "all":
-                ends = clustered_interval(hits.reshape(cases, -1))
-            else:
+            if name in aha.PARAMETERS:
                 ends = binomial_interval(hits.sum(), cases)
+            else:
+                ends = clustered_interval(hits.reshape(cases, -1))
             row[f"coverage{level}"] = hits.mean()
             row[f"coverage{level}_lower"], row[f"coverage{level}_upper"] = ends
         error = part["map"] - part["truth"]
         row |= {"bias": error.mean(), "mse": (error**2).mean()}
+        row["mean_mse"] = ((part["mean"] - part["truth"]) ** 2).mean()
         row |= {key: part[key].mean() for key in ("crps", "variance_ratio", "hpd_width95")}
         rows.append(row)
     return pd.DataFrame(rows)

@@ -8,7 +8,6 @@ import pandas as pd
 
 from regional_lv import aha
 from regional_lv.figures.scenarios import read_sets
-from regional_lv.figures.verdicts import failed_cases
 
 
 def diagnostics(sets: dict[str, Path], subjects: list[Path]) -> pd.DataFrame:
@@ -106,29 +105,13 @@ def choice(final: Path) -> pd.DataFrame:
     return table
 
 
-def recovery(per_case: Path, coverage: Path, diagnostics: Path) -> pd.DataFrame:
-    """Accuracy on the test set per parameter and over all.
+def recovery(coverage: Path) -> pd.DataFrame:
+    """Accuracy on the test set per parameter, over all, and over cases with a soft zone.
 
-    per_case: `recovery.csv`; coverage: `coverage.csv`; diagnostics: verdicts of the cases. Columns:
-    parameter, cases, failed_cases (posteriors that did not pass their gate; they count like the
-    others), map_mse, mean_mse (of the posterior mean), crps, variance_ratio (posterior to prior,
-    mean over cases), then the columns of `coverage`.
+    coverage: `coverage.csv`. Columns: parameter, cases, failed_cases (posteriors that did not pass
+    their gate; they count like the others), map_mse, mean_mse (of the posterior mean), crps,
+    variance_ratio (posterior to prior, mean over cases), then the other columns of `coverage`.
     """
-    table = pd.read_csv(per_case, dtype={"case": str})
-    table["map_mse"] = (table["map"] - table["truth"]) ** 2
-    table["mean_mse"] = (table["mean"] - table["truth"]) ** 2
-    both = pd.concat([table, table.assign(parameter="all")])
-    summary = both.groupby("parameter").agg(
-        cases=("case", "nunique"),
-        map_mse=("map_mse", "mean"),
-        mean_mse=("mean_mse", "mean"),
-        crps=("crps", "mean"),
-        variance_ratio=("variance_ratio", "mean"),
-    )
-    failed = failed_cases(diagnostics) & set(table["case"])
-    summary.insert(1, "failed_cases", len(failed))
-    covered = pd.read_csv(coverage).set_index("parameter")
-    # What `coverage` says of the MAP's errors and of failures stands in the summary already.
-    again = [*covered.columns.intersection(summary.columns), "failed", "mse"]
-    covered = covered.drop(columns=again, errors="ignore")
-    return summary.join(covered).loc[[*aha.PARAMETERS, "all"]].reset_index()
+    table = pd.read_csv(coverage).rename(columns={"failed": "failed_cases", "mse": "map_mse"})
+    first = ["parameter", "cases", "failed_cases", "map_mse", "mean_mse", "crps", "variance_ratio"]
+    return table[[*first, *table.columns.difference(first, sort=False)]]
