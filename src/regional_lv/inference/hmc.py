@@ -16,11 +16,12 @@ posterior passes the same gate as one of NUTS.
 import math
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import torch
 
 from regional_lv.inference.likelihood import Likelihood
-from regional_lv.inference.nuts import DISPERSION, Draws, Settings, Target
+from regional_lv.inference.nuts import DISPERSION, PATIENT, Draws, Settings, Target
 from regional_lv.inference.surrogate import (
     Itself,
     OwnMean,
@@ -39,6 +40,11 @@ TRAJECTORIES = {Polynomial: 3, Itself: 3, OwnMean: 6}
 """Trajectories for one draw that is kept, and for one look at the exact density, by what they
 follow: along the bent ridges of wide posteriors they turn back sooner."""
 
+ATTEMPTS = ("hmc", "careful hmc", "patient hmc")
+"""What is tried in turn with posteriors that fail their gate. Careful: narrow ones are treated as
+if they were wide, and wide ones with twice the effort. Patient: that in smaller steps, against
+divergences, and with four times the effort."""
+
 FIRST_STEP = 0.5
 
 DIVERGENCE = 1000.0
@@ -51,24 +57,30 @@ def sample_batch(
     log_sigma_map: torch.Tensor,
     settings: Settings,
     seeds: Sequence[int],
-    careful: bool = False,
+    attempt: str = ATTEMPTS[0],
 ) -> list[Draws]:
     """Sample the posteriors of several cases.
 
     likelihoods: one per case, of one observation (D,) each, all with the same outputs and the same
     kind of noise. theta_map (C, 10), log_sigma_map (C, G): their maxima. seeds: one per case.
-    careful: treat narrow posteriors as if they were wide, and wide ones with twice the effort. The
-    same batch gives the same draws.
+    attempt: one of `ATTEMPTS`. The same batch gives the same draws.
     """
     started = time.monotonic()
+    first, careful, patient = ATTEMPTS
+    if attempt == patient:
+        settings = replace(settings, target_accept=PATIENT)
     prepared = [
-        prepare(Target.near(likelihood, theta, log_sigma), theta, log_sigma, seed, careful)
+        prepare(Target.near(likelihood, theta, log_sigma), theta, log_sigma, seed, attempt != first)
         for likelihood, theta, log_sigma, seed in zip(
             likelihoods, theta_map, log_sigma_map, seeds, strict=True
         )
     ]
     target, surrogate = together(prepared)
-    trajectories = TRAJECTORIES[type(surrogate)] * (2 if careful and likelihoods[0].noisy else 1)
+    trajectories = TRAJECTORIES[type(surrogate)]
+    if attempt == patient:
+        trajectories *= 4
+    elif attempt == careful and likelihoods[0].noisy:
+        trajectories *= 2
     chains = _Chains(surrogate, prepared, settings, seeds)
     chains.run(settings.warmup, adapt=True)
     chains.settle()

@@ -16,7 +16,7 @@ from regional_lv import aha, emulators
 from regional_lv.emulators.base import Emulator
 from regional_lv.errors import InputError
 from regional_lv.inference.diagnostics import diagnose
-from regional_lv.inference.hmc import sample_batch
+from regional_lv.inference.hmc import ATTEMPTS, sample_batch
 from regional_lv.inference.likelihood import Likelihood, Noise, draw_observations
 from regional_lv.inference.nuts import Draws, Settings, sample_in_step, verdict
 from regional_lv.inference.point import Candidates, PointEstimate, find_map
@@ -128,8 +128,8 @@ def sample_cases(likelihoods: Sequence[Likelihood], cases: Sequence[str], how: S
 def sample_together(
     likelihoods: Sequence[Likelihood], cases: Sequence[str], how: Sampling
 ) -> Sampled:
-    """As `sample_cases`, all cases at once by batched HMC; those that fail their gate a second time
-    with more care, and those that fail again by NUTS.
+    """As `sample_cases`, all cases at once by batched HMC; those that fail their gate again,
+    with more care each time (`hmc.ATTEMPTS`), and those that always fail by NUTS.
 
     Numbers depend in their last digits on which cases share a batch.
     """
@@ -137,17 +137,17 @@ def sample_together(
     maxima = how.find_maxima(likelihoods, together=True)
     draws: list = [None] * len(cases)
     samplers, waiting = ["hmc"] * len(cases), list(range(len(cases)))
-    for careful in (False, True):
+    for attempt in ATTEMPTS:
         done = sample_batch(
             [likelihoods[i] for i in waiting],
             torch.cat([maxima[i].theta for i in waiting]),
             torch.cat([maxima[i].log_sigma for i in waiting]),
             settings,
-            how.seeds("careful hmc" if careful else "hmc", name, [cases[i] for i in waiting]),
-            careful,
+            how.seeds(attempt, name, [cases[i] for i in waiting]),
+            attempt,
         )
         for i, one in zip(waiting, done, strict=True):
-            draws[i] = replace(one, repeated=careful)
+            draws[i] = replace(one, repeated=attempt != ATTEMPTS[0])
         waiting = [i for i in waiting if verdict(draws[i], settings) != "passed"]
         log.info("%d of %d cases left to do", len(waiting), len(cases))
         if not waiting:
