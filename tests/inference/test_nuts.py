@@ -92,11 +92,11 @@ def test_a_likelihood_without_factor_is_impossible_and_leaves_the_others_alone(m
     truth = torch.full((10,), 2.0, dtype=torch.float64)
     likelihood = Likelihood(emulator, emulator.predict(truth).mean, Noise.none(emulator))
     none = torch.zeros(0, dtype=torch.float64)
-    place = nuts._Place.find(Target.near(likelihood, truth, none), truth, none, 1)
+    place = nuts.Place.find(Target.near(likelihood, truth, none), truth, none, 1)
     original = Target.potential
 
     def fragile(self, position, variance=None):
-        if (position > place.mode + 1).any():
+        if (position > place.centre + 1).any():
             raise torch.linalg.LinAlgError("no factor")
         return original(self, position, variance)
 

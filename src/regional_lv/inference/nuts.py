@@ -297,7 +297,7 @@ def sample_in_step(
     """
     started = time.monotonic()
     places = [
-        _Place.find(Target.near(likelihood, theta, log_sigma), theta, log_sigma, seed)
+        Place.find(Target.near(likelihood, theta, log_sigma), theta, log_sigma, seed)
         for likelihood, theta, log_sigma, seed in zip(
             likelihoods, theta_map, log_sigma_map, seeds, strict=True
         )
@@ -332,15 +332,19 @@ def verdict(draws: Draws, settings: Settings) -> str:
 
 
 @dataclass(frozen=True)
-class _Place:
-    """Where and how wide the posterior of one case is: position = mode + whitening z."""
+class Place:
+    """Where and how wide a posterior is: position = centre + whitening z, z near standard normal.
+
+    centre: (P + G,). whitening: (P + G, P + G).
+    """
 
     target: Target
-    mode: torch.Tensor
+    centre: torch.Tensor
     whitening: torch.Tensor
 
     @classmethod
-    def find(cls, target: Target, theta, log_sigma, seed: int) -> "_Place":
+    def find(cls, target: Target, theta, log_sigma, seed: int) -> "Place":
+        """From the exact density; theta (10,), log_sigma (G,): its maximum."""
         mode, whitening = target.laplace(target.unconstrain(theta, log_sigma))
         return cls(target, *refine(target.potential, mode, whitening, derive(seed, "refine")))
 
@@ -361,15 +365,15 @@ class _Asked(torch.autograd.Function):
         return by_value * gradient, None
 
 
-def _evaluate(places: Sequence[_Place], z: torch.Tensor) -> list[tuple[torch.Tensor, torch.Tensor]]:
+def _evaluate(places: Sequence[Place], z: torch.Tensor) -> list[tuple[torch.Tensor, torch.Tensor]]:
     """Potential and its gradient (P + G,) about z, of each place at its row of z (M, P + G).
 
     Where the likelihood has no Cholesky factor the potential is infinite.
     """
     z = z.detach().requires_grad_(True)
-    mode = torch.stack([place.mode for place in places])
+    centre = torch.stack([place.centre for place in places])
     whitening = torch.stack([place.whitening for place in places])
-    position = mode[:, None] + z[:, None] @ whitening.mT
+    position = centre[:, None] + z[:, None] @ whitening.mT
     try:
         value = Target.together([place.target for place in places]).potential(position)[:, 0]
     except torch.linalg.LinAlgError:
@@ -392,7 +396,7 @@ class _Chain:
 
 
 def _run(
-    places: Sequence[_Place], settings: Settings, seeds: Sequence[int], again=False
+    places: Sequence[Place], settings: Settings, seeds: Sequence[int], again=False
 ) -> list[Draws]:
     """All chains of all cases, in step.
 
@@ -400,7 +404,7 @@ def _run(
     """
     made = settings.draws * (2 * THIN if again else THIN)
 
-    def task_of(place: _Place):
+    def task_of(place: Place):
         return lambda ask: _chain(place, settings, made, again, ask, progress)
 
     of_chain = [place for place in places for _ in range(settings.chains)]
@@ -421,7 +425,7 @@ def _run(
 
 
 def _chain(
-    place: _Place, settings: Settings, made: int, again: bool, ask: Ask, progress: Progress
+    place: Place, settings: Settings, made: int, again: bool, ask: Ask, progress: Progress
 ) -> _Chain:
     """One chain of Pyro's NUTS, which `ask`s for its gradients."""
     kernel = NUTS(
@@ -453,11 +457,11 @@ def _chain(
     return _Chain(torch.stack(kept), np.array(acceptance), np.array(energies), diverging)
 
 
-def _thinned(place: _Place, chains: Sequence[_Chain], draws: int) -> Draws:
+def _thinned(place: Place, chains: Sequence[_Chain], draws: int) -> Draws:
     """The chains of one case, one draw in so many kept, in natural coordinates."""
     thin = len(chains[0].z) // draws
     z = torch.stack([chain.z[thin - 1 :: thin] for chain in chains])
-    theta, log_sigma = place.target.constrain(place.mode + z @ place.whitening.T)
+    theta, log_sigma = place.target.constrain(place.centre + z @ place.whitening.T)
     acceptance, energy, diverging = (
         np.stack([getattr(chain, key).reshape(draws, thin) for chain in chains])
         for key in ("acceptance", "energy", "diverging")
@@ -473,7 +477,7 @@ def _thinned(place: _Place, chains: Sequence[_Chain], draws: int) -> Draws:
     )
 
 
-def _start(place: _Place, ask: Ask) -> torch.Tensor:
+def _start(place: Place, ask: Ask) -> torch.Tensor:
     """An overdispersed start: drawn wide, and pulled in until the density there is a number."""
     z = DISPERSION * torch.randn(place.target.size, dtype=torch.float64)
     for _ in range(20):

@@ -137,6 +137,7 @@ def sample_together(
     maxima = how.find_maxima(likelihoods, together=True)
     draws: list = [None] * len(cases)
     samplers, waiting = ["hmc"] * len(cases), list(range(len(cases)))
+    progress = Progress(f"{name}, {how.set_name}: posteriors", len(cases))
     for attempt in ATTEMPTS:
         done = sample_batch(
             [likelihoods[i] for i in waiting],
@@ -148,8 +149,9 @@ def sample_together(
         )
         for i, one in zip(waiting, done, strict=True):
             draws[i] = replace(one, repeated=attempt != ATTEMPTS[0])
+        tried = len(waiting)
         waiting = [i for i in waiting if verdict(draws[i], settings) != "passed"]
-        log.info("%d of %d cases left to do", len(waiting), len(cases))
+        progress.step(count=tried - len(waiting))
         if not waiting:
             break
     if waiting:
@@ -161,11 +163,7 @@ def sample_together(
         left = [[part[i] for i in waiting] for part in (likelihoods, maxima, cases)]
         for i, one in zip(waiting, how.by_nuts(*left), strict=True):
             draws[i], samplers[i] = one, "nuts"
-    failed = sum(verdict(one, settings) != "passed" for one in draws)
-    log.info(
-        "%s, %s: posteriors: done %d/%d, failed %d",
-        *(name, how.set_name, len(cases), len(cases), failed),
-    )
+            progress.step(failed=verdict(one, settings) != "passed")
     theta = torch.cat([maximum.theta for maximum in maxima])
     return Sampled(tuple(cases), likelihoods, theta, tuple(draws), tuple(samplers))
 

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import torch
 
 from regional_lv.emulators.base import join
-from regional_lv.inference.nuts import Target, refine, student
+from regional_lv.inference.nuts import Place, Target, refine, student
 from regional_lv.seeds import derive
 
 ROUNDS = (300, 300, 500)
@@ -198,12 +198,9 @@ class OwnMean(Surrogate):
 
 
 @dataclass(frozen=True)
-class Prepared:
-    """A posterior to sample: position = centre + whitening z, with z close to standard normal."""
+class Prepared(Place):
+    """A posterior to sample, and what its trajectories follow."""
 
-    target: Target
-    centre: torch.Tensor
-    whitening: torch.Tensor
     surrogate: Surrogate
 
 
@@ -218,9 +215,8 @@ def prepare(
     likelihood = target.likelihood
     wide = careful or likelihood.noisy
     if likelihood.noise.groups or (wide and not likelihood.separable):
-        mode, whitening = target.laplace(target.unconstrain(theta, log_sigma))
-        centre, whitening = refine(target.potential, mode, whitening, derive(seed, "refine"))
-        return Prepared(target, centre, whitening, Itself(target))
+        place = Place.find(target, theta, log_sigma, seed)
+        return Prepared(target, place.centre, place.whitening, Itself(target))
     kind = OwnMean if wide else Polynomial
     centre, whitening = target.gaussian(theta, log_sigma)
     generator = torch.Generator().manual_seed(derive(seed, "places"))
