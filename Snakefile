@@ -33,12 +33,14 @@ include: "workflow/rules/figures_test_set.smk"
 include: "workflow/rules/figures_scenarios.smk"
 include: "workflow/rules/figures_subjects.smk"
 include: "workflow/rules/paper.smk"
+include: "workflow/rules/costs.smk"
 
 
 rule all:
-    """Everything the study shows: figures, tables and what they are made from."""
+    """Everything the study shows: figures, tables, what they are made from, and what it took."""
     default_target: True
     input:
         FIGURES,
         TABLES,
         SUMMARIES,
+        rules.tabulate_costs.output,

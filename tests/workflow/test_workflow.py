@@ -127,6 +127,9 @@ def test_everything_is_made(study):
         *("simulations_kept", "parameter_mse", "output_mse", "rhat", "ess", "zone_correlation")
     }
     assert (results / "tables" / "paper_comparison.md").read_text().count("\n| ") > 200
+    costs = pd.read_csv(results / "benchmarks" / "costs.csv").set_index("step")
+    assert costs.loc["simulations/train", "jobs"] == len(list(results.glob("simulations/train/*")))
+    assert costs.loc["all", "wall_s"] == pytest.approx(costs["wall_s"][:-1].sum(), abs=1)
 
 
 def test_report_is_one_page(study):
@@ -176,7 +179,7 @@ def test_mesh_reruns_everything_after_it(editable):
 def test_figure_module_reruns_that_figure_only(editable):
     module = editable / "src" / "regional_lv" / "figures" / "parity.py"
     module.write_text(module.read_text() + "\n# edited\n")
-    assert planned(editable) - {"all"} == {"plot_parity"}
+    assert planned(editable) - {"all"} == {"plot_parity", "tabulate_costs"}
 
 
 def test_typo_in_the_config_names_key_and_remedy(editable):
