@@ -41,7 +41,7 @@ def draw(
     for ax, what in zip(axes[:, 0], ("truth", "MAP"), strict=True):
         ax.text(-0.08, 0.5, what, transform=ax.transAxes, rotation=90, ha="center", va="center")
     fig.colorbar(scale, ax=list(axes.ravel()), label="mean stiffness factor", shrink=0.8)
-    head = f"{title}, {ZONES_SHOWN[zones]}:\nmean over cases, ± RMSE of the MAP"
+    head = f"{title}, {ZONES_SHOWN[zones]}: mean over cases, ± RMSE of the MAP"
     style.suptitle(fig, head, scenarios.warning(table))
     style.save(fig, summary, png, csv)
 

@@ -83,11 +83,12 @@ def segment_of(output: str) -> int | None:
 
 
 def suptitle(fig: Figure, text: str, warning: str = "") -> None:
-    """Title of a figure; a warning under it turns the whole title vermillion and bold."""
-    if warning:
-        text = "\n".join([text, *textwrap.wrap(warning, width=int(9 * fig.get_figwidth()))])
+    """Title of a figure, in lines that fit on it; a warning under it turns the whole title
+    vermillion and bold."""
+    width = int(9 * fig.get_figwidth())
+    lines = [*textwrap.wrap(text, width), *textwrap.wrap(warning, width)]
     fig.suptitle(
-        text,
+        "\n".join(lines),
         color=VERMILLION if warning else BLACK,
         fontweight="bold" if warning else "normal",
     )

@@ -23,17 +23,20 @@ def costs(folder: str | Path) -> pd.DataFrame:
     jobs["step"] = [_step(file.relative_to(folder)) for file in files]
     jobs["stage"] = jobs["step"].str.split("/").str[0]
     sums = jobs.groupby(["stage", "step"], as_index=False).agg(
-        jobs=("s", "size"), wall_s=("s", "sum"), cpu_s=("cpu_time", "sum"), mb=("max_rss", "max")
+        jobs=("s", "size"),
+        wall_s=("s", "sum"),
+        cpu_s=("cpu_time", "sum"),
+        max_memory_mb=("max_rss", "max"),
     )
     sums = sums.sort_values("cpu_s", ascending=False)
     total = {
         "stage": "all",
         "step": "all",
         **sums[["jobs", "wall_s", "cpu_s"]].sum(),
-        "mb": sums["mb"].max(),
+        "max_memory_mb": sums["max_memory_mb"].max(),
     }
     table = pd.concat([sums, pd.DataFrame([total])], ignore_index=True)
-    return table.astype({"jobs": int}).rename(columns={"mb": "max_memory_mb"})
+    return table.astype({"jobs": int})
 
 
 def _step(file: Path) -> str:
