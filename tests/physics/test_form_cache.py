@@ -69,6 +69,12 @@ def test_processes_that_start_together_share_the_work(tmp_path):
         assert list(pool.map(integral, [tmp_path, tmp_path])) == pytest.approx([1 / 8, 1 / 8])
 
 
+def test_a_form_is_the_same_after_another_was_compiled_and_after_it_was_found(tmp_path):
+    program = INTEGRAL + "print((x[0] * ufl.dx).signature())"
+    compiled, found = (run(program, {"XDG_CACHE_HOME": str(tmp_path)}) for _ in range(2))
+    assert compiled == found
+
+
 def test_no_value_compiles_a_form(small_mesh, smoke_config):
     """Sizes of effects are constants; the base model's forms know of none of them."""
 

@@ -50,7 +50,10 @@ def hexahedral_mesh(points: np.ndarray, cells: np.ndarray):
     cells = np.ascontiguousarray(cells[:, permutation], dtype=np.int64)
     points = np.ascontiguousarray(points, dtype=np.float64)
     if _LEGACY:
-        domain = ufl.Mesh(ufl.VectorElement("Lagrange", ufl.hexahedron, degree))
+        # ffcx writes "equispaced" into the mesh's element when it compiles a form, and forms made
+        # after that would have other names than those of a process that found all in the cache.
+        nodes = ufl.FiniteElement("Lagrange", ufl.hexahedron, degree, variant="equispaced")
+        domain = ufl.Mesh(ufl.VectorElement(nodes))
         mesh = dolfinx.mesh.create_mesh(MPI.COMM_SELF, cells, points, domain)
         return mesh, np.asarray(mesh.topology.original_cell_index)
     import basix.ufl
