@@ -109,7 +109,17 @@ def test_posterior_draws_go_through_the_simulator(study, posteriors):
 def test_noise_priors_are_compared(study):
     files = study / "prior.nc", study / "prior.csv"
     sampling.sample_subject(
-        *(study / "emulator.pt", study / "subject.csv", "someone", FEW, POINT, 0.2, 1, *files)
+        *(
+            study / "emulator.pt",
+            study / "subject.csv",
+            "someone",
+            "hmc",
+            FEW,
+            POINT,
+            0.2,
+            1,
+            *files,
+        )
     )
     compare_noise_priors([files[0]] * 2, [0.1, 0.2], study / "priors.csv")
     table = pd.read_csv(study / "priors.csv")

@@ -11,7 +11,7 @@ from regional_lv.inference import hmc, sampling
 from regional_lv.inference.hmc import sample_batch
 from regional_lv.inference.likelihood import Likelihood, Noise
 from regional_lv.inference.nuts import Settings, Target, sample_in_step, verdict
-from regional_lv.inference.surrogate import Surrogate
+from regional_lv.inference.surrogate import OwnMean, Surrogate
 from tests.inference.test_likelihood import linear
 
 
@@ -85,6 +85,64 @@ def test_agrees_with_nuts_where_the_bounds_cut_the_posterior(kind):
     assert means < 0.35 and sds < 0.3
     if kind == "inferred":
         assert together.sigma.mean() == pytest.approx(alone.sigma.mean(), rel=0.15)
+
+
+def test_along_the_shell_of_an_exact_volume():
+    """Inferred noise leaves theta wide; an output that has none makes a thin curved shell of it.
+
+    A linear emulator whose data say nothing of six parameters: given the noise, the other four have
+    a Gaussian posterior, so that only the two scales of the noise need a grid.
+    """
+    emulator = linear(0.003)
+    emulator.slopes[:, 4:] = 0.0
+    emulator.slopes[0] *= 10
+    truth = torch.full((10,), 2.0, dtype=torch.float64)
+    unit = emulator.output_sd.clone()
+    unit[0] = 0.0
+    even = torch.arange(len(unit)) % 2 == 0
+    noise = Noise(torch.zeros_like(unit), {"even": unit * even, "odd": unit * ~even}, 1.0)
+    deviates = torch.as_tensor(np.random.default_rng(4).normal(size=len(unit)))
+    likelihood = Likelihood(emulator, emulator.predict(truth).mean + 0.3 * deviates * unit, noise)
+    settings = {"warmup": 100, "draws": 300, "chains": 4}
+    how = sampling.Sampling(settings, {"starts": 4, "iterations": 100}, 1, "test")
+    (maximum,) = how.find_maxima([likelihood])
+    start = maximum.theta, maximum.log_sigma
+    target = Target.near(likelihood, *(s[0] for s in start))
+    prepared = hmc.prepare(target, *(s[0] for s in start), 1)
+    assert isinstance(prepared.surrogate, OwnMean)
+    (draws,) = sample_batch([likelihood], *start, how.settings, [2])
+    assert verdict(draws, replace(how.settings, ess_min=300, rhat_max=1.03)) == "passed"
+
+    a = emulator.slopes[:, :4]
+    grid = torch.linspace(np.log(0.05), np.log(1.5), 60, dtype=torch.float64)
+    logs = torch.cartesian_prod(grid, grid)
+    precision = torch.linalg.inv(emulator.matrix + torch.diag_embed(noise.variance(logs)))
+    information = a.T @ precision @ a
+    residual = likelihood.y - emulator.base
+    mean = torch.linalg.solve(information, a.T @ precision @ residual)
+    left = residual - mean @ a.T
+    density = 0.5 * (
+        torch.logdet(precision)
+        - torch.logdet(information)
+        - (left[:, None] @ precision @ left[..., None]).flatten()
+    )
+    weight = torch.softmax(density + noise.log_prior(logs) + logs.sum(1), 0)
+    expected = weight @ mean
+    covariance = torch.linalg.inv(information) + (mean - expected)[..., None] * (
+        mean - expected
+    ).unsqueeze(-2)
+    covariance = torch.einsum("g,gij->ij", weight, covariance)
+    sd = covariance.diagonal().sqrt()
+    theta = torch.as_tensor(draws.theta[..., :4]).flatten(0, 1)
+    assert ((theta.mean(0) - expected) / sd).abs().max() < 0.2
+    torch.testing.assert_close(theta.std(0), sd, rtol=0.15, atol=0.0)
+    sigma = torch.as_tensor(draws.sigma).flatten(0, 1)
+    torch.testing.assert_close(sigma.mean(0), weight @ logs.exp(), rtol=0.08, atol=0.0)
+    volume = theta @ a[0]
+    shell = (a[0] @ covariance @ a[0]).sqrt()
+    assert shell < 0.02 * (a[0].square() @ sd.square()).sqrt()  # thin it is
+    torch.testing.assert_close(volume.std(), shell, rtol=0.1, atol=0.0)
+    assert np.abs(draws.theta[..., 4:].reshape(-1, 6).mean(0) - 2.55).max() < 0.25
 
 
 def test_gradient_of_the_polynomial_surrogate():

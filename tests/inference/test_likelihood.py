@@ -150,6 +150,31 @@ def test_draws_have_the_covariance_of_the_likelihood():
     assert ((y.mean(0) - emulator.predict(THETA[0]).mean) / scale).abs().max() < 0.03
 
 
+def test_a_covariance_without_factor_is_impossible_and_leaves_the_others_alone():
+    emulator = linear(0.3)
+    likelihood = Likelihood(emulator, emulator.base, Noise.inferred(emulator, 0.7))
+    log_sigma = torch.zeros(3, len(likelihood.noise.groups), dtype=torch.float64)
+    expected = likelihood.log_density(THETA, log_sigma)
+    log_sigma[1, 0] = 400.0  # its square overflows
+    theta = THETA.clone().requires_grad_()
+    density = likelihood.log_density(theta, log_sigma)
+    assert density[1] == -torch.inf
+    torch.testing.assert_close(density[[0, 2]], expected[[0, 2]])
+    (gradient,) = torch.autograd.grad(density.sum(), theta)
+    assert torch.isfinite(gradient[[0, 2]]).all() and gradient[[0, 2]].abs().min() > 0
+
+
+def test_only_what_counts_as_exact_beside_inferred_noise_is_blurred():
+    emulator = linear(0.3)
+    blurred = Likelihood(emulator, emulator.base, Noise.inferred(emulator, 0.7)).blurred(0.01)
+    assert blurred.noise.sd[0] == 0.01 * emulator.output_sd[0]
+    assert not blurred.noise.sd[1:].any()
+    stated = torch.full_like(emulator.output_sd, 0.2)
+    for noise in (Noise.none(emulator), Noise.known(stated), Noise.shared(emulator, 0.3)):
+        likelihood = Likelihood(emulator, emulator.base, noise)
+        assert likelihood.blurred(0.01) is likelihood
+
+
 def test_one_unknown_scale_is_whitened_too():
     """The network's error scale: the fast path against the dense one."""
     emulator = linear(0.3, 0.1)

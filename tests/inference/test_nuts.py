@@ -11,7 +11,7 @@ from scipy import stats
 
 from regional_lv import aha, emulators
 from regional_lv.errors import InputError
-from regional_lv.inference import nuts, sampling
+from regional_lv.inference import sampling
 from regional_lv.inference.likelihood import Likelihood, Noise
 from regional_lv.inference.nuts import Settings, Target, sample_in_step
 from regional_lv.inference.summaries import TABLES, summarise_posteriors
@@ -84,28 +84,6 @@ def test_cases_in_step_are_those_alone():
         alone = sample_one(likelihood, truth, none, settings, i + 1, "alone")
         np.testing.assert_allclose(together[i].theta, alone.theta, rtol=1e-5)
         np.testing.assert_allclose(together[i].acceptance_rate, alone.acceptance_rate, rtol=1e-4)
-
-
-def test_a_likelihood_without_factor_is_impossible_and_leaves_the_others_alone(monkeypatch):
-    """Where one case has no Cholesky factor, the others still get their gradients."""
-    emulator = linear(0.02)
-    truth = torch.full((10,), 2.0, dtype=torch.float64)
-    likelihood = Likelihood(emulator, emulator.predict(truth).mean, Noise.none(emulator))
-    none = torch.zeros(0, dtype=torch.float64)
-    place = nuts.Place.find(Target.near(likelihood, truth, none), truth, none, 1)
-    original = Target.potential
-
-    def fragile(self, position, variance=None):
-        if (position > place.centre + 1).any():
-            raise torch.linalg.LinAlgError("no factor")
-        return original(self, position, variance)
-
-    z = torch.zeros(2, 10, dtype=torch.float64)
-    z[1] = torch.linalg.solve(place.whitening, torch.full((10,), 2.0, dtype=torch.float64))
-    monkeypatch.setattr(Target, "potential", fragile)
-    (value, gradient), (lost, nothing) = nuts._evaluate([place, place], z)
-    assert torch.isfinite(value) and torch.isfinite(gradient).all()
-    assert lost == np.inf and not nothing.any()
 
 
 def test_noise_scale_and_uniform_prior():
@@ -236,11 +214,12 @@ def test_noisy_scenario(study):
     assert (spread / exact).mean() > 1.2  # the toy's are wide already: the box bounds both
 
 
+@pytest.mark.parametrize("sampler", ["hmc", "nuts"])
 @pytest.mark.parametrize("measured", ["subject.csv", "with_sd.csv"])
-def test_subject(study, measured):
+def test_subject(study, measured, sampler):
     files = study / f"{measured}.nc", study / f"{measured}.diagnostics.csv"
     sampling.sample_subject(
-        study / "emulator.pt", study / measured, "someone", NUTS, POINT, 1.0, 1, *files
+        study / "emulator.pt", study / measured, "someone", sampler, NUTS, POINT, 1.0, 1, *files
     )
     data, table = az.from_netcdf(files[0]), pd.read_csv(files[1])
     inferred = measured == "subject.csv"
@@ -249,6 +228,7 @@ def test_subject(study, measured):
         assert data.posterior["direction"].to_numpy().tolist() == ["circumferential", "radial"]
         assert data.posterior["sigma"].shape == (2, 300, 1, 2)
     assert len(table) == (12 if inferred else 10)
+    assert (table["sampler"] == sampler).all()
     predicted = data.posterior_predictive["y"]
     assert predicted.shape == (2, 300, 1, 33)
     low, high = predicted.quantile([0.01, 0.99], ("chain", "draw"))

@@ -82,6 +82,9 @@ NOISE_INFERRED = [
     if source.startswith("published_")
     or (source == "file" and not states_noise(config["subjects"][name]["measured"]))
 ]
+SUBJECT_NUTS = config["nuts"] | {
+    key: config["clinical"][key] for key in ("chains", "warmup", "draws")
+}
 SYNTHETIC = [name for name, source in SUBJECT_SOURCES.items() if source == "synthetic"]
 
 VOLUNTEERS = [name for name in SUBJECTS if SUBJECT_SOURCES[name] == "published_volunteer"]

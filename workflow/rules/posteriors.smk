@@ -164,7 +164,8 @@ rule sample_subject:
         posterior=f"{R}/posteriors/{{emulator}}/subjects/{{subject}}.nc",
         diagnostics=f"{R}/posteriors/{{emulator}}/subjects/{{subject}}.csv",
     params:
-        nuts=config["nuts"],
+        sampler=config["test_posteriors"]["sampler"],
+        nuts=SUBJECT_NUTS,
         map=config["map"],
         noise_prior_scale=config["clinical"]["noise_prior_scale"],
         seed=config["seed"],

@@ -95,7 +95,8 @@ rule sample_noise_prior:
         posterior=f"{R}/posteriors/{{emulator}}/subjects/noise_prior/{{subject}}-{{scale}}.nc",
         diagnostics=f"{R}/posteriors/{{emulator}}/subjects/noise_prior/{{subject}}-{{scale}}.csv",
     params:
-        nuts=config["nuts"],
+        sampler=config["test_posteriors"]["sampler"],
+        nuts=SUBJECT_NUTS,
         map=config["map"],
         noise_prior_scale=lambda wildcards: float(wildcards.scale),
         seed=config["seed"],

@@ -11,6 +11,7 @@ sample_subject(
     snakemake.input.emulator,
     snakemake.input.measured,
     snakemake.wildcards.subject,
+    snakemake.params.sampler,
     snakemake.params.nuts,
     snakemake.params.map,
     snakemake.params.noise_prior_scale,

@@ -31,10 +31,16 @@ from regional_lv.inference.surrogate import (
     prepare,
     together,
 )
+from regional_lv.progress import Progress
 
 LEAPFROG_STEPS = (2, 7)
 """Steps of a trajectory are drawn evenly from this range, the upper end left out. In whitened
 space a step is near 0.5 to 1, a quarter of a period 1.6."""
+
+REACH, MOST = 1.0, 32
+"""Along the thin shell of a subject's exact volume steps are near 0.05, and a few of them lead
+nowhere. Trajectories have as many times more there as fit into the first number, but no more than
+the second: early in warm-up steps may be tiny for a while."""
 
 TRAJECTORIES = {Polynomial: 3, Itself: 3, OwnMean: 6}
 """Trajectories for one draw that is kept, and for one look at the exact density, by what they
@@ -76,18 +82,25 @@ def sample_batch(
         )
     ]
     target, surrogate = together(prepared)
+    shell = any(one.soft is not one.target for one in prepared)
     trajectories = TRAJECTORIES[type(surrogate)]
     if attempt == patient:
         trajectories *= 4
     elif attempt == careful and likelihoods[0].noisy:
         trajectories *= 2
-    chains = _Chains(surrogate, prepared, settings, seeds)
-    chains.run(settings.warmup, adapt=True)
+    chains = _Chains(surrogate, prepared, settings, seeds, shell)
+    progress = Progress(f"HMC of {len(prepared)}: draws", settings.warmup + settings.draws)
+    for _ in range(settings.warmup):
+        chains.run(1, adapt=True)
+        progress.step()
     chains.settle()
-    exact = None if isinstance(surrogate, Itself) else _Exact(target.potential, chains)
+    trajectories = max(1, trajectories // chains.stretch())
+    itself = isinstance(surrogate, Itself) and not shell
+    exact = None if itself else _Exact(target.potential, chains)
     kept, acceptance, diverging, energies = [], [], [], []
     for _ in range(settings.draws):
         drawn = chains.run(trajectories, adapt=False)
+        progress.step()
         diverging.append(torch.stack([d[1] for d in drawn]).any(0))
         if exact is None:
             acceptance.append(torch.stack([d[0] for d in drawn]).mean(0))
@@ -120,8 +133,9 @@ class _Chains:
         prepared: Sequence[Prepared],
         settings: Settings,
         seeds: Sequence[int],
+        shell: bool,
     ):
-        self.surrogate = surrogate
+        self.surrogate, self.shell = surrogate, shell
         self.centre = torch.stack([p.centre for p in prepared])
         self.whitening = torch.stack([p.whitening for p in prepared])
         self.shape = (len(prepared), settings.chains)
@@ -165,6 +179,12 @@ class _Chains:
         potential = torch.nan_to_num(potential, nan=math.inf, posinf=math.inf)
         return potential, torch.nan_to_num(gradient, nan=0.0, posinf=0.0, neginf=0.0)
 
+    def stretch(self) -> int:
+        """How many times more steps than usual a trajectory takes."""
+        if not self.shell:
+            return 1
+        return min(MOST, max(1, int(REACH / torch.exp(self.log_step).median())))
+
     def settle(self) -> None:
         """Keep the step sizes that the adaptation has arrived at."""
         self.log_step = self.mean_log_step
@@ -174,6 +194,7 @@ class _Chains:
         results = []
         for _ in range(iterations):
             steps = int(torch.randint(*LEAPFROG_STEPS, (1,), generator=self.common))
+            steps *= self.stretch()
             size = torch.exp(self.log_step)[..., None]
             momentum = self.normal()
             before = self.potential + 0.5 * momentum.square().sum(-1)

@@ -129,6 +129,11 @@ class Likelihood:
             self._constant = -factor.diagonal().log().sum() - 0.5 * len(rho) * LOG_2PI
 
     @property
+    def one_scale(self) -> bool:
+        """Whether the noise is unknown but for one scale of all outputs."""
+        return bool(self.noise.groups) and self._whiten is not None
+
+    @property
     def noisy(self) -> bool:
         """Whether there is measurement noise, known or unknown."""
         return bool(self.noise.groups) or bool((self.noise.sd > 0).any())
@@ -148,7 +153,21 @@ class Likelihood:
 
     def tempered(self, level: float) -> "Likelihood":
         """The same observations with further noise of `level` training sd on every output."""
-        more = (self.noise.sd.square() + (level * self.emulator.output_sd).square()).sqrt()
+        return self._with_noise(level * self.emulator.output_sd)
+
+    def blurred(self, level: float) -> "Likelihood":
+        """With further noise of `level` training sd on outputs that count as exact beside others
+        whose noise is inferred; the same likelihood if there are none.
+
+        The strains' noise leaves theta wide, and a volume known to a tenth of a mL makes a thin
+        curved shell of it.
+        """
+        inferred = sum(self.noise.groups.values(), torch.zeros_like(self.noise.sd)) > 0
+        exact = inferred.any() & ~inferred
+        return self._with_noise(level * self.emulator.output_sd * exact) if exact.any() else self
+
+    def _with_noise(self, sd: torch.Tensor) -> "Likelihood":
+        more = (self.noise.sd.square() + sd.square()).sqrt()
         return Likelihood(self.emulator, self.y, replace(self.noise, sd=more))
 
     def log_density(
@@ -231,16 +250,21 @@ class Likelihood:
 
 class _LogNormal(torch.autograd.Function):
     """Log density of residuals (..., D) under N(0, S), S (..., D, D), with its closed-form
-    gradient: -alpha and (alpha alpha' - S^-1) / 2, alpha = S^-1 residual."""
+    gradient: -alpha and (alpha alpha' - S^-1) / 2, alpha = S^-1 residual.
+
+    An S without Cholesky factor is impossible, and leaves the others of a batch alone."""
 
     @staticmethod
     def forward(ctx, residual, covariance):
-        factor = torch.linalg.cholesky(covariance)
+        factor, failed = torch.linalg.cholesky_ex(covariance)
+        lost = failed > 0
+        factor = torch.where(lost[..., None, None], torch.eye(factor.shape[-1]).to(factor), factor)
         alpha = torch.cholesky_solve(residual[..., None], factor)
         ctx.save_for_backward(alpha, factor)
         logs = factor.diagonal(dim1=-2, dim2=-1).log().sum(-1)
         distance = (residual * alpha[..., 0]).sum(-1)
-        return -0.5 * (distance + residual.shape[-1] * LOG_2PI) - logs
+        density = -0.5 * (distance + residual.shape[-1] * LOG_2PI) - logs
+        return torch.where(lost, -math.inf, density)
 
     @staticmethod
     @torch.autograd.function.once_differentiable

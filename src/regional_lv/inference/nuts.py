@@ -50,6 +50,10 @@ ROUNDS, ROUND_SIZE, FREEDOM = 4, 2000, 6
 """Importance sampling: rounds, draws in each, degrees of freedom of the proposal."""
 
 
+BLUR = 0.03
+"""`Likelihood.blurred` for where and how wide a posterior is, about 1 mL of volume: widths at one
+point of a thin shell say little about the whole."""
+
 PATIENT = 0.95
 """Acceptance that the second attempt aims at: smaller steps, for what made the first one fail."""
 
@@ -123,6 +127,11 @@ class Target:
         width = covariance.diagonal()[:P].sqrt()
         return cls(likelihood, Box(emulator.lower, emulator.upper, width))
 
+    def blurred(self, level: float) -> "Target":
+        """That of the likelihood that is `blurred`; itself if nothing is."""
+        likelihood = self.likelihood.blurred(level)
+        return self if likelihood is self.likelihood else Target(likelihood, self.box)
+
     def unconstrain(self, theta: torch.Tensor, log_sigma: torch.Tensor) -> torch.Tensor:
         """Position (..., P + G)."""
         return torch.cat([self.box.position(theta), log_sigma], dim=-1)
@@ -178,12 +187,9 @@ class Target:
     def value_and_gradient(self, position: np.ndarray) -> tuple[float, np.ndarray]:
         """The potential and its gradient as SciPy wants them."""
         here = torch.tensor(position, dtype=torch.float64, requires_grad=True)
-        try:
-            value = self.potential(here)
-        except torch.linalg.LinAlgError:
-            return float("inf"), np.zeros_like(position)
+        value = self.potential(here)
         (gradient,) = torch.autograd.grad(value, here)
-        return value.item(), gradient.numpy()
+        return value.item(), np.nan_to_num(gradient.numpy())
 
     def laplace(self, start: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Mode (P + G,) near `start` and whitening M (P + G, P + G), M M' the covariance there."""
@@ -263,12 +269,9 @@ def refine(
     for _ in range(ROUNDS):
         t, proposal = student(ROUND_SIZE, size, generator)
         z = centre + t @ factor.T
-        try:
-            with torch.no_grad():
-                parts = (mode + z @ whitening.T).split(CHUNK)
-                density = -torch.cat([potential(part) for part in parts])
-        except torch.linalg.LinAlgError:
-            break
+        with torch.no_grad():
+            parts = (mode + z @ whitening.T).split(CHUNK)
+            density = -torch.cat([potential(part) for part in parts])
         log_weight = torch.nan_to_num(density - proposal, nan=-math.inf, posinf=-math.inf)
         cut = log_weight.topk(ROUND_SIZE // 50).values[-1]
         weight = torch.softmax(log_weight.clamp(max=cut), dim=0)
@@ -344,9 +347,11 @@ class Place:
 
     @classmethod
     def find(cls, target: Target, theta, log_sigma, seed: int) -> "Place":
-        """From the exact density; theta (10,), log_sigma (G,): its maximum."""
-        mode, whitening = target.laplace(target.unconstrain(theta, log_sigma))
-        return cls(target, *refine(target.potential, mode, whitening, derive(seed, "refine")))
+        """From the exact density, if nothing is to be `blurred`; theta (10,), log_sigma (G,): its
+        maximum."""
+        broad = target.blurred(BLUR)
+        mode, whitening = broad.laplace(target.unconstrain(theta, log_sigma))
+        return cls(target, *refine(broad.potential, mode, whitening, derive(seed, "refine")))
 
 
 class _Asked(torch.autograd.Function):
@@ -366,21 +371,12 @@ class _Asked(torch.autograd.Function):
 
 
 def _evaluate(places: Sequence[Place], z: torch.Tensor) -> list[tuple[torch.Tensor, torch.Tensor]]:
-    """Potential and its gradient (P + G,) about z, of each place at its row of z (M, P + G).
-
-    Where the likelihood has no Cholesky factor the potential is infinite.
-    """
+    """Potential and its gradient (P + G,) about z, of each place at its row of z (M, P + G)."""
     z = z.detach().requires_grad_(True)
     centre = torch.stack([place.centre for place in places])
     whitening = torch.stack([place.whitening for place in places])
     position = centre[:, None] + z[:, None] @ whitening.mT
-    try:
-        value = Target.together([place.target for place in places]).potential(position)[:, 0]
-    except torch.linalg.LinAlgError:
-        if len(places) == 1:
-            return [(torch.tensor(math.inf, dtype=z.dtype), torch.zeros_like(z[0]))]
-        each = [_evaluate([place], row[None]) for place, row in zip(places, z, strict=True)]
-        return [one for (one,) in each]
+    value = Target.together([place.target for place in places]).potential(position)[:, 0]
     (gradient,) = torch.autograd.grad(value.sum(), z)
     return list(zip(value.detach(), gradient, strict=True))
 

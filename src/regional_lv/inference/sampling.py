@@ -1,4 +1,4 @@
-"""From observations to posteriors: sets of simulated cases in batches, subjects one by one."""
+"""From observations to posteriors: of sets of simulated cases in batches, and of subjects."""
 
 import logging
 from collections.abc import Sequence
@@ -169,7 +169,7 @@ def sample_together(
 
 
 SAMPLERS = {"hmc": sample_together, "nuts": sample_cases}
-"""`test_posteriors.sampler` of the config -> how a set of simulated cases is sampled."""
+"""`test_posteriors.sampler` of the config -> how posteriors are sampled."""
 
 
 def sample_set_batch(
@@ -258,6 +258,7 @@ def sample_subject(
     emulator_file: str | Path,
     measured: str | Path,
     subject: str,
+    sampler: str,
     nuts: dict,
     point: dict,
     noise_prior_scale: float,
@@ -274,7 +275,7 @@ def sample_subject(
     Raises InputError if the measured file cannot be used.
     """
     likelihood = subject_likelihood(emulator_file, measured, noise_prior_scale)
-    sampled = sample_cases([likelihood], [subject], Sampling(nuts, point, seed, "subjects"))
+    sampled = SAMPLERS[sampler]([likelihood], [subject], Sampling(nuts, point, seed, "subjects"))
     data = to_inference_data(sampled, nuts)
     name = likelihood.emulator.name
     predictive = predict_observations(

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import torch
 
 from regional_lv.emulators.base import join
-from regional_lv.inference.nuts import Place, Target, refine, student
+from regional_lv.inference.nuts import BLUR, Place, Target, refine, student
 from regional_lv.seeds import derive
 
 ROUNDS = (300, 300, 500)
@@ -24,6 +24,9 @@ ROUNDS = (300, 300, 500)
 
 SCALE = 10.0
 """Excess potential at which an evaluation weighs a quarter of one at the maximum."""
+
+SOFT = 0.01
+"""`Likelihood.blurred` for trajectories: of a volume about three errors of a good emulator."""
 
 RIDGE = 1e-6
 """Relative penalty that keeps a fit to nearly dependent columns regular."""
@@ -38,7 +41,7 @@ class Surrogate(ABC):
     @staticmethod
     @abstractmethod
     def together(parts: Sequence["Surrogate"], target: Target) -> "Surrogate":
-        """That of several cases, whose exact target is `target`."""
+        """That of several cases, to follow `target`."""
 
     def with_gradient(self, position: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """The potential and its gradient (..., K, P)."""
@@ -50,7 +53,7 @@ class Surrogate(ABC):
 
 @dataclass(frozen=True)
 class Itself(Surrogate):
-    """The exact potential, where nothing cheaper stands in for it."""
+    """The potential of the target itself, where nothing cheaper stands in for it."""
 
     target: Target
 
@@ -203,35 +206,43 @@ class Prepared(Place):
 
     surrogate: Surrogate
 
+    @property
+    def soft(self) -> Target:
+        """What trajectories are to follow: the target, `blurred` if it is a thin shell, along which
+        they would take many more steps. The exact density then turns about half of them back."""
+        return self.target.blurred(SOFT)
+
 
 def prepare(
     target: Target, theta: torch.Tensor, log_sigma: torch.Tensor, seed: int, careful: bool = False
 ) -> Prepared:
     """Centre, whitening and surrogate of one case; theta (10,), log_sigma (G,): its maximum.
 
-    careful: no polynomial of the mean. Nothing stands in for the exact potential where the noise is
-    inferred, or where the mean is needed and the emulator's covariance is not separable.
+    careful: no polynomial of the mean. Nothing stands in for the exact potential where the mean is
+    needed and the emulator's covariance is not separable, or where the emulator leaves the scale of
+    its errors to the likelihood: its mean is all it has.
     """
     likelihood = target.likelihood
     wide = careful or likelihood.noisy
-    if likelihood.noise.groups or (wide and not likelihood.separable):
+    if likelihood.one_scale or (wide and not likelihood.separable):
         place = Place.find(target, theta, log_sigma, seed)
         return Prepared(target, place.centre, place.whitening, Itself(target))
     kind = OwnMean if wide else Polynomial
-    centre, whitening = target.gaussian(theta, log_sigma)
+    broad = target.blurred(BLUR)
+    centre, whitening = broad.gaussian(theta, log_sigma)
     generator = torch.Generator().manual_seed(derive(seed, "places"))
     places, potentials, predictions = [], [], []
     for size in ROUNDS:
         deviates, _ = student(size, target.size, generator)
         position = centre + deviates @ whitening.T
         with torch.no_grad():
-            potential, prediction = target.evaluate(position)
+            potential, prediction = broad.evaluate(position)
         places.append(position)
         potentials.append(potential)
         predictions.append(prediction)
         frame = Frame(centre, torch.linalg.inv(whitening))
         evaluated = torch.cat(places), torch.cat(potentials), join(predictions)
-        surrogate = kind.fit(target, frame, *evaluated)
+        surrogate = kind.fit(broad, frame, *evaluated)
         centre, whitening = refine(
             surrogate, centre, whitening, derive(seed, "refine", len(places))
         )
@@ -240,9 +251,9 @@ def prepare(
 
 def together(prepared: Sequence[Prepared]) -> tuple[Target, Surrogate]:
     """Exact target of all cases and their surrogate, about positions (C, K, P)."""
-    exact = Target.together([p.target for p in prepared])
+    exact, soft = (Target.together([getattr(p, k) for p in prepared]) for k in ("target", "soft"))
     surrogates = [p.surrogate for p in prepared]
-    return exact, type(surrogates[0]).together(surrogates, exact)
+    return exact, type(surrogates[0]).together(surrogates, soft)
 
 
 def _stack(frames: Sequence[Frame]) -> Frame:
