@@ -9,7 +9,12 @@ import pytest
 import torch
 
 from regional_lv import aha, emulators
-from regional_lv.emulators.exact_gp import ExactGP, choose_shrinkage, leave_one_out
+from regional_lv.emulators.exact_gp import (
+    ExactGP,
+    choose_shrinkage,
+    fit_trend,
+    leave_one_out,
+)
 from regional_lv.emulators.kernels import (
     KERNELS,
     correlation,
@@ -519,6 +524,41 @@ def test_calibration_widens_what_is_too_narrow():
     at = torch.as_tensor(points(3, 15))
     narrow, wide = (fits[kind].predict(at).covariance for kind in ("none", "variance_factor"))
     torch.testing.assert_close(wide, factor * narrow)
+
+
+def test_trend_of_the_variance_is_found():
+    rng = np.random.default_rng(21)
+    x = torch.as_tensor(rng.normal(0.4, 0.5, 4000))
+    squares = torch.as_tensor(rng.normal(size=(4000, 6)) ** 2).mean(1)
+    level, power = fit_trend(torch.exp(0.7 - 1.3 * x) * squares, x)
+    assert level == pytest.approx(0.7, abs=0.05) and power == pytest.approx(-1.3, abs=0.06)
+    level, power = fit_trend(squares[:4], x[:4])
+    assert abs(power) < 1.5  # four simulations say nothing
+
+
+def test_errors_that_grow_where_hearts_are_soft_are_foreseen():
+    """Outputs with a rough part that is the larger the softer the heart is."""
+
+    def rough(theta):
+        size = np.exp(-2 * np.log(theta).mean(1, keepdims=True))
+        return toy(theta).numpy() + 0.1 * sd * size * np.sin(7 * np.log(theta) @ mixing)
+
+    mixing, sd = np.random.default_rng(22).normal(size=(10, 5)), toy(points(500, 1)).std(0).numpy()
+    theta, at = points(150, 23), points(400, 24)
+    truth, size = torch.as_tensor(rough(at)), torch.as_tensor(at).log().mean(1)
+    powers = {}
+    for kind in ("variance_factor", "variance_trend"):
+        emulator = ExactGP(calibration=kind).fit(theta, rough(theta), outputs=NAMES, **BOX)
+        with torch.no_grad():
+            prediction = emulator.predict(torch.as_tensor(at))
+        covariance = torch.linalg.cholesky(prediction.covariance)
+        error = torch.linalg.solve_triangular(
+            covariance, (truth - prediction.mean)[..., None], upper=False
+        )
+        distance = error.square().mean((1, 2))
+        _, powers[kind] = fit_trend(distance, size)
+    assert powers["variance_factor"] < -0.8
+    assert abs(powers["variance_trend"]) < 0.4 * abs(powers["variance_factor"])
 
 
 def test_shrinkage_only_where_rows_are_few():

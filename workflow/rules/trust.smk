@@ -113,12 +113,21 @@ rule sample_noise_prior:
         "../scripts/sample_subject.py"
 
 
+def noise_prior_posteriors(wildcards):
+    """A posterior for each scale; that of the study's own scale is there anyway."""
+    clinical = config["clinical"]
+    folder = f"{R}/posteriors/{wildcards.emulator}/subjects"
+    return [
+        f"{folder}/{wildcards.subject}.nc"
+        if scale == clinical["noise_prior_scale"]
+        else f"{folder}/noise_prior/{wildcards.subject}-{scale}.nc"
+        for scale in clinical["noise_prior_scales"]
+    ]
+
+
 rule compare_noise_priors:
     input:
-        posteriors=expand(
-            f"{R}/posteriors/{{{{emulator}}}}/subjects/noise_prior/{{{{subject}}}}-{{scale}}.nc",
-            scale=config["clinical"]["noise_prior_scales"],
-        ),
+        posteriors=noise_prior_posteriors,
         library=library("inference.noise_prior"),
     output:
         f"{R}/posteriors/{{emulator}}/subjects/{{subject}}_noise_prior.csv",

@@ -11,6 +11,7 @@ from collections.abc import Iterator
 
 import numpy as np
 import torch
+from scipy.optimize import minimize
 
 from regional_lv.emulators.base import (
     Architecture,
@@ -53,7 +54,9 @@ class ExactGP(Emulator):
     Settings: kernel; nugget, the smallest value added to the diagonal of the correlation matrix (a
     larger one is learnt where the data ask for it); iterations, L-BFGS iterations per start;
     calibration: `variance_factor` multiplies the predictive variance by what the leave-one-out
-    errors of the training set ask for, `none` leaves it as the likelihood has it.
+    errors of the training set ask for, `variance_trend` (the default) by a power of the mean
+    stiffness first, `none` leaves it as the likelihood has it. The kernel is the same everywhere,
+    but outputs answer the more to theta the softer a heart is, and so do the errors.
     """
 
     name = "exact_gp"
@@ -138,21 +141,33 @@ class ExactGP(Emulator):
         b = (b + shrinkage * torch.diag(b.diagonal())) / (1 + shrinkage)
         self.output_b = regular(b)
         self._set_output_covariance()
-        self.variance_factor = 1.0
-        theta = self._unstandardise(self.inputs)
+        self.variance_factor, self.variance_trend = 1.0, (0.0, 0.0)
+        theta, calibration = self._unstandardise(self.inputs), self.settings["calibration"]
+        distance = _squared_length(residuals, self.output_b) / variances / y.shape[1]
+        before = float(distance.mean())
+        if calibration == "variance_trend":
+            self.variance_trend = fit_trend(distance, theta.log().mean(1))
+            trend = self._trend(theta)
+            variances, distance = variances * trend, distance / trend
         by_theta = torch.cat([self.jacobian(part)[0] for part in theta.split(256)])
         along = self._squared_length_along(by_theta / self.output_sd[:, None], residuals, variances)
-        if self.settings["calibration"] == "variance_factor":
+        if calibration != "none":
             self.variance_factor = max(1.0, float(along.mean()))
-        distance = _squared_length(residuals, self.output_b) / variances
         self.info = {
-            "calibration": self.settings["calibration"],
+            "calibration": calibration,
             "variance_factor": self.variance_factor,
+            "variance_trend": list(self.variance_trend),
             "output_shrinkage": shrinkage,
-            "loo_squared_distance_per_output": float(distance.mean() / y.shape[1]),
+            "loo_squared_distance_per_output_before": before,
+            "loo_squared_distance_per_output": float(distance.mean()),
             "loo_squared_distance_per_parameter": float(along.mean()),
             "loo_rmse_standardised": float(residuals.square().mean().sqrt()),
         }
+
+    def _trend(self, theta: torch.Tensor) -> torch.Tensor:
+        """What the variance is multiplied by at `theta` (M, 10) before `variance_factor`, (M,)."""
+        level, power = self.variance_trend
+        return torch.exp(level + power * theta.log().mean(-1))
 
     def _squared_length_along(self, jacobian, residuals, variances) -> torch.Tensor:
         """Squared length (N,), per parameter, of the errors in the directions in which theta moves
@@ -201,10 +216,11 @@ class ExactGP(Emulator):
         half = torch.linalg.solve_triangular(self.cholesky, k.T, upper=False)
         rest = 1 - (self._ones.T @ half)[0]
         variance = 1 + self.nugget - (half * half).sum(0) + rest * rest / self._total
-        variance = variance.clamp(min=self.nugget)
+        scale = self.variance_factor * self._trend(theta)
         return {
             "mean": self._mean(k @ self.weights),
-            "variance": self.variance_factor * variance,
+            "scale": scale,
+            "variance": scale * variance.clamp(min=self.nugget),
             "half": half,
             "rest": rest,
             "context": context,
@@ -246,23 +262,25 @@ class ExactGP(Emulator):
                 by_x[:, :, p] = 2 * (scaled[:, p, None] * plain - moment)
         return by_x / self.length_scales
 
-    def _variance_weights(self, half, rest) -> torch.Tensor:
+    def _variance_weights(self, scale, half, rest) -> torch.Tensor:
         """d(variance)/d(k), (M, N)."""
         inner = half + self._ones * (rest / self._total)
-        return (
-            -2
-            * self.variance_factor
-            * torch.linalg.solve_triangular(self.cholesky.T, inner, upper=True).T
-        )
+        solved = torch.linalg.solve_triangular(self.cholesky.T, inner, upper=True).T
+        return -2 * scale[:, None] * solved
+
+    def _trend_slope(self, theta, variance) -> torch.Tensor:
+        """d(variance)/d(theta) (M, 10) by the trend alone."""
+        return (self.variance_trend[1] / theta.shape[-1]) * variance[:, None] / theta
 
     def jacobian(self, theta: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """As in the base class, from the kernel's derivative."""
         shape = theta.shape[:-1]
         flat = theta.detach().reshape(-1, theta.shape[-1])
         f = self._forward(flat)
-        to_theta = self.standardise_slope(flat)
-        variance = self._pull_back(self._variance_weights(f["half"], f["rest"]), *f["context"])
-        return self.linearise(theta)[1], (variance * to_theta).reshape(*shape, -1)
+        weights = self._variance_weights(f["scale"], f["half"], f["rest"])
+        variance = self._pull_back(weights, *f["context"]) * self.standardise_slope(flat)
+        variance = variance + self._trend_slope(flat, f["variance"])
+        return self.linearise(theta)[1], variance.reshape(*shape, -1)
 
     @torch.no_grad()
     def linearise(self, theta: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
@@ -303,7 +321,7 @@ class ExactGP(Emulator):
 
 _STATE = (
     *("length_scales", "alpha", "nugget", "mean", "weights", "output_b"),
-    "variance_factor",
+    *("variance_factor", "variance_trend"),
 )
 
 
@@ -314,17 +332,19 @@ class _Evaluate(torch.autograd.Function):
     def forward(ctx, theta, gp):
         f = gp._forward(theta)
         ctx.gp = gp
-        ctx.save_for_backward(theta, f["half"], f["rest"], *f["context"])
+        keys = ("scale", "variance", "half", "rest")
+        ctx.save_for_backward(theta, *(f[key] for key in keys), *f["context"])
         return f["mean"], f["variance"]
 
     @staticmethod
     @torch.autograd.function.once_differentiable
     def backward(ctx, by_mean, by_variance):
         gp = ctx.gp
-        theta, half, rest, *context = ctx.saved_tensors
+        theta, scale, variance, half, rest, *context = ctx.saved_tensors
         by_k = (by_mean * gp.output_sd) @ gp.weights.T
-        by_k += gp._variance_weights(half, rest) * by_variance[:, None]
-        return gp._pull_back(by_k, *context) * gp.standardise_slope(theta), None
+        by_k += gp._variance_weights(scale, half, rest) * by_variance[:, None]
+        by_theta = gp._pull_back(by_k, *context) * gp.standardise_slope(theta)
+        return by_theta + by_variance[:, None] * gp._trend_slope(theta, variance), None
 
 
 class _Mean(torch.autograd.Function):
@@ -364,6 +384,26 @@ def _squared_length(errors: torch.Tensor, b: torch.Tensor) -> torch.Tensor:
     """e_i' B^-1 e_i, (N,)."""
     factor = torch.linalg.cholesky(b)
     return torch.linalg.solve_triangular(factor, errors.T, upper=False).square().sum(0)
+
+
+def fit_trend(distance: torch.Tensor, x: torch.Tensor) -> tuple[float, float]:
+    """Level and power (a, b) for which errors have the variance exp(a + b x), most likely.
+
+    distance: (N,) squared errors in units of their predicted variance, means over the outputs;
+    x: (N,). Outputs count as one: errors of one simulation go together. b has a standard normal
+    prior, which matters to a few dozen simulations.
+    """
+
+    def loss(ab):
+        logs = ab[0] + ab[1] * x
+        ratio = distance * np.exp(-logs)
+        rest = 1 - ratio
+        value = 0.5 * (ratio + logs).sum() + 0.5 * ab[1] ** 2
+        return value, np.array([0.5 * rest.sum(), 0.5 * (rest * x).sum() + ab[1]])
+
+    distance, x = distance.numpy(), x.numpy()
+    found = minimize(loss, [np.log(distance.mean()), 0.0], jac=True, method="L-BFGS-B")
+    return tuple(float(value) for value in found.x)
 
 
 def choose_shrinkage(z: torch.Tensor) -> float:
