@@ -1,4 +1,4 @@
-"""Posteriors of many cases at once by Hamiltonian Monte Carlo, for sets of simulated cases.
+"""Posteriors of many cases at once by Hamiltonian Monte Carlo, or of one subject.
 
 Pyro's NUTS spends most of its time between gradients of one small posterior, and an exact
 Gaussian process spends most of a gradient on its predictive variance. Here all chains of all cases

@@ -49,7 +49,6 @@ directions (or bent ones) are whitened as if they had it."""
 ROUNDS, ROUND_SIZE, FREEDOM = 4, 2000, 6
 """Importance sampling: rounds, draws in each, degrees of freedom of the proposal."""
 
-
 BLUR = 0.03
 """`Likelihood.blurred` for where and how wide a posterior is, about 1 mL of volume: widths at one
 point of a thin shell say little about the whole."""

@@ -6,7 +6,8 @@ Gaussian that the information matrix makes of it, then from what the first surro
 - Without measurement noise posteriors are narrow. There the whitened residual of the emulator's
   mean is a quadratic polynomial r(z), and what |r|^2 / 2 lacks of the potential another.
 - With noise they are wide, and no polynomial of low degree follows the mean. The emulator's mean
-  itself is cheap, though: only its log variance becomes a quadratic polynomial.
+  itself is cheap, though: only its log variance becomes a quadratic polynomial. Where the noise is
+  inferred, but one output counts as exact, the stand-in knows it less well (`Prepared.soft`).
 """
 
 from abc import ABC, abstractmethod
