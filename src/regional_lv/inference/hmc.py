@@ -83,18 +83,14 @@ def sample_batch(
     ]
     target, surrogate = together(prepared)
     shell = any(one.soft is not one.target for one in prepared)
-    trajectories = TRAJECTORIES[type(surrogate)]
-    if attempt == patient:
-        trajectories *= 4
-    elif attempt == careful and likelihoods[0].noisy:
-        trajectories *= 2
+    effort = 4 if attempt == patient else 2 if attempt == careful and likelihoods[0].noisy else 1
     chains = _Chains(surrogate, prepared, settings, seeds, shell)
     progress = Progress(f"HMC of {len(prepared)}: draws", settings.warmup + settings.draws)
     for _ in range(settings.warmup):
         chains.run(1, adapt=True)
         progress.step()
     chains.settle()
-    trajectories = max(1, trajectories // chains.stretch())
+    trajectories = effort * max(1, TRAJECTORIES[type(surrogate)] // chains.stretch())
     itself = isinstance(surrogate, Itself) and not shell
     exact = None if itself else _Exact(target.potential, chains)
     kept, acceptance, diverging, energies = [], [], [], []

@@ -152,6 +152,8 @@ def sample_together(
         tried = len(waiting)
         waiting = [i for i in waiting if verdict(draws[i], settings) != "passed"]
         progress.step(count=tried - len(waiting))
+        for i in waiting:
+            log.info("%s: case %s %s", attempt, cases[i], verdict(draws[i], settings))
         if not waiting:
             break
     if waiting:

@@ -1,0 +1,68 @@
+"""Coverage of the exact process's intervals when the design is another one, in one run.
+
+    python benchmarks/coverage_by_design.py results/<study> [splits]
+
+The hearts of a scenario lie close together and share the emulator's error there. How many intervals
+cover their truth is therefore chance: that of one design, not of a hundred hearts. Here the
+training simulations are split into random halves, each half trains an emulator, and the intervals
+are those of the Gaussian that the emulator's derivatives make of each posterior at the truth.
+"""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import torch
+from scipy import stats
+
+from regional_lv.emulators import create, read_simulations
+
+CALIBRATIONS = ("variance_factor", "variance_trend")
+
+
+def scores(emulator, theta: np.ndarray, y: np.ndarray) -> dict[str, float]:
+    """Coverage at 50 and 95 %, and the mean squared standardised error, over hearts and factors."""
+    at = torch.as_tensor(theta)
+    with torch.no_grad():
+        prediction = emulator.predict(at)
+    slopes = torch.cat([emulator.jacobian(part)[0] for part in at.split(256)]) * at[:, None]
+    factor = torch.linalg.cholesky(prediction.covariance)
+    error = torch.as_tensor(y) - prediction.mean
+    white, error = (
+        torch.linalg.solve_triangular(factor, part, upper=False)
+        for part in (slopes, error[..., None])
+    )
+    covariance = torch.linalg.inv(white.mT @ white)
+    moved = (covariance @ white.mT @ error)[..., 0]
+    z = (moved / covariance.diagonal(dim1=-2, dim2=-1).sqrt()).abs().numpy()
+    inside = {f"cover{p}": float((z < stats.norm.isf((1 - p / 100) / 2)).mean()) for p in (50, 95)}
+    return inside | {"squared": float((z**2).mean())}
+
+
+def main(study: Path, splits: int) -> None:
+    screened = study / "screening"
+    names = [
+        path.stem
+        for path in sorted(screened.glob("*.parquet"))
+        if path.stem not in ("train", "resimulated")
+    ]
+    theta, y, _ = read_simulations(screened / "train.parquet")
+    rng, rows = np.random.default_rng(0), []
+    for split in range(splits):
+        for half in np.array_split(rng.permutation(len(theta)), 2):
+            for kind in CALIBRATIONS:
+                emulator = create("exact_gp", {"calibration": kind})
+                emulator.fit(theta[half], y[half], lower=0.1, upper=5.0, seed=split)
+                for name in names:
+                    known, outputs, _ = read_simulations(screened / f"{name}.parquet")
+                    rows.append(
+                        {"calibration": kind, "set": name} | scores(emulator, known, outputs)
+                    )
+        print(f"split {split + 1} of {splits}", file=sys.stderr)
+    table = pd.DataFrame(rows).groupby(["calibration", "set"])
+    print(table.agg(["mean", "min", "max"]).round(3).to_csv())
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]), int(sys.argv[2]) if len(sys.argv) > 2 else 4)
