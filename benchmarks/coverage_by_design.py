@@ -60,8 +60,9 @@ def main(study: Path, splits: int) -> None:
                         {"calibration": kind, "set": name} | scores(emulator, known, outputs)
                     )
         print(f"split {split + 1} of {splits}", file=sys.stderr)
-    table = pd.DataFrame(rows).groupby(["calibration", "set"])
-    print(table.agg(["mean", "min", "max"]).round(3).to_csv())
+    table = pd.DataFrame(rows).groupby(["calibration", "set"]).agg(["mean", "min", "max"])
+    table.columns = [f"{score}_{what}" for score, what in table.columns]
+    print(table.round(3).to_csv(), end="")
 
 
 if __name__ == "__main__":
