@@ -189,6 +189,18 @@ def posterior_batches(name):
     return batches(SETS[name], config["nuts"]["cases_per_batch"])
 
 
+def noise_prior_posteriors(wildcards):
+    """A posterior for each scale; that of the study's own scale is there anyway."""
+    clinical = config["clinical"]
+    folder = f"{R}/posteriors/{wildcards.emulator}/subjects"
+    return [
+        f"{folder}/{wildcards.subject}.nc"
+        if scale == clinical["noise_prior_scale"]
+        else f"{folder}/noise_prior/{wildcards.subject}-{scale}.nc"
+        for scale in clinical["noise_prior_scales"]
+    ]
+
+
 def posterior_files(emulator, name):
     """Files of the posteriors of a set."""
     return expand(

@@ -113,18 +113,6 @@ rule sample_noise_prior:
         "../scripts/sample_subject.py"
 
 
-def noise_prior_posteriors(wildcards):
-    """A posterior for each scale; that of the study's own scale is there anyway."""
-    clinical = config["clinical"]
-    folder = f"{R}/posteriors/{wildcards.emulator}/subjects"
-    return [
-        f"{folder}/{wildcards.subject}.nc"
-        if scale == clinical["noise_prior_scale"]
-        else f"{folder}/noise_prior/{wildcards.subject}-{scale}.nc"
-        for scale in clinical["noise_prior_scales"]
-    ]
-
-
 rule compare_noise_priors:
     input:
         posteriors=noise_prior_posteriors,
