@@ -103,15 +103,17 @@ def test_along_the_shell_of_an_exact_volume():
     noise = Noise(torch.zeros_like(unit), {"even": unit * even, "odd": unit * ~even}, 1.0)
     deviates = torch.as_tensor(np.random.default_rng(4).normal(size=len(unit)))
     likelihood = Likelihood(emulator, emulator.predict(truth).mean + 0.3 * deviates * unit, noise)
-    settings = {"warmup": 100, "draws": 300, "chains": 4}
+    settings = {"warmup": 100, "draws": 300, "chains": 4, "ess_min": 300, "rhat_max": 1.03}
     how = sampling.Sampling(settings, {"starts": 4, "iterations": 100}, 1, "test")
     (maximum,) = how.find_maxima([likelihood])
     start = maximum.theta, maximum.log_sigma
     target = Target.near(likelihood, *(s[0] for s in start))
     prepared = hmc.prepare(target, *(s[0] for s in start), 1)
     assert isinstance(prepared.surrogate, OwnMean)
-    (draws,) = sample_batch([likelihood], *start, how.settings, [2])
-    assert verdict(draws, replace(how.settings, ess_min=300, rhat_max=1.03)) == "passed"
+    sampled = sampling.sample_together([likelihood], ["shell"], how)
+    assert sampled.samplers == ("hmc",)
+    (draws,) = sampled.draws
+    assert verdict(draws, how.settings) == "passed"
 
     a = emulator.slopes[:, :4]
     grid = torch.linspace(np.log(0.05), np.log(1.5), 60, dtype=torch.float64)

@@ -264,7 +264,8 @@ class _LogNormal(torch.autograd.Function):
         logs = factor.diagonal(dim1=-2, dim2=-1).log().sum(-1)
         distance = (residual * alpha[..., 0]).sum(-1)
         density = -0.5 * (distance + residual.shape[-1] * LOG_2PI) - logs
-        return torch.where(lost, -math.inf, density)
+        # LAPACK may also hand out a factor of numbers that are none.
+        return torch.where(lost | ~torch.isfinite(density), -math.inf, density)
 
     @staticmethod
     @torch.autograd.function.once_differentiable
