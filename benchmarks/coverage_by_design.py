@@ -42,11 +42,11 @@ def scores(emulator, theta: np.ndarray, y: np.ndarray) -> dict[str, float]:
 
 def main(study: Path, splits: int) -> None:
     screened = study / "screening"
-    names = [
-        path.stem
+    sets = {
+        path.stem: read_simulations(path)[:2]
         for path in sorted(screened.glob("*.parquet"))
         if path.stem not in ("train", "resimulated")
-    ]
+    }
     theta, y, _ = read_simulations(screened / "train.parquet")
     rng, rows = np.random.default_rng(0), []
     for split in range(splits):
@@ -54,11 +54,8 @@ def main(study: Path, splits: int) -> None:
             for kind in CALIBRATIONS:
                 emulator = create("exact_gp", {"calibration": kind})
                 emulator.fit(theta[half], y[half], lower=0.1, upper=5.0, seed=split)
-                for name in names:
-                    known, outputs, _ = read_simulations(screened / f"{name}.parquet")
-                    rows.append(
-                        {"calibration": kind, "set": name} | scores(emulator, known, outputs)
-                    )
+                for name, simulated in sets.items():
+                    rows.append({"calibration": kind, "set": name} | scores(emulator, *simulated))
         print(f"split {split + 1} of {splits}", file=sys.stderr)
     table = pd.DataFrame(rows).groupby(["calibration", "set"]).agg(["mean", "min", "max"])
     table.columns = [f"{score}_{what}" for score, what in table.columns]
