@@ -188,6 +188,12 @@ class Emulator(ABC):
         """
         return self
 
+    @property
+    def rough(self) -> "Emulator":
+        """An emulator that is nearly this one and cheaper, for what the exact one corrects; itself
+        where there is none."""
+        return self
+
     def without_error(self) -> "Emulator":
         """This emulator with no error of its own, where `error_prior_scale` is a number."""
         raise TypeError(f"{self.name}: its error is its own, and cannot be left to the likelihood")

@@ -33,18 +33,18 @@ from regional_lv.inference.surrogate import (
 )
 from regional_lv.progress import Progress
 
-LEAPFROG_STEPS = (2, 7)
-"""Steps of a trajectory are drawn evenly from this range, the upper end left out. In whitened
-space a step is near 0.5 to 1, a quarter of a period 1.6."""
+LEAPFROG_STEPS = {Polynomial: (2, 7), Itself: (2, 7), OwnMean: (4, 13)}
+"""Steps of a trajectory are drawn evenly from this range, the upper end left out, by what it
+follows. In whitened space a step is near 0.5 to 1, a quarter of a period 1.6; along the bent ridges
+of wide posteriors it pays to go farther."""
 
-REACH, MOST = 1.0, 32
+REACH, MOST = 0.5, 16
 """Along the thin shell of a subject's exact volume steps are near 0.05, and a few of them lead
 nowhere. Trajectories have as many times more there as fit into the first number, but no more than
 the second: early in warm-up steps may be tiny for a while."""
 
-TRAJECTORIES = {Polynomial: 3, Itself: 3, OwnMean: 6}
-"""Trajectories for one draw that is kept, and for one look at the exact density, by what they
-follow: along the bent ridges of wide posteriors they turn back sooner."""
+TRAJECTORIES = 3
+"""Trajectories for one draw that is kept, and for one look at the exact density."""
 
 ATTEMPTS = ("hmc", "careful hmc", "patient hmc")
 """What is tried in turn with posteriors that fail their gate. Careful: narrow ones are treated as
@@ -90,7 +90,7 @@ def sample_batch(
         chains.run(1, adapt=True)
         progress.step()
     chains.settle()
-    trajectories = effort * max(1, TRAJECTORIES[type(surrogate)] // chains.stretch())
+    trajectories = effort * max(1, TRAJECTORIES // chains.stretch())
     itself = isinstance(surrogate, Itself) and not shell
     exact = None if itself else _Exact(target.potential, chains)
     kept, acceptance, diverging, energies = [], [], [], []
@@ -189,7 +189,9 @@ class _Chains:
         """Take iterations; return acceptance probability and divergence (C, K) of each."""
         results = []
         for _ in range(iterations):
-            steps = int(torch.randint(*LEAPFROG_STEPS, (1,), generator=self.common))
+            steps = int(
+                torch.randint(*LEAPFROG_STEPS[type(self.surrogate)], (1,), generator=self.common)
+            )
             steps *= self.stretch()
             size = torch.exp(self.log_step)[..., None]
             momentum = self.normal()

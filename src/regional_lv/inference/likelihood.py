@@ -144,6 +144,13 @@ class Likelihood:
         other.__dict__.update(self.__dict__, y=y)
         return other
 
+    @property
+    def rough(self) -> "Likelihood":
+        """That of the rough emulator."""
+        other = self.at(self.y)
+        other.emulator = self.emulator.rough
+        return other
+
     def with_full_determinant(self) -> "Likelihood":
         """The density that the emulator's predictions are drawn from (`draw_observations`): a log
         determinant with a smaller weight belongs to no model."""

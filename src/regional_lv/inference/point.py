@@ -30,6 +30,12 @@ is a narrow curved ridge, and three starts in four end on the bounds of the box 
 FOLLOWED = 6
 """Starts per case that are followed to the end: most have met by then."""
 
+MET = 0.01
+"""Distance in log theta and log sigma below which starts count as one after that."""
+
+LEAST_GAIN, ENOUGH = 1e-9, 1e-6
+"""Gains of log density at which a climb ends: the last pass's, and those of the passes before."""
+
 LOG_SIGMA_BOUNDS = (-7.0, 3.0)
 CHUNK = 256
 """Points evaluated together: their kernel rows and Jacobians stay in the cache."""
@@ -111,12 +117,19 @@ def find_map(
         for b, s in zip(bounds, LOG_SIGMA_BOUNDS, strict=True)
     )
     for level in (*TEMPERING, 0.0):
-        stage = likelihood.tempered(level) if level else likelihood
-        flat, values = climb(stage, y[owner], flat, low, high, iterations)
+        stage = likelihood.tempered(level).rough if level else likelihood
+        least = ENOUGH if level else LEAST_GAIN
+        flat, values = climb(stage, y[owner], flat, low, high, iterations, least)
         if level == TEMPERING[-1]:
             best = values.reshape(cases, -1).topk(min(FOLLOWED, chosen.shape[1])).indices
             kept = (best + chosen.shape[1] * torch.arange(cases)[:, None]).flatten()
             flat, owner = flat[kept], owner[kept]
+            # Those that have met go on as one.
+            place = torch.cat([owner[:, None], (flat / MET).round()], dim=1)
+            _, met = torch.unique(place, dim=0, return_inverse=True)
+            first = torch.stack([(met == i).nonzero()[0, 0] for i in range(int(met.max()) + 1)])
+            flat, owner = flat[first], owner[first]
+    flat, values = flat[met], values[met]
     ends, values = flat.reshape(cases, -1, flat.shape[-1]), values.reshape(cases, -1)
     best = values.argmax(dim=1)
     row = torch.arange(cases)
@@ -133,7 +146,7 @@ def find_map(
     )
 
 
-def climb(likelihood, y, position, low, high, iterations):
+def climb(likelihood, y, position, low, high, iterations, least=LEAST_GAIN):
     """Levenberg-Marquardt from every row of `position` (M, P); rows that have ended drop out."""
     position = position.clone()
     damping = torch.full((len(position),), 1e-2, dtype=torch.float64)
@@ -165,7 +178,7 @@ def climb(likelihood, y, position, low, high, iterations):
             _, gradient[rising], curvature[rising] = _evaluate(
                 likelihood, y[rising], position[rising]
             )
-        ended = (better & (gain < 1e-9) & (damping[active] < 1.0)) | (moved < 1e-10)
+        ended = (better & (gain < least) & (damping[active] < 1.0)) | (moved < 1e-10)
         ended |= damping[active] > 1e8
         active = active[~ended]
     if len(active):

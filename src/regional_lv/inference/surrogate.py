@@ -5,9 +5,10 @@ Gaussian that the information matrix makes of it, then from what the first surro
 
 - Without measurement noise posteriors are narrow. There the whitened residual of the emulator's
   mean is a quadratic polynomial r(z), and what |r|^2 / 2 lacks of the potential another.
-- With noise they are wide, and no polynomial of low degree follows the mean. The emulator's mean
-  itself is cheap, though: only its log variance becomes a quadratic polynomial. Where the noise is
-  inferred, but one output counts as exact, the stand-in knows it less well (`Prepared.soft`).
+- With noise they are wide, and no polynomial of low degree follows the mean. The mean is cheap,
+  though, and that of the rough emulator more so: only the log variance becomes a quadratic
+  polynomial. Where the noise is inferred, but one output counts as exact, the stand-in knows it
+  less well (`Prepared.soft`).
 """
 
 from abc import ABC, abstractmethod
@@ -168,8 +169,9 @@ class Polynomial(Surrogate):
 
 @dataclass(frozen=True)
 class OwnMean(Surrogate):
-    """The exact potential, but for the emulator's log variance: a polynomial in `frame`, kept
-    between the smallest and largest value that it was fitted to.
+    """The potential of the emulator's own mean, or with noise of the rough emulator's, and of a log
+    variance that is a polynomial in `frame`, kept between the smallest and largest value that it
+    was fitted to.
 
     log_variance (..., F, 1); ends (..., 1, 2).
     """
@@ -184,12 +186,12 @@ class OwnMean(Surrogate):
         """From exact evaluations: `potential` (M,) and `prediction` at `position` (M, P)."""
         logs = torch.log(prediction.variance)
         fitted = _least_squares(frame.features(position), logs[:, None], _weights(potential))
-        return cls(target, frame, fitted, torch.stack([logs.min(), logs.max()])[None])
+        return cls(_followed(target), frame, fitted, torch.stack([logs.min(), logs.max()])[None])
 
     @staticmethod
     def together(parts, target):
         return OwnMean(
-            target,
+            _followed(target),
             _stack([part.frame for part in parts]),
             torch.stack([part.log_variance for part in parts]),
             torch.stack([part.ends for part in parts]),
@@ -248,6 +250,11 @@ def prepare(
             surrogate, centre, whitening, derive(seed, "refine", len(places))
         )
     return Prepared(target, centre, whitening, surrogate)
+
+
+def _followed(target: Target) -> Target:
+    """That of the rough emulator, where there is more noise than that lacks."""
+    return target.rough if target.noisy else target
 
 
 def together(prepared: Sequence[Prepared]) -> tuple[Target, Surrogate]:
