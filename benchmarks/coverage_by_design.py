@@ -17,8 +17,9 @@ import torch
 from scipy import stats
 
 from regional_lv.emulators import create, read_simulations
+from regional_lv.inference.likelihood import Likelihood, Noise
 
-CALIBRATIONS = ("variance_factor", "variance_trend")
+CALIBRATIONS = ("variance_factor", "variance_trend", "student")
 
 
 def scores(emulator, theta: np.ndarray, y: np.ndarray) -> dict[str, float]:
@@ -33,8 +34,11 @@ def scores(emulator, theta: np.ndarray, y: np.ndarray) -> dict[str, float]:
         torch.linalg.solve_triangular(factor, part, upper=False)
         for part in (slopes, error[..., None])
     )
-    covariance = torch.linalg.inv(white.mT @ white)
-    moved = (covariance @ white.mT @ error)[..., 0]
+    moved = torch.linalg.solve(white.mT @ white, white.mT @ error)[..., 0]
+    # What a posterior is left with at its maximum: its width depends on it where errors have a t.
+    residual = torch.as_tensor(y) - prediction.mean - (slopes @ moved[..., None])[..., 0]
+    likelihood = Likelihood(emulator, prediction.mean + residual, Noise.none(emulator))
+    covariance = torch.linalg.inv(likelihood.information(at))
     z = (moved / covariance.diagonal(dim1=-2, dim2=-1).sqrt()).abs().numpy()
     inside = {f"cover{p}": float((z < stats.norm.isf((1 - p / 100) / 2)).mean()) for p in (50, 95)}
     return inside | {"squared": float((z**2).mean())}

@@ -15,9 +15,9 @@ from regional_lv.inference.surrogate import OwnMean, Surrogate
 from tests.inference.test_likelihood import linear
 
 
-def cases(spread: float, noise: Noise | None = None):
+def cases(spread: float, noise: Noise | None = None, freedom: float = np.inf):
     """Three cases of a linear emulator, observed without error, and their likelihoods."""
-    emulator = linear(spread)
+    emulator = linear(spread, freedom=freedom)
     truth = torch.stack([torch.full((10,), c, dtype=torch.float64) for c in (1.5, 2.0, 4.8)])
     noise = Noise.none(emulator) if noise is None else noise
     common = Likelihood(emulator, emulator.base, noise)
@@ -51,6 +51,33 @@ def test_gaussian_posteriors_side_by_side(attempt, kept):
             expected / np.outer(sd, sd),
             atol=6 / np.sqrt(kept),
         )
+
+
+@pytest.mark.parametrize("attempt", hmc.ATTEMPTS[:2])
+def test_errors_with_a_t_tell_their_size(attempt):
+    """Given the errors that no theta explains, a linear emulator's posterior is a t with a scale of
+    their size (Ding 2016, doi 10.1080/00031305.2016.1164756)."""
+    emulator = linear(0.01, freedom=6.0)
+    truth = torch.full((1, 10), 2.0, dtype=torch.float64)
+    a, outputs = emulator.slopes, len(emulator.base)
+    factor = torch.linalg.cholesky(emulator.matrix)
+    basis, _ = torch.linalg.qr(torch.linalg.solve_triangular(factor, a, upper=False))
+    error = torch.as_tensor(np.random.default_rng(2).normal(size=outputs))
+    error = 4.0 * (
+        error - basis @ (basis.T @ error)
+    )  # of no theta, and of four times the usual size
+    y = emulator.predict(truth[0]).mean + factor @ error
+    likelihood = Likelihood(emulator, y, Noise.none(emulator))
+    (draws,) = run([likelihood], truth, Settings(warmup=80, draws=500), [3], attempt)
+    given = torch.linalg.inv(a.T @ torch.linalg.solve(emulator.matrix, a)).diagonal().sqrt()
+    freedom = 6.0 + outputs - 10
+    scale = ((6.0 + error.square().sum()) / freedom).sqrt()
+    expected = given * scale * np.sqrt(freedom / (freedom - 2))
+    assert scale > 1.4
+    theta = torch.as_tensor(draws.theta).reshape(-1, 10)
+    assert draws.acceptance_rate.mean() > 0.8
+    assert ((theta.mean(0) - truth[0]) / expected).abs().max() < 0.15
+    torch.testing.assert_close(theta.std(0), expected, rtol=0.1, atol=0.0)
 
 
 def test_nothing_diverges_near_a_bound():
@@ -147,8 +174,9 @@ def test_along_the_shell_of_an_exact_volume():
     assert np.abs(draws.theta[..., 4:].reshape(-1, 6).mean(0) - 2.55).max() < 0.25
 
 
-def test_gradient_of_the_polynomial_surrogate():
-    _, truth, likelihoods = cases(0.1)
+@pytest.mark.parametrize("freedom", [np.inf, 5.0])
+def test_gradient_of_the_polynomial_surrogate(freedom):
+    _, truth, likelihoods = cases(0.1, freedom=freedom)
     none = torch.zeros(0, dtype=torch.float64)
     prepared = [
         hmc.prepare(Target.near(one, theta, none), theta, none, 1)

@@ -1,5 +1,7 @@
 """The likelihood against SciPy, its two paths against each other, its derivatives."""
 
+import math
+
 import numpy as np
 import pytest
 import torch
@@ -20,10 +22,10 @@ class LinearEmulator(Emulator):
 
     name = "linear"
 
-    def __init__(self, slopes, base, matrix, growth=0.0, separable=True):
+    def __init__(self, slopes, base, matrix, growth=0.0, separable=True, freedom=math.inf):
         super().__init__("identity")
         self.slopes, self.base, self.matrix = slopes, base, matrix
-        self.growth, self.separable = growth, separable
+        self.growth, self.separable, self.freedom = growth, separable, freedom
         self.lower, self.upper = 0.1, 5.0
         self.outputs = OUTPUTS
         self.output_sd = torch.linspace(0.5, 1.5, len(OUTPUTS), dtype=torch.float64)
@@ -32,7 +34,7 @@ class LinearEmulator(Emulator):
         mean = self.base + theta @ self.slopes.T
         variance = torch.exp(self.growth * theta.log().sum(-1))
         if self.separable:
-            return SeparablePrediction(mean, variance, self.matrix)
+            return SeparablePrediction(mean, variance, self.matrix, freedom=self.freedom)
         return Prediction(mean, variance[..., None, None] * self.matrix)
 
     def _fit(self, x, y, seed): ...
@@ -42,13 +44,15 @@ class LinearEmulator(Emulator):
         return {}
 
 
-def linear(error: float, growth: float = 0.0, separable: bool = True) -> LinearEmulator:
+def linear(
+    error: float, growth: float = 0.0, separable: bool = True, freedom: float = math.inf
+) -> LinearEmulator:
     rng = np.random.default_rng(1)
     d = len(OUTPUTS)
     half = np.eye(d) + 0.3 * rng.normal(size=(d, d))
     slopes, base, matrix = rng.normal(size=(d, 10)), rng.normal(size=d), error**2 * half @ half.T
     tensors = (torch.as_tensor(a) for a in (slopes, base, matrix))
-    return LinearEmulator(*tensors, growth, separable)
+    return LinearEmulator(*tensors, growth, separable, freedom)
 
 
 THETA = torch.as_tensor(np.random.default_rng(2).uniform(0.5, 4.0, size=(3, 10)))
@@ -86,9 +90,38 @@ def test_against_scipy(kind, separable):
         assert float(density[i]) == pytest.approx(expected, rel=1e-9)
 
 
+def test_t_of_the_errors_against_scipy():
+    emulator = linear(0.3, 0.1, freedom=7.0)
+    y = emulator.base + 2.0
+    density = Likelihood(emulator, y, Noise.none(emulator)).log_density(THETA)
+    for theta, found in zip(THETA, density, strict=True):
+        prediction = emulator.predict(theta)
+        parts = (prediction.mean.numpy(), prediction.covariance.numpy())
+        expected = stats.multivariate_t(*parts, df=7.0).logpdf(y.numpy())
+        assert float(found) == pytest.approx(expected, rel=1e-9)
+    # Beside measurement noise errors count as Gaussian.
+    noise = noises(emulator)["known"]
+    gaussian = Likelihood(linear(0.3, 0.1), y, noise).log_density(THETA)
+    torch.testing.assert_close(Likelihood(emulator, y, noise).log_density(THETA), gaussian)
+
+
+def test_draws_with_a_t_are_large_or_small_together():
+    emulator, rows = linear(0.3, freedom=7.0), 20000
+    generator = torch.Generator().manual_seed(1)
+    theta, none = THETA[:1].expand(rows, 10), torch.zeros(rows, 0, dtype=torch.float64)
+    draws = draw_observations(emulator, Noise.none(emulator), theta, none, generator)
+    factor = torch.linalg.cholesky(emulator.matrix)
+    errors = (draws - emulator.predict(THETA[0]).mean).T
+    white = torch.linalg.solve_triangular(factor, errors, upper=False)
+    d = len(white)
+    share = stats.kstest(white.square().mean(0).numpy(), stats.f(d, 7.0).cdf)
+    assert share.pvalue > 0.01
+
+
+@pytest.mark.parametrize("freedom", [math.inf, 5.0])
 @pytest.mark.parametrize("kind", ["none", "known", "inferred"])
-def test_gradient_against_finite_differences(kind):
-    emulator = linear(0.3, 0.1)
+def test_gradient_against_finite_differences(kind, freedom):
+    emulator = linear(0.3, 0.1, freedom=freedom)
     noise = noises(emulator)[kind]
     likelihood = Likelihood(emulator, emulator.base + 2.0, noise)
     inputs = [THETA.clone().requires_grad_(True)]

@@ -13,6 +13,7 @@ from regional_lv.emulators import exact_gp
 from regional_lv.emulators.exact_gp import (
     ExactGP,
     choose_shrinkage,
+    fit_freedom,
     fit_trend,
     leave_one_out,
 )
@@ -535,6 +536,16 @@ def test_trend_of_the_variance_is_found():
     assert level == pytest.approx(0.7, abs=0.05) and power == pytest.approx(-1.3, abs=0.06)
     level, power = fit_trend(squares[:4], x[:4])
     assert abs(power) < 1.5  # four simulations say nothing
+
+
+def test_size_of_the_errors_is_found_to_be_common():
+    rng = np.random.default_rng(25)
+    size = 8.0 / rng.chisquare(8.0, 6000)
+    along, across = (torch.as_tensor(size * rng.chisquare(k, 6000)) for k in (10, 42))
+    assert fit_freedom(along, across, 10, 42) == pytest.approx(8.0, rel=0.15)
+    # With sizes of their own the ones tell nothing of the others.
+    shuffled = torch.as_tensor(rng.permutation(along.numpy()))
+    assert fit_freedom(shuffled, across, 10, 42) > 40
 
 
 def test_errors_that_grow_where_hearts_are_soft_are_foreseen():

@@ -1,6 +1,7 @@
 """The interface that every emulator has: fit, predict with covariance, save, load."""
 
 import copy
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -50,6 +51,9 @@ class SeparablePrediction(Prediction):
     factor, or it pulls the estimate to where the emulator is most certain. Together this is the
     magnitude adjustment of a misspecified likelihood (Ribatet, Cooley and Davison 2012,
     doi 10.5705/ss.2009.249), and it leaves the maximum where it was.
+
+    freedom: nu of a multivariate t with this scale matrix, for errors of one simulation that are
+    large or small together; infinite: Gaussian.
     """
 
     def __init__(
@@ -58,16 +62,17 @@ class SeparablePrediction(Prediction):
         variance: torch.Tensor,
         output_covariance: torch.Tensor,
         determinant_weight: float = 1.0,
+        freedom: float = math.inf,
     ):
         super().__init__(mean, output_covariance)
-        self.determinant_weight = determinant_weight
+        self.determinant_weight, self.freedom = determinant_weight, freedom
         self.variance = variance
         self.output_covariance = output_covariance
 
     def at_variance(self, variance: torch.Tensor) -> "SeparablePrediction":
         """The same mean with another variance (...)."""
         return SeparablePrediction(
-            self.mean, variance, self.output_covariance, self.determinant_weight
+            self.mean, variance, self.output_covariance, self.determinant_weight, self.freedom
         )
 
     @property
@@ -89,6 +94,7 @@ def join(predictions: Sequence[Prediction]) -> Prediction:
             torch.cat([one.variance for one in predictions]),
             first.output_covariance,
             first.determinant_weight,
+            first.freedom,
         )
     return Prediction(mean, torch.cat([one.covariance for one in predictions]))
 

@@ -13,6 +13,7 @@ from functools import cached_property
 import numpy as np
 import torch
 from scipy.optimize import minimize
+from scipy.special import gammaln
 
 from regional_lv.emulators.base import (
     Architecture,
@@ -40,6 +41,9 @@ evaluation and a dozen numbers are well determined long before."""
 
 RESTARTS = 2
 
+FREEDOMS = (3.0, 1e4)
+"""Least and most degrees of freedom of errors with a t."""
+
 JUDGED, WITHIN = 0.95, 1.96
 """Intervals by which the variance is calibrated, and their half width in sd. Errors have heavier
 tails than a Gaussian has: what is right for their mean square is too narrow there."""
@@ -66,10 +70,12 @@ class ExactGP(Emulator):
     Settings: kernel; nugget, the smallest value added to the diagonal of the correlation matrix (a
     larger one is learnt where the data ask for it); iterations, L-BFGS iterations per start;
     calibration: `variance_factor` multiplies the predictive variance by what makes 95 % intervals
-    of theta right for the leave-one-out errors of the training set, `variance_trend` (the default)
-    by a power of the mean stiffness first, `none` leaves it as the likelihood has it. The kernel is
-    the same everywhere, but outputs answer the more to theta the softer a heart is, and so do the
-    errors.
+    of theta right for the leave-one-out errors of the training set, `variance_trend` by a power of
+    the mean stiffness first, `student` (the default) makes their distribution a multivariate t as
+    well, `none` leaves it as the likelihood has it. The kernel is the same everywhere, but outputs
+    answer the more to theta the softer a heart is, and so do the errors; and errors of one
+    simulation are large or small together, so that those that no theta explains tell how large
+    those are that move the estimate.
     """
 
     name = "exact_gp"
@@ -154,22 +160,31 @@ class ExactGP(Emulator):
         b = (b + shrinkage * torch.diag(b.diagonal())) / (1 + shrinkage)
         self.output_b = regular(b)
         self._set_output_covariance()
-        self.variance_factor, self.variance_trend = 1.0, (0.0, 0.0)
+        self.variance_factor, self.variance_trend, self.freedom = 1.0, (0.0, 0.0), math.inf
         theta, calibration = self._unstandardise(self.inputs), self.settings["calibration"]
         distance = _squared_length(residuals, self.output_b) / variances / y.shape[1]
         before = float(distance.mean())
-        if calibration == "variance_trend":
+        if calibration in ("student", "variance_trend"):
             self.variance_trend = fit_trend(distance, theta.log().mean(1))
             trend = self._trend(theta)
             variances, distance = variances * trend, distance / trend
         by_theta = torch.cat([self.jacobian(part)[0] for part in theta.split(256)])
-        moved = self._estimates_move(by_theta / self.output_sd[:, None], residuals, variances)
+        moved, along = self._estimates_move(
+            by_theta / self.output_sd[:, None], residuals, variances
+        )
+        size, across = torch.ones_like(along), distance * y.shape[1] - along
+        if calibration == "student" and y.shape[1] > theta.shape[1]:
+            outputs, inputs = y.shape[1], theta.shape[1]
+            self.freedom = fit_freedom(along, across, inputs, outputs - inputs)
+            size = (self.freedom + across) / (self.freedom + outputs)
         if calibration != "none":
-            self.variance_factor = max(1.0, float(moved.abs().quantile(JUDGED) / WITHIN) ** 2)
+            judged = (moved.abs() / size.sqrt()[:, None]).quantile(JUDGED)
+            self.variance_factor = max(1.0, float(judged / WITHIN) ** 2)
         self.info = {
             "calibration": calibration,
             "variance_factor": self.variance_factor,
             "variance_trend": list(self.variance_trend),
+            "freedom": self.freedom,
             "output_shrinkage": shrinkage,
             "loo_squared_distance_per_output_before": before,
             "loo_squared_distance_per_output": float(distance.mean()),
@@ -182,8 +197,9 @@ class ExactGP(Emulator):
         level, power = self.variance_trend
         return torch.exp(level + power * theta.log().mean(-1))
 
-    def _estimates_move(self, jacobian, residuals, variances) -> torch.Tensor:
-        """How far the errors move the estimates of theta (N, 10), in predicted sd.
+    def _estimates_move(self, jacobian, residuals, variances) -> tuple[torch.Tensor, torch.Tensor]:
+        """How far the errors move the estimates of theta (N, 10), in predicted sd, and the squared
+        length (N,) of what moves them, in units of its predicted variance.
 
         An error along the columns of the Jacobian is what inference mistakes for a change of
         theta: the estimate moves by (J' S^-1 J)^-1 J' S^-1 e, which has the covariance
@@ -194,7 +210,8 @@ class ExactGP(Emulator):
         error = torch.linalg.solve_triangular(factor, residuals.T, upper=False).T
         inverse = torch.linalg.pinv(white)
         move = (inverse @ error[..., None])[..., 0]
-        return move / (variances[:, None] * inverse.square().sum(-1)).sqrt()
+        along = (white @ move[..., None])[..., 0].square().sum(-1) / variances
+        return move / (variances[:, None] * inverse.square().sum(-1)).sqrt(), along
 
     def _set_output_covariance(self) -> None:
         self.output_covariance = self.output_sd[:, None] * self.output_b * self.output_sd
@@ -231,7 +248,11 @@ class ExactGP(Emulator):
 
     def _separable(self, mean, variance) -> SeparablePrediction:
         return SeparablePrediction(
-            mean, variance, self.output_covariance, determinant_weight=1 / self.variance_factor
+            mean,
+            variance,
+            self.output_covariance,
+            determinant_weight=1 / self.variance_factor,
+            freedom=self.freedom,
         )
 
     def predict_mean(self, theta: torch.Tensor) -> torch.Tensor:
@@ -356,7 +377,7 @@ class ExactGP(Emulator):
 
 _STATE = (
     *("length_scales", "alpha", "nugget", "mean", "weights", "output_b"),
-    *("variance_factor", "variance_trend"),
+    *("variance_factor", "variance_trend", "freedom"),
 )
 
 
@@ -439,6 +460,29 @@ def fit_trend(distance: torch.Tensor, x: torch.Tensor) -> tuple[float, float]:
     distance, x = distance.numpy(), x.numpy()
     found = minimize(loss, [np.log(distance.mean()), 0.0], jac=True, method="L-BFGS-B")
     return tuple(float(value) for value in found.x)
+
+
+def fit_freedom(along: torch.Tensor, across: torch.Tensor, inputs: int, others: int) -> float:
+    """Degrees of freedom of a t with which squared errors `across` (N,), of `others` directions,
+    tell most of those `along` (N,) that theta moves the outputs (`inputs` directions).
+
+    Given the ones, the others have a t with nu + `others` degrees of freedom, and the scale
+    (nu + across) / (nu + others) (Ding 2016, doi 10.1080/00031305.2016.1164756); a common factor on
+    it is fitted beside nu.
+    """
+    along, across = along.numpy(), across.numpy()
+
+    def loss(logs):
+        nu, factor = np.exp(logs)
+        n = nu + others
+        scaled = factor * (nu + across)  # n times the scale
+        constant = gammaln((n + inputs) / 2) - gammaln(n / 2)
+        logs = 0.5 * inputs * np.log(scaled) + 0.5 * (n + inputs) * np.log1p(along / scaled)
+        return (logs - constant).mean()
+
+    bounds = [tuple(np.log(FREEDOMS)), (-3.0, 3.0)]
+    found = minimize(loss, [math.log(10.0), 0.0], method="L-BFGS-B", bounds=bounds)
+    return float(np.exp(found.x[0]))
 
 
 def choose_shrinkage(z: torch.Tensor) -> float:

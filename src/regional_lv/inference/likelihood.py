@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 
 import pandas as pd
 import torch
+from scipy import stats
 
 from regional_lv import aha
 from regional_lv.emulators.base import Emulator, Prediction, SeparablePrediction
@@ -79,6 +80,11 @@ class Noise:
     def directions(self) -> tuple[str, ...]:
         return tuple(self.groups)
 
+    @property
+    def present(self) -> bool:
+        """Whether there is any."""
+        return bool(self.groups) or bool((self.sd > 0).any())
+
     def variance(self, log_sigma: torch.Tensor) -> torch.Tensor:
         """Variance of each output, (..., D), at `log_sigma` (..., G)."""
         total = self.sd.square().expand(*log_sigma.shape[:-1], -1)
@@ -100,6 +106,10 @@ class Likelihood:
     Uses the paper's multi-output form; the predictive covariance varies with theta, so its
     determinant is part of the density.
 
+    Without noise the density is that of the t distribution if the prediction has one. With noise it
+    is Gaussian: the sum of a t and a Gaussian deviate has no density in closed form, and emulators
+    are made to err less than one measures.
+
     Where the emulator's covariance is a scalar times a fixed matrix B, and the noise R is known, or
     known but for one scale, both are made diagonal once: with B = L L' and
     L^-1 R L^-T = U diag(rho) U', the covariance v B + R has the variances v + rho along the columns
@@ -113,7 +123,7 @@ class Likelihood:
         with torch.no_grad():
             prediction = emulator.predict(theta)
         self.separable = isinstance(prediction, SeparablePrediction)
-        self._whiten = None
+        self._whiten, self._freedom = None, math.inf
         # The sd of R, to be multiplied by the one unknown scale if there is one.
         unit = noise.sd
         if len(noise.groups) == 1 and not (noise.sd > 0).any():
@@ -126,6 +136,7 @@ class Likelihood:
             self._whiten = inverse_rows.contiguous()  # residual @ this is whitened, (D, D)
             self._rho = rho.clamp(min=0.0)
             self._weight = prediction.determinant_weight
+            self._freedom = math.inf if self.noisy else prediction.freedom
             self._constant = -factor.diagonal().log().sum() - 0.5 * len(rho) * LOG_2PI
 
     @property
@@ -136,7 +147,7 @@ class Likelihood:
     @property
     def noisy(self) -> bool:
         """Whether there is measurement noise, known or unknown."""
-        return bool(self.noise.groups) or bool((self.noise.sd > 0).any())
+        return self.noise.present
 
     def at(self, y: torch.Tensor) -> "Likelihood":
         """The same likelihood for other observations; nothing is factorised again."""
@@ -192,10 +203,30 @@ class Likelihood:
             scale = torch.exp(2 * log_sigma) if self.noise.groups else 1.0
             variances = prediction.variance[..., None] + scale * self._rho
             white = residual @ self._whiten
-            return self._constant - 0.5 * (
-                (white * white / variances).sum(-1) + self._weight * variances.log().sum(-1)
-            )
+            length = self.of_length((white * white / variances).sum(-1), white.shape[-1])
+            return self._constant - length - 0.5 * self._weight * variances.log().sum(-1)
         return _LogNormal.apply(residual, self._covariance(prediction, log_sigma))
+
+    def of_length(self, square: torch.Tensor, outputs: int) -> torch.Tensor:
+        """What the squared length (...) of whitened residuals takes from the log density.
+
+        Of the t, weighted as the determinant is (`SeparablePrediction`), w (nu + D) / 2 times
+        log(1 + square / (w nu)); square / 2 in the limit of a Gaussian.
+        """
+        if math.isinf(self._freedom):
+            return 0.5 * square
+        nu, weight = self._freedom, self._weight
+        constant = math.lgamma(nu / 2) - math.lgamma((nu + outputs) / 2)
+        constant += 0.5 * outputs * math.log(nu / 2)
+        power = 0.5 * weight * (nu + outputs)
+        return constant + power * torch.log1p(square / (weight * nu))
+
+    def of_length_slope(self, square: torch.Tensor, outputs: int) -> torch.Tensor:
+        """Twice the slope (...) of `of_length`: what the errors' precision is multiplied by when
+        their size is known to be that of the residuals."""
+        if math.isinf(self._freedom):
+            return torch.ones_like(square)
+        return self._weight * (self._freedom + outputs) / (self._weight * self._freedom + square)
 
     def _covariance(self, prediction, log_sigma) -> torch.Tensor:
         if log_sigma is None:
@@ -209,6 +240,7 @@ class Likelihood:
 
         J' S^-1 J from the mean and, for every number c the covariance S depends on, half
         tr(S^-1 S_a S^-1 S_b). The variation of a covariance that is not separable is left out.
+        Expected of a Gaussian; for a t, of errors that are as large as the residuals at `theta`.
         """
         with torch.no_grad():
             prediction = self.emulator.predict(theta)
@@ -218,8 +250,12 @@ class Likelihood:
                 weights = 1 / (prediction.variance[..., None] + self._rho)
                 white = self._whiten.T @ jacobian
                 slope = variance_slope * theta
-                strength = 0.5 * weights.square().sum(-1)
-                return white.mT @ (weights[..., None] * white) + strength[..., None, None] * (
+                # Of one size of the errors known beforehand; a t hardly knows it.
+                strength = 0.5 * weights.square().sum(-1) * float(math.isinf(self._freedom))
+                square = ((self.y - prediction.mean) @ self._whiten).square() * weights
+                sharper = self.of_length_slope(square.sum(-1), square.shape[-1])
+                information = white.mT @ (weights[..., None] * white)
+                return sharper[..., None, None] * information + strength[..., None, None] * (
                     slope[..., :, None] * slope[..., None, :]
                 )
             return self._dense_information(theta, log_sigma, prediction, jacobian, variance_slope)
@@ -297,6 +333,10 @@ def draw_observations(
         if isinstance(prediction, SeparablePrediction):
             factor = torch.linalg.cholesky(prediction.output_covariance)
             error = prediction.variance[:, None].sqrt() * (deviates @ factor.T)
+            if not noise.present and math.isfinite(prediction.freedom):
+                share = torch.rand((len(theta), 1), generator=generator, dtype=torch.float64)
+                chi2 = torch.as_tensor(stats.chi2.ppf(share.numpy(), prediction.freedom))
+                error = error * (prediction.freedom / chi2).sqrt()
         else:
             factor = torch.linalg.cholesky(prediction.covariance)
             error = (factor @ deviates[..., None])[..., 0]

@@ -212,7 +212,7 @@ def _evaluate(likelihood, y, position):
         gradients.append(torch.autograd.grad(value.sum(), here)[0])
         values.append(value.detach())
         theta, log_sigma = _split(here.detach())
-        curvature = likelihood.information(theta, log_sigma)
+        curvature = likelihood.at(y[i : i + CHUNK]).information(theta, log_sigma)
         p = theta.shape[-1]
         for k in range(log_sigma.shape[-1]):
             prior = 2 * torch.exp(2 * log_sigma[:, k]) / likelihood.noise.prior_scale**2

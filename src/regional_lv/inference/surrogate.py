@@ -4,7 +4,8 @@ Two kinds, both fitted to a thousand exact evaluations around the maximum, drawn
 Gaussian that the information matrix makes of it, then from what the first surrogate says:
 
 - Without measurement noise posteriors are narrow. There the whitened residual of the emulator's
-  mean is a quadratic polynomial r(z), and what |r|^2 / 2 lacks of the potential another.
+  mean is a quadratic polynomial r(z), and what |r|^2 / 2 lacks of the potential another; errors
+  that are not Gaussian have something else there (`Likelihood.of_length`).
 - With noise they are wide, and no polynomial of low degree follows the mean. The mean is cheap,
   though, and that of the rough emulator more so: only the log variance becomes a quadratic
   polynomial. Where the noise is inferred, but one output counts as exact, the stand-in knows it
@@ -18,6 +19,7 @@ from dataclasses import dataclass
 import torch
 
 from regional_lv.emulators.base import join
+from regional_lv.inference.likelihood import Likelihood
 from regional_lv.inference.nuts import BLUR, Place, Target, refine, student
 from regional_lv.seeds import derive
 
@@ -123,8 +125,10 @@ class Quadratic:
 
 @dataclass(frozen=True)
 class Polynomial(Surrogate):
-    """Potential |r|^2 / 2 + q with polynomials r (D values) and q (1 value) in `frame`."""
+    """Potential h(|r|^2) + q with polynomials r (D values) and q (1 value) in `frame`, h that of
+    `likelihood`, half its argument if it is Gaussian."""
 
+    likelihood: Likelihood
     frame: Frame
     residual: Quadratic
     rest: Quadratic
@@ -139,13 +143,17 @@ class Polynomial(Surrogate):
         white = torch.linalg.solve_triangular(factor, residual, upper=False).T
         features, weight = frame.features(position), _weights(potential)
         residual = _least_squares(features, white, weight)
-        lacking = potential - 0.5 * (features @ residual).square().sum(-1)
+        square = (features @ residual).square().sum(-1)
+        lacking = potential - likelihood.of_length(square, white.shape[-1])
         rest = _least_squares(features, lacking[:, None], weight)
-        return cls(frame, *(Quadratic.of(c, position.shape[-1]) for c in (residual, rest)))
+        return cls(
+            likelihood, frame, *(Quadratic.of(c, position.shape[-1]) for c in (residual, rest))
+        )
 
     @staticmethod
     def together(parts, target):
         return Polynomial(
+            parts[0].likelihood,
             _stack([part.frame for part in parts]),
             Quadratic.stack([part.residual for part in parts]),
             Quadratic.stack([part.rest for part in parts]),
@@ -155,15 +163,17 @@ class Polynomial(Surrogate):
         return self._values(self.frame.coordinates(position))[0]
 
     def _values(self, z) -> tuple[torch.Tensor, torch.Tensor]:
-        """Potential and residual."""
+        """Potential, and its gradient about the residual."""
         residual = self.residual(z)
-        return 0.5 * residual.square().sum(-1) + self.rest(z)[..., 0], residual
+        square, outputs = residual.square().sum(-1), residual.shape[-1]
+        value = self.likelihood.of_length(square, outputs) + self.rest(z)[..., 0]
+        return value, self.likelihood.of_length_slope(square, outputs)[..., None] * residual
 
     def with_gradient(self, position):
         z = self.frame.coordinates(position)
-        value, residual = self._values(z)
+        value, by_residual = self._values(z)
         one = torch.ones_like(z[..., :1])
-        slope = self.residual.pull_back(residual, z) + self.rest.pull_back(one, z)
+        slope = self.residual.pull_back(by_residual, z) + self.rest.pull_back(one, z)
         return value, slope @ self.frame.inverse
 
 
