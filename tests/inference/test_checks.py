@@ -14,7 +14,7 @@ from regional_lv.inference.noise_prior import compare_noise_priors
 from regional_lv.inference.resimulation import compare_resimulated, pick_draws
 from regional_lv.inference.told_apart import measure_separation, tell_zones_apart
 
-FEW = {"chains": 2, "warmup": 60, "draws": 60, "rhat_max": 10.0, "ess_min": 0}
+FEW = {"chains": 2, "warmup": 100, "draws": 100, "rhat_max": 1.2, "ess_min": 0}
 FEW["cases_per_batch"] = 3
 POINT = {"starts": 2, "iterations": 60}
 
