@@ -35,9 +35,9 @@ def scores(emulator, theta: np.ndarray, y: np.ndarray) -> dict[str, float]:
         for part in (slopes, error[..., None])
     )
     moved = torch.linalg.solve(white.mT @ white, white.mT @ error)[..., 0]
-    # What a posterior is left with at its maximum: its width depends on it where errors have a t.
-    residual = torch.as_tensor(y) - prediction.mean - (slopes @ moved[..., None])[..., 0]
-    likelihood = Likelihood(emulator, prediction.mean + residual, Noise.none(emulator))
+    # Where errors have a t, a posterior is as wide as those tell that its maximum leaves.
+    left = torch.as_tensor(y) - (slopes @ moved[..., None])[..., 0]
+    likelihood = Likelihood(emulator, left, Noise.none(emulator))
     covariance = torch.linalg.inv(likelihood.information(at))
     z = (moved / covariance.diagonal(dim1=-2, dim2=-1).sqrt()).abs().numpy()
     inside = {f"cover{p}": float((z < stats.norm.isf((1 - p / 100) / 2)).mean()) for p in (50, 95)}

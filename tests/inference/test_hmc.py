@@ -63,9 +63,8 @@ def test_errors_with_a_t_tell_their_size(attempt):
     factor = torch.linalg.cholesky(emulator.matrix)
     basis, _ = torch.linalg.qr(torch.linalg.solve_triangular(factor, a, upper=False))
     error = torch.as_tensor(np.random.default_rng(2).normal(size=outputs))
-    error = 4.0 * (
-        error - basis @ (basis.T @ error)
-    )  # of no theta, and of four times the usual size
+    # Of no theta, and of four times the usual size.
+    error = 4.0 * (error - basis @ (basis.T @ error))
     y = emulator.predict(truth[0]).mean + factor @ error
     likelihood = Likelihood(emulator, y, Noise.none(emulator))
     (draws,) = run([likelihood], truth, Settings(warmup=80, draws=500), [3], attempt)

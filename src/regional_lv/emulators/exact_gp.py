@@ -121,7 +121,7 @@ class ExactGP(Emulator):
     def _training_covariance(self) -> tuple[torch.Tensor, torch.Tensor]:
         """Correlations (n, n) of the observations, and what each sees of the mean (n, 1)."""
         self._scaled = self.inputs / self.length_scales
-        matrix = self._rows_of_inputs()
+        matrix = self._rows_at(self.inputs)
         return matrix, torch.ones(len(matrix), 1, dtype=matrix.dtype)
 
     def _factorise(self) -> None:
@@ -131,10 +131,9 @@ class ExactGP(Emulator):
         self._ones = torch.linalg.solve_triangular(self.cholesky, self._constant, upper=False)
         self._total = (self._ones**2).sum()
 
-    def _rows_of_inputs(self) -> torch.Tensor:
-        """Correlations (N, n) of the simulations' values with the observations."""
-        parts = self.inputs.split(ROWS_AT_ONCE)
-        return torch.cat([self._rows(self._near(part)) for part in parts])
+    def _rows_at(self, x: torch.Tensor) -> torch.Tensor:
+        """Correlations (M, n) of the values at `x` (M, 10) with the observations."""
+        return torch.cat([self._rows(self._near(part)) for part in x.split(ROWS_AT_ONCE)])
 
     @property
     def kernel(self) -> str:
@@ -162,19 +161,22 @@ class ExactGP(Emulator):
         self._set_output_covariance()
         self.variance_factor, self.variance_trend, self.freedom = 1.0, (0.0, 0.0), math.inf
         theta, calibration = self._unstandardise(self.inputs), self.settings["calibration"]
-        distance = _squared_length(residuals, self.output_b) / variances / y.shape[1]
-        before = float(distance.mean())
+        outputs, inputs = y.shape[1], theta.shape[1]
+        factor = torch.linalg.cholesky(self.output_b)
+        # Of unit variance in every direction if that is right.
+        errors = torch.linalg.solve_triangular(factor, residuals.T, upper=False).T
+        errors = errors / variances.sqrt()[:, None]
+        before = float(errors.square().mean())
         if calibration in ("student", "variance_trend"):
-            self.variance_trend = fit_trend(distance, theta.log().mean(1))
-            trend = self._trend(theta)
-            variances, distance = variances * trend, distance / trend
+            self.variance_trend = fit_trend(errors.square().mean(1), theta.log().mean(1))
+            errors = errors / self._trend(theta).sqrt()[:, None]
         by_theta = torch.cat([self.jacobian(part)[0] for part in theta.split(256)])
-        moved, along = self._estimates_move(
-            by_theta / self.output_sd[:, None], residuals, variances
+        slopes = by_theta / self.output_sd[:, None]
+        moved, along = estimates_move(
+            torch.linalg.solve_triangular(factor, slopes, upper=False), errors
         )
-        size, across = torch.ones_like(along), distance * y.shape[1] - along
-        if calibration == "student" and y.shape[1] > theta.shape[1]:
-            outputs, inputs = y.shape[1], theta.shape[1]
+        size, across = torch.ones_like(along), errors.square().sum(1) - along
+        if calibration == "student" and outputs > inputs:
             self.freedom = fit_freedom(along, across, inputs, outputs - inputs)
             size = (self.freedom + across) / (self.freedom + outputs)
         if calibration != "none":
@@ -184,10 +186,10 @@ class ExactGP(Emulator):
             "calibration": calibration,
             "variance_factor": self.variance_factor,
             "variance_trend": list(self.variance_trend),
-            "freedom": self.freedom,
+            "freedom": self.freedom if math.isfinite(self.freedom) else None,
             "output_shrinkage": shrinkage,
             "loo_squared_distance_per_output_before": before,
-            "loo_squared_distance_per_output": float(distance.mean()),
+            "loo_squared_distance_per_output": float(errors.square().mean()),
             "loo_squared_distance_per_parameter": float(moved.square().mean()),
             "loo_rmse_standardised": float(residuals.square().mean().sqrt()),
         }
@@ -196,22 +198,6 @@ class ExactGP(Emulator):
         """What the variance is multiplied by at `theta` (M, 10) before `variance_factor`, (M,)."""
         level, power = self.variance_trend
         return torch.exp(level + power * theta.log().mean(-1))
-
-    def _estimates_move(self, jacobian, residuals, variances) -> tuple[torch.Tensor, torch.Tensor]:
-        """How far the errors move the estimates of theta (N, 10), in predicted sd, and the squared
-        length (N,) of what moves them, in units of its predicted variance.
-
-        An error along the columns of the Jacobian is what inference mistakes for a change of
-        theta: the estimate moves by (J' S^-1 J)^-1 J' S^-1 e, which has the covariance
-        (J' S^-1 J)^-1 if S is right.
-        """
-        factor = torch.linalg.cholesky(self.output_b)
-        white = torch.linalg.solve_triangular(factor, jacobian, upper=False)
-        error = torch.linalg.solve_triangular(factor, residuals.T, upper=False).T
-        inverse = torch.linalg.pinv(white)
-        move = (inverse @ error[..., None])[..., 0]
-        along = (white @ move[..., None])[..., 0].square().sum(-1) / variances
-        return move / (variances[:, None] * inverse.square().sum(-1)).sqrt(), along
 
     def _set_output_covariance(self) -> None:
         self.output_covariance = self.output_sd[:, None] * self.output_b * self.output_sd
@@ -235,13 +221,12 @@ class ExactGP(Emulator):
         rough.__dict__.update(self.__dict__, settings=self.settings | {"kernel": self.kernel})
         rough.inputs = self.inputs[rows]
         rough._factorise()
-        parts = self.inputs.split(ROWS_AT_ONCE)
-        correlations = torch.cat([rough._near(part)[1] for part in parts])
-        mean = torch.cat([self.predict_mean(self._unstandardise(part)) for part in parts])
+        theta = self._unstandardise(self.inputs)
+        mean = torch.cat([self.predict_mean(part) for part in theta.split(ROWS_AT_ONCE)])
         target = (mean - self.output_mean) / self.output_sd - self.mean
         # A penalty keeps the weights small: further equations, whose right side is zero.
         penalty = ROUGH_PENALTY**0.5 * torch.eye(len(rows), dtype=mean.dtype)
-        left = torch.cat([correlations, penalty])
+        left = torch.cat([rough._rows_at(self.inputs), penalty])
         right = torch.cat([target, torch.zeros_like(target[: len(rows)])])
         rough.weights = torch.linalg.lstsq(left, right).solution
         return rough
@@ -436,10 +421,19 @@ def leave_one_out(precision: torch.Tensor, y: torch.Tensor) -> tuple[torch.Tenso
     return (precision @ y) / diagonal[..., None], 1 / diagonal
 
 
-def _squared_length(errors: torch.Tensor, b: torch.Tensor) -> torch.Tensor:
-    """e_i' B^-1 e_i, (N,)."""
-    factor = torch.linalg.cholesky(b)
-    return torch.linalg.solve_triangular(factor, errors.T, upper=False).square().sum(0)
+def estimates_move(slopes: torch.Tensor, errors: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+    """How far `errors` (N, D) move the estimates of theta (N, P), in predicted sd, and the squared
+    length (N,) of what moves them.
+
+    errors: whitened by their predicted covariance S. slopes: the Jacobians J (N, D, P), whitened by
+    S or a multiple of it. An error along the columns of the Jacobian is what inference mistakes for
+    a change of theta: the estimate moves by (J' S^-1 J)^-1 J' S^-1 e, which has the covariance
+    (J' S^-1 J)^-1 if S is right.
+    """
+    inverse = torch.linalg.pinv(slopes)
+    move = (inverse @ errors[..., None])[..., 0]
+    along = (slopes @ move[..., None])[..., 0].square().sum(-1)
+    return move / inverse.square().sum(-1).sqrt(), along
 
 
 def fit_trend(distance: torch.Tensor, x: torch.Tensor) -> tuple[float, float]:
@@ -477,8 +471,8 @@ def fit_freedom(along: torch.Tensor, across: torch.Tensor, inputs: int, others: 
         n = nu + others
         scaled = factor * (nu + across)  # n times the scale
         constant = gammaln((n + inputs) / 2) - gammaln(n / 2)
-        logs = 0.5 * inputs * np.log(scaled) + 0.5 * (n + inputs) * np.log1p(along / scaled)
-        return (logs - constant).mean()
+        lost = 0.5 * inputs * np.log(scaled) + 0.5 * (n + inputs) * np.log1p(along / scaled)
+        return (lost - constant).mean()
 
     bounds = [tuple(np.log(FREEDOMS)), (-3.0, 3.0)]
     found = minimize(loss, [math.log(10.0), 0.0], method="L-BFGS-B", bounds=bounds)

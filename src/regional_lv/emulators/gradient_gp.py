@@ -49,7 +49,7 @@ class GradientGP(ExactGP):
         x, sloped, common = self.inputs, self.inputs[self.sloped], (self.length_scales, self.alpha)
         self._scaled = x / self.length_scales
         n, count = len(x), len(sloped)
-        upper = self._rows_of_inputs()
+        upper = self._rows_at(x)
         lower = [
             kernel.covariance_with_values(sloped, x, *common)[count:],
             kernel.covariance_with_gradients(sloped, sloped, *common)[count:],

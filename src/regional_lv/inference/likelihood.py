@@ -85,6 +85,10 @@ class Noise:
         """Whether there is any."""
         return bool(self.groups) or bool((self.sd > 0).any())
 
+    def freedom_beside(self, prediction: SeparablePrediction) -> float:
+        """Degrees of freedom with which the emulator's errors count beside this noise."""
+        return math.inf if self.present else prediction.freedom
+
     def variance(self, log_sigma: torch.Tensor) -> torch.Tensor:
         """Variance of each output, (..., D), at `log_sigma` (..., G)."""
         total = self.sd.square().expand(*log_sigma.shape[:-1], -1)
@@ -136,7 +140,7 @@ class Likelihood:
             self._whiten = inverse_rows.contiguous()  # residual @ this is whitened, (D, D)
             self._rho = rho.clamp(min=0.0)
             self._weight = prediction.determinant_weight
-            self._freedom = math.inf if self.noisy else prediction.freedom
+            self._freedom = noise.freedom_beside(prediction)
             self._constant = -factor.diagonal().log().sum() - 0.5 * len(rho) * LOG_2PI
 
     @property
@@ -203,11 +207,11 @@ class Likelihood:
             scale = torch.exp(2 * log_sigma) if self.noise.groups else 1.0
             variances = prediction.variance[..., None] + scale * self._rho
             white = residual @ self._whiten
-            length = self.of_length((white * white / variances).sum(-1), white.shape[-1])
+            length = self.of_length((white * white / variances).sum(-1))
             return self._constant - length - 0.5 * self._weight * variances.log().sum(-1)
         return _LogNormal.apply(residual, self._covariance(prediction, log_sigma))
 
-    def of_length(self, square: torch.Tensor, outputs: int) -> torch.Tensor:
+    def of_length(self, square: torch.Tensor) -> torch.Tensor:
         """What the squared length (...) of whitened residuals takes from the log density.
 
         Of the t, weighted as the determinant is (`SeparablePrediction`), w (nu + D) / 2 times
@@ -215,18 +219,19 @@ class Likelihood:
         """
         if math.isinf(self._freedom):
             return 0.5 * square
-        nu, weight = self._freedom, self._weight
+        nu, weight, outputs = self._freedom, self._weight, self.y.shape[-1]
         constant = math.lgamma(nu / 2) - math.lgamma((nu + outputs) / 2)
         constant += 0.5 * outputs * math.log(nu / 2)
         power = 0.5 * weight * (nu + outputs)
         return constant + power * torch.log1p(square / (weight * nu))
 
-    def of_length_slope(self, square: torch.Tensor, outputs: int) -> torch.Tensor:
+    def of_length_slope(self, square: torch.Tensor) -> torch.Tensor:
         """Twice the slope (...) of `of_length`: what the errors' precision is multiplied by when
         their size is known to be that of the residuals."""
         if math.isinf(self._freedom):
             return torch.ones_like(square)
-        return self._weight * (self._freedom + outputs) / (self._weight * self._freedom + square)
+        nu, weight, outputs = self._freedom, self._weight, self.y.shape[-1]
+        return weight * (nu + outputs) / (weight * nu + square)
 
     def _covariance(self, prediction, log_sigma) -> torch.Tensor:
         if log_sigma is None:
@@ -253,7 +258,7 @@ class Likelihood:
                 # Of one size of the errors known beforehand; a t hardly knows it.
                 strength = 0.5 * weights.square().sum(-1) * float(math.isinf(self._freedom))
                 square = ((self.y - prediction.mean) @ self._whiten).square() * weights
-                sharper = self.of_length_slope(square.sum(-1), square.shape[-1])
+                sharper = self.of_length_slope(square.sum(-1))
                 information = white.mT @ (weights[..., None] * white)
                 return sharper[..., None, None] * information + strength[..., None, None] * (
                     slope[..., :, None] * slope[..., None, :]
@@ -333,10 +338,11 @@ def draw_observations(
         if isinstance(prediction, SeparablePrediction):
             factor = torch.linalg.cholesky(prediction.output_covariance)
             error = prediction.variance[:, None].sqrt() * (deviates @ factor.T)
-            if not noise.present and math.isfinite(prediction.freedom):
+            freedom = noise.freedom_beside(prediction)
+            if math.isfinite(freedom):
                 share = torch.rand((len(theta), 1), generator=generator, dtype=torch.float64)
-                chi2 = torch.as_tensor(stats.chi2.ppf(share.numpy(), prediction.freedom))
-                error = error * (prediction.freedom / chi2).sqrt()
+                chi2 = torch.as_tensor(stats.chi2.ppf(share.numpy(), freedom))
+                error = error * (freedom / chi2).sqrt()
         else:
             factor = torch.linalg.cholesky(prediction.covariance)
             error = (factor @ deviates[..., None])[..., 0]

@@ -132,11 +132,6 @@ class Target:
         return self if likelihood is self.likelihood else Target(likelihood, self.box)
 
     @property
-    def noisy(self) -> bool:
-        """Whether there is measurement noise."""
-        return self.likelihood.noisy
-
-    @property
     def rough(self) -> "Target":
         """That of the rough emulator."""
         return Target(self.likelihood.rough, self.box)
@@ -239,14 +234,6 @@ class _Separate:
         return torch.stack(
             [t.potential(*at) for t, *at in zip(self.targets, position, variance, strict=True)]
         )
-
-    @property
-    def noisy(self) -> bool:
-        return any(target.noisy for target in self.targets)
-
-    @property
-    def rough(self) -> "_Separate":
-        return _Separate([target.rough for target in self.targets])
 
     def constrain(self, position) -> tuple[torch.Tensor, torch.Tensor]:
         parts = [t.constrain(at) for t, at in zip(self.targets, position, strict=True)]

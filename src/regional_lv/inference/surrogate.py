@@ -43,6 +43,11 @@ class Surrogate(ABC):
     def __call__(self, position: torch.Tensor) -> torch.Tensor: ...
 
     @staticmethod
+    def follows(target: Target) -> Target:
+        """What is evaluated in place of the `target` of one case."""
+        return target
+
+    @staticmethod
     @abstractmethod
     def together(parts: Sequence["Surrogate"], target: Target) -> "Surrogate":
         """That of several cases, to follow `target`."""
@@ -144,7 +149,7 @@ class Polynomial(Surrogate):
         features, weight = frame.features(position), _weights(potential)
         residual = _least_squares(features, white, weight)
         square = (features @ residual).square().sum(-1)
-        lacking = potential - likelihood.of_length(square, white.shape[-1])
+        lacking = potential - likelihood.of_length(square)
         rest = _least_squares(features, lacking[:, None], weight)
         return cls(
             likelihood, frame, *(Quadratic.of(c, position.shape[-1]) for c in (residual, rest))
@@ -165,9 +170,9 @@ class Polynomial(Surrogate):
     def _values(self, z) -> tuple[torch.Tensor, torch.Tensor]:
         """Potential, and its gradient about the residual."""
         residual = self.residual(z)
-        square, outputs = residual.square().sum(-1), residual.shape[-1]
-        value = self.likelihood.of_length(square, outputs) + self.rest(z)[..., 0]
-        return value, self.likelihood.of_length_slope(square, outputs)[..., None] * residual
+        square = residual.square().sum(-1)
+        value = self.likelihood.of_length(square) + self.rest(z)[..., 0]
+        return value, self.likelihood.of_length_slope(square)[..., None] * residual
 
     def with_gradient(self, position):
         z = self.frame.coordinates(position)
@@ -196,12 +201,18 @@ class OwnMean(Surrogate):
         """From exact evaluations: `potential` (M,) and `prediction` at `position` (M, P)."""
         logs = torch.log(prediction.variance)
         fitted = _least_squares(frame.features(position), logs[:, None], _weights(potential))
-        return cls(_followed(target), frame, fitted, torch.stack([logs.min(), logs.max()])[None])
+        ends = torch.stack([logs.min(), logs.max()])[None]
+        return cls(cls.follows(target), frame, fitted, ends)
+
+    @staticmethod
+    def follows(target):
+        """That of the rough emulator, where there is more noise than that lacks."""
+        return target.rough if target.likelihood.noisy else target
 
     @staticmethod
     def together(parts, target):
         return OwnMean(
-            _followed(target),
+            target,
             _stack([part.frame for part in parts]),
             torch.stack([part.log_variance for part in parts]),
             torch.stack([part.ends for part in parts]),
@@ -262,16 +273,12 @@ def prepare(
     return Prepared(target, centre, whitening, surrogate)
 
 
-def _followed(target: Target) -> Target:
-    """That of the rough emulator, where there is more noise than that lacks."""
-    return target.rough if target.noisy else target
-
-
 def together(prepared: Sequence[Prepared]) -> tuple[Target, Surrogate]:
     """Exact target of all cases and their surrogate, about positions (C, K, P)."""
-    exact, soft = (Target.together([getattr(p, k) for p in prepared]) for k in ("target", "soft"))
     surrogates = [p.surrogate for p in prepared]
-    return exact, type(surrogates[0]).together(surrogates, soft)
+    kind = type(surrogates[0])
+    followed = Target.together([kind.follows(p.soft) for p in prepared])
+    return Target.together([p.target for p in prepared]), kind.together(surrogates, followed)
 
 
 def _stack(frames: Sequence[Frame]) -> Frame:
