@@ -5,7 +5,8 @@
 The hearts of a scenario lie close together and share the emulator's error there. How many intervals
 cover their truth is therefore chance: that of one design, not of a hundred hearts. Here the
 training simulations are split into random halves, each half trains an emulator, and the intervals
-are those of the Gaussian that the emulator's derivatives make of each posterior at the truth.
+are those of the Gaussian, or the t, that the emulator's derivatives make of each posterior at the
+truth.
 """
 
 import sys
@@ -39,8 +40,11 @@ def scores(emulator, theta: np.ndarray, y: np.ndarray) -> dict[str, float]:
     left = torch.as_tensor(y) - (slopes @ moved[..., None])[..., 0]
     likelihood = Likelihood(emulator, left, Noise.none(emulator))
     covariance = torch.linalg.inv(likelihood.information(at))
-    z = (moved / covariance.diagonal(dim1=-2, dim2=-1).sqrt()).abs().numpy()
-    inside = {f"cover{p}": float((z < stats.norm.isf((1 - p / 100) / 2)).mean()) for p in (50, 95)}
+    # A t is wider than the Gaussian with its curvature (`exact_gp.interval_factor`).
+    n = prediction.determinant_weight * (prediction.freedom + y.shape[1]) - theta.shape[1]
+    sd = (covariance.diagonal(dim1=-2, dim2=-1) * (1 + theta.shape[1] / n)).sqrt()
+    z = (moved / sd).abs().numpy()
+    inside = {f"cover{p}": float((z < stats.t.isf((1 - p / 100) / 2, n)).mean()) for p in (50, 95)}
     return inside | {"squared": float((z**2).mean())}
 
 

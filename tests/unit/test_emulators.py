@@ -15,6 +15,7 @@ from regional_lv.emulators.exact_gp import (
     choose_shrinkage,
     fit_freedom,
     fit_trend,
+    interval_factor,
     leave_one_out,
 )
 from regional_lv.emulators.kernels import (
@@ -546,6 +547,31 @@ def test_size_of_the_errors_is_found_to_be_common():
     # With sizes of their own the ones tell nothing of the others.
     shuffled = torch.as_tensor(rng.permutation(along.numpy()))
     assert fit_freedom(shuffled, across, 10, 42) > 40
+
+
+@pytest.mark.parametrize("freedom", [4.0, np.inf])
+def test_intervals_hold_the_share_that_they_state(freedom):
+    """One parameter and five outputs, on a grid; its estimates move further than predicted."""
+    rng = np.random.default_rng(26)
+    size = freedom / rng.chisquare(freedom, 4000) if np.isfinite(freedom) else np.ones(4000)
+    moved = 1.4 * rng.normal(size=4000) * np.sqrt(size)
+    across = size * rng.chisquare(4, 4000)
+    factor = interval_factor(torch.as_tensor(moved)[:, None], torch.as_tensor(across), freedom, 5)
+    shift = np.linspace(-60, 60, 6001)
+    square = across[:, None] + shift**2
+    if np.isfinite(freedom):
+        density = (1 + square / freedom) ** (-(freedom + 5) / (2 * factor))
+    else:
+        density = np.exp(-0.5 * (square - across[:, None]) / factor)
+    below = density.cumsum(1) / density.sum(1, keepdims=True)
+    at = below[np.arange(4000), np.searchsorted(shift, moved)]
+    assert factor > 1.2
+    assert (abs(at - 0.5) < 0.475).mean() == pytest.approx(0.95, abs=0.005)
+
+
+def test_intervals_that_are_wide_enough_stay():
+    moved, across = 0.5 * torch.ones(50, 3), torch.ones(50)
+    assert interval_factor(moved, across, 5.0, 8) == interval_factor(moved, across, np.inf, 8) == 1
 
 
 def test_errors_that_grow_where_hearts_are_soft_are_foreseen():

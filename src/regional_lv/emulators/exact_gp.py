@@ -12,7 +12,8 @@ from functools import cached_property
 
 import numpy as np
 import torch
-from scipy.optimize import minimize
+from scipy import stats
+from scipy.optimize import brentq, minimize
 from scipy.special import gammaln
 
 from regional_lv.emulators.base import (
@@ -44,9 +45,9 @@ RESTARTS = 2
 FREEDOMS = (3.0, 1e4)
 """Least and most degrees of freedom of errors with a t."""
 
-JUDGED, WITHIN = 0.95, 1.96
-"""Intervals by which the variance is calibrated, and their half width in sd. Errors have heavier
-tails than a Gaussian has: what is right for their mean square is too narrow there."""
+JUDGED = 0.95
+"""Intervals by which the variance is calibrated. Errors have heavier tails than a Gaussian has:
+what is right for their mean square is too narrow there."""
 
 ROUGH_ROWS, ROUGH_PENALTY = 1000, 1e-10
 """Simulations of the rough emulator, and what keeps its weights small. On the paper's 5,541 its
@@ -175,13 +176,11 @@ class ExactGP(Emulator):
         moved, along = estimates_move(
             torch.linalg.solve_triangular(factor, slopes, upper=False), errors
         )
-        size, across = torch.ones_like(along), errors.square().sum(1) - along
+        across = errors.square().sum(1) - along
         if calibration == "student" and outputs > inputs:
             self.freedom = fit_freedom(along, across, inputs, outputs - inputs)
-            size = (self.freedom + across) / (self.freedom + outputs)
         if calibration != "none":
-            judged = (moved.abs() / size.sqrt()[:, None]).quantile(JUDGED)
-            self.variance_factor = max(1.0, float(judged / WITHIN) ** 2)
+            self.variance_factor = interval_factor(moved, across, self.freedom, outputs)
         self.info = {
             "calibration": calibration,
             "variance_factor": self.variance_factor,
@@ -477,6 +476,33 @@ def fit_freedom(along: torch.Tensor, across: torch.Tensor, inputs: int, others: 
     bounds = [tuple(np.log(FREEDOMS)), (-3.0, 3.0)]
     found = minimize(loss, [math.log(10.0), 0.0], method="L-BFGS-B", bounds=bounds)
     return float(np.exp(found.x[0]))
+
+
+def interval_factor(
+    moved: torch.Tensor, across: torch.Tensor, freedom: float, outputs: int
+) -> float:
+    """Factor f >= 1 on the variance for which `JUDGED` intervals of theta hold that share of the
+    estimates' errors.
+
+    moved: (N, P) errors of the estimates, in predicted sd; across: (N,) squared length of the
+    errors that no theta explains; freedom: nu of the errors' t, in `outputs` directions (D).
+    Inference takes the density to the power 1 / f (`SeparablePrediction.determinant_weight`). To
+    first order theta then has a t with n = (nu + D) / f - P degrees of freedom and the squared
+    scale (nu + across) / n, in units of the predicted variance; of Gaussian errors the variance f.
+    """
+    share, inputs = 0.5 + 0.5 * JUDGED, moved.shape[1]
+    if math.isinf(freedom):
+        return max(1.0, float(moved.abs().quantile(JUDGED) / stats.norm.ppf(share)) ** 2)
+    judged = float((moved.abs() / (freedom + across).sqrt()[:, None]).quantile(JUDGED))
+
+    def too_narrow(factor):
+        n = (freedom + outputs) / factor - inputs
+        return judged * n**0.5 - stats.t.ppf(share, n)
+
+    widest = (freedom + outputs) / (inputs + 1)  # n = 1
+    if too_narrow(1.0) <= 0:
+        return 1.0
+    return float(brentq(too_narrow, 1.0, widest)) if too_narrow(widest) < 0 else widest
 
 
 def choose_shrinkage(z: torch.Tensor) -> float:
