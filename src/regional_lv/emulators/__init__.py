@@ -62,6 +62,11 @@ def load(path: str | Path) -> Emulator:
     return _lookup(torch.load(path, weights_only=True)["emulator"]).load(path)
 
 
+def label_of(name: str) -> str:
+    """What an emulator is called in figures and tables."""
+    return _lookup(name).architecture.label
+
+
 def _lookup(name: str) -> type[Emulator]:
     if name not in REGISTRY:
         raise InputError(

@@ -10,7 +10,7 @@ import pandas as pd
 from scipy import stats
 
 from regional_lv import aha
-from regional_lv.emulators import REGISTRY
+from regional_lv.emulators import label_of
 from regional_lv.estimates.estimate import ESTIMATORS
 
 log = logging.getLogger(__name__)
@@ -52,7 +52,7 @@ def rank_emulators(
         rows.append(
             {
                 "emulator": name,
-                "label": REGISTRY[name].architecture.label,
+                "label": label_of(name),
                 "input_transform": fit["settings"]["input_transform"],
                 **parameter_errors(estimates[name]),
                 **output_errors(

@@ -9,6 +9,7 @@ from pathlib import Path
 import arviz as az
 import pandas as pd
 
+from regional_lv.emulators import label_of
 from regional_lv.figures import style
 from regional_lv.figures.posterior import Posterior, read
 from regional_lv.figures.traces import legend, marginal_panel, mark, trace_panel
@@ -43,14 +44,14 @@ def draw(
         tables.append(_columns(columns, posterior, parameters, named=at == 0))
         tables[-1].insert(0, "emulator", emulator)
         tables[-1]["verdict"] = posterior.verdict
-        columns[0, 0].set_title(emulator)
+        columns[0, 0].set_title(label_of(emulator))
     for row in axes:
         for which in (0, 1):
             _common(row[which::2], "y" if which == 0 else "x")
     fig.align_ylabels(axes[:, 0])
     first = next(iter(found.values()))
     legend(fig, axes[0, 0], len(first.draws[parameters[0]]), bool(first.truth))
-    failed = [name for name, posterior in found.items() if posterior.warning]
+    failed = [label_of(name) for name, posterior in found.items() if posterior.warning]
     warning = "FAILED ITS CONVERGENCE GATE: " + ", ".join(failed) if failed else ""
     style.suptitle(fig, f"Test case {case} under each emulator", warning)
     table = pd.concat(tables, ignore_index=True)

@@ -9,7 +9,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.patches import Patch
 
-from regional_lv.emulators import REGISTRY
+from regional_lv.emulators import label_of
 from regional_lv.figures import style
 
 COLOURS = {"least_squares": style.SKY, "weighted": style.ORANGE}
@@ -87,7 +87,7 @@ def _boxes(ax: Axes, table: pd.DataFrame, names: Sequence[str], chosen: list[str
             | {"markeredgecolor": style.BLACK},
             flierprops={"marker": ".", "markersize": 3, "markeredgecolor": style.GREY},
         )
-    labels = [REGISTRY[name].architecture.label for name in names]
+    labels = [label_of(name) for name in names]
     ax.set_xticks(range(len(names)), labels, rotation=35, ha="right")
     for name, tick in zip(names, ax.get_xticklabels(), strict=True):
         tick.set_color(style.VERMILLION if name in chosen else style.BLACK)

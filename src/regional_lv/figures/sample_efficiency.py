@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from regional_lv.emulators import REGISTRY
+from regional_lv.emulators import label_of
 from regional_lv.figures import style
 
 COLOURS = {"exact_gp": style.BLUE, "gradient_gp": style.VERMILLION}
@@ -31,7 +31,7 @@ def draw(curves: Sequence[Path], png: Path, csv: Path) -> None:
                 f"o{line}",
                 color=COLOURS[name],
                 markersize=4,
-                label=f"{REGISTRY[name].architecture.label}, {words}",
+                label=f"{label_of(name)}, {words}",
             )
         ax.set(xscale="log", yscale="log", xlabel="training simulations", ylabel=label)
         sizes = sorted(table["simulations"].unique())

@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 
 from regional_lv import aha
+from regional_lv.emulators import label_of
 from regional_lv.figures import style
 from regional_lv.figures.verdicts import warning_of
 
@@ -34,12 +35,12 @@ def draw(
     for at, (coverage, error, emulator) in enumerate(
         zip(coverages, errors, emulators, strict=True)
     ):
-        colour = COLOURS[at % len(COLOURS)]
+        colour, label = COLOURS[at % len(COLOURS)], label_of(emulator)
         table = pd.read_csv(coverage).set_index("parameter").loc[[*aha.PARAMETERS, "all"]]
         per_case = pd.read_csv(error, dtype={"case": str})
         failed += int((per_case["verdict"] != "passed").sum())
         cases += len(per_case)
-        _coverage(left, table, (at + 0.5) / len(emulators) - 0.5, colour, emulator)
+        _coverage(left, table, (at + 0.5) / len(emulators) - 0.5, colour, label)
         _scores(right, per_case["crps"], at, colour)
         columns = [f"coverage{NOMINAL}{end}" for end in ("", "_lower", "_upper")]
         rows += [("coverage", emulator, *row) for row in table[columns].itertuples()]
@@ -51,7 +52,7 @@ def draw(
     left.set(ylabel="95 % intervals that cover (%)", ylim=(None, 101), title="Coverage")
     fig.legend(*left.get_legend_handles_labels(), loc="outside lower center", ncols=len(emulators))
     right.set_yscale("log")
-    right.set_xticks(range(len(emulators)), emulators, rotation=20)
+    right.set_xticks(range(len(emulators)), [*map(label_of, emulators)], rotation=20)
     right.set(ylabel="mean CRPS of a case", title="Probability score")
     style.suptitle(
         fig, "Uncertainty of the shortlisted emulators on the test set", warning_of(failed, cases)

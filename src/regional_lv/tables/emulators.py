@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from regional_lv.emulators import REGISTRY
+from regional_lv.emulators import REGISTRY, label_of
 
 
 def architectures(fits: list[Path]) -> pd.DataFrame:
@@ -61,14 +61,14 @@ def pairs(path: Path) -> pd.DataFrame:
     """Wilcoxon-Holm tests of single- against multi-output emulators, by their labels."""
     table = pd.read_csv(path)
     for column in ("single", "multi", "better"):
-        table[column] = [REGISTRY[name].architecture.label for name in table[column]]
+        table[column] = [label_of(name) for name in table[column]]
     return table
 
 
 def transforms(path: Path) -> pd.DataFrame:
     """What the input transform does to each emulator (`estimates.transforms`), by its label."""
     table = pd.read_csv(path)
-    table["emulator"] = [REGISTRY[name].architecture.label for name in table["emulator"]]
+    table["emulator"] = [label_of(name) for name in table["emulator"]]
     return table
 
 
