@@ -127,6 +127,9 @@ def test_everything_is_made(study):
         *("simulations_kept", "parameter_mse", "output_mse", "rhat", "ess", "zone_correlation")
     }
     assert (results / "tables" / "paper_comparison.md").read_text().count("\n| ") > 200
+    best = json.loads((results / "estimates" / "shortlist.json").read_text())["shortlist"]
+    sampled = pd.read_csv(results / "figures" / "uncertainty.csv")["emulator"]
+    assert set(sampled) == {*best, "dnn"} and len(best) == 1
     costs = pd.read_csv(results / "benchmarks" / "costs.csv").set_index("step")
     assert costs.loc["simulations/train", "jobs"] == len(list(results.glob("simulations/train/*")))
     assert costs.loc["all", "wall_s"] == pytest.approx(costs["wall_s"][:-1].sum(), abs=1)

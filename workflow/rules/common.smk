@@ -252,12 +252,15 @@ def volunteer_files(wildcards):
 
 
 def shortlist():
-    """Emulators whose posteriors on the test set are compared: named, or the best of the ranking."""
-    named = config["emulators"]["shortlist"]["names"]
-    if named:
-        return named
+    """Emulators whose posteriors on the test set are compared: named, or the best of the ranking
+    and the paper's."""
+    wanted = config["emulators"]["shortlist"]
+    if wanted["names"]:
+        return wanted["names"]
     ranking = checkpoints.rank_emulators.get()
-    return json.loads(Path(ranking.output.shortlist).read_text())["shortlist"]
+    best = json.loads(Path(ranking.output.shortlist).read_text())["shortlist"]
+    also = [name for name in wanted["also"] if name in config["emulators"]["names"]]
+    return list(dict.fromkeys([*best, *also]))
 
 
 def of_shortlist(*files):
