@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 
 from regional_lv import aha
+from regional_lv.emulators import label_of
 from regional_lv.figures import style
 from regional_lv.figures.verdicts import chosen
 
@@ -36,7 +37,7 @@ def draw(predictions: Path, choice: Path, png: Path, csv: Path) -> None:
         part = table[table["quantity"] == quantity]
         _panel(fig, place, part, quantity, with_legend=quantity == aha.DIRECTIONS[0])
     cases = table["case"].nunique()
-    style.suptitle(fig, f"Emulator {chosen(choice)} on {cases} simulated test cases")
+    style.suptitle(fig, f"Emulator {label_of(chosen(choice))} on {cases} simulated test cases")
     style.save(fig, table, png, csv)
 
 

@@ -8,6 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
 from regional_lv import aha
+from regional_lv.emulators import label_of
 from regional_lv.figures import style
 from regional_lv.figures.verdicts import chosen, failed_cases, warning_of
 
@@ -52,8 +53,8 @@ def draw(
     everything = covered.set_index("parameter").loc["all"]
     style.suptitle(
         fig,
-        f"Recovery of {cases} simulated test cases, {chosen(choice)}: parameter MSE {mse:.3g}, "
-        f"95 % intervals cover {100 * everything['coverage95']:.1f} %",
+        f"Recovery of {cases} simulated test cases, {label_of(chosen(choice))}: "
+        f"parameter MSE {mse:.3g}, 95 % intervals cover {100 * everything['coverage95']:.1f} %",
         warning_of(len(failed & set(table["case"])), cases, "grey"),
     )
     joined = pd.concat(

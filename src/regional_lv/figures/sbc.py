@@ -7,6 +7,7 @@ import pandas as pd
 from scipy import stats
 
 from regional_lv import aha
+from regional_lv.emulators import label_of
 from regional_lv.figures import style
 from regional_lv.figures.verdicts import chosen
 
@@ -46,7 +47,7 @@ def draw(ranks: Path, tests: Path, choice: Path, png: Path, csv: Path) -> None:
     failed = [name for name in checks.index if not checks.loc[name, "passed"]]
     warning = "CALIBRATION REJECTED: " + ", ".join(failed) if failed else ""
     cases = int(table["cases"].max())
-    emulator = chosen(choice)
+    emulator = label_of(chosen(choice))
     style.suptitle(
         fig, f"Simulation-based calibration of the chain, {emulator}, {cases} prior draws", warning
     )

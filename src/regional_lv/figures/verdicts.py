@@ -7,7 +7,6 @@ from pathlib import Path
 
 import pandas as pd
 
-from regional_lv.emulators import label_of
 from regional_lv.errors import InputError
 
 
@@ -34,8 +33,8 @@ def failed_cases(diagnostics: Path) -> set[str]:
 
 
 def chosen(choice: Path) -> str:
-    """What the emulator that a study chose, of its `posteriors/final.json`, is called."""
-    return label_of(json.loads(Path(choice).read_text())["final"])
+    """Name of the emulator that a study chose, of its `posteriors/final.json`."""
+    return json.loads(Path(choice).read_text())["final"]
 
 
 def by_emulator(paths: Sequence[Path]) -> dict[str, list[Path]]:
