@@ -80,7 +80,7 @@ def main(path: Path) -> None:
     done("at lower loads, too", framed_s)
     peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     share = further_points(config["design"], config["seed"], "benchmark", 3 * COLD // 4, COLD // 4)
-    plain, plain_steps = cold(Solver(simulator, config["solver"], kept_rate=0.0), share, pressure)
+    plain, plain_steps = cold(Solver(simulator, config["solver"], kept=False), share, pressure)
     done("cold, a tangent for every step", plain)
     kept, kept_steps = cold(solver, share, pressure)
     done("cold, tangents kept", kept)

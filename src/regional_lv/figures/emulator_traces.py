@@ -46,8 +46,7 @@ def draw(
         tables[-1]["verdict"] = posterior.verdict
         columns[0, 0].set_title(label_of(emulator))
     for row in axes:
-        for which in (0, 1):
-            _common(row[which::2], "y" if which == 0 else "x")
+        _common(row[1::2])
     fig.align_ylabels(axes[:, 0])
     first = next(iter(found.values()))
     legend(fig, axes[0, 0], len(first.draws[parameters[0]]), bool(first.truth))
@@ -92,8 +91,11 @@ def _columns(axes, posterior: Posterior, parameters: Sequence[str], named: bool)
     return pd.DataFrame(rows, columns=["parameter", "item", "chain", "x", "y"])
 
 
-def _common(axes, which: str) -> None:
-    """Give the axes of one parameter the same limits, so that widths can be compared."""
-    limits = [getattr(ax, f"get_{which}lim")() for ax in axes]
+def _common(axes) -> None:
+    """Give the marginals of one parameter the same limits, so that widths can be compared.
+
+    Traces keep their own: mixing is to be seen, and of a narrow posterior it would not be.
+    """
+    limits = [ax.get_xlim() for ax in axes]
     for ax in axes:
-        ax.set(**{f"{which}lim": (min(a for a, _ in limits), max(b for _, b in limits))})
+        ax.set(xlim=(min(a for a, _ in limits), max(b for _, b in limits)))

@@ -17,6 +17,10 @@ from regional_lv.mechanics.simulator import Simulator, State
 MOST_GROWTH = 2.0
 LEAST_SHARE = 1 / 16
 
+# A kept factorisation: how many steps are mixed, and after how many without a gain it is given up.
+# A step costs a thirtieth of a factorisation.
+MIXED_STEPS, MOST_KEPT, PATIENCE, GAIN = 12, 60, 8, 0.7
+
 
 class NotConverged(ArithmeticError):
     """Newton's method stopped without a solution; the message says how."""
@@ -51,6 +55,29 @@ class Simulation:
     tangents: np.ndarray | None = field(default=None, repr=False)
 
 
+class Mixing:
+    """Anderson's mixing of fixed-point steps; `dofs` are those whose steps are made small."""
+
+    def __init__(self, dofs: np.ndarray):
+        self._dofs = dofs
+        self._last = None
+        self._moves, self._changes = [], []
+
+    def mixed(self, w: np.ndarray, step: np.ndarray) -> np.ndarray:
+        """The step to take from `w` in place of `step`; the first one is left as it is."""
+        last, self._last = self._last, (w, step)
+        if last is None:
+            return step
+        before, its_step = last
+        self._moves = [*self._moves, w - before][-MIXED_STEPS:]
+        self._changes = [*self._changes, step - its_step][-MIXED_STEPS:]
+        changes = np.stack([change[self._dofs] for change in self._changes], axis=1)
+        weights = np.linalg.lstsq(changes, step[self._dofs], rcond=1e-10)[0]
+        for weight, move, change in zip(weights, self._moves, self._changes, strict=True):
+            step = step - weight * (move + change)
+        return step
+
+
 class Solver:
     """Reaches equilibria of a `Simulator`.
 
@@ -58,14 +85,13 @@ class Solver:
     ----------
     simulator: the discretised problem.
     settings: config section `solver`.
-    kept_rate: a kept factorisation is given up when its steps shrink less than by this factor; 0
-        makes every step a full one.
+    kept: whether a factorisation is kept for further steps; if not, every step has its own.
     """
 
-    def __init__(self, simulator: Simulator, settings: dict, kept_rate: float = 0.5):
+    def __init__(self, simulator: Simulator, settings: dict, kept: bool = True):
         self.simulator = simulator
         self.settings = settings
-        self.kept_rate = kept_rate
+        self.most_kept = MOST_KEPT if kept else 0
 
     # ------------------------------------------------------------------- Newton
 
@@ -80,51 +106,76 @@ class Solver:
     ) -> State:
         """Solve at (theta, pressure) from the field `w`; the factor of the last step stays ready.
 
-        A factorisation is kept while it pays: a step with a kept one costs a residual and a
-        substitution, a fortieth of a new one. Steps are shortened until the residual grows no
-        more than `MOST_GROWTH`-fold: of a predicted field it may grow once, but where the
-        exponential law overshoots, every further step would bring it down by Euler's number only.
-        States `on_the_way` to another are solved less sharply, `way_tolerance_mm`. The others end,
-        if their `tangent` is wanted, with a factorisation within `tangent_tolerance_mm` of the
-        solution.
+        Steps are shortened until the residual grows no more than `MOST_GROWTH`-fold: of a predicted
+        field it may grow once, but where the exponential law overshoots, every further step would
+        bring it down by Euler's number only. States `on_the_way` to another are solved less
+        sharply, `way_tolerance_mm`. The others end, if their `tangent` is wanted, with a
+        factorisation within `tangent_tolerance_mm` of the solution.
         """
         simulator, settings = self.simulator, self.settings
         simulator.set(theta, pressure)
-        dofs = simulator.displacement_dofs
         tolerance = settings["way_tolerance_mm" if on_the_way else "increment_tolerance_mm"]
         near = settings["tangent_tolerance_mm"] if tangent and not on_the_way else np.inf
         w = simulator.retract(w)
-        residual = simulator.residual(w)
         for _ in range(settings["max_newton_steps"]):
-            factorised_at, size, share = w, np.inf, 1.0
             effort.newton_steps += 1
             try:
                 simulator.factorise(w)
-                while True:
-                    before = size
-                    step = simulator.solve(residual)
-                    size = np.abs(step[dofs]).max()
-                    # The first step with a new factorisation is taken in any case.
-                    if before < np.inf and size > self.kept_rate * before:
-                        break
-                    if not size < settings["max_increment_mm"]:
-                        raise NotConverged(f"a Newton step of {size:.3g} mm")
-                    w, residual, share = self._shortened(w, step, residual)
-                    moved = np.abs((w - factorised_at)[dofs]).max()
-                    if size < tolerance and moved < near:
-                        return State(w, np.asarray(theta, dtype=float), pressure)
-                    if share < 1 or size < near < moved:
-                        break
+                w, solved = self._kept_steps(w, tolerance, near)
             except LinearSolveError as error:
                 raise NotConverged(str(error)) from error
+            if solved:
+                return State(w, np.asarray(theta, dtype=float), pressure)
         raise NotConverged(f"no convergence in {settings['max_newton_steps']} Newton steps")
 
-    def _shortened(self, w, step, residual):
+    def _kept_steps(
+        self, start: np.ndarray, tolerance: float, near: float
+    ) -> tuple[np.ndarray, bool]:
+        """Steps with the factorisation of `start` while they pay; the field, and whether solved.
+
+        Solved it is by a first step below `tolerance`, or by a later one below a tenth of it, as
+        these converge linearly, no further than `near` from the start. Anderson's mixing of the
+        last steps (Walker and Ni 2011, doi 10.1137/10078356X) learns what has become of the
+        tangent, which changes most where fibres pass from slack to taut.
+        """
+        simulator, dofs = self.simulator, self.simulator.displacement_dofs
+        limit = self.settings["max_increment_mm"]
+        mixing = Mixing(dofs.ravel())
+        step = -simulator.solve(simulator.residual(start))
+        size = np.abs(step[dofs]).max()
+        if not size < limit:
+            raise NotConverged(f"a Newton step of {size:.3g} mm")
+        # The first step is taken in any case, those after it only while they shrink.
+        w, residual, share = self._shortened(start, step)
+        if share < 1 or size < tolerance:
+            return w, share == 1
+        mixing.mixed(start, step)
+        best, least, without_gain = w, np.inf, 0
+        for _ in range(self.most_kept):
+            step = -simulator.solve(residual)
+            size = np.abs(step[dofs]).max()
+            without_gain = without_gain + 1 if size > GAIN * least else 0
+            if size < least:
+                best, least = w, size
+            if without_gain > PATIENCE or not size < limit:
+                break
+            step = mixing.mixed(w, step)
+            there = simulator.retract(w + step)
+            moved = np.abs((there - start)[dofs]).max()
+            enough = (tolerance if moved < near else near) / 10
+            if max(size, np.abs(step[dofs]).max()) < enough:
+                return there, moved < near
+            w, residual = there, simulator.residual(there)
+            if not np.isfinite(residual).all():
+                break
+        return best, False
+
+    def _shortened(self, w, step):
         """Field and residual after as much of `step` as the residual bears, and that share."""
-        bearable = MOST_GROWTH * np.linalg.norm(residual)
+        bearable = MOST_GROWTH * np.linalg.norm(self.simulator.residual(w))
         share = 1.0
         while True:
-            there = self.simulator.retract(w - share * step)
+            there = self.simulator.retract(w + share * step)
             after = self.simulator.residual(there)
             if np.linalg.norm(after) < bearable or share <= LEAST_SHARE:
                 return there, after, share
