@@ -16,7 +16,7 @@ from regional_lv.geometry.elements import QUAD_NODES, facet_normals, gauss, lagr
 from regional_lv.geometry.make import make_mesh
 from regional_lv.geometry.mesh import EPICARDIUM, read_mesh
 from regional_lv.mechanics import dolfinx_api as api
-from regional_lv.mechanics.continuation import Effort, Runner, Solver
+from regional_lv.mechanics.continuation import Effort, Mixing, Runner, Solver
 from regional_lv.mechanics.predictor import Known
 from regional_lv.mechanics.simulator import fibre_directions
 from regional_lv.simulations import make_simulator
@@ -144,6 +144,35 @@ def test_solution_does_not_depend_on_the_way(solver, solved):
     np.testing.assert_allclose(
         simulator.observables(warm.w), simulator.observables(solved.w), rtol=1e-8, atol=1e-9
     )
+
+
+def test_kept_factorisations_lead_to_the_same_solution_with_fewer(solver, solved):
+    simulator = solver.simulator
+    guess = _known(solver, solved).field(1.7 * THETA)
+    found = {}
+    for kept in (True, False):
+        effort = Effort()
+        way = Solver(simulator, solver.settings, kept=kept)
+        state = way.newton(guess, 1.7 * THETA, PRESSURE, effort, tangent=False)
+        found[kept] = simulator.observables(state.w), effort.newton_steps
+    np.testing.assert_allclose(found[True][0], found[False][0], rtol=1e-7, atol=1e-8)
+    assert found[True][1] < found[False][1]
+
+
+def test_mixed_steps_solve_what_the_old_tangent_cannot():
+    """Four stiffnesses grew sixfold since the factorisation: plain steps run away from zero."""
+    now, was = np.full(50, 2.0), np.full(50, 2.0)
+    now[:4] *= 6 + np.arange(4)
+    load = np.random.default_rng(0).normal(size=50)
+    sizes = {}
+    for mixing in (Mixing(np.arange(50)), None):
+        w = np.zeros(50)
+        for _ in range(8):
+            step = (load - now * w) / was
+            w = w + (mixing.mixed(w, step) if mixing else step)
+        sizes[mixing is None] = np.abs(w - load / now).max()
+    assert sizes[False] < 1e-9
+    assert sizes[True] > 1.0
 
 
 def test_frames_are_solutions_at_lower_pressure(solver, solved):
