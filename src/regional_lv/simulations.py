@@ -103,11 +103,16 @@ def solve_anchors(
     )
 
 
-def make_runner(mesh: Path, physics: dict, predictor: Path) -> Runner:
-    """Runs simulations from the fields that the predictor file foretells."""
+def make_runner(mesh: Path, physics: dict, predictor: Path, sensitivities: bool = True) -> Runner:
+    """Runs simulations, with `sensitivities` or without, from the predictor file's fields."""
     loading = physics["loading"]
-    solver = Solver(make_simulator(mesh, physics), physics["solver"])
-    return Runner(solver, Predictor.load(predictor), loading["pressure_mmhg"], loading["frames"])
+    return Runner(
+        Solver(make_simulator(mesh, physics), physics["solver"]),
+        Predictor.load(predictor),
+        loading["pressure_mmhg"],
+        loading["frames"],
+        sensitivities,
+    )
 
 
 def simulate_batch(

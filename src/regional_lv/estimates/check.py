@@ -19,7 +19,7 @@ def simulate_estimates(
     simulation did not converge).
     """
     table = first_cases(pd.read_parquet(estimates), cases)
-    runner = make_runner(mesh, physics, predictor)
+    runner = make_runner(mesh, physics, predictor, sensitivities=False)
     progress = Progress("simulations of estimates", len(table))
     status, values = [], []
     for theta in table[list(aha.PARAMETERS)].to_numpy():
