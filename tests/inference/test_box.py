@@ -17,7 +17,7 @@ def box(request) -> Box:
 
 def places(box: Box) -> torch.Tensor:
     margin = 4 * float(box.width)
-    ends = math.log(LOWER) - margin, math.log(UPPER) + margin
+    ends = math.sqrt(LOWER) - margin, math.sqrt(UPPER) + margin
     return torch.linspace(*ends, 201, dtype=torch.float64)[:, None]
 
 
@@ -25,22 +25,22 @@ def test_jacobian_is_the_slope(box):
     v = places(box).requires_grad_()
     (slope,) = torch.autograd.grad(box.theta(v).sum(), v)
     torch.testing.assert_close(slope[:, 0].log(), box.log_jacobian(v).detach(), atol=1e-6, rtol=0)
-    # In log theta, nowhere steeper than 1.
-    assert (slope[:, 0] / box.theta(v)[:, 0].detach() <= 1 + 1e-9).all()
+    # In the root of theta, nowhere steeper than 1.
+    assert (slope[:, 0] / (2 * box.theta(v)[:, 0].detach().sqrt()) <= 1 + 1e-9).all()
 
 
 def test_rises_within_the_bounds_and_back_again(box):
     v = places(box)
     theta = box.theta(v)
     assert (theta.diff(dim=0) > 0).all() and theta.min() >= LOWER and theta.max() <= UPPER
-    inside = (v[:, 0] > math.log(LOWER)) & (v[:, 0] < math.log(UPPER))
+    inside = (v[:, 0] > math.sqrt(LOWER)) & (v[:, 0] < math.sqrt(UPPER))
     torch.testing.assert_close(box.position(theta[inside]), v[inside], atol=1e-8, rtol=0)
 
 
-def test_is_the_logarithm_away_from_the_bounds():
+def test_is_the_root_away_from_the_bounds():
     box = Box(LOWER, UPPER, torch.tensor([0.05], dtype=torch.float64))
-    v = torch.linspace(-1.5, 1.2, 20, dtype=torch.float64)[:, None]
-    torch.testing.assert_close(box.theta(v), v.exp())
+    v = torch.linspace(0.6, 1.9, 20, dtype=torch.float64)[:, None]
+    torch.testing.assert_close(box.theta(v), v.square())
 
 
 def test_what_lies_on_a_bound_has_a_place(box):

@@ -79,6 +79,27 @@ def test_errors_with_a_t_tell_their_size(attempt):
     torch.testing.assert_close(theta.std(0), expected, rtol=0.1, atol=0.0)
 
 
+def test_draws_are_of_the_exact_density_however_rough_the_first_surrogate():
+    """Trajectories follow a mean that is wrong by up to the noise; the finer look puts it right."""
+    emulator, sd = linear(0.05), 0.3
+    rough = copy.copy(emulator)
+    rough.base = emulator.base + 0.8 * sd * torch.linspace(-1, 1, len(emulator.base)).double()
+    emulator.__class__ = type("Rough", (type(emulator),), {"rough": rough})
+    truth = torch.full((1, 10), 2.5, dtype=torch.float64)
+    noise = Noise.known(torch.full_like(emulator.output_sd, sd))
+    likelihood = Likelihood(emulator, emulator.predict(truth[0]).mean, noise)
+    information = likelihood.information(truth[0], torch.zeros(0)) / truth[0] ** 2
+    expected = torch.linalg.inv(information).diagonal().sqrt()
+    seen = {}
+    for one in (likelihood, Likelihood(rough, likelihood.y, noise)):
+        (draws,) = run([one], truth, Settings(warmup=80, draws=600), [3])
+        seen[one is likelihood] = torch.as_tensor(draws.theta).reshape(-1, 10)
+    away = {exact: ((t.mean(0) - truth[0]) / expected).abs().max() for exact, t in seen.items()}
+    assert away[False] > 0.6  # what the rough one alone would give
+    assert away[True] < 0.2
+    torch.testing.assert_close(seen[True].std(0), expected, rtol=0.15, atol=0.0)
+
+
 def test_nothing_diverges_near_a_bound():
     """With one stretched map for the whole box, every third seed diverged in the last case."""
     _, truth, likelihoods = cases(0.02)

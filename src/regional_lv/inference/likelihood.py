@@ -161,9 +161,12 @@ class Likelihood:
 
     @property
     def rough(self) -> "Likelihood":
-        """That of the rough emulator."""
+        """That of the rough emulator; itself if there is none."""
+        rough = self.emulator.rough
+        if rough is self.emulator:
+            return self
         other = self.at(self.y)
-        other.emulator = self.emulator.rough
+        other.emulator = rough
         return other
 
     def with_full_determinant(self) -> "Likelihood":

@@ -1,9 +1,9 @@
 """Posteriors by the No-U-Turn Sampler (Hoffman and Gelman 2014) of Pyro.
 
-The sampler works in a space without bounds: `box.Box` bends log theta near the bounds, and sigma
-is exp(s). In log theta the ridges along which C_a and C_b compensate are straight. There the
-space is moved and whitened, (v, s) = centre + M z, by the Laplace approximation at the mode, made
-better by a few rounds of importance sampling: those are batches, for which emulators are fast.
+The sampler works in a space without bounds: `box.Box` bends sqrt theta near the bounds, and sigma
+is exp(s). In sqrt theta the ridges along which C_a and C_b compensate are nearly straight. There
+the space is moved and whitened, (v, s) = centre + M z, by the Laplace approximation at the mode,
+made better by a few rounds of importance sampling: those are batches, for which emulators are fast.
 The parameters of one case differ in scale by a factor of a hundred and are strongly correlated;
 warm-up would spend its few hundred draws on finding that out with tiny steps. In z the posterior
 is close to a standard normal, M M' is the dense mass matrix, and warm-up is left with the step
@@ -123,7 +123,8 @@ class Target:
         # A parameter of which the data say nothing has the variance of the box.
         weak = torch.full((len(information),), 12 / span**2, dtype=torch.float64)
         covariance = torch.linalg.inv(information + torch.diag(weak))
-        width = covariance.diagonal()[:P].sqrt()
+        # The root of theta moves half as much as its logarithm, times itself.
+        width = covariance.diagonal()[:P].sqrt() * theta.sqrt() / 2
         return cls(likelihood, Box(emulator.lower, emulator.upper, width))
 
     def blurred(self, level: float) -> "Target":
@@ -133,8 +134,9 @@ class Target:
 
     @property
     def rough(self) -> "Target":
-        """That of the rough emulator."""
-        return Target(self.likelihood.rough, self.box)
+        """That of the rough emulator; itself if there is none."""
+        likelihood = self.likelihood.rough
+        return self if likelihood is self.likelihood else Target(likelihood, self.box)
 
     def unconstrain(self, theta: torch.Tensor, log_sigma: torch.Tensor) -> torch.Tensor:
         """Position (..., P + G)."""

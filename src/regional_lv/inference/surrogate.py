@@ -273,12 +273,22 @@ def prepare(
     return Prepared(target, centre, whitening, surrogate)
 
 
-def together(prepared: Sequence[Prepared]) -> tuple[Target, Surrogate]:
-    """Exact target of all cases and their surrogate, about positions (C, K, P)."""
+def together(prepared: Sequence[Prepared]) -> list[Surrogate]:
+    """What stands in for the density of all cases, about positions (C, K, P), the cheapest first.
+
+    Trajectories follow the first; the last is the exact density, if the first is not. Between a
+    rough or blurred mean and that stands the emulator's own mean, far cheaper than its variance.
+    """
     surrogates = [p.surrogate for p in prepared]
     kind = type(surrogates[0])
-    followed = Target.together([kind.follows(p.soft) for p in prepared])
-    return Target.together([p.target for p in prepared]), kind.together(surrogates, followed)
+    target = Target.together([p.target for p in prepared])
+    followed = [kind.follows(p.soft) for p in prepared]
+    levels = [kind.together(surrogates, Target.together(followed))]
+    if kind is OwnMean and any(f is not p.target for f, p in zip(followed, prepared, strict=True)):
+        levels.append(kind.together(surrogates, target))
+    if kind is not Itself or any(p.soft is not p.target for p in prepared):
+        levels.append(Itself(target))
+    return levels
 
 
 def _stack(frames: Sequence[Frame]) -> Frame:
