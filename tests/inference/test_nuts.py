@@ -121,7 +121,7 @@ def test_potential_is_that_of_the_density():
     likelihood = Likelihood(emulator, emulator.base + 1.0, Noise.none(emulator))
     middle = torch.full((10,), 2.0, dtype=torch.float64)
     target = Target.near(likelihood, middle, torch.zeros(0, dtype=torch.float64))
-    a, b = (torch.as_tensor(np.random.default_rng(i).normal(1.3, 0.3, size=10)) for i in (1, 2))
+    a, b = (torch.as_tensor(np.random.default_rng(i).normal(0.7, 0.5, size=10)) for i in (1, 2))
 
     def log_density(position):
         theta, _ = target.constrain(position)

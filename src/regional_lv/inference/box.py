@@ -15,35 +15,46 @@ _ROUNDS = 60
 
 
 class Box:
-    """sqrt theta = low + w (g((v - low) / w) - g((v - high) / w)), for v without bounds.
+    """s(theta) = low + w (g((v - low) / w) - g((v - high) / w)), for v without bounds.
 
-    low and high are the roots of the bounds, g(t) = t Phi(t) + phi(t) of the normal distribution.
+    s(theta) = (theta^p - 1) / p, log theta for p = 0 (Box and Cox 1964), low and high are its
+    values at the bounds, and g(t) = t Phi(t) + phi(t) of the normal distribution.
 
-    In the middle of the box v is sqrt theta, in which posteriors of noisy hearts are nearly
+    In the middle of the box v is s(theta). With p = 1/2 posteriors of noisy hearts are nearly
     Gaussian: their skewness (the sum of squares of all third cumulants, whitened) is 6 with 4 for
-    that of the sample, and 23 in log theta, in which the ridges between C_a and C_b bend.
+    that of the sample, and 23 with p = 0, where the ridges between C_a and C_b bend. The shell of a
+    subject's exact volume is flatter with p = 0.
 
     A distance w from a bound v begins to bend, and beyond the bound a uniform density has Gaussian
-    tails of scale w. The slope never exceeds 1: the posterior is nowhere steeper in v than in sqrt
-    theta. A map with one width for all, such as the normal distribution function over the whole
-    box, stretches the neighbourhood of a bound tenfold and unevenly, so that the curvature of a
-    narrow posterior there changes by factors within its own width, and trajectories of one step
-    size diverge.
+    tails of scale w. The slope never exceeds 1: the posterior is nowhere steeper in v than in s. A
+    map with one width for all, such as the normal distribution function over the whole box,
+    stretches the neighbourhood of a bound tenfold and unevenly, so that the curvature of a narrow
+    posterior there changes by factors within its own width, and trajectories of one step size
+    diverge.
 
-    lower, upper: bounds of theta. width: w per parameter (..., 10), that of sqrt theta.
+    lower, upper: bounds of theta. width: w per parameter (..., 10), that of s. power: p.
     """
 
-    def __init__(self, lower: float, upper: float, width: torch.Tensor):
-        self.lower, self.upper = lower, upper
-        self.low, self.high = math.sqrt(lower), math.sqrt(upper)
-        span = self.high - self.low
-        self.width = width.clamp(max=WIDEST * span)
+    def __init__(self, lower: float, upper: float, width: torch.Tensor, power: float):
+        self.lower, self.upper, self.power = lower, upper, power
+        ends = torch.tensor([lower, upper], dtype=torch.float64)
+        self.low, self.high = self._scaled(ends).tolist()
+        self.width = width.clamp(max=WIDEST * (self.high - self.low))
+
+    def _scaled(self, theta: torch.Tensor) -> torch.Tensor:
+        if self.power == 0:
+            return torch.log(theta)
+        return (theta**self.power - 1) / self.power
 
     def theta(self, v: torch.Tensor) -> torch.Tensor:
         """Theta (..., 10), within the bounds."""
-        return self._root(v).square().clamp(self.lower, self.upper)
+        return torch.exp(self._log_theta(v)).clamp(self.lower, self.upper)
 
-    def _root(self, v: torch.Tensor) -> torch.Tensor:
+    def _log_theta(self, v: torch.Tensor) -> torch.Tensor:
+        inside = self._inside(v)
+        return inside if self.power == 0 else torch.log1p(self.power * inside) / self.power
+
+    def _inside(self, v: torch.Tensor) -> torch.Tensor:
         # From the nearer bound, so that nothing is lost to round-off there.
         w, middle = self.width, 0.5 * (self.low + self.high)
         near, sign = torch.where(v < middle, v - self.low, self.high - v), torch.sign(middle - v)
@@ -56,16 +67,16 @@ class Box:
         far = near - (self.high - self.low) / self.width
         first, second = torch.special.log_ndtr(near), torch.special.log_ndtr(far)
         slope = first + torch.log1p(-torch.exp(second - first))
-        return (slope + torch.log(2 * self._root(v))).sum(-1)
+        return (slope + (1 - self.power) * self._log_theta(v)).sum(-1)
 
     def position(self, theta: torch.Tensor) -> torch.Tensor:
         """v (..., 10) of `theta`; on a bound, the place `BEYOND` widths beyond it."""
-        target = torch.sqrt(theta)
+        target = self._scaled(theta)
         left = torch.full_like(target, self.low) - BEYOND * self.width
         right = torch.full_like(target, self.high) + BEYOND * self.width
         for _ in range(_ROUNDS):  # bisection: the map rises
             middle = 0.5 * (left + right)
-            below = self._root(middle) < target
+            below = self._inside(middle) < target
             left, right = torch.where(below, middle, left), torch.where(below, right, middle)
         return 0.5 * (left + right)
 

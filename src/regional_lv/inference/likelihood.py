@@ -180,15 +180,20 @@ class Likelihood:
         """The same observations with further noise of `level` training sd on every output."""
         return self._with_noise(level * self.emulator.output_sd)
 
-    def blurred(self, level: float) -> "Likelihood":
-        """With further noise of `level` training sd on outputs that count as exact beside others
-        whose noise is inferred; the same likelihood if there are none.
+    @property
+    def exact(self) -> torch.Tensor:
+        """Outputs (D,) that count as exact beside others whose noise is inferred.
 
         The strains' noise leaves theta wide, and a volume known to a tenth of a mL makes a thin
         curved shell of it.
         """
         inferred = sum(self.noise.groups.values(), torch.zeros_like(self.noise.sd)) > 0
-        exact = inferred.any() & ~inferred
+        return inferred.any() & ~inferred
+
+    def blurred(self, level: float) -> "Likelihood":
+        """With further noise of `level` training sd on `exact` outputs; the same likelihood if
+        there are none."""
+        exact = self.exact
         return self._with_noise(level * self.emulator.output_sd * exact) if exact.any() else self
 
     def _with_noise(self, sd: torch.Tensor) -> "Likelihood":

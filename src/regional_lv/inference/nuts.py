@@ -1,8 +1,8 @@
 """Posteriors by the No-U-Turn Sampler (Hoffman and Gelman 2014) of Pyro.
 
-The sampler works in a space without bounds: `box.Box` bends sqrt theta near the bounds, and sigma
-is exp(s). In sqrt theta the ridges along which C_a and C_b compensate are nearly straight. There
-the space is moved and whitened, (v, s) = centre + M z, by the Laplace approximation at the mode,
+The sampler works in a space without bounds: `box.Box` bends a power of theta near the bounds, and
+sigma is exp(s). In it the ridges along which C_a and C_b compensate are nearly straight. There the
+space is moved and whitened, (v, s) = centre + M z, by the Laplace approximation at the mode,
 made better by a few rounds of importance sampling: those are batches, for which emulators are fast.
 The parameters of one case differ in scale by a factor of a hundred and are strongly correlated;
 warm-up would spend its few hundred draws on finding that out with tiny steps. In z the posterior
@@ -48,6 +48,9 @@ directions (or bent ones) are whitened as if they had it."""
 
 ROUNDS, ROUND_SIZE, FREEDOM = 4, 2000, 6
 """Importance sampling: rounds, draws in each, degrees of freedom of the proposal."""
+
+POWER, SHELL_POWER = 0.5, 0.0
+"""Of theta in the space of the sampler (`Box`), without and with `Likelihood.exact` outputs."""
 
 BLUR = 0.03
 """`Likelihood.blurred` for where and how wide a posterior is, about 1 mL of volume: widths at one
@@ -112,7 +115,8 @@ class Target:
             return _Separate(targets)
         y = torch.stack([target.likelihood.y for target in targets])[:, None]
         width = torch.stack([target.box.width for target in targets])[:, None]
-        return cls(first.at(y), Box(first.emulator.lower, first.emulator.upper, width))
+        box = targets[0].box
+        return cls(first.at(y), Box(box.lower, box.upper, width, box.power))
 
     @classmethod
     def near(cls, likelihood: Likelihood, theta: torch.Tensor, log_sigma: torch.Tensor) -> "Target":
@@ -123,9 +127,9 @@ class Target:
         # A parameter of which the data say nothing has the variance of the box.
         weak = torch.full((len(information),), 12 / span**2, dtype=torch.float64)
         covariance = torch.linalg.inv(information + torch.diag(weak))
-        # The root of theta moves half as much as its logarithm, times itself.
-        width = covariance.diagonal()[:P].sqrt() * theta.sqrt() / 2
-        return cls(likelihood, Box(emulator.lower, emulator.upper, width))
+        power = SHELL_POWER if likelihood.exact.any() else POWER
+        width = covariance.diagonal()[:P].sqrt() * theta**power
+        return cls(likelihood, Box(emulator.lower, emulator.upper, width, power))
 
     def blurred(self, level: float) -> "Target":
         """That of the likelihood that is `blurred`; itself if nothing is."""

@@ -277,16 +277,19 @@ def together(prepared: Sequence[Prepared]) -> list[Surrogate]:
     """What stands in for the density of all cases, about positions (C, K, P), the cheapest first.
 
     Trajectories follow the first; the last is the exact density, if the first is not. Between a
-    rough or blurred mean and that stands the emulator's own mean, far cheaper than its variance.
+    rough mean and that stands the emulator's own mean, far cheaper than its variance. About a thin
+    shell it does not: there the variance decides, and chains were led astray.
     """
     surrogates = [p.surrogate for p in prepared]
     kind = type(surrogates[0])
     target = Target.together([p.target for p in prepared])
     followed = [kind.follows(p.soft) for p in prepared]
+    shell = any(p.soft is not p.target for p in prepared)
+    rough = any(f is not p.soft for f, p in zip(followed, prepared, strict=True))
     levels = [kind.together(surrogates, Target.together(followed))]
-    if kind is OwnMean and any(f is not p.target for f, p in zip(followed, prepared, strict=True)):
+    if rough and not shell:
         levels.append(kind.together(surrogates, target))
-    if kind is not Itself or any(p.soft is not p.target for p in prepared):
+    if shell or kind is not Itself:
         levels.append(Itself(target))
     return levels
 
