@@ -31,7 +31,7 @@ def run(likelihoods, truth, settings, seeds, attempt="hmc"):
 
 
 @pytest.mark.parametrize(
-    ("attempt", "kept"), [("hmc", 350), ("careful hmc", 100), ("patient hmc", 100)]
+    ("attempt", "kept"), [("hmc", 350), ("careful hmc", 250), ("patient hmc", 250)]
 )
 def test_gaussian_posteriors_side_by_side(attempt, kept):
     emulator, truth, likelihoods = cases(0.02)
