@@ -11,7 +11,7 @@ from regional_lv.inference import hmc, sampling
 from regional_lv.inference.hmc import sample_batch
 from regional_lv.inference.likelihood import Likelihood, Noise
 from regional_lv.inference.nuts import Settings, Target, sample_in_step, verdict
-from regional_lv.inference.surrogate import OwnMean, Surrogate
+from regional_lv.inference.surrogate import OwnMean, Polynomial, Surrogate
 from tests.inference.test_likelihood import linear
 
 
@@ -202,7 +202,8 @@ def test_gradient_of_the_polynomial_surrogate(freedom):
         hmc.prepare(Target.near(one, theta, none), theta, none, 1)
         for one, theta in zip(likelihoods, truth, strict=True)
     ]
-    _, surrogate = hmc.together(prepared)
+    _, (surrogate, _) = hmc.together(prepared)
+    assert isinstance(surrogate, Polynomial)
     centre = torch.stack([p.centre for p in prepared])[:, None]
     position = centre + 0.1 * torch.as_tensor(np.random.default_rng(1).normal(size=(3, 4, 10)))
     value, gradient = surrogate.with_gradient(position)

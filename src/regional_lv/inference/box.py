@@ -23,7 +23,7 @@ class Box:
     In the middle of the box v is s(theta). With p = 1/2 posteriors of noisy hearts are nearly
     Gaussian: their skewness (the sum of squares of all third cumulants, whitened) is 6 with 4 for
     that of the sample, and 23 with p = 0, where the ridges between C_a and C_b bend. The shell of a
-    subject's exact volume is flatter with p = 0.
+    subject's exact volume keeps p = 0: with 1/2, tried beside another look, chains diverged.
 
     A distance w from a bound v begins to bend, and beyond the bound a uniform density has Gaussian
     tails of scale w. The slope never exceeds 1: the posterior is nowhere steeper in v than in s. A

@@ -81,9 +81,8 @@ def sample_batch(
             likelihoods, theta_map, log_sigma_map, seeds, strict=True
         )
     ]
-    target = Target.together([one.target for one in prepared])
-    surrogate, *finer = together(prepared)
-    shell = any(one.soft is not one.target for one in prepared)
+    target, (surrogate, *finer) = together(prepared)
+    shell = any(one.is_shell for one in prepared)
     effort = 4 if attempt == patient else 2 if attempt == careful and likelihoods[0].noisy else 1
     chains = _Chains(surrogate, prepared, settings, seeds, shell)
     progress = Progress(f"HMC of {len(prepared)}: draws", settings.warmup + settings.draws)

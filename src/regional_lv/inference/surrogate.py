@@ -231,6 +231,11 @@ class Prepared(Place):
     surrogate: Surrogate
 
     @property
+    def is_shell(self) -> bool:
+        """Whether the posterior is the thin shell of an exact output (`Likelihood.exact`)."""
+        return bool(self.target.likelihood.exact.any())
+
+    @property
     def soft(self) -> Target:
         """What trajectories are to follow: the target, `blurred` if it is a thin shell, along which
         they would take many more steps. The exact density then turns about half of them back."""
@@ -273,8 +278,8 @@ def prepare(
     return Prepared(target, centre, whitening, surrogate)
 
 
-def together(prepared: Sequence[Prepared]) -> list[Surrogate]:
-    """What stands in for the density of all cases, about positions (C, K, P), the cheapest first.
+def together(prepared: Sequence[Prepared]) -> tuple[Target, list[Surrogate]]:
+    """Exact target of all cases, about positions (C, K, P), and what stands in for its density.
 
     Trajectories follow the first; the last is the exact density, if the first is not. Between a
     rough mean and that stands the emulator's own mean, far cheaper than its variance. About a thin
@@ -283,15 +288,16 @@ def together(prepared: Sequence[Prepared]) -> list[Surrogate]:
     surrogates = [p.surrogate for p in prepared]
     kind = type(surrogates[0])
     target = Target.together([p.target for p in prepared])
-    followed = [kind.follows(p.soft) for p in prepared]
-    shell = any(p.soft is not p.target for p in prepared)
-    rough = any(f is not p.soft for f, p in zip(followed, prepared, strict=True))
+    soft = [p.soft for p in prepared]
+    followed = [kind.follows(target) for target in soft]
+    shell = any(p.is_shell for p in prepared)
+    rough = any(f is not s for f, s in zip(followed, soft, strict=True))
     levels = [kind.together(surrogates, Target.together(followed))]
     if rough and not shell:
         levels.append(kind.together(surrogates, target))
     if shell or kind is not Itself:
         levels.append(Itself(target))
-    return levels
+    return target, levels
 
 
 def _stack(frames: Sequence[Frame]) -> Frame:

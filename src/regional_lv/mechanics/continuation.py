@@ -141,12 +141,13 @@ class Solver:
         simulator, dofs = self.simulator, self.simulator.displacement_dofs
         limit = self.settings["max_increment_mm"]
         mixing = Mixing(dofs.ravel())
-        step = -simulator.solve(simulator.residual(start))
+        residual = simulator.residual(start)
+        step = -simulator.solve(residual)
         size = np.abs(step[dofs]).max()
         if not size < limit:
             raise NotConverged(f"a Newton step of {size:.3g} mm")
         # The first step is taken in any case, those after it only while they shrink.
-        w, residual, share = self._shortened(start, step)
+        w, residual, share = self._shortened(start, step, residual)
         if share < 1 or size < tolerance:
             return w, share == 1
         mixing.mixed(start, step)
@@ -170,9 +171,9 @@ class Solver:
                 break
         return best, False
 
-    def _shortened(self, w, step):
+    def _shortened(self, w, step, residual):
         """Field and residual after as much of `step` as the residual bears, and that share."""
-        bearable = MOST_GROWTH * np.linalg.norm(self.simulator.residual(w))
+        bearable = MOST_GROWTH * np.linalg.norm(residual)
         share = 1.0
         while True:
             there = self.simulator.retract(w + share * step)
