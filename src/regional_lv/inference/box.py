@@ -8,6 +8,11 @@ WIDEST = 0.3
 """Largest width of the soft bounds, as a share of the box's: a parameter of which the data say
 nothing then has nearly Gaussian tails."""
 
+POWER = 0.5
+"""Of theta in the space without bounds. Posteriors of noisy hearts are nearly Gaussian there: their
+skewness (the sum of squares of all third cumulants, whitened) is 6 with 4 for that of the sample,
+and 23 about log theta, where the ridges between C_a and C_b bend."""
+
 BEYOND = 2.5
 """Where a value on a bound is put, in widths beyond it: it comes back to within a hundredth."""
 
@@ -17,42 +22,31 @@ _ROUNDS = 60
 class Box:
     """s(theta) = low + w (g((v - low) / w) - g((v - high) / w)), for v without bounds.
 
-    s(theta) = (theta^p - 1) / p, log theta for p = 0 (Box and Cox 1964), low and high are its
-    values at the bounds, and g(t) = t Phi(t) + phi(t) of the normal distribution.
+    s(theta) = (theta^p - 1) / p (Box and Cox 1964) with p = `POWER`, low and high are its values
+    at the bounds, and g(t) = t Phi(t) + phi(t) of the normal distribution.
 
-    In the middle of the box v is s(theta). With p = 1/2 posteriors of noisy hearts are nearly
-    Gaussian: their skewness (the sum of squares of all third cumulants, whitened) is 6 with 4 for
-    that of the sample, and 23 with p = 0, where the ridges between C_a and C_b bend. The shell of a
-    subject's exact volume keeps p = 0: with 1/2, tried beside another look, chains diverged.
+    In the middle of the box v is s(theta). A distance w from a bound v begins to bend, and beyond
+    the bound a uniform density has Gaussian tails of scale w. The slope never exceeds 1: the
+    posterior is nowhere steeper in v than in s. A map with one width for all, such as the normal
+    distribution function over the whole box, stretches the neighbourhood of a bound tenfold and
+    unevenly, so that the curvature of a narrow posterior there changes by factors within its own
+    width, and trajectories of one step size diverge.
 
-    A distance w from a bound v begins to bend, and beyond the bound a uniform density has Gaussian
-    tails of scale w. The slope never exceeds 1: the posterior is nowhere steeper in v than in s. A
-    map with one width for all, such as the normal distribution function over the whole box,
-    stretches the neighbourhood of a bound tenfold and unevenly, so that the curvature of a narrow
-    posterior there changes by factors within its own width, and trajectories of one step size
-    diverge.
-
-    lower, upper: bounds of theta. width: w per parameter (..., 10), that of s. power: p.
+    lower, upper: bounds of theta. width: w per parameter (..., 10), that of s.
     """
 
-    def __init__(self, lower: float, upper: float, width: torch.Tensor, power: float):
-        self.lower, self.upper, self.power = lower, upper, power
+    def __init__(self, lower: float, upper: float, width: torch.Tensor):
+        self.lower, self.upper = lower, upper
         ends = torch.tensor([lower, upper], dtype=torch.float64)
-        self.low, self.high = self._scaled(ends).tolist()
+        self.low, self.high = _scaled(ends).tolist()
         self.width = width.clamp(max=WIDEST * (self.high - self.low))
-
-    def _scaled(self, theta: torch.Tensor) -> torch.Tensor:
-        if self.power == 0:
-            return torch.log(theta)
-        return (theta**self.power - 1) / self.power
 
     def theta(self, v: torch.Tensor) -> torch.Tensor:
         """Theta (..., 10), within the bounds."""
         return torch.exp(self._log_theta(v)).clamp(self.lower, self.upper)
 
     def _log_theta(self, v: torch.Tensor) -> torch.Tensor:
-        inside = self._inside(v)
-        return inside if self.power == 0 else torch.log1p(self.power * inside) / self.power
+        return torch.log1p(POWER * self._inside(v)) / POWER
 
     def _inside(self, v: torch.Tensor) -> torch.Tensor:
         # From the nearer bound, so that nothing is lost to round-off there.
@@ -61,17 +55,21 @@ class Box:
         inside = w * (_integral(near / w) - _integral((near - (self.high - self.low)) / w))
         return torch.where(sign > 0, self.low + inside, self.high - inside)
 
+    def open(self, v: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Theta (..., 10) and `log_jacobian` (...)."""
+        return self.theta(v), self.log_jacobian(v)
+
     def log_jacobian(self, v: torch.Tensor) -> torch.Tensor:
         """log |d theta / dv| (...), summed over the parameters."""
         near = torch.minimum(v - self.low, self.high - v) / self.width
         far = near - (self.high - self.low) / self.width
         first, second = torch.special.log_ndtr(near), torch.special.log_ndtr(far)
         slope = first + torch.log1p(-torch.exp(second - first))
-        return (slope + (1 - self.power) * self._log_theta(v)).sum(-1)
+        return (slope + (1 - POWER) * self._log_theta(v)).sum(-1)
 
     def position(self, theta: torch.Tensor) -> torch.Tensor:
         """v (..., 10) of `theta`; on a bound, the place `BEYOND` widths beyond it."""
-        target = self._scaled(theta)
+        target = _scaled(theta)
         left = torch.full_like(target, self.low) - BEYOND * self.width
         right = torch.full_like(target, self.high) + BEYOND * self.width
         for _ in range(_ROUNDS):  # bisection: the map rises
@@ -79,6 +77,10 @@ class Box:
             below = self._inside(middle) < target
             left, right = torch.where(below, middle, left), torch.where(below, right, middle)
         return 0.5 * (left + right)
+
+
+def _scaled(theta: torch.Tensor) -> torch.Tensor:
+    return (theta**POWER - 1) / POWER
 
 
 def _integral(t: torch.Tensor) -> torch.Tensor:

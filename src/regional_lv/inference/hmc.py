@@ -36,11 +36,6 @@ LEAPFROG_STEPS = 2, 7
 """Steps of a trajectory are drawn evenly from this range, the upper end left out. In whitened space
 a step is near 0.5 to 1, a quarter of a period 1.6."""
 
-REACH, MOST = 1.0, 32
-"""Along the thin shell of a subject's exact volume steps are near 0.05, and a few of them lead
-nowhere. Trajectories have as many times more there as fit into the first number, but no more than
-the second: early in warm-up steps may be tiny for a while."""
-
 TRAJECTORIES = 3
 """Trajectories for one draw that is kept. After each of them a finer surrogate decides, if there is
 one, and after all of them the exact density. Of 16 hearts with 5,541 simulations and an MRI's noise
@@ -82,15 +77,14 @@ def sample_batch(
         )
     ]
     target, (surrogate, *finer) = together(prepared)
-    shell = any(one.is_shell for one in prepared)
     effort = 4 if attempt == patient else 2 if attempt == careful and likelihoods[0].noisy else 1
-    chains = _Chains(surrogate, prepared, settings, seeds, shell)
+    chains = _Chains(surrogate, prepared, settings, seeds)
     progress = Progress(f"HMC of {len(prepared)}: draws", settings.warmup + settings.draws)
     for _ in range(settings.warmup):
         chains.step(1, adapt=True)
         progress.step()
     chains.settle()
-    steps, top = effort * max(1, TRAJECTORIES // chains.stretch()), chains
+    steps, top = effort * TRAJECTORIES, chains
     *between, exact = finer or [None]
     for density in between:
         top = _Look(density, chains, top, 1)
@@ -129,9 +123,8 @@ class _Chains:
         prepared: Sequence[Prepared],
         settings: Settings,
         seeds: Sequence[int],
-        shell: bool,
     ):
-        self.surrogate, self.shell = surrogate, shell
+        self.surrogate = surrogate
         self.centre = torch.stack([p.centre for p in prepared])
         self.whitening = torch.stack([p.whitening for p in prepared])
         self.shape = (len(prepared), settings.chains)
@@ -175,12 +168,6 @@ class _Chains:
         potential = torch.nan_to_num(potential, nan=math.inf, posinf=math.inf)
         return potential, torch.nan_to_num(gradient, nan=0.0, posinf=0.0, neginf=0.0)
 
-    def stretch(self) -> int:
-        """How many times more steps than usual a trajectory takes."""
-        if not self.shell:
-            return 1
-        return min(MOST, max(1, int(REACH / torch.exp(self.log_step).median())))
-
     def settle(self) -> None:
         """Keep the step sizes that the adaptation has arrived at."""
         self.log_step = self.mean_log_step
@@ -191,7 +178,6 @@ class _Chains:
         results = []
         for _ in range(count):
             steps = int(torch.randint(*LEAPFROG_STEPS, (1,), generator=self.common))
-            steps *= self.stretch()
             size = torch.exp(self.log_step)[..., None]
             momentum = self.normal()
             before = self.potential + 0.5 * momentum.square().sum(-1)

@@ -27,11 +27,12 @@ from scipy.optimize import minimize
 
 from regional_lv import aha
 from regional_lv.emulators.base import Prediction
-from regional_lv.inference.box import Box
+from regional_lv.inference.box import POWER, Box
 from regional_lv.inference.diagnostics import gate
 from regional_lv.inference.in_step import Ask, run_in_step
 from regional_lv.inference.likelihood import Likelihood
 from regional_lv.inference.point import CHUNK
+from regional_lv.inference.shell import Shell, flatten
 from regional_lv.progress import Progress
 from regional_lv.seeds import derive
 
@@ -48,9 +49,6 @@ directions (or bent ones) are whitened as if they had it."""
 
 ROUNDS, ROUND_SIZE, FREEDOM = 4, 2000, 6
 """Importance sampling: rounds, draws in each, degrees of freedom of the proposal."""
-
-POWER, SHELL_POWER = 0.5, 0.0
-"""Of theta in the space of the sampler (`Box`), without and with `Likelihood.exact` outputs."""
 
 BLUR = 0.03
 """`Likelihood.blurred` for where and how wide a posterior is, about 1 mL of volume: widths at one
@@ -101,22 +99,23 @@ class Target:
     """Posterior of one case as a potential in a space without bounds.
 
     Or of several: `likelihood.y` and `box.width` have leading dimensions then, (C, 1, ...).
+    box: a `Shell`, where an output is exact and the posterior thin.
     """
 
-    def __init__(self, likelihood: Likelihood, box: Box):
+    def __init__(self, likelihood: Likelihood, box: Box | Shell):
         self.likelihood, self.box = likelihood, box
         self.size = P + len(likelihood.noise.groups)
 
     @classmethod
     def together(cls, targets: Sequence["Target"]) -> "Target":
         """All of them as one, about positions (C, K, P + G)."""
-        first = targets[0].likelihood
-        if any(target.likelihood.emulator is not first.emulator for target in targets):
+        first, box = targets[0].likelihood, targets[0].box
+        one_emulator = all(t.likelihood.emulator is first.emulator for t in targets)
+        if isinstance(box, Shell) or not one_emulator:
             return _Separate(targets)
         y = torch.stack([target.likelihood.y for target in targets])[:, None]
         width = torch.stack([target.box.width for target in targets])[:, None]
-        box = targets[0].box
-        return cls(first.at(y), Box(box.lower, box.upper, width, box.power))
+        return cls(first.at(y), Box(box.lower, box.upper, width))
 
     @classmethod
     def near(cls, likelihood: Likelihood, theta: torch.Tensor, log_sigma: torch.Tensor) -> "Target":
@@ -127,14 +126,20 @@ class Target:
         # A parameter of which the data say nothing has the variance of the box.
         weak = torch.full((len(information),), 12 / span**2, dtype=torch.float64)
         covariance = torch.linalg.inv(information + torch.diag(weak))
-        power = SHELL_POWER if likelihood.exact.any() else POWER
-        width = covariance.diagonal()[:P].sqrt() * theta**power
-        return cls(likelihood, Box(emulator.lower, emulator.upper, width, power))
+        width = covariance.diagonal()[:P].sqrt() * theta**POWER
+        return cls(likelihood, Box(emulator.lower, emulator.upper, width))
 
     def blurred(self, level: float) -> "Target":
         """That of the likelihood that is `blurred`; itself if nothing is."""
         likelihood = self.likelihood.blurred(level)
         return self if likelihood is self.likelihood else Target(likelihood, self.box)
+
+    def flat(self, centre, whitening, seed: int) -> tuple["Target", torch.Tensor, torch.Tensor]:
+        """In the coordinates of a `Shell`, with centre and whitening there; the arguments: centre
+        (P + G,) and whitening of the posterior that is `blurred`."""
+        generator = torch.Generator().manual_seed(derive(seed, "shell"))
+        shell, *place = flatten(self.likelihood, self.box, centre, whitening, generator)
+        return Target(self.likelihood, shell), *place
 
     @property
     def rough(self) -> "Target":
@@ -159,21 +164,21 @@ class Target:
         """
         if variance is None:
             return self.evaluate(position)[0]
-        theta, log_sigma = self.constrain(position)
-        prediction = self.likelihood.emulator.with_variance(theta, variance)
-        return self._potential(position, prediction, log_sigma)
+        return self._value(
+            position, lambda theta: self.likelihood.emulator.with_variance(theta, variance)
+        )[0]
 
     def evaluate(self, position: torch.Tensor) -> tuple[torch.Tensor, Prediction]:
         """The potential (...) and the emulator's prediction at positions (..., P + G)."""
-        theta, log_sigma = self.constrain(position)
-        prediction = self.likelihood.emulator.predict(theta)
-        return self._potential(position, prediction, log_sigma), prediction
+        return self._value(position, self.likelihood.emulator.predict)
 
-    def _potential(self, position, prediction, log_sigma) -> torch.Tensor:
-        jacobian = self.box.log_jacobian(position[..., :P])
+    def _value(self, position, predict) -> tuple[torch.Tensor, Prediction]:
+        log_sigma = position[..., P:]
+        theta, jacobian = self.box.open(position[..., :P])
+        prediction = predict(theta)
         if log_sigma.shape[-1]:
             jacobian = jacobian + log_sigma.sum(-1) + self.likelihood.noise.log_prior(log_sigma)
-        return -(self.likelihood.of_prediction(prediction, log_sigma) + jacobian)
+        return -(self.likelihood.of_prediction(prediction, log_sigma) + jacobian), prediction
 
     def gaussian(
         self, theta: torch.Tensor, log_sigma: torch.Tensor
@@ -357,11 +362,15 @@ class Place:
 
     @classmethod
     def find(cls, target: Target, theta, log_sigma, seed: int) -> "Place":
-        """From the exact density, if nothing is to be `blurred`; theta (10,), log_sigma (G,): its
-        maximum."""
+        """From the density itself; theta (10,), log_sigma (G,): its maximum. A thin shell is made
+        flat on the way."""
         broad = target.blurred(BLUR)
         mode, whitening = broad.laplace(target.unconstrain(theta, log_sigma))
-        return cls(target, *refine(broad.potential, mode, whitening, derive(seed, "refine")))
+        place = refine(broad.potential, mode, whitening, derive(seed, "refine"))
+        if broad is not target:
+            target, *place = target.flat(*place, seed)
+            place = refine(target.potential, *place, derive(seed, "refine", "flat"))
+        return cls(target, *place)
 
 
 class _Asked(torch.autograd.Function):

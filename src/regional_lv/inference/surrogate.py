@@ -8,8 +8,8 @@ Gaussian that the information matrix makes of it, then from what the first surro
   that are not Gaussian have something else there (`Likelihood.of_length`).
 - With noise they are wide, and no polynomial of low degree follows the mean. The mean is cheap,
   though, and that of the rough emulator more so: only the log variance becomes a quadratic
-  polynomial. Where the noise is inferred, but one output counts as exact, the stand-in knows it
-  less well (`Prepared.soft`).
+  polynomial. Where the noise is inferred, but one output counts as exact, that makes a thin shell
+  of the posterior, which a `Shell` makes flat first.
 """
 
 from abc import ABC, abstractmethod
@@ -28,9 +28,6 @@ ROUNDS = (300, 300, 500)
 
 SCALE = 10.0
 """Excess potential at which an evaluation weighs a quarter of one at the maximum."""
-
-SOFT = 0.01
-"""`Likelihood.blurred` for trajectories: of a volume about three errors of a good emulator."""
 
 RIDGE = 1e-6
 """Relative penalty that keeps a fit to nearly dependent columns regular."""
@@ -206,8 +203,9 @@ class OwnMean(Surrogate):
 
     @staticmethod
     def follows(target):
-        """That of the rough emulator, where there is more noise than that lacks."""
-        return target.rough if target.likelihood.noisy else target
+        """That of the rough emulator, where there is more noise than that lacks in all outputs."""
+        likelihood = target.likelihood
+        return target.rough if likelihood.noisy and not likelihood.exact.any() else target
 
     @staticmethod
     def together(parts, target):
@@ -230,17 +228,6 @@ class Prepared(Place):
 
     surrogate: Surrogate
 
-    @property
-    def is_shell(self) -> bool:
-        """Whether the posterior is the thin shell of an exact output (`Likelihood.exact`)."""
-        return bool(self.target.likelihood.exact.any())
-
-    @property
-    def soft(self) -> Target:
-        """What trajectories are to follow: the target, `blurred` if it is a thin shell, along which
-        they would take many more steps. The exact density then turns about half of them back."""
-        return self.target.blurred(SOFT)
-
 
 def prepare(
     target: Target, theta: torch.Tensor, log_sigma: torch.Tensor, seed: int, careful: bool = False
@@ -255,23 +242,31 @@ def prepare(
     wide = careful or likelihood.noisy
     if likelihood.one_scale or (wide and not likelihood.separable):
         place = Place.find(target, theta, log_sigma, seed)
-        return Prepared(target, place.centre, place.whitening, Itself(target))
+        return Prepared(place.target, place.centre, place.whitening, Itself(place.target))
     kind = OwnMean if wide else Polynomial
     broad = target.blurred(BLUR)
-    centre, whitening = broad.gaussian(theta, log_sigma)
+    found = _fit(kind, broad, *broad.gaussian(theta, log_sigma), seed)
+    if broad is target:
+        return found
+    flat, *place = target.flat(found.centre, found.whitening, seed)
+    return _fit(kind, flat, *place, derive(seed, "flat"))
+
+
+def _fit(kind: type[Surrogate], target: Target, centre, whitening, seed: int) -> Prepared:
+    """A surrogate of the target, and centre and whitening by it, from those that are given."""
     generator = torch.Generator().manual_seed(derive(seed, "places"))
     places, potentials, predictions = [], [], []
     for size in ROUNDS:
         deviates, _ = student(size, target.size, generator)
         position = centre + deviates @ whitening.T
         with torch.no_grad():
-            potential, prediction = broad.evaluate(position)
+            potential, prediction = target.evaluate(position)
         places.append(position)
         potentials.append(potential)
         predictions.append(prediction)
         frame = Frame(centre, torch.linalg.inv(whitening))
         evaluated = torch.cat(places), torch.cat(potentials), join(predictions)
-        surrogate = kind.fit(broad, frame, *evaluated)
+        surrogate = kind.fit(target, frame, *evaluated)
         centre, whitening = refine(
             surrogate, centre, whitening, derive(seed, "refine", len(places))
         )
@@ -282,20 +277,16 @@ def together(prepared: Sequence[Prepared]) -> tuple[Target, list[Surrogate]]:
     """Exact target of all cases, about positions (C, K, P), and what stands in for its density.
 
     Trajectories follow the first; the last is the exact density, if the first is not. Between a
-    rough mean and that stands the emulator's own mean, far cheaper than its variance. About a thin
-    shell it does not: there the variance decides, and chains were led astray.
+    rough mean and that stands the emulator's own mean, far cheaper than its variance.
     """
-    surrogates = [p.surrogate for p in prepared]
+    surrogates, targets = [p.surrogate for p in prepared], [p.target for p in prepared]
     kind = type(surrogates[0])
-    target = Target.together([p.target for p in prepared])
-    soft = [p.soft for p in prepared]
-    followed = [kind.follows(target) for target in soft]
-    shell = any(p.is_shell for p in prepared)
-    rough = any(f is not s for f, s in zip(followed, soft, strict=True))
+    target = Target.together(targets)
+    followed = [kind.follows(target) for target in targets]
     levels = [kind.together(surrogates, Target.together(followed))]
-    if rough and not shell:
+    if any(f is not t for f, t in zip(followed, targets, strict=True)):
         levels.append(kind.together(surrogates, target))
-    if shell or kind is not Itself:
+    if kind is not Itself:
         levels.append(Itself(target))
     return target, levels
 

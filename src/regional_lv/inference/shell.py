@@ -1,0 +1,155 @@
+"""Coordinates in which the thin shell that an exact output makes of a posterior is flat."""
+
+from dataclasses import dataclass
+
+import torch
+
+from regional_lv.emulators.base import Emulator
+from regional_lv.inference.box import Box
+from regional_lv.inference.likelihood import Likelihood
+from regional_lv.inference.point import CHUNK
+
+PLACES, SPREAD = 2000, 1.3
+"""Places on the shell that first guesses of its height are fitted to, and how far across."""
+
+STEP = 3e-3
+"""Of central differences along the axis, in posterior sd: round-off makes 1e-6 of the slope."""
+
+FAR, TOLERANCE, ITERATIONS = 24.0, 3e-8, 60
+"""Where the shell is looked for, in posterior sd, and how well it is found, in training sd."""
+
+STEEPNESS = 1e-12
+"""Smallest slope, where an emulator falls along the axis: such places have next to no density."""
+
+
+@dataclass(frozen=True)
+class Shell:
+    """w = (y, u): nine coordinates y across the shell, and how far the output is from the observed.
+
+    A volume known to a tenth of a mL beside strains with inferred noise leaves a curved shell, a
+    hundred times as wide as thick. About w it is the slab u = 0: v, the coordinates of `box`, is
+    origin + frame (y, a), and the height a the one at which the emulator's mean of the output is
+    `value` + u. Along the axis of a every theta changes towards a larger output, so that there is
+    one such height.
+
+    value: observed. origin (10,), frame (10, 10): of v, the axis is the last column.
+    guess (55,): coefficients of a quadratic polynomial of y, where a is looked for first.
+    """
+
+    box: Box
+    emulator: Emulator
+    output: int
+    value: torch.Tensor
+    origin: torch.Tensor
+    frame: torch.Tensor
+    guess: torch.Tensor
+
+    def open(self, w: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Theta (..., 10), within the bounds, and log |d theta / dw| (...), at w (..., 10)."""
+        y, u = w[..., :-1], w[..., -1]
+        height, slope = self._find(y.detach(), u.detach())
+        # One further step has the derivatives of the height (implicit function theorem).
+        height = height + (u - self._excess(y, height)) / slope
+        ends = torch.stack([height - STEP, height + STEP])
+        below, above = self._excess(y.expand(2, *y.shape), ends)
+        slope = ((above - below) / (2 * STEP)).clamp(min=STEEPNESS)
+        v = self._v(y, height)
+        theta, log_jacobian = self.box.open(v)
+        return theta, log_jacobian - slope.log() + torch.linalg.slogdet(self.frame).logabsdet
+
+    def theta(self, w: torch.Tensor) -> torch.Tensor:
+        """Theta (..., 10), within the bounds."""
+        return self.open(w)[0]
+
+    def position(self, theta: torch.Tensor) -> torch.Tensor:
+        """w (..., 10) of `theta`."""
+        across = torch.linalg.solve(self.frame, (self.box.position(theta) - self.origin)[..., None])
+        y, height = across[..., :-1, 0], across[..., -1, 0]
+        return torch.cat([y, self._excess(y, height)[..., None]], dim=-1)
+
+    def _v(self, y: torch.Tensor, height: torch.Tensor) -> torch.Tensor:
+        return self.origin + torch.cat([y, height[..., None]], dim=-1) @ self.frame.T
+
+    def _excess(self, y: torch.Tensor, height: torch.Tensor) -> torch.Tensor:
+        """The emulator's mean of the output, less the observed value, (...)."""
+        theta = self.box.theta(self._v(y, height))
+        parts = theta.reshape(-1, theta.shape[-1]).split(CHUNK)
+        mean = torch.cat([self.emulator.predict_mean(part)[:, self.output] for part in parts])
+        return mean.reshape(height.shape) - self.value
+
+    @torch.no_grad()
+    def _find(self, y: torch.Tensor, u: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Height (...) at which the output's excess is u (...), and its slope there.
+
+        Newton's method, which is led back by bisection.
+        """
+        shape = u.shape
+        y, u = y.reshape(-1, y.shape[-1]), u.reshape(-1)
+        height = (_products(y) @ self.guess).clamp(-FAR / 2, FAR / 2)
+        low, high = torch.full_like(height, -FAR), torch.full_like(height, FAR)
+        slope, left = torch.ones_like(height), torch.arange(len(height))
+        tolerance = TOLERANCE * self.emulator.output_sd[self.output]
+        for _ in range(ITERATIONS):
+            here = height[left]
+            ahead = torch.stack([here, here + STEP])
+            excess, next_excess = self._excess(y[left].expand(2, -1, -1), ahead)
+            gap = u[left] - excess
+            slope[left] = (next_excess - excess) / STEP
+            low[left] = torch.where(gap > 0, here, low[left])
+            high[left] = torch.where(gap < 0, here, high[left])
+            moved = here + gap / slope[left]
+            inside = (moved > low[left]) & (moved < high[left])
+            height[left] = torch.where(inside, moved, 0.5 * (low[left] + high[left]))
+            left = left[gap.abs() > tolerance]
+            if not len(left):
+                break
+        return height.reshape(shape), slope.clamp(min=STEEPNESS).reshape(shape)
+
+
+def flatten(
+    likelihood: Likelihood,
+    box: Box,
+    centre: torch.Tensor,
+    whitening: torch.Tensor,
+    generator: torch.Generator,
+) -> tuple[Shell, torch.Tensor, torch.Tensor]:
+    """The shell of the first `exact` output of `likelihood`, and centre and whitening about it.
+
+    centre (P + G,), whitening (P + G, P + G): where the posterior is and how wide, about (v, log
+    sigma), of a likelihood that is `blurred`.
+    """
+    emulator, output = likelihood.emulator, int(likelihood.exact.nonzero()[0])
+    covariance = whitening @ whitening.T
+    p = len(centre) - len(likelihood.noise.groups)
+    origin, spread = centre[:p], torch.linalg.cholesky(covariance[:p, :p])
+    v = origin.clone().requires_grad_()
+    (slope,) = torch.autograd.grad(emulator.predict_mean(box.theta(v))[output], v)
+    axis = torch.linalg.solve(spread, covariance.diagonal()[:p] * slope)
+    basis = torch.linalg.svd((axis / axis.norm())[None])[2].clone()
+    basis[0] *= torch.sign(basis[0] @ axis)
+    frame = spread @ basis.roll(-1, 0).T
+    value = likelihood.y[output]
+    guess = torch.zeros(len(_products(origin[1:])), dtype=origin.dtype)
+    rough = Shell(box, emulator.rough, output, value, origin, frame, guess)
+    y = SPREAD * torch.randn(PLACES, p - 1, generator=generator, dtype=origin.dtype)
+    height, _ = rough._find(y, torch.zeros(PLACES, dtype=origin.dtype))
+    # What lies far off the posterior matters less.
+    weight = torch.exp(-0.125 * height.square())[:, None]
+    fit = torch.linalg.lstsq(weight * _products(y), weight * height[:, None])
+    shell = Shell(box, emulator, output, value, origin, frame, fit.solution[:, 0])
+
+    to_shell = torch.eye(len(centre), dtype=origin.dtype)
+    to_shell[:p, :p] = torch.linalg.inv(frame)
+    covariance = to_shell @ covariance @ to_shell.T
+    with torch.no_grad():
+        error = emulator.predict(box.theta(origin)).covariance[output, output]
+    covariance[p - 1], covariance[:, p - 1] = 0.0, 0.0
+    covariance[p - 1, p - 1] = error + likelihood.noise.sd[output].square()
+    centre = torch.cat([torch.zeros_like(origin), centre[p:]])
+    return shell, centre, torch.linalg.cholesky(covariance)
+
+
+def _products(y: torch.Tensor) -> torch.Tensor:
+    """1, y and all products of two (..., F)."""
+    first, second = torch.triu_indices(y.shape[-1], y.shape[-1])
+    return torch.cat([torch.ones_like(y[..., :1]), y, y[..., first] * y[..., second]], dim=-1)
