@@ -11,6 +11,7 @@ from regional_lv.inference import hmc, sampling
 from regional_lv.inference.hmc import sample_batch
 from regional_lv.inference.likelihood import Likelihood, Noise
 from regional_lv.inference.nuts import Settings, Target, sample_in_step, verdict
+from regional_lv.inference.shell import Shell
 from regional_lv.inference.surrogate import OwnMean, Polynomial, Surrogate
 from tests.inference.test_likelihood import linear
 
@@ -134,7 +135,8 @@ def test_agrees_with_nuts_where_the_bounds_cut_the_posterior(kind):
         assert together.sigma.mean() == pytest.approx(alone.sigma.mean(), rel=0.15)
 
 
-def test_along_the_shell_of_an_exact_volume():
+@pytest.mark.parametrize(("sampler", "kept"), [("hmc", 300), ("nuts", 100)])
+def test_along_the_shell_of_an_exact_volume(sampler, kept):
     """Inferred noise leaves theta wide; an output that has none makes a thin curved shell of it.
 
     A linear emulator whose data say nothing of six parameters: given the noise, the other four have
@@ -150,15 +152,14 @@ def test_along_the_shell_of_an_exact_volume():
     noise = Noise(torch.zeros_like(unit), {"even": unit * even, "odd": unit * ~even}, 1.0)
     deviates = torch.as_tensor(np.random.default_rng(4).normal(size=len(unit)))
     likelihood = Likelihood(emulator, emulator.predict(truth).mean + 0.3 * deviates * unit, noise)
-    settings = {"warmup": 100, "draws": 300, "chains": 4, "ess_min": 300, "rhat_max": 1.03}
+    settings = {"warmup": 100, "draws": kept, "chains": 4, "ess_min": kept, "rhat_max": 1.03}
     how = sampling.Sampling(settings, {"starts": 4, "iterations": 100}, 1, "test")
     (maximum,) = how.find_maxima([likelihood])
-    start = maximum.theta, maximum.log_sigma
-    target = Target.near(likelihood, *(s[0] for s in start))
-    prepared = hmc.prepare(target, *(s[0] for s in start), 1)
-    assert isinstance(prepared.surrogate, OwnMean)
-    sampled = sampling.sample_together([likelihood], ["shell"], how)
-    assert sampled.samplers == ("hmc",)
+    start = maximum.theta[0], maximum.log_sigma[0]
+    prepared = hmc.prepare(Target.near(likelihood, *start), *start, 1)
+    assert isinstance(prepared.surrogate, OwnMean) and isinstance(prepared.target.box, Shell)
+    sampled = sampling.SAMPLERS[sampler]([likelihood], ["shell"], how)
+    assert sampled.samplers == (sampler,)
     (draws,) = sampled.draws
     assert verdict(draws, how.settings) == "passed"
 

@@ -1,5 +1,6 @@
 """Coordinates in which the thin shell that an exact output makes of a posterior is flat."""
 
+import math
 from dataclasses import dataclass
 
 import torch
@@ -30,7 +31,7 @@ class Shell:
     hundred times as wide as thick. About w it is the slab u = 0: v, the coordinates of `box`, is
     origin + frame (y, a), and the height a the one at which the emulator's mean of the output is
     `value` + u. Along the axis of a every theta changes towards a larger output, so that there is
-    one such height.
+    no more than one such height.
 
     value: observed. origin (10,), frame (10, 10): of v, the axis is the last column.
     guess (55,): coefficients of a quadratic polynomial of y, where a is looked for first.
@@ -45,17 +46,23 @@ class Shell:
     guess: torch.Tensor
 
     def open(self, w: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Theta (..., 10), within the bounds, and log |d theta / dw| (...), at w (..., 10)."""
+        """Theta (..., 10), within the bounds, and log |d theta / dw| (...), at w (..., 10).
+
+        The latter is -inf where no height within the bounds has such an output: these w are no
+        coordinates of any theta.
+        """
         y, u = w[..., :-1], w[..., -1]
         height, slope = self._find(y.detach(), u.detach())
         # One further step has the derivatives of the height (implicit function theorem).
-        height = height + (u - self._excess(y, height)) / slope
+        missing = u - self._excess(y, height)
+        height = height + missing / slope
         ends = torch.stack([height - STEP, height + STEP])
         below, above = self._excess(y.expand(2, *y.shape), ends)
         slope = ((above - below) / (2 * STEP)).clamp(min=STEEPNESS)
         v = self._v(y, height)
         theta, log_jacobian = self.box.open(v)
-        return theta, log_jacobian - slope.log() + torch.linalg.slogdet(self.frame).logabsdet
+        log_jacobian = log_jacobian - slope.log() + torch.linalg.slogdet(self.frame).logabsdet
+        return theta, torch.where(missing.abs() > self._tolerance, -math.inf, log_jacobian)
 
     def theta(self, w: torch.Tensor) -> torch.Tensor:
         """Theta (..., 10), within the bounds."""
@@ -66,6 +73,10 @@ class Shell:
         across = torch.linalg.solve(self.frame, (self.box.position(theta) - self.origin)[..., None])
         y, height = across[..., :-1, 0], across[..., -1, 0]
         return torch.cat([y, self._excess(y, height)[..., None]], dim=-1)
+
+    @property
+    def _tolerance(self) -> torch.Tensor:
+        return TOLERANCE * self.emulator.output_sd[self.output]
 
     def _v(self, y: torch.Tensor, height: torch.Tensor) -> torch.Tensor:
         return self.origin + torch.cat([y, height[..., None]], dim=-1) @ self.frame.T
@@ -88,7 +99,6 @@ class Shell:
         height = (_products(y) @ self.guess).clamp(-FAR / 2, FAR / 2)
         low, high = torch.full_like(height, -FAR), torch.full_like(height, FAR)
         slope, left = torch.ones_like(height), torch.arange(len(height))
-        tolerance = TOLERANCE * self.emulator.output_sd[self.output]
         for _ in range(ITERATIONS):
             here = height[left]
             ahead = torch.stack([here, here + STEP])
@@ -100,7 +110,7 @@ class Shell:
             moved = here + gap / slope[left]
             inside = (moved > low[left]) & (moved < high[left])
             height[left] = torch.where(inside, moved, 0.5 * (low[left] + high[left]))
-            left = left[gap.abs() > tolerance]
+            left = left[gap.abs() > self._tolerance]
             if not len(left):
                 break
         return height.reshape(shape), slope.clamp(min=STEEPNESS).reshape(shape)
