@@ -35,7 +35,7 @@ def draw(
         emulator: read(_holding(paths, case), diagnostics[emulator], case=case)
         for emulator, paths in posteriors.items()
     }
-    fig = style.figure(5.0 * len(found) + 0.6, 1.15 * len(parameters) + 1.5)
+    fig = style.figure(2.9 * len(found) + 0.6, 1.15 * len(parameters) + 1.5)
     axes = fig.subplots(len(parameters), 2 * len(found), squeeze=False, sharey=False,
                         width_ratios=[2, 1] * len(found))  # fmt: skip
     tables = []
