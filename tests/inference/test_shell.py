@@ -30,7 +30,7 @@ def posterior() -> tuple[Shell, torch.Tensor, torch.Tensor]:
     likelihood = Likelihood(emulator, y, Noise.inferred(emulator, 1.0))
     log_sigma = torch.full((len(likelihood.noise.groups),), -1.0, dtype=torch.float64)
     target = Target.near(likelihood, truth, log_sigma)
-    flat, centre, whitening = target.flat(*target.blurred(0.03).gaussian(truth, log_sigma), 1)
+    flat, centre, whitening = target.flat(*target.broadened(truth).gaussian(truth, log_sigma), 1)
     return flat.box, centre, whitening
 
 

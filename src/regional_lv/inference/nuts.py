@@ -51,8 +51,8 @@ ROUNDS, ROUND_SIZE, FREEDOM = 4, 2000, 6
 """Importance sampling: rounds, draws in each, degrees of freedom of the proposal."""
 
 BLUR = 0.03
-"""`Likelihood.blurred` for where and how wide a posterior is, about 1 mL of volume: widths at one
-point of a thin shell say little about the whole."""
+"""An output that is known to less training sd than this, about 1 mL of volume, makes a thin shell.
+`Likelihood.blurred` so far for where and how wide the whole is: widths at one point say little."""
 
 PATIENT = 0.95
 """Acceptance that the second attempt aims at: smaller steps, for what made the first one fail."""
@@ -129,10 +129,14 @@ class Target:
         width = covariance.diagonal()[:P].sqrt() * theta**POWER
         return cls(likelihood, Box(emulator.lower, emulator.upper, width))
 
-    def blurred(self, level: float) -> "Target":
-        """That of the likelihood that is `blurred`; itself if nothing is."""
-        likelihood = self.likelihood.blurred(level)
-        return self if likelihood is self.likelihood else Target(likelihood, self.box)
+    def broadened(self, theta: torch.Tensor) -> "Target":
+        """Itself, or, if it is a thin shell at `theta` (10,), that which is `blurred`."""
+        likelihood = self.likelihood
+        with torch.no_grad():
+            prediction = likelihood.emulator.predict(theta)
+        variance = prediction.covariance.diagonal() + likelihood.noise.sd.square()
+        thin = likelihood.exact & (variance.sqrt() < BLUR * likelihood.emulator.output_sd)
+        return Target(likelihood.blurred(BLUR), self.box) if thin.any() else self
 
     def flat(self, centre, whitening, seed: int) -> tuple["Target", torch.Tensor, torch.Tensor]:
         """In the coordinates of a `Shell`, with centre and whitening there; the arguments: centre
@@ -364,7 +368,7 @@ class Place:
     def find(cls, target: Target, theta, log_sigma, seed: int) -> "Place":
         """From the density itself; theta (10,), log_sigma (G,): its maximum. A thin shell is made
         flat on the way."""
-        broad = target.blurred(BLUR)
+        broad = target.broadened(theta)
         mode, whitening = broad.laplace(target.unconstrain(theta, log_sigma))
         place = refine(broad.potential, mode, whitening, derive(seed, "refine"))
         if broad is not target:

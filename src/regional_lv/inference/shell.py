@@ -16,8 +16,11 @@ PLACES, SPREAD = 2000, 1.3
 STEP = 3e-3
 """Of central differences along the axis, in posterior sd: round-off makes 1e-6 of the slope."""
 
-FAR, TOLERANCE, ITERATIONS = 24.0, 3e-8, 60
+FAR, TOLERANCE = 24.0, 3e-8
 """Where the shell is looked for, in posterior sd, and how well it is found, in training sd."""
+
+ITERATIONS, CLOSED = 60, 1e-9
+"""Of the search, and between which heights it ends without having found any."""
 
 STEEPNESS = 1e-12
 """Smallest slope, where an emulator falls along the axis: such places have next to no density."""
@@ -110,7 +113,8 @@ class Shell:
             moved = here + gap / slope[left]
             inside = (moved > low[left]) & (moved < high[left])
             height[left] = torch.where(inside, moved, 0.5 * (low[left] + high[left]))
-            left = left[gap.abs() > self._tolerance]
+            found = gap.abs() < self._tolerance
+            left = left[~found & (high[left] - low[left] > CLOSED)]
             if not len(left):
                 break
         return height.reshape(shape), slope.clamp(min=STEEPNESS).reshape(shape)

@@ -20,7 +20,8 @@ import torch
 
 from regional_lv.emulators.base import join
 from regional_lv.inference.likelihood import Likelihood
-from regional_lv.inference.nuts import BLUR, Place, Target, refine, student
+from regional_lv.inference.nuts import Place, Target, refine, student
+from regional_lv.inference.shell import Shell
 from regional_lv.seeds import derive
 
 ROUNDS = (300, 300, 500)
@@ -204,8 +205,8 @@ class OwnMean(Surrogate):
     @staticmethod
     def follows(target):
         """That of the rough emulator, where there is more noise than that lacks in all outputs."""
-        likelihood = target.likelihood
-        return target.rough if likelihood.noisy and not likelihood.exact.any() else target
+        shell = isinstance(target.box, Shell)
+        return target.rough if target.likelihood.noisy and not shell else target
 
     @staticmethod
     def together(parts, target):
@@ -244,7 +245,7 @@ def prepare(
         place = Place.find(target, theta, log_sigma, seed)
         return Prepared(place.target, place.centre, place.whitening, Itself(place.target))
     kind = OwnMean if wide else Polynomial
-    broad = target.blurred(BLUR)
+    broad = target.broadened(theta)
     found = _fit(kind, broad, *broad.gaussian(theta, log_sigma), seed)
     if broad is target:
         return found
