@@ -136,6 +136,7 @@ class Target:
             prediction = likelihood.emulator.predict(theta)
         variance = prediction.covariance.diagonal() + likelihood.noise.sd.square()
         thin = likelihood.exact & (variance.sqrt() < BLUR * likelihood.emulator.output_sd)
+        thin = thin & likelihood.emulator.jacobian(theta)[0].any(-1)  # what never moves has none
         return Target(likelihood.blurred(BLUR), self.box) if thin.any() else self
 
     def flat(self, centre, whitening, seed: int) -> tuple["Target", torch.Tensor, torch.Tensor]:
