@@ -34,7 +34,7 @@ def draw(
         part = summary[(summary["set"] == label) & (summary["quantity"] == kind)]
         part = part.set_index("zone").reindex(list(aha.ZONES))
         truth = [f"{value:.2f}" for value in part["truth"]]
-        found = [f"{row.map:.2f}\n±{row.rmse:.2f}" for row in part.itertuples()]
+        found = [f"{row.map:.2f}\n±{row.rmse:.3f}" for row in part.itertuples()]
         bullseye.paint_zones(pair[0], part["truth"], norm, "viridis", truth)
         scale = bullseye.paint_zones(pair[1], part["map"], norm, "viridis", found)
         pair[0].set_title(f"{label}\n${kind}$")

@@ -88,7 +88,7 @@ def _matrix(ax: Axes, table: pd.DataFrame, what: str, names: Sequence[str]):
     np.fill_diagonal(mean, np.nan)
     image = ax.imshow(mean, **SCALE)
     for i, j in np.argwhere(np.isfinite(mean)):
-        error = f"\n±{se[i, j]:.2f}" if np.isfinite(se[i, j]) else ""
+        error = f"\n±{se[i, j]:.3f}" if np.isfinite(se[i, j]) else ""
         colour = "white" if abs(mean[i, j]) > 0.65 else "black"
         ax.text(
             j, i, f"{mean[i, j]:.2f}{error}", ha="center", va="center", color=colour, fontsize=7
