@@ -34,7 +34,9 @@ def draw(
         part = summary[(summary["set"] == label) & (summary["quantity"] == kind)]
         part = part.set_index("zone").reindex(list(aha.ZONES))
         truth = [f"{value:.2f}" for value in part["truth"]]
-        found = [f"{row.map:.2f}\n±{row.rmse:.3f}" for row in part.itertuples()]
+        # As many digits as a zone has room for.
+        error = part["rmse"].map(lambda e: f"{e:.2f}" if e >= 0.01 else f"{e:.1g}")
+        found = [f"{value:.2f}\n±{e}" for value, e in zip(part["map"], error, strict=True)]
         bullseye.paint_zones(pair[0], part["truth"], norm, "viridis", truth)
         scale = bullseye.paint_zones(pair[1], part["map"], norm, "viridis", found)
         pair[0].set_title(f"{label}\n${kind}$")
