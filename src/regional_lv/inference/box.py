@@ -56,16 +56,18 @@ class Box:
         return torch.where(sign > 0, self.low + inside, self.high - inside)
 
     def open(self, v: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Theta (..., 10) and `log_jacobian` (...)."""
-        return self.theta(v), self.log_jacobian(v)
-
-    def log_jacobian(self, v: torch.Tensor) -> torch.Tensor:
-        """log |d theta / dv| (...), summed over the parameters."""
+        """Theta (..., 10), and log |d theta / dv| (...), summed over the parameters."""
+        log_theta = self._log_theta(v)
         near = torch.minimum(v - self.low, self.high - v) / self.width
         far = near - (self.high - self.low) / self.width
         first, second = torch.special.log_ndtr(near), torch.special.log_ndtr(far)
         slope = first + torch.log1p(-torch.exp(second - first))
-        return (slope + (1 - POWER) * self._log_theta(v)).sum(-1)
+        theta = torch.exp(log_theta).clamp(self.lower, self.upper)
+        return theta, (slope + (1 - POWER) * log_theta).sum(-1)
+
+    def log_jacobian(self, v: torch.Tensor) -> torch.Tensor:
+        """The second of `open`."""
+        return self.open(v)[1]
 
     def position(self, theta: torch.Tensor) -> torch.Tensor:
         """v (..., 10) of `theta`; on a bound, the place `BEYOND` widths beyond it."""

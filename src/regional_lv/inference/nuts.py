@@ -132,11 +132,13 @@ class Target:
     def broadened(self, theta: torch.Tensor) -> "Target":
         """Itself, or, if it is a thin shell at `theta` (10,), that which is `blurred`."""
         likelihood = self.likelihood
+        if not likelihood.exact.any():
+            return self
         with torch.no_grad():
             prediction = likelihood.emulator.predict(theta)
         variance = prediction.covariance.diagonal() + likelihood.noise.sd.square()
         thin = likelihood.exact & (variance.sqrt() < BLUR * likelihood.emulator.output_sd)
-        thin = thin & likelihood.emulator.jacobian(theta)[0].any(-1)  # what never moves has none
+        thin = thin & likelihood.emulator.linearise(theta)[1].any(-1)  # what never moves has none
         return Target(likelihood.blurred(BLUR), self.box) if thin.any() else self
 
     def flat(self, centre, whitening, seed: int) -> tuple["Target", torch.Tensor, torch.Tensor]:

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import torch
 
@@ -23,7 +24,7 @@ ITERATIONS, CLOSED = 60, 1e-9
 """Of the search, and between which heights it ends without having found any."""
 
 STEEPNESS = 1e-12
-"""Smallest slope, where an emulator falls along the axis: such places have next to no density."""
+"""Smallest slope: where an emulator falls along the axis, heights are not unique."""
 
 
 @dataclass(frozen=True)
@@ -51,8 +52,8 @@ class Shell:
     def open(self, w: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Theta (..., 10), within the bounds, and log |d theta / dw| (...), at w (..., 10).
 
-        The latter is -inf where no height within the bounds has such an output: these w are no
-        coordinates of any theta.
+        The latter is -inf where no height within the bounds has such an output, or the output does
+        not rise there: these w are no coordinates of any theta.
         """
         y, u = w[..., :-1], w[..., -1]
         height, slope = self._find(y.detach(), u.detach())
@@ -64,8 +65,9 @@ class Shell:
         slope = ((above - below) / (2 * STEP)).clamp(min=STEEPNESS)
         v = self._v(y, height)
         theta, log_jacobian = self.box.open(v)
-        log_jacobian = log_jacobian - slope.log() + torch.linalg.slogdet(self.frame).logabsdet
-        return theta, torch.where(missing.abs() > self._tolerance, -math.inf, log_jacobian)
+        log_jacobian = log_jacobian - slope.log() + self._log_volume
+        lost = missing.abs() > self._tolerance
+        return theta, torch.where(lost, -math.inf, log_jacobian)
 
     def theta(self, w: torch.Tensor) -> torch.Tensor:
         """Theta (..., 10), within the bounds."""
@@ -76,6 +78,10 @@ class Shell:
         across = torch.linalg.solve(self.frame, (self.box.position(theta) - self.origin)[..., None])
         y, height = across[..., :-1, 0], across[..., -1, 0]
         return torch.cat([y, self._excess(y, height)[..., None]], dim=-1)
+
+    @cached_property
+    def _log_volume(self) -> torch.Tensor:
+        return torch.linalg.slogdet(self.frame).logabsdet
 
     @property
     def _tolerance(self) -> torch.Tensor:
@@ -99,7 +105,7 @@ class Shell:
         """
         shape = u.shape
         y, u = y.reshape(-1, y.shape[-1]), u.reshape(-1)
-        height = (_products(y) @ self.guess).clamp(-FAR / 2, FAR / 2)
+        height = (products(y) @ self.guess).clamp(-FAR / 2, FAR / 2)
         low, high = torch.full_like(height, -FAR), torch.full_like(height, FAR)
         slope, left = torch.ones_like(height), torch.arange(len(height))
         for _ in range(ITERATIONS):
@@ -143,13 +149,13 @@ def flatten(
     basis[0] *= torch.sign(basis[0] @ axis)
     frame = spread @ basis.roll(-1, 0).T
     value = likelihood.y[output]
-    guess = torch.zeros(len(_products(origin[1:])), dtype=origin.dtype)
+    guess = torch.zeros(len(products(origin[1:])), dtype=origin.dtype)
     rough = Shell(box, emulator.rough, output, value, origin, frame, guess)
     y = SPREAD * torch.randn(PLACES, p - 1, generator=generator, dtype=origin.dtype)
     height, _ = rough._find(y, torch.zeros(PLACES, dtype=origin.dtype))
     # What lies far off the posterior matters less.
     weight = torch.exp(-0.125 * height.square())[:, None]
-    fit = torch.linalg.lstsq(weight * _products(y), weight * height[:, None])
+    fit = torch.linalg.lstsq(weight * products(y), weight * height[:, None])
     shell = Shell(box, emulator, output, value, origin, frame, fit.solution[:, 0])
 
     to_shell = torch.eye(len(centre), dtype=origin.dtype)
@@ -163,7 +169,7 @@ def flatten(
     return shell, centre, torch.linalg.cholesky(covariance)
 
 
-def _products(y: torch.Tensor) -> torch.Tensor:
+def products(y: torch.Tensor) -> torch.Tensor:
     """1, y and all products of two (..., F)."""
     first, second = torch.triu_indices(y.shape[-1], y.shape[-1])
     return torch.cat([torch.ones_like(y[..., :1]), y, y[..., first] * y[..., second]], dim=-1)

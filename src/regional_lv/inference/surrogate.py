@@ -21,7 +21,7 @@ import torch
 from regional_lv.emulators.base import join
 from regional_lv.inference.likelihood import Likelihood
 from regional_lv.inference.nuts import Place, Target, refine, student
-from regional_lv.inference.shell import Shell
+from regional_lv.inference.shell import Shell, products
 from regional_lv.seeds import derive
 
 ROUNDS = (300, 300, 500)
@@ -87,9 +87,7 @@ class Frame:
 
     def features(self, position: torch.Tensor) -> torch.Tensor:
         """1, z and all products of two, (..., K, F), at positions (..., K, P)."""
-        z = self.coordinates(position)
-        first, second = torch.triu_indices(z.shape[-1], z.shape[-1])
-        return torch.cat([torch.ones_like(z[..., :1]), z, z[..., first] * z[..., second]], dim=-1)
+        return products(self.coordinates(position))
 
 
 @dataclass(frozen=True)
