@@ -66,7 +66,7 @@ class Shell:
         v = self._v(y, height)
         theta, log_jacobian = self.box.open(v)
         log_jacobian = log_jacobian - slope.log() + self._log_volume
-        lost = missing.abs() > self._tolerance
+        lost = (missing.abs() > self._tolerance) | (slope <= STEEPNESS)
         return theta, torch.where(lost, -math.inf, log_jacobian)
 
     def theta(self, w: torch.Tensor) -> torch.Tensor:
