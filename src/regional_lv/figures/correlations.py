@@ -91,7 +91,7 @@ def _matrix(ax: Axes, table: pd.DataFrame, what: str, names: Sequence[str]):
         error = f"\n±{se[i, j]:.3f}" if np.isfinite(se[i, j]) else ""
         colour = "white" if abs(mean[i, j]) > 0.65 else "black"
         ax.text(
-            j, i, f"{mean[i, j]:.2f}{error}", ha="center", va="center", color=colour, fontsize=7
+            j, i, f"{mean[i, j]:z.2f}{error}", ha="center", va="center", color=colour, fontsize=7
         )
     ax.set_xticks(range(len(names)), names, rotation=45, ha="right")
     ax.set_yticks(range(len(names)), names)

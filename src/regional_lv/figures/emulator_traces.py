@@ -97,5 +97,9 @@ def _common(axes) -> None:
     Traces keep their own: mixing is to be seen, and of a narrow posterior it would not be.
     """
     limits = [ax.get_xlim() for ax in axes]
+    lower, upper = min(a for a, _ in limits), max(b for _, b in limits)
+    ticks = [tick for tick in axes[0].xaxis.get_major_locator().tick_values(lower, upper)
+             if lower <= tick <= upper]  # fmt: skip
     for ax in axes:
-        ax.set(xlim=(min(a for a, _ in limits), max(b for _, b in limits)))
+        # The outer ones: three labels would run into each other in so narrow a panel.
+        ax.set(xlim=(lower, upper), xticks=[ticks[0], ticks[-1]])
