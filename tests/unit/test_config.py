@@ -11,7 +11,7 @@ from regional_lv import aha, config
 from regional_lv.errors import InputError
 
 ROOT = Path(__file__).resolve().parents[2]
-STUDIES = ("config", "paper_1500", "quick", "smoke")
+STUDIES = ("config", "paper_1500", "quick", "hidden_effects", "smoke")
 
 
 @pytest.fixture(autouse=True)

@@ -11,8 +11,10 @@ def costs(folder: str | Path) -> pd.DataFrame:
     """What the files (`*.tsv`) below `folder` say, the costliest step first, the sum last.
 
     Columns stage, step, jobs, wall_s and cpu_s (sums over the jobs, s) and max_memory_mb (MB, the
-    largest job's resident memory). Each file is of one job and of the last time that it ran;
-    batches of one step count as its jobs. Steps without a benchmark take seconds and are left out.
+    largest job's resident memory). Snakemake looks at a job every 30 s: what it did after the last
+    look is missing from cpu_s and max_memory_mb. Each file is of one job and of the last time that
+    it ran; batches of one step count as its jobs. Steps without a benchmark take seconds and are
+    left out.
 
     Raises InputError if there are no files.
     """
