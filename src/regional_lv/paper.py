@@ -28,7 +28,10 @@ FACTOR = 1.5
 """Ratio, either way, beyond which a difference needs a reason; unless DIFFERENCE names it."""
 
 DIFFERENCE = {
-    **{"rhat": 0.01, "split_rhat": 0.01, "coverage95": 3.0, "zone_correlation": 0.1},
+    "rhat": 0.01,
+    "split_rhat": 0.01,
+    "coverage95": 3.0,
+    "zone_correlation": 0.1,
     "pairs_rejected": 0,
 }
 """Quantities whose ratio says little: the absolute difference beyond which they need a reason."""
