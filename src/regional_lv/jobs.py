@@ -1,0 +1,52 @@
+"""A job of the workflow: the library function that its rule names, with the rule's files and values.
+
+Every rule says `call="<module>:<function>"` in its `params` and names its files and values as the
+function names its arguments; `workflow/scripts/call.py` hands them over.
+"""
+
+import importlib
+import inspect
+import sys
+from collections.abc import Callable
+
+from regional_lv.channels import Channels
+from regional_lv.parameters import Parameterisation
+from regional_lv.progress import start_log
+
+PACKAGE = "regional_lv"
+
+OBJECTS = {"parameters": Parameterisation.from_spec, "channels": Channels.parse}
+"""Arguments that a rule gives as plain values, which Snakemake can compare, and what makes the
+object of them."""
+
+NOT_PASSED = {"call", "library"}
+"""Names of a rule that are no arguments: what is called, and the code that it depends on."""
+
+
+def function_of(call: str) -> Callable:
+    """The function that `call`, such as `figures.recovery:draw`, names inside the package."""
+    module, _, name = call.partition(":")
+    return getattr(importlib.import_module(f"{PACKAGE}.{module}"), name)
+
+
+def module_of(call: str) -> str:
+    """The module of a `call`, below the package."""
+    return call.partition(":")[0]
+
+
+def run(snakemake) -> None:
+    """Run the job: log to its log file, use as many threads as it has, call its function.
+
+    Arguments are the named inputs, outputs and params; of the wildcards, those that the function
+    takes and that have no value otherwise.
+    """
+    start_log(snakemake.log[0])
+    function = function_of(snakemake.params.call)
+    # Where the function's module brings torch in, it takes all cores unless it is told.
+    if "torch" in sys.modules:
+        sys.modules["torch"].set_num_threads(snakemake.threads)
+    wanted = inspect.signature(function).parameters
+    values = {k: v for k, v in snakemake.wildcards.items() if k in wanted}
+    for part in (snakemake.input, snakemake.output, snakemake.params):
+        values |= {k: v for k, v in part.items() if k not in NOT_PASSED}
+    function(**{k: OBJECTS[k](v) if k in OBJECTS else v for k, v in values.items()})

@@ -1,0 +1,27 @@
+"""Segmental strains along the wall's local directions, as they look back from the loaded state."""
+
+from regional_lv.quantities.base import SEGMENT_PLACES, Quantity
+
+
+class Strain(Quantity):
+    """Mean over a segment of the strain along one direction of the loaded configuration."""
+
+    noise = "strain"
+    places = SEGMENT_PLACES
+    is_strain = True
+
+    def values(self, motion, places):
+        numbers = [int(place) for place in places]
+        return motion.segment_means(motion.strains[self.name])[[n - 1 for n in numbers]]
+
+
+class Circumferential(Strain):
+    name, sign, limits = "circumferential", -1, (-0.5, 1.5)
+
+
+class Radial(Strain):
+    name, sign, limits = "radial", 1, (-0.5, 3.0)
+
+
+class Longitudinal(Strain):
+    name, sign, limits = "longitudinal", -1, (-0.5, 1.5)

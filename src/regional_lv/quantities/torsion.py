@@ -1,0 +1,36 @@
+"""Torsion: how far one level of the wall turns against another, per distance between them."""
+
+from regional_lv.aha import LEVELS
+from regional_lv.quantities.base import LEVEL_PAIRS, Quantity, levels_of
+
+
+class Torsion(Quantity):
+    """Twist between two levels over their distance, deg/mm, looking back from the loaded state.
+
+    Positive where the lower level turns counter-clockwise against the upper one as seen from the
+    apex, on the way from the loaded to the unloaded state, which is the usual sign of systolic
+    torsion (Young and Cowan 2012, doi 10.1186/1532-429X-14-49). A level's rotation is the mean over
+    its wall of the angle about the long axis; the distance is that of the levels' mean heights in
+    the loaded state.
+    """
+
+    name, column, unit = "torsion", "torsion", "deg/mm"
+    units = {"deg/mm": 1.0}
+    limits = (-2.0, 2.0)
+    noise = "torsion"
+    places = LEVEL_PAIRS
+    default_places = ("basal-apical",)
+
+    def values(self, motion, places):
+        import torch
+
+        found = []
+        for upper, lower in map(levels_of, places):
+            angles, heights = zip(
+                *(motion.rotation_and_height(LEVELS[level]) for level in (upper, lower)),
+                strict=True,
+            )
+            # Counter-clockwise seen from the base is clockwise seen from the apex, and looking
+            # back turns the other way: both signs cancel.
+            found.append((angles[1] - angles[0]) / (heights[0] - heights[1]))
+        return torch.rad2deg(torch.stack(found))

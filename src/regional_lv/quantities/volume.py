@@ -1,0 +1,13 @@
+"""The volume of the left ventricle's cavity."""
+
+from regional_lv.quantities.base import Quantity
+
+
+class Volume(Quantity):
+    name, column = "volume", "volume_ml"
+    unit, units = "mL", {"mL": 1.0}
+    limits = (20.0, 600.0)
+    noise = "volume"
+
+    def values(self, motion, places):
+        return motion.cavity_volume_ml[None]

@@ -1,0 +1,104 @@
+"""Named things of one kind: those of the package, and those that a plugin adds from outside.
+
+A plugin is a Python file or module that calls `add` of a registry, for instance
+
+    from regional_lv.mechanics.materials import MATERIALS
+    MATERIALS.add(MyLaw)
+
+It is found in two ways: named in the configuration (`plugins`), which the workflow hands to every
+job through the environment variable REGIONAL_LV_PLUGINS, or installed with an entry point of the
+group `regional_lv`.
+"""
+
+import difflib
+import importlib.metadata
+import importlib.util
+import os
+import sys
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+
+from regional_lv.errors import InputError
+
+VARIABLE = "REGIONAL_LV_PLUGINS"
+"""Environment variable: paths of plugins, separated as in PATH."""
+
+GROUP = "regional_lv"
+"""Group of entry points under which installed plugins are found."""
+
+
+class Registry(Mapping):
+    """Name -> thing, where every thing has an attribute `name`.
+
+    Parameters
+    ----------
+    kind: what they are, for messages ("material law").
+    key: key of the configuration that chooses among them, for messages.
+    items: those of the package, in order.
+
+    Raises InputError for a name that is not there.
+    """
+
+    def __init__(self, kind: str, key: str, items: Iterable = ()):
+        self.kind, self.key = kind, key
+        self._items = {item.name: item for item in items}
+
+    def add(self, item):
+        """Register `item` under its name; returned, so that `add` can decorate a class.
+
+        The same name again replaces what it stood for: a plugin is read once per process.
+        """
+        self._items[item.name] = item
+        return item
+
+    def __getitem__(self, name: str):
+        load_plugins()
+        if name not in self._items:
+            close = difflib.get_close_matches(str(name), self._items, n=1)
+            hint = f"did you mean {close[0]}?" if close else f"choose among {', '.join(self)}"
+            raise InputError(f"{self.key}: {name!r} is not a known {self.kind}; {hint}")
+        return self._items[name]
+
+    def __contains__(self, name) -> bool:
+        load_plugins()
+        return name in self._items
+
+    def __iter__(self) -> Iterator[str]:
+        load_plugins()
+        return iter(self._items)
+
+    def __len__(self) -> int:
+        load_plugins()
+        return len(self._items)
+
+
+_loaded: set[str] = set()
+
+
+def load_plugins(paths: Iterable[str | Path] = ()) -> None:
+    """Import the plugins at `paths`, those of the environment and the installed ones, each once.
+
+    Raises InputError for a file that is not there or that fails.
+    """
+    if "" not in _loaded:
+        _loaded.add("")
+        for entry in importlib.metadata.entry_points(group=GROUP):
+            entry.load()
+    for path in (*map(str, paths), *os.environ.get(VARIABLE, "").split(os.pathsep)):
+        if path and path not in _loaded:
+            _loaded.add(path)
+            _import(Path(path))
+
+
+def _import(path: Path) -> None:
+    if not path.is_file():
+        _loaded.discard(str(path))
+        raise InputError(f"plugins: there is no file {path}; give the path of a Python file")
+    name = f"{GROUP}_plugin_{path.stem}"
+    spec = importlib.util.spec_from_file_location(name, path)
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module
+    try:
+        spec.loader.exec_module(module)
+    except Exception as error:
+        raise InputError(f"plugins: {path} fails ({error!r}); correct it or remove it") from error
