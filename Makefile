@@ -54,8 +54,10 @@ test-dolfinx-next:
 	envs/test-dolfinx-next.sh
 
 bench-simulator: env
-	snakemake --cores "$$CORES" results/paper/mechanics/predictor.npz
-	PYTHONHASHSEED=0 python benchmarks/simulator.py
+	snakemake --cores "$$CORES" results/three_loads/mechanics/predictor.npz \
+		--configfile config/config.yaml config/examples/three_loads.yaml
+	PYTHONHASHSEED=0 python benchmarks/simulator.py config/config.yaml \
+		config/examples/three_loads.yaml
 
 lint: env
 	ruff check .

@@ -17,7 +17,7 @@ import pandas as pd
 import torch
 from scipy import stats
 
-from regional_lv.emulators import create, read_simulations
+from regional_lv.emulators import create, load, read_simulations
 from regional_lv.inference.likelihood import Likelihood, Noise
 
 CALIBRATIONS = ("variance_factor", "variance_trend", "student")
@@ -49,19 +49,25 @@ def scores(emulator, theta: np.ndarray, y: np.ndarray) -> dict[str, float]:
 
 
 def main(study: Path, splits: int) -> None:
-    screened = study / "screening"
+    screened, final = study / "screening", load(study / "emulators" / "final.pt")
+    columns = final.parameters, final.outputs
     sets = {
-        path.stem: read_simulations(path)[:2]
+        path.stem: read_simulations(path, *columns)[:2]
         for path in sorted(screened.glob("*.parquet"))
         if path.stem not in ("train", "resimulated")
     }
-    theta, y, _ = read_simulations(screened / "train.parquet")
+    theta, y, _ = read_simulations(screened / "train.parquet", *columns)
     rng, rows = np.random.default_rng(0), []
     for split in range(splits):
         for half in np.array_split(rng.permutation(len(theta)), 2):
             for kind in CALIBRATIONS:
                 emulator = create("exact_gp", {"calibration": kind})
-                emulator.fit(theta[half], y[half], lower=0.1, upper=5.0, seed=split)
+                emulator.fit(
+                    *(theta[half], y[half]),
+                    parameters=final.parameters,
+                    outputs=final.outputs,
+                    seed=split,
+                )
                 for name, simulated in sets.items():
                     rows.append({"calibration": kind, "set": name} | scores(emulator, *simulated))
         print(f"split {split + 1} of {splits}", file=sys.stderr)

@@ -1,8 +1,9 @@
 """What a simulation costs: from predicted fields, and by cold load stepping, in one run.
 
-    python benchmarks/simulator.py [config/config.yaml]
+    python benchmarks/simulator.py config/config.yaml config/examples/three_loads.yaml
 
-`make bench-simulator` makes the mesh, the anchors and the predictor first. The last line is JSON.
+`make bench-simulator` makes the mesh, the anchors and the predictors first, also those of the
+further loads that the second file asks for. The last line is JSON.
 """
 
 import json
@@ -12,15 +13,15 @@ import time
 from pathlib import Path
 
 import numpy as np
+import yaml
 
 from regional_lv import config as study_config
 from regional_lv.design import further_points
 from regional_lv.mechanics.continuation import Effort, NotConverged, Runner, Solver
-from regional_lv.mechanics.predictor import Predictor
+from regional_lv.mechanics.predictor import load_predictors
 from regional_lv.simulations import make_simulator
 
 NATURAL, LOG, COLD = 150, 50, 16
-FRAMES = (0.5, 0.75)
 EVERY = 5  # of the points, with further load fractions
 PAPER_SIMULATIONS = 6181
 
@@ -62,30 +63,41 @@ def done(what: str, seconds: np.ndarray) -> None:
     print(f"{what}: {len(seconds)} runs, {seconds.mean():.2f} CPU s each", file=sys.stderr)
 
 
-def main(path: Path) -> None:
-    """Measure and print."""
-    config = study_config.load(path)
+def main(paths: list[Path]) -> None:
+    """Measure and print; later files of the configuration replace sections of earlier ones."""
+    merged = {}
+    for path in paths:
+        merged |= yaml.safe_load(path.read_text())
+    config = study_config.load(merged)
     folder = Path("results") / config["study"]
-    simulator = make_simulator(folder / "geometry" / "mesh.vtu", config)
-    predictor = Predictor.load(folder / "mechanics" / "predictor.npz")
-    pressure = config["loading"]["pressure_mmhg"]
-    solver = Solver(simulator, config["solver"])
-    thetas = further_points(config["design"], config["seed"], "benchmark", NATURAL, LOG)
+    framed = study_config.physics(config)
+    frames = framed["loading"]["frames"]
+    physics = framed | {"loading": framed["loading"] | {"frames": []}}
+    mesh = folder / "geometry" / "mesh.vtu"
+    simulator, guesses = (
+        make_simulator(mesh, physics),
+        load_predictors(folder / "mechanics" / "predictor.npz"),
+    )
+    parameters, pressure = simulator.parameters, simulator.full_pressure
+    solver, seed = Solver(simulator, config["solver"]), config["seed"]
+    thetas = further_points(parameters, seed, "benchmark", NATURAL, LOG)
 
-    with_s, steps = warm(Runner(solver, predictor, pressure), thetas)
+    with_s, steps = warm(Runner(solver, guesses), thetas)
     done("predicted, with sensitivities", with_s)
-    without_s, _ = warm(Runner(solver, predictor, pressure, sensitivities=False), thetas)
+    without_s, _ = warm(Runner(solver, guesses, sensitivities=False), thetas)
     done("predicted, without", without_s)
-    framed_s, framed_steps = warm(Runner(solver, predictor, pressure, FRAMES), thetas[::EVERY])
+    at_loads = Runner(Solver(make_simulator(mesh, framed), config["solver"]), guesses)
+    framed_s, framed_steps = warm(at_loads, thetas[::EVERY])
     done("at lower loads, too", framed_s)
     peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-    share = further_points(config["design"], config["seed"], "benchmark", 3 * COLD // 4, COLD // 4)
+    share = further_points(parameters, seed, "benchmark", 3 * COLD // 4, COLD // 4)
     plain, plain_steps = cold(Solver(simulator, config["solver"], kept=False), share, pressure)
     done("cold, a tangent for every step", plain)
     kept, kept_steps = cold(solver, share, pressure)
     done("cold, tangents kept", kept)
 
-    state = solver.newton(predictor.field(np.ones(10)), np.ones(10), pressure, Effort())
+    one = np.ones(len(parameters))
+    state = solver.newton(guesses[1.0].field(one), one, pressure, Effort())
     residual = simulator.residual(state.w)
     seconds = {
         "assembly": clock(lambda: simulator.assemble(state.w)),
@@ -110,7 +122,7 @@ def main(path: Path) -> None:
         ("predicted, with sensitivities", with_s, steps),
         ("predicted, without", without_s, None),
         (f"of every {EVERY}th: the full load", with_s[::EVERY], steps[::EVERY]),
-        (f"and at {FRAMES[0]} and {FRAMES[1]} of it", framed_s, framed_steps),
+        (f"and at {', '.join(f'{f:g}' for f in frames)} of it", framed_s, framed_steps),
         ("cold, a tangent for every step", plain, plain_steps),
         ("cold, tangents kept", kept, kept_steps),
     ):
@@ -123,6 +135,7 @@ def main(path: Path) -> None:
     summary = {
         "step_equivalents": cpu / step,
         "ratio_cold": plain.mean() / cpu,
+        "ratio_loads": framed_s.mean() / with_s[::EVERY].mean(),
         "cpu_s": cpu,
         "newton_steps_median": float(np.median(steps)),
         "newton_steps_p95": float(np.percentile(steps, 95)),
@@ -132,4 +145,4 @@ def main(path: Path) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1] if len(sys.argv) > 1 else "config/config.yaml"))
+    main([Path(path) for path in sys.argv[1:]])

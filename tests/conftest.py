@@ -30,7 +30,7 @@ def small_mesh(tmp_path_factory, smoke_config) -> Path:
     folder = tmp_path_factory.mktemp("mesh")
     geometry = smoke_config["geometry"]
     make_mesh(
-        ROOT / geometry["segments"],
+        geometry["segments"],
         geometry["endo_apex_z_mm"],
         geometry["epi_apex_z_mm"],
         smoke_config["mesh"],

@@ -1,8 +1,8 @@
 """The configuration of a study: checked against the schema, defaults filled in.
 
-Keys, units, defaults and limits stand in `workflow/schemas/config.schema.yaml` and nowhere else;
-this module adds what a schema cannot say. `python -m regional_lv.config config/README.md` writes
-the tables of keys in that page.
+Keys, units, defaults and limits stand in `schema/config.schema.yaml` and nowhere else; this module
+adds what a schema cannot say: what fits together, and what is registered.
+`python -m regional_lv.config config/README.md` writes the tables of keys in that page.
 """
 
 import copy
@@ -10,26 +10,55 @@ import difflib
 import itertools
 import math
 import re
+import statistics
 import sys
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
 import jsonschema
 import yaml
 
+from regional_lv.channels import Channels
 from regional_lv.criticism.hypotheses import REGISTRY
+from regional_lv.data import VOLUNTEER
 from regional_lv.errors import InputError
-from regional_lv.resources import PUBLISHED, PUBLISHED_HEART, PUBLISHED_ROWS, SLICES_OF_LEVEL
+from regional_lv.mechanics.loads import LOADS
+from regional_lv.mechanics.materials import material_from_config
+from regional_lv.mechanics.observables.layer import check_layer
+from regional_lv.mechanics.supports import SUPPORTS, supports_from_config
+from regional_lv.parameters import Parameterisation
+from regional_lv.published import PUBLISHED, PUBLISHED_HEART, PUBLISHED_ROWS, SLICES_OF_LEVEL
+from regional_lv.quantities import QUANTITIES
+from regional_lv.registry import load_plugins
 from regional_lv.schema import load_schema
 
 MARK = "<!-- The tables below are written from the schema by `make format`. -->\n"
 """Line of config/README.md after which everything is generated."""
 
-LEAST_ROWS = 12
-"""Simulations that every emulator needs: two more than there are parameters."""
 RESERVED = {"train", "test", "resimulated", "subjects"}
 """Names that no scenario may have."""
+
+PHYSICS = ("material", "fibres", "loading", "supports", "observables", "solver")
+"""Sections that describe the simulator."""
+
+MOVED = {
+    **{
+        f"material.{name}": f"`material.constants.{name}`"
+        for name in ("a_kpa", "b", "a_f_kpa", "b_f", "a_s_kpa", "b_s", "a_fs_kpa", "b_fs")
+    },
+    "material.factor_a": "`material.reference.C_a`",
+    "material.factor_b": "`material.reference.C_b`",
+    "material.anisotropy": "`material.constants.a_f_kpa`, the law's value times this factor",
+    "loading.base": "`supports.base`, each component by itself (radial, axial, circumferential)",
+    "loading.base_spring_kpa_per_mm": "`supports.base.radial`, one over the stiffness",
+    "loading.basal_compliance_mm_per_kpa": "`supports.base.radial`",
+    "loading.epicardial_spring_kpa_per_mm": "`supports.epicardium_kpa_per_mm`",
+    "observables.region": "`observables.layer`, such as [0.0, 0.333] for the endocardial third",
+    "observables.endocardial_share": "`observables.layer`, such as [0.0, 0.333]",
+    "observables.nominal_share": "`observables.strain_exponent`; 1 is nominal strain",
+}
+"""Keys of earlier versions, and what does their work now."""
 
 
 def load(config: str | Path | dict, source: str = "config") -> dict:
@@ -44,7 +73,7 @@ def load(config: str | Path | dict, source: str = "config") -> dict:
     -------
     A new nested dict with every key of the schema; `design.test` is the number of test cases also
     where they come from a table. Relative paths stay as they are: they count
-    from the working directory.
+    from the working directory. The plugins that it names are loaded.
 
     Raises
     ------
@@ -57,12 +86,27 @@ def load(config: str | Path | dict, source: str = "config") -> dict:
     config, schema = _with_text_keys(config), load_schema()
     errors = jsonschema.Draft202012Validator(schema).iter_errors(config)
     _raise(source, sorted(line for error in errors for line in _explain(error)))
+    try:
+        load_plugins(Path(plugin).resolve() for plugin in config.get("plugins", ()))
+    except InputError as error:
+        _raise(source, [str(error)])
     complete = _complete(schema, config)
+    _complete_by_registries(complete)
+    if "synthetic_subjects" not in config:
+        _carry_over(complete)
     _raise(source, list(_cross_check(complete)))
     if complete["simulations"]["source"] == "table":
         # The one place that says how many test cases there are.
         complete["design"]["test"] = _table_sizes(complete)["test"]
     return complete
+
+
+def physics(config: dict) -> dict:
+    """What a checked configuration says of the simulator, as `make_simulator` takes it."""
+    return {section: config[section] for section in PHYSICS} | {
+        "geometry": {"wall_thickness_scale": config["geometry"]["wall_thickness_scale"]},
+        "parameters": Parameterisation.from_config(config).spec(),
+    }
 
 
 def _read(path: Path) -> dict:
@@ -92,19 +136,52 @@ def _raise(source: str, lines: list[str]) -> None:
 
 def _complete(schema: dict, value):
     """`value` with defaults for absent keys, and numbers in the schema's type."""
-    if schema.get("type") == "object":
+    if isinstance(value, dict):
         return {
             key: _complete(_entry_schema(schema, key), copy.deepcopy(value.get(key, default)))
             for key, default in (_defaults(schema) | value).items()
         }
-    if schema.get("type") == "array":
-        return [_complete(schema["items"], item) for item in value]
+    if isinstance(value, list):
+        return [_complete(schema.get("items", {}), item) for item in value]
     # 5 and 5.0 must be the same value, or Snakemake sees a change where there is none.
-    if schema.get("type") == "number":
-        return float(value)
+    if "number" in schema.get("type", ()):
+        return float(value) if isinstance(value, int) else value
     if isinstance(value, float) and value.is_integer():
         return int(value)
     return value
+
+
+def _complete_by_registries(config: dict) -> None:
+    """Add what a schema does not know of: settings of emulators that plugins add."""
+    emulators = config["emulators"]
+    for name in emulators["names"]:
+        if name not in emulators:
+            emulators[name] = _complete(_entry_schema(_section("emulators"), name), {})
+
+
+def _carry_over(config: dict) -> None:
+    """Give the default subjects, whose theta is in the paper's zones, the zones of the study.
+
+    A zone has the mean of its segments; a factor that the paper's law does not have is 1, but for
+    the one that scales all stresses.
+    """
+    paper = Parameterisation()
+    try:
+        own = Parameterisation.from_config(config)
+    except InputError:
+        return  # said with everything else
+    if own.names == paper.names:
+        return
+    stress = next(p.factor for p in paper if p.scales_stress)
+    for subject in config["synthetic_subjects"].values():
+        given = subject["theta"]
+        subject["theta"] = {
+            p.name: statistics.mean(
+                given.get(f"{stress if p.scales_stress else p.factor}_{paper.zone_of(s)}", 1.0)
+                for s in own.zones[p.zone]
+            )
+            for p in own
+        }
 
 
 def _defaults(schema: dict) -> dict:
@@ -119,7 +196,14 @@ def _defaults(schema: dict) -> dict:
 def _entry_schema(schema: dict, key: str) -> dict:
     if key in schema.get("properties", {}):
         return schema["properties"][key]
-    return next(iter(schema["patternProperties"].values()))
+    for entry in schema.get("patternProperties", {}).values():
+        return entry
+    further = schema.get("additionalProperties")
+    return further if isinstance(further, dict) else {}
+
+
+def _section(name: str) -> dict:
+    return load_schema()["properties"][name]
 
 
 # ------------------------------------------------------------------------------- messages
@@ -133,6 +217,9 @@ def _explain(error: jsonschema.ValidationError) -> Iterator[str]:
         for name in set(error.instance) - set(error.schema.get("properties", {})):
             if not any(re.search(pattern, name) for pattern in patterns):
                 yield _explain_unknown(error.schema, key, name)
+    elif _is_unknown_name(error):
+        section, name = error.absolute_path
+        yield _explain_unknown(_section(section), section, name)
     elif error.validator == "required":
         missing = [name for name in error.validator_value if name not in error.instance]
         yield f"{key or 'the whole file'}: missing {', '.join(missing)}; add what is missing"
@@ -141,7 +228,17 @@ def _explain(error: jsonschema.ValidationError) -> Iterator[str]:
         yield f"{key or 'the whole file'}: {_complaint(error)}. {description}".rstrip()
 
 
+def _is_unknown_name(error: jsonschema.ValidationError) -> bool:
+    """Whether it is about a key of a section that plugins add to, and cannot be one of theirs."""
+    section, *inner = error.absolute_path or [""]
+    schema = load_schema()["properties"].get(section, {})
+    further = isinstance(schema.get("additionalProperties"), dict)
+    return further and len(inner) == 1 and inner[0] not in schema["properties"]
+
+
 def _explain_unknown(schema: dict, key: str, name: str) -> str:
+    if _join(key, name) in MOVED:
+        return f"{_join(key, name)}: has moved; use {MOVED[_join(key, name)]}"
     here = list(schema.get("properties", {}))
     if "patternProperties" in schema:
         remedy = "use letters, digits and underscores, and begin with a letter"
@@ -169,6 +266,10 @@ def _complaint(error: jsonschema.ValidationError) -> str:
         return f"{value!r} is not offered; choose one of {', '.join(map(str, limit))}{hint}"
     if error.validator == "anyOf":
         return f"{value!r} is neither `all` nor {_alternative(limit)}; give one of them"
+    if error.validator == "pattern" and "remedy" in error.schema:
+        return f"{value!r} is not possible; {error.schema['remedy']}"
+    if error.validator in ("minItems", "maxItems") and limit > 1:
+        return f"{value!r} holds {len(value)} values; give {limit}"
     words = {
         "minimum": f"{value!r} is too small; give at least {limit}",
         "exclusiveMinimum": f"{value!r} is too small; give more than {limit}",
@@ -185,14 +286,7 @@ def _complaint(error: jsonschema.ValidationError) -> str:
 def _alternative(entries: list[dict]) -> str:
     """What may stand instead of `all`."""
     other = next(entry for entry in entries if "type" in entry)
-    if other["type"] == "array":
-        return f"a list of {', '.join(_resolved(other['items'])['enum'])}"
-    return "a whole number above zero"
-
-
-def _resolved(entry: dict) -> dict:
-    reference = entry.get("$ref", "").removeprefix("#/$defs/")
-    return load_schema()["$defs"][reference] if reference else entry
+    return "a list of names" if other["type"] == "array" else "a whole number above zero"
 
 
 def _type_name(types: str | list[str]) -> str:
@@ -226,7 +320,7 @@ def _join(*parts: str) -> str:
 
 
 def _cross_check(config: dict) -> Iterator[str]:
-    """Mistakes that only show between keys, or between a key and a file."""
+    """Mistakes that only show between keys, or between a key and a file or a registry."""
     geometry, design, loading = config["geometry"], config["design"], config["loading"]
     if geometry["epi_apex_z_mm"] >= geometry["endo_apex_z_mm"]:
         yield "geometry.epi_apex_z_mm: must lie below geometry.endo_apex_z_mm; lower it"
@@ -239,58 +333,157 @@ def _cross_check(config: dict) -> Iterator[str]:
     frames = loading["frames"]
     if any(b <= a for a, b in itertools.pairwise(frames)):
         yield f"loading.frames: {frames} does not rise; sort it and remove repetitions"
+    mistakes = [
+        *_check_added("loading", LOADS, config),
+        *_check_added("supports", SUPPORTS, config),
+    ]
+    if not mistakes:
+        mistakes += _complaints(supports_from_config, config["supports"])
     solver = config["solver"]
     if solver["min_load_fraction"] > solver["first_load_fraction"]:
         yield "solver.min_load_fraction: exceeds solver.first_load_fraction; lower it"
-    mistakes = list(_check_tables(config))
+    mistakes += _check_emulators(config["emulators"])
+    mistakes += _complaints(material_from_config, config["material"])
+    mistakes += _complaints(check_layer, *config["observables"]["layer"])
+    mistakes += _complaints(Channels.from_config, config)
+    if design["lower"] < design["upper"]:
+        mistakes += _complaints(Parameterisation.from_config, config)
     yield from mistakes
+    for name, subject in config["subjects"].items():
+        yield from _check_subject(f"subjects.{name}", subject, name, config["synthetic_subjects"])
+    if not mistakes and design["lower"] < design["upper"]:
+        yield from _check_model(
+            config, Parameterisation.from_config(config), Channels.from_config(config)
+        )
+
+
+def _complaints(make: Callable, *arguments) -> list[str]:
+    """What the maker of an object has against its part of the configuration."""
+    try:
+        make(*arguments)
+    except InputError as error:
+        return [str(error)]
+    return []
+
+
+def _check_model(config: dict, parameters: Parameterisation, channels: Channels) -> Iterator[str]:
+    """What has to fit the parameters that are inferred and the channels that are observed."""
+    mistakes = list(_check_tables(config, parameters, channels))
+    yield from mistakes
+    design = config["design"]
     sizes = {"train": design["natural"] + design["log"], "test": design["test"]}
     if config["simulations"]["source"] == "table":
         # What cannot be read has been said already.
         sizes = None if mistakes else _table_sizes(config)
     if sizes:
-        yield from _check_sizes(config, sizes)
-    emulators = config["emulators"]
-    shortlist = emulators["shortlist"]["names"]
-    for name in shortlist or ():
-        if name not in emulators["names"]:
+        yield from _check_sizes(config, sizes, least=len(parameters) + 2)
+    yield from _check_scenarios(config["scenarios"], parameters)
+    for name, subject in config["subjects"].items():
+        yield from _check_observed(f"subjects.{name}", subject, config, channels)
+    yield from _check_joint(config["criticism"]["joint"], config["subjects"], parameters)
+    for name, subject in config["synthetic_subjects"].items():
+        key = f"synthetic_subjects.{name}"
+        yield from _check_theta(f"{key}.theta", subject["theta"], parameters)
+        yield from _check_noise(f"{key}.noise", subject["noise"], channels)
+        yield from _check_effects(f"{key}.effects", subject["effects"], config)
+    benchmark = config["criticism"]["benchmark"]
+    yield from _check_noise("criticism.benchmark.noise", benchmark["noise"], channels)
+    noise = config["scenarios"]["noise"]
+    yield from _check_names("scenarios.noise", noise, QUANTITIES)
+    if all(noise.get(name) is None for name in channels.quantities):
+        yield "scenarios.noise: no quantity that the study observes is measured; name a noise"
+    asked = config["criticism"]["hypotheses"]
+    if asked != "all":
+        yield from _check_names("criticism.hypotheses", asked, REGISTRY)
+        described = physics(config)
+        for name in asked:
+            why_not = REGISTRY[name].why_not(described) if name in REGISTRY else ""
+            if why_not:
+                yield f"criticism.hypotheses: {name} cannot be asked, {why_not}; remove it"
+
+
+def _check_names(key: str, names: Iterable[str], known: Iterable[str]) -> Iterator[str]:
+    """Names that are not among the `known` ones."""
+    known = list(known)
+    for name in names:
+        if name not in known:
+            close = difflib.get_close_matches(name, known, n=1)
+            hint = f"; did you mean {close[0]}?" if close else ""
+            yield f"{key}: {name!r} is not offered; choose one of {', '.join(known)}{hint}"
+
+
+def _check_added(name: str, registry: Iterable[str], config: dict) -> Iterator[str]:
+    """Keys of the section `name` that neither the schema nor a plugin knows."""
+    section = _section(name)
+    for key in config[name]:
+        if key not in section["properties"] and key not in registry:
+            yield _explain_unknown(section, name, key)
+
+
+def _check_emulators(emulators: dict) -> Iterator[str]:
+    """Names that no emulator has, and choices among those that are not fitted."""
+    section = _section("emulators")
+    own = {"names", "shortlist", "final"}
+    known = [name for name in section["properties"] if name not in own]
+    names, shortlist = emulators["names"], emulators["shortlist"]
+    asked = {*names, *(shortlist["names"] or ()), *shortlist["also"], *emulators} - own
+    asked |= {emulators["final"]} - {"auto"}
+    if not asked <= {*known}:
+        # Emulators bring torch in, which takes seconds: only to find those of plugins.
+        from regional_lv.emulators import REGISTRY as emulator_registry
+
+        known = list(emulator_registry)
+    yield from _check_names("emulators.names", names, known)
+    yield from _check_names("emulators.shortlist.also", shortlist["also"], known)
+    for name in emulators:
+        if name not in {*known, *own, *names}:
+            yield _explain_unknown(section, "emulators", name)
+    for name in shortlist["names"] or ():
+        if name not in names:
             yield f"emulators.shortlist.names: {name} is not in emulators.names; add it there"
-    candidates = shortlist or emulators["names"]
+    candidates = shortlist["names"] or names
     if emulators["final"] not in ("auto", *candidates):
         yield (
             f"emulators.final: {emulators['final']} is not among those whose posteriors are "
             f"compared ({', '.join(candidates)}); add it to emulators.names and to "
             "emulators.shortlist.names, or write `auto`"
         )
-    yield from _check_scenarios(config["scenarios"], design)
-    for name, subject in config["subjects"].items():
-        yield from _check_subject(f"subjects.{name}", subject, name, config["synthetic_subjects"])
-    yield from _check_joint(config["criticism"]["joint"], config["subjects"])
-    for name, subject in config["synthetic_subjects"].items():
-        for parameter, value in subject["theta"].items():
-            if not design["lower"] <= value <= design["upper"]:
-                yield (
-                    f"synthetic_subjects.{name}.theta.{parameter}: {value} lies outside "
-                    f"[{design['lower']}, {design['upper']}] (design.lower, design.upper), where "
-                    "nothing is simulated; move it inside"
-                )
-        yield from _check_effects(f"synthetic_subjects.{name}.effects", subject["effects"], config)
-    asked = config["criticism"]["hypotheses"]
-    for name in asked if asked != "all" else ():
-        why_not = REGISTRY[name].why_not(config)
-        if why_not:
-            yield f"criticism.hypotheses: {name} cannot be asked, {why_not}; remove it"
-    if loading["basal_compliance_mm_per_kpa"] and loading["base"] != "u_r_u_z_fixed":
-        yield (
-            f"loading.basal_compliance_mm_per_kpa: only `u_r_u_z_fixed` holds the base on its "
-            f"circle, `{loading['base']}` does not; leave it at 0"
-        )
+
+
+def _check_theta(key: str, theta: dict, parameters: Parameterisation) -> Iterator[str]:
+    yield from _check_names(key, theta, parameters.names)
+    missing = [name for name in parameters.names if name not in theta]
+    if missing:
+        yield f"{key}: missing {', '.join(missing)}; add what is missing"
+    for p in parameters:
+        if p.name in theta and not p.lower <= theta[p.name] <= p.upper:
+            yield (
+                f"{key}.{p.name}: {theta[p.name]} lies outside [{p.lower}, {p.upper}] "
+                "(design.lower, design.upper, parameters.bounds), where nothing is simulated; move "
+                "it inside"
+            )
+
+
+def _check_noise(key: str, noise: dict, channels: Channels) -> Iterator[str]:
+    """Names of noise scales that no quantity has, and subjects of whom nothing is measured."""
+    yield from _check_names(key, noise, dict.fromkeys(kind.noise for kind in QUANTITIES.values()))
+    if not {QUANTITIES[quantity].noise for quantity in channels.quantities} & set(noise):
+        yield f"{key}: nothing that the study observes is measured; name the noise of a quantity"
 
 
 def _check_effects(key: str, effects: dict, config: dict) -> Iterator[str]:
+    yield from _check_names(key, effects, REGISTRY)
+    described = physics(config)
     for name, value in effects.items():
-        hypothesis = REGISTRY[name].for_study(config)
-        why_not = hypothesis.why_not(config)
+        if name not in REGISTRY:
+            continue
+        hypothesis = REGISTRY[name].for_study(described)
+        local = hypothesis.components != ("",)
+        if local != isinstance(value, dict):
+            form = "{segment: ..., multiplier: ...}" if local else "a number"
+            yield f"{key}.{name}: {value!r} is not its form; give {form}"
+            continue
+        why_not = hypothesis.why_not(described)
         if why_not:
             yield f"{key}.{name}: cannot be planted, {why_not}; remove it"
         psi = value["multiplier"] if isinstance(value, dict) else value
@@ -301,7 +494,7 @@ def _check_effects(key: str, effects: dict, config: dict) -> Iterator[str]:
             )
 
 
-def _check_joint(joint: dict, subjects: dict) -> Iterator[str]:
+def _check_joint(joint: dict, subjects: dict, parameters: Parameterisation) -> Iterator[str]:
     for name, entry in joint.items():
         key = f"criticism.joint.{name}"
         if name in subjects:
@@ -311,7 +504,12 @@ def _check_joint(joint: dict, subjects: dict) -> Iterator[str]:
                 close = difflib.get_close_matches(subject, subjects, n=1)
                 hint = f"did you mean {close[0]}?" if close else "add it to `subjects`"
                 yield f"{key}.subjects: there is no subject {subject}; {hint}"
-        if entry["theta"] == "published":
+        if entry["theta"] == "published" and parameters.names != Parameterisation().names:
+            yield (
+                f"{key}.theta: the published thetas are of the paper's zones and factors; set "
+                "`parameters` to them, or give a table of all thetas"
+            )
+        elif entry["theta"] == "published":
             for subject in entry["subjects"]:
                 if subjects.get(subject, {}).get("source", "") != "published_simulation":
                     yield (
@@ -325,9 +523,9 @@ def _check_joint(joint: dict, subjects: dict) -> Iterator[str]:
             )
 
 
-def _check_tables(config: dict) -> Iterator[str]:
+def _check_tables(config: dict, parameters: Parameterisation, channels: Channels) -> Iterator[str]:
     """Tables of simulations that cannot be used, and what cannot be had without a simulator."""
-    simulations, design = config["simulations"], config["design"]
+    simulations = config["simulations"]
     tables = simulations["tables"]
     if simulations["source"] != "table":
         if tables:
@@ -339,7 +537,7 @@ def _check_tables(config: dict) -> Iterator[str]:
     if "train" not in tables:
         yield "simulations.tables.train: missing; give the inputs and outputs to learn from"
     # Imported here for the same reason as measured files are.
-    from regional_lv.simulation_tables import SENSITIVITY, read_tables
+    from regional_lv.simulation_tables import SENSITIVITY, published_order, read_tables
 
     for name, files in tables.items():
         key = f"simulations.tables.{name}"
@@ -349,10 +547,16 @@ def _check_tables(config: dict) -> Iterator[str]:
                     f"{key}: `{PUBLISHED}` is the paper's training table, inputs and outputs "
                     "together; name it for both of `train`, or give paths"
                 )
+            elif not published_order(parameters, channels):
+                yield (
+                    f"{key}: `{PUBLISHED}` holds the paper's parameters and channels; leave "
+                    "`parameters`, `observables` and `loading.frames` at their defaults, or give "
+                    "paths"
+                )
             columns = ()
         else:
             try:
-                columns = read_tables(**files, lower=design["lower"], upper=design["upper"]).columns
+                columns = read_tables(**files, parameters=parameters, channels=channels).columns
             except InputError as error:
                 yield f"{key}: {error}"
                 continue
@@ -361,8 +565,8 @@ def _check_tables(config: dict) -> Iterator[str]:
             if SENSITIVITY not in columns:
                 yield (
                     f"emulators.names: {learner} learns from sensitivities, and {key} has no "
-                    f"column {SENSITIVITY}; add it (Parquet, 520 numbers per row), or leave "
-                    f"{learner} out"
+                    f"column {SENSITIVITY}; add it (Parquet, {len(channels) * len(parameters)} "
+                    f"numbers per row), or leave {learner} out"
                 )
     for name, subject in config["subjects"].items():
         if subject["source"] == "synthetic":
@@ -376,11 +580,13 @@ def _table_sizes(config: dict) -> dict[str, int]:
     """Rows of the sets of source `table`, `train` and `test` after the split."""
     from regional_lv.simulation_tables import read_tables, split
 
-    simulations, design = config["simulations"], config["design"]
+    simulations = config["simulations"]
+    model = {
+        "parameters": Parameterisation.from_config(config),
+        "channels": Channels.from_config(config),
+    }
     sizes = {
-        name: PUBLISHED_ROWS
-        if PUBLISHED in files.values()
-        else len(read_tables(**files, lower=design["lower"], upper=design["upper"]))
+        name: PUBLISHED_ROWS if PUBLISHED in files.values() else len(read_tables(**files, **model))
         for name, files in simulations["tables"].items()
     }
     holdout = 0 if "test" in sizes else simulations["holdout"]
@@ -388,8 +594,8 @@ def _table_sizes(config: dict) -> dict[str, int]:
     return {"test": holdout} | sizes | {"train": len(parts["train"])}
 
 
-def _check_sizes(config: dict, sizes: dict[str, int]) -> Iterator[str]:
-    """Too few simulations for what is asked of them."""
+def _check_sizes(config: dict, sizes: dict[str, int], least: int) -> Iterator[str]:
+    """Too few simulations for what is asked of them; every emulator needs `least`."""
     cases = config["test_posteriors"]["cases"]
     if cases != "all" and cases > sizes["test"]:
         yield (
@@ -397,8 +603,18 @@ def _check_sizes(config: dict, sizes: dict[str, int]) -> Iterator[str]:
             "(design.test, or the test table); lower it, or write `all`"
         )
     rows = sizes["train"]
-    if rows < LEAST_ROWS:
-        yield f"{rows} training simulations are too few for any emulator; give {LEAST_ROWS} or more"
+    if rows < least:
+        yield f"{rows} training simulations are too few for any emulator; give {least} or more"
+    efficiency = config["efficiency"]
+    for key, size in (
+        ("sizes", min(efficiency["sizes"])),
+        ("most_with_sensitivities", efficiency["most_with_sensitivities"]),
+    ):
+        if size < least:
+            yield (
+                f"efficiency.{key}: {size} simulations are too few for any emulator; give {least} "
+                "or more"
+            )
     for name in config["emulators"]["names"]:
         settings = config["emulators"][name]
         if "neighbours" in settings and rows < settings["neighbours"] / 0.9:
@@ -409,15 +625,15 @@ def _check_sizes(config: dict, sizes: dict[str, int]) -> Iterator[str]:
             )
 
 
-def _check_scenarios(scenarios: dict, design: dict) -> Iterator[str]:
+def _check_scenarios(scenarios: dict, parameters: Parameterisation) -> Iterator[str]:
     """Means outside the bounds, and names that other sets have."""
-    lower, upper = design["lower"], design["upper"]
+    lower, upper = parameters.lower.max(), parameters.upper.min()
     means = {f"sets.{name}.mu": entry["mu"] for name, entry in scenarios["sets"].items()}
     for key, mean in (means | {"healthy_mean": scenarios["healthy_mean"]}).items():
         if not lower <= mean <= upper:
             yield (
                 f"scenarios.{key}: {mean:g} lies outside [{lower:g}, {upper:g}] (design.lower, "
-                "design.upper), where nothing is learnt; move it inside"
+                "design.upper, parameters.bounds), where nothing is learnt; move it inside"
             )
     for name in sorted(set(scenarios["sets"]) & RESERVED):
         yield f"scenarios.sets.{name}: the name is taken by another set; choose another"
@@ -427,7 +643,8 @@ def _check_geometry_files(geometry: dict) -> Iterator[str]:
     """Files that the geometry's source needs and that are not there."""
     imported = geometry["imported"]
     if geometry["source"] == "segments":
-        needed = {"geometry.segments": geometry["segments"]}
+        given = geometry["segments"]
+        needed = {"geometry.segments": None if given == VOLUNTEER else given}
     elif imported["file"] is None:
         yield "geometry.imported.file: missing; source `mesh` needs a mesh, give its path"
         return
@@ -455,18 +672,6 @@ def _check_subject(key: str, subject: dict, name: str, synthetic: dict) -> Itera
     if source == "file":
         if measured is None:
             yield f"{key}.measured: missing; give the path of the measured file"
-        else:
-            # Imported here because pandas takes longer to load than the rest of this module, and
-            # every job of a run reads the configuration.
-            from regional_lv.measured import read_measured
-
-            try:
-                with warnings.catch_warnings():
-                    # The job that imports the file says them once, in its log.
-                    warnings.simplefilter("ignore")
-                    read_measured(measured)
-            except InputError as error:
-                yield f"{key}.measured: {error}"
     elif measured is not None:
         yield f"{key}.measured: only `source: file` reads a file; remove one of the two"
     if subject.get("frame") is not None and source != "published_volunteer":
@@ -483,6 +688,31 @@ def _check_subject(key: str, subject: dict, name: str, synthetic: dict) -> Itera
         yield f"{key}.row: only `source: published_simulation` has rows; remove one of the two"
 
 
+def _check_observed(key: str, subject: dict, config: dict, channels: Channels) -> Iterator[str]:
+    """Measured files that cannot be used, and subjects of whose strains nothing is observed."""
+    if subject["source"] == "file" and subject.get("measured") is not None:
+        # Imported here because pandas takes longer to load than the rest of this module.
+        from regional_lv.measured import read_measured
+
+        with warnings.catch_warnings():
+            # The job that imports the file says them once, in its log.
+            warnings.simplefilter("ignore")
+            for complaint in _complaints(
+                read_measured,
+                *(subject["measured"], channels, config["loading"]["pressure_mmhg"]),
+                config["observables"]["strain_exponent"],
+            ):
+                yield f"{key}.measured: {complaint}"
+    if (
+        subject["source"].startswith("published_")
+        and not (channels.at(1.0) & channels.is_strain).any()
+    ):
+        yield (
+            f"{key}: the study observes no strain that was measured there; add circumferential or "
+            "radial to observables.quantities, or remove it from `subjects`"
+        )
+
+
 # --------------------------------------------------------------------------- documentation
 
 
@@ -494,10 +724,13 @@ def describe() -> list[tuple[str, dict]]:
     """
 
     def walk(schema: dict, path: str, reruns: str | None) -> Iterator[tuple[str, dict]]:
-        named = schema.get("patternProperties", {}).values()
+        named = list(schema.get("patternProperties", {}).values())
+        if isinstance(schema.get("additionalProperties"), dict):
+            named.append(schema["additionalProperties"])
         for key, entry in [*schema.get("properties", {}).items(), *(("<name>", e) for e in named)]:
             inner = entry.get("reruns", reruns)
-            if entry.get("properties") or entry.get("patternProperties"):
+            holds = entry.get("properties") or entry.get("patternProperties")
+            if entry.get("type") == "object" and holds:
                 yield from walk(entry, _join(path, key), inner)
                 continue
             required = key in schema.get("required", [])

@@ -1,52 +1,56 @@
-"""Where to simulate: Sobol sequences over the box of scaling factors, and simulated disease."""
+"""Where to simulate: Sobol sequences over the box of the parameters, and simulated disease."""
+
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
 from scipy.stats import qmc, truncnorm
 
-from regional_lv import aha
+from regional_lv.parameters import Parameterisation
 from regional_lv.seeds import derive
 
 
-def sobol(n: int, lower: float, upper: float, scale: str, seed: int) -> np.ndarray:
-    """First `n` points (n, 10) of a scrambled Sobol sequence on [lower, upper]^10.
+def sobol(n: int, lower: np.ndarray, upper: np.ndarray, scale: str, seed: int) -> np.ndarray:
+    """First `n` points (n, P) of a scrambled Sobol sequence between bounds (P,).
 
     `scale` "natural" spreads them evenly, "log" evenly in the logarithm.
     """
     # Powers of two keep the sequence balanced; any prefix of the next one serves.
     exponent = max(int(np.ceil(np.log2(max(n, 1)))), 0)
-    points = qmc.Sobol(len(aha.PARAMETERS), seed=seed).random_base2(exponent)[:n]
+    points = qmc.Sobol(len(lower), seed=seed).random_base2(exponent)[:n]
     if scale == "log":
         return np.exp(np.log(lower) + points * (np.log(upper) - np.log(lower)))
     return lower + points * (upper - lower)
 
 
 def further_points(
-    design: dict, seed: int, purpose: str, natural: int, log_scale: int
+    parameters: Parameterisation, seed: int, purpose: str, natural: int, log_scale: int
 ) -> np.ndarray:
-    """Points of the box (n, 10) that no set of the study has: `natural` ones, then log-scale ones.
+    """Points of the box (n, P) that no set of the study has: `natural` ones, then log-scale ones.
 
-    `design` is the config section; `purpose` makes the sequences independent.
+    `purpose` makes the sequences independent.
     """
     return np.concatenate(
         [
             sobol(
-                n, design["lower"], design["upper"], scale, derive(seed, "design", purpose, scale)
+                *(n, parameters.lower, parameters.upper, scale),
+                derive(seed, "design", purpose, scale),
             )
             for n, scale in ((natural, "natural"), (log_scale, "log"))
         ]
     )
 
 
-def make_design(design: dict, seed: int) -> dict[str, pd.DataFrame]:
+def make_design(design: dict, parameters: Parameterisation, seed: int) -> dict[str, pd.DataFrame]:
     """The sets `train` (natural, then log) and `test` (natural, a sequence of its own).
 
-    Columns: `sample`, `scale`, the ten parameters.
+    `design` holds the sizes `natural`, `log` and `test`. Columns: `sample`, `scale`, the P
+    parameters.
     """
 
     def table(name: str, scale: str, n: int) -> pd.DataFrame:
-        theta = sobol(n, design["lower"], design["upper"], scale, derive(seed, "design", name))
-        frame = pd.DataFrame(theta, columns=list(aha.PARAMETERS))
+        theta = sobol(n, parameters.lower, parameters.upper, scale, derive(seed, "design", name))
+        frame = pd.DataFrame(theta, columns=list(parameters.names))
         frame.insert(0, "scale", scale)
         return frame
 
@@ -60,42 +64,66 @@ def make_design(design: dict, seed: int) -> dict[str, pd.DataFrame]:
     return sets
 
 
-def draw_scenario(
-    name: str, scenario: dict, healthy: dict, lower: float, upper: float, seed: int
-) -> pd.DataFrame:
-    """Ventricles of one disease scenario: columns `sample`, `scale`, ten parameters, `zone`.
+def write_design(
+    design: dict, parameters: Parameterisation, seed: int, train: Path, test: Path
+) -> None:
+    """Write the sets of `make_design` (Parquet)."""
+    sets = make_design(design, parameters, seed)
+    sets["train"].to_parquet(train, index=False)
+    sets["test"].to_parquet(test, index=False)
 
-    scenario: an entry of `scenarios.sets`. `local`: `samples_per_zone` ventricles for each of the
-    five zones, whose C_a and C_b are drawn from N(mu, sd) and those of the other zones from
-    N(healthy mean, healthy sd); `zone` names the stiff one. `global`: `samples` ventricles, all
-    zones drawn from N(mu, sd); `zone` is `all`. All draws are independent, from normal
-    distributions truncated to [lower, upper]. `scale` is the scenario's name. seed: the study's.
+
+def draw_scenario(
+    name: str, scenario: dict, healthy: dict, parameters: Parameterisation, seed: int
+) -> pd.DataFrame:
+    """Ventricles of one disease scenario: columns `sample`, `scale`, P parameters, `zone`.
+
+    scenario: an entry of `scenarios.sets`. `local`: `samples_per_zone` ventricles for each zone in
+    turn, whose factors are all drawn from N(mu, sd) and those of the other zones from N(healthy
+    mean, healthy sd); `zone` names the stiff one. `global`: `samples` ventricles, all zones drawn
+    from N(mu, sd); `zone` is `all`. All draws are independent, from normal distributions truncated
+    to the bounds. `scale` is the scenario's name. seed: the study's.
     """
     rng = np.random.default_rng(derive(seed, "scenario", name))
 
-    def draw(mean: float, sd: float, rows: int, columns: int) -> np.ndarray:
-        ends = (np.array([lower, upper]) - mean) / sd
-        return truncnorm(*ends, loc=mean, scale=sd).rvs((rows, columns), random_state=rng)
+    def draw(mean: float, sd: float, rows: int, at: slice) -> np.ndarray:
+        lower, upper = parameters.lower[at], parameters.upper[at]
+        # By inversion of uniform numbers: as many for any bounds, row by row.
+        uniform = rng.uniform(size=(rows, len(lower)))
+        return truncnorm.ppf(uniform, (lower - mean) / sd, (upper - mean) / sd, mean, sd)
 
+    everywhere = slice(None)
     if scenario["kind"] == "global":
         zones = ["all"] * scenario["samples"]
-        theta = draw(scenario["mu"], scenario["sd"], len(zones), len(aha.PARAMETERS))
+        theta = draw(scenario["mu"], scenario["sd"], len(zones), everywhere)
     else:
-        zones = list(np.repeat(aha.ZONES, scenario["samples_per_zone"]))
-        theta = draw(healthy["mean"], healthy["sd"], len(zones), len(aha.PARAMETERS))
-        stiff = draw(scenario["mu"], scenario["sd"], len(zones), 2)
+        zones = list(np.repeat(parameters.zone_names, scenario["samples_per_zone"]))
+        theta = draw(healthy["mean"], healthy["sd"], len(zones), everywhere)
+        # A factor's bounds are the same in every zone: those of the first serve for all.
+        stiff = draw(scenario["mu"], scenario["sd"], len(zones), parameters.blocks[0])
         for row, zone in enumerate(zones):
-            at = 2 * aha.ZONES.index(zone)
-            theta[row, at : at + 2] = stiff[row]
-    table = pd.DataFrame(theta, columns=list(aha.PARAMETERS))
+            theta[row, parameters.of_zone(zone)] = stiff[row]
+    table = pd.DataFrame(theta, columns=list(parameters.names))
     table.insert(0, "sample", np.arange(len(table)))
     table.insert(1, "scale", name)
     table["zone"] = zones
     return table
 
 
-def scenario_size(scenario: dict) -> int:
+def write_scenario(
+    name: str,
+    scenario: dict,
+    healthy: dict,
+    parameters: Parameterisation,
+    seed: int,
+    table: Path,
+) -> None:
+    """Write the ventricles of `draw_scenario` (Parquet)."""
+    draw_scenario(name, scenario, healthy, parameters, seed).to_parquet(table, index=False)
+
+
+def scenario_size(scenario: dict, parameters: Parameterisation) -> int:
     """Number of ventricles of an entry of `scenarios.sets`."""
     if scenario["kind"] == "global":
         return scenario["samples"]
-    return len(aha.ZONES) * scenario["samples_per_zone"]
+    return len(parameters.zones) * scenario["samples_per_zone"]

@@ -1,10 +1,11 @@
 """Measured files: what was observed of one ventricle, as a tidy CSV.
 
-Columns `quantity` (volume | circumferential | radial | longitudinal), `segment` (AHA 1-17, empty
-for the volume), `value`, `unit` (mL | 1 | %), optional `sd` (in the same unit), `frame`, `slice`
-and `source`. Channels that were not measured are absent. Strains are Green strains relative to
-end-diastole that look back to the unloaded state, E = (F^-T F^-1 - I) / 2: circumferential and
-longitudinal ones are negative, radial ones positive.
+Columns `quantity` (a name of `QUANTITIES`, such as volume, circumferential, radial, longitudinal,
+torsion, shortening), `segment` (AHA 1-17; of torsion the two levels, such as basal-apical; else
+empty), `value`, `unit` (mL | 1 | % | deg/mm), optional `sd` (in the same unit), `load_fraction` or
+`pressure_mmhg` (end diastole if absent or empty), `frame`, `slice` and `source`. Channels that were
+not measured are absent. Strains look back from the loaded state to the unloaded one, Green's being
+E = (F^-T F^-1 - I) / 2: circumferential and longitudinal ones are negative, radial ones positive.
 """
 
 import csv
@@ -19,45 +20,53 @@ import numpy as np
 import pandas as pd
 
 from regional_lv import aha
+from regional_lv.channels import Channel, Channels
 from regional_lv.errors import InputError
-from regional_lv.resources import SLICES_OF_LEVEL
+from regional_lv.parameters import Parameterisation
+from regional_lv.published import SLICES_OF_LEVEL
+from regional_lv.quantities import NOWHERE, QUANTITIES, SEGMENT_PLACES, Quantity
 
 REQUIRED = ("quantity", "segment", "value", "unit")
-OPTIONAL = ("sd", "frame", "slice", "source")
-QUANTITIES = ("volume", *aha.DIRECTIONS)
-UNITS = {"mL": 1.0, "1": 1.0, "%": 0.01}
-"""Factor to the unit used inside: mL for the volume, 1 for strains."""
+LOADS = ("load_fraction", "pressure_mmhg")
+OPTIONAL = ("sd", *LOADS, "frame", "slice", "source")
+PASSED_ON = ("frame", "slice", "source")
 
-SIGN = {"circumferential": -1, "radial": 1, "longitudinal": -1}
 SIGN_TOLERANCE = 0.05
 """A noisy channel near zero may come out on the wrong side by this much, or by three `sd`."""
 
-LARGEST_STRAIN = {"circumferential": 1.5, "radial": 3.0, "longitudinal": 1.5}
-"""Larger numbers are percent: soft walls reach radial strains of 2 (published simulations)."""
+SAME_LOAD = 1e-3
+"""Load fractions that differ by less are the same."""
 
-VOLUME_RANGE_ML = (20.0, 600.0)
+MEASURES = {2: "Green", 1: "nominal", 0: "logarithmic", -2: "Almansi"}
 
 
 class MeasuredWarning(UserWarning):
     """A measured file that can be used, but says less than it seems."""
 
 
-def output_name(quantity: str, segment: int | None = None) -> str:
-    """Name in `aha.OUTPUTS` of a quantity and its AHA segment."""
-    return "volume_ml" if quantity == "volume" else f"{quantity}_{segment:02d}"
-
-
 # --------------------------------------------------------------------------------- reading
 
 
-def read_measured(path: str | Path) -> pd.DataFrame:
+def read_measured(
+    path: str | Path,
+    channels: Channels | None = None,
+    pressure_mmhg: float | None = None,
+    strain_exponent: float = 2.0,
+) -> pd.DataFrame:
     """Read and check a measured file.
+
+    Parameters
+    ----------
+    channels: what the study observes; if given, nothing else may be in the file.
+    pressure_mmhg: the study's end-diastolic pressure, of which pressures in the file are fractions.
+    strain_exponent: of the study's strain measure (2: Green's), which bounds strains.
 
     Returns
     -------
-    One row per channel, in the order of the file: `output` (a name of `aha.OUTPUTS`), `quantity`,
-    `segment` (Int64, missing for the volume), `value` and `sd` (mL or strain, NaN where not
-    given), and `frame`, `slice`, `source` as text where the file has them.
+    One row per channel, in the order of the file: `output` (its name), `quantity`, `place`,
+    `segment` (Int64, missing for what belongs to no segment), `load_fraction`, `value` and `sd` (in
+    the quantity's unit, NaN where not given), and `frame`, `slice`, `source` as text where the file
+    has them.
 
     Raises
     ------
@@ -65,41 +74,55 @@ def read_measured(path: str | Path) -> pd.DataFrame:
 
     Warns
     -----
-    MeasuredWarning: no volume, or fewer channels than parameters.
+    MeasuredWarning: no volume.
     """
     columns, lines = _read_lines(Path(path))
-    table = pd.DataFrame([_read_row(path, number, fields) for number, fields in lines])
-    for check in (_check_frames, _check_duplicates, _check_percent, _check_size, _check_signs):
-        for number, complaint in check(table):
+    loads = () if channels is None else channels.load_fractions
+    table = pd.DataFrame(
+        [_read_row(path, number, fields, pressure_mmhg, loads) for number, fields in lines]
+    )
+    for complaints in (
+        _check_frames(table),
+        _check_duplicates(table),
+        _check_percent(table),
+        _check_size(table, strain_exponent),
+        _check_signs(table),
+        () if channels is None else _check_observed(table, channels),
+    ):
+        for number, complaint in complaints:
             raise _error(path, number, complaint)
     _check_noise(path, table)
     for shortcoming in shortcomings(table):
         warnings.warn(f"{path}: {shortcoming}", MeasuredWarning, stacklevel=2)
     table["segment"] = table["segment"].astype("Int64")
-    passed_on = [column for column in ("frame", "slice", "source") if column in columns]
-    return table[["output", "quantity", "segment", "value", "sd", *passed_on]]
+    passed_on = [column for column in PASSED_ON if column in columns]
+    return table[[*COLUMNS, *passed_on]]
 
 
-def states_noise(path: str | Path) -> bool:
-    """Whether a measured file gives the sd of its strains. Raises InputError as `read_measured`."""
+COLUMNS = ("output", "quantity", "place", "segment", "load_fraction", "value", "sd")
+"""Columns of every measured table."""
+
+
+def states_noise(path: str | Path, pressure_mmhg: float | None = None) -> bool:
+    """Whether a measured file gives the sd of all but the volume. Raises as `read_measured`."""
     with warnings.catch_warnings():
         # Whoever uses the file says what it lacks.
         warnings.simplefilter("ignore", MeasuredWarning)
-        table = read_measured(path)
+        table = read_measured(path, pressure_mmhg=pressure_mmhg)
     return bool(table.loc[table["quantity"] != "volume", "sd"].notna().all())
 
 
-def shortcomings(measured: pd.DataFrame) -> list[str]:
-    """What a measured table cannot tell, in sentences."""
+def shortcomings(measured: pd.DataFrame, parameters: int = 0) -> list[str]:
+    """What a measured table cannot tell of a number of `parameters`, in sentences."""
     found = []
     if "volume" not in set(measured["quantity"]):
         found.append(
-            "no volume: nothing but the strains sets the overall stiffness, so expect it to stay "
-            "uncertain; add the end-diastolic volume if there is one"
+            "no volume: nothing but the other channels sets the overall stiffness, so expect it to "
+            "stay uncertain; add the end-diastolic volume if there is one"
         )
-    if len(measured) < len(aha.PARAMETERS):
+    if len(measured) < parameters:
         found.append(
-            f"{len(measured)} channels for {len(aha.PARAMETERS)} parameters: the data cannot tell "
+            f"{len(measured)} channels for {parameters} parameters: the data cannot tell "
             "all of them apart, and what they leave open, the posterior takes from the prior; add "
             "channels"
         )
@@ -131,6 +154,8 @@ def _read_lines(path: Path) -> tuple[list[str], list[tuple[int, dict]]]:
                 f"column `{name}` is not known or stands twice; remove it, or rename it to one of "
                 f"{', '.join(REQUIRED + OPTIONAL)}",
             )
+    if all(name in columns for name in LOADS):
+        raise _error(path, 1, f"columns {' and '.join(LOADS)} say the same; keep one of them")
     lines = []
     for fields in reader:
         if not any(field.strip() for field in fields):
@@ -158,50 +183,102 @@ def _column_remedy(name: str, columns: list[str]) -> str:
     return f"the first line has to name the columns {', '.join(REQUIRED)}"
 
 
-def _read_row(path: str | Path, number: int, fields: dict) -> dict:
+def _read_row(
+    path: str | Path, number: int, fields: dict, pressure: float | None, loads: tuple[float, ...]
+) -> dict:
     """One line as numbers in the units used inside; `line`, `unit` and `raw` serve the checks."""
     quantity, unit = fields["quantity"], fields["unit"]
     if quantity not in QUANTITIES:
         close = difflib.get_close_matches(quantity.lower(), QUANTITIES, n=1)
         hint = f"did you mean {close[0]}?" if close else f"use one of {', '.join(QUANTITIES)}"
         raise _error(path, number, f"quantity `{quantity}` is not known; {hint}")
-    expected = ("mL",) if quantity == "volume" else ("1", "%")
-    if unit not in expected:
+    kind = QUANTITIES[quantity]
+    if unit not in kind.units:
         raise _error(
             path,
             number,
             f"unit `{unit}` does not go with {quantity}; convert to and write "
-            f"{' or '.join(expected)}",
+            f"{' or '.join(kind.units)}",
         )
-    segment = _segment(path, number, quantity, fields["segment"])
+    channel = Channel(
+        quantity,
+        _place(path, number, kind, fields["segment"]),
+        _load_fraction(path, number, fields, pressure, loads),
+    )
     raw = _number(path, number, "value", fields["value"])
     sd = _number(path, number, "sd", fields["sd"]) if fields.get("sd") else math.nan
     if sd <= 0:
         raise _error(path, number, f"sd {sd:g} is not positive; correct it, or leave it empty")
     return fields | {
         "line": number,
-        "output": output_name(quantity, segment),
-        "segment": segment,
+        "output": channel.name,
+        "place": channel.place,
+        "segment": channel.segment,
+        "load_fraction": channel.load_fraction,
         "raw": raw,
-        "value": raw * UNITS[unit],
-        "sd": sd * UNITS[unit],
+        "value": raw * kind.units[unit],
+        "sd": sd * kind.units[unit],
     }
 
 
-def _segment(path: str | Path, number: int, quantity: str, text: str) -> int | None:
-    if quantity == "volume":
+def _place(path: str | Path, number: int, kind: type[Quantity], text: str) -> str:
+    """The place that the column `segment` names."""
+    if kind.places == NOWHERE:
         if text:
-            raise _error(path, number, f"the volume has segment `{text}`; leave it empty")
-        return None
-    try:
-        segment = float(text)
-    except ValueError:
-        segment = math.nan
-    if segment not in range(1, len(aha.SEGMENTS) + 1):
+            raise _error(path, number, f"the {kind.name} has segment `{text}`; leave it empty")
+        return ""
+    if kind.places == SEGMENT_PLACES:
+        try:
+            segment = float(text)
+        except ValueError:
+            segment = math.nan
+        if segment not in range(1, len(aha.SEGMENTS) + 1):
+            raise _error(
+                path, number, f"segment `{text}` is not an AHA segment; use its number, 1 to 17"
+            )
+        return f"{int(segment):02d}"
+    if text not in kind.places:
+        two = "needs two levels" if text in aha.LEVELS or not text else f"has no place `{text}`"
         raise _error(
-            path, number, f"segment `{text}` is not an AHA segment; use its number, 1 to 17"
+            path,
+            number,
+            f"{kind.name} {two}; write one of {', '.join(kind.places)} as its segment",
         )
-    return int(segment)
+    return text
+
+
+def _load_fraction(
+    path: str | Path,
+    number: int,
+    fields: dict,
+    pressure: float | None,
+    loads: tuple[float, ...],
+) -> float:
+    """Share of the end-diastolic pressure at which the row was measured."""
+    column = next((name for name in LOADS if fields.get(name)), None)
+    if column is None:
+        return 1.0
+    value = _number(path, number, column, fields[column])
+    whole, unit = 1.0, ""
+    if column == "pressure_mmhg":
+        if pressure is None:
+            raise _error(
+                path,
+                number,
+                "a pressure says nothing without the end-diastolic one; give load_fraction instead",
+            )
+        whole, unit = pressure, " mmHg"
+    fraction = value / whole
+    if not 0 < fraction <= 1 + SAME_LOAD:
+        raise _error(
+            path,
+            number,
+            f"{column} {value:g} lies outside (0, {whole:g}{unit}]; end diastole is {whole:g}{unit}"
+            + (", the study's loading.pressure_mmhg" if unit else "")
+            + ": correct it, or leave it empty for end diastole",
+        )
+    known = [load for load in (1.0, *loads) if abs(load - fraction) < SAME_LOAD]
+    return known[0] if known else round(fraction, 6)
 
 
 def _number(path: str | Path, number: int, column: str, text: str) -> float:
@@ -226,10 +303,18 @@ Complaints = Iterator[tuple[int, str]]
 
 
 def _check_frames(table: pd.DataFrame) -> Complaints:
-    frames = list(dict.fromkeys(table.get("frame", ())))
-    if len(frames) > 1:
-        line = table.loc[table["frame"] == frames[1], "line"].iloc[0]
-        yield line, f"several frames ({', '.join(frames)}); keep the end-diastolic one only"
+    if "frame" not in table:
+        return
+    for load, rows in table.groupby("load_fraction", sort=False):
+        frames = list(dict.fromkeys(rows["frame"]))
+        if len(frames) > 1:
+            line = rows.loc[rows["frame"] == frames[1], "line"].iloc[0]
+            which = "end-diastolic one" if load == 1 else f"one at load fraction {load:g}"
+            yield (
+                line,
+                f"several frames ({', '.join(frames)}); keep the {which} only, or say in a column "
+                "load_fraction at which load each was taken",
+            )
 
 
 def _check_duplicates(table: pd.DataFrame) -> Complaints:
@@ -242,69 +327,104 @@ def _check_duplicates(table: pd.DataFrame) -> Complaints:
 
 
 def _check_percent(table: pd.DataFrame) -> Complaints:
-    plain, percent = table[table["unit"] == "1"], table[table["unit"] == "%"]
-    limit = plain["quantity"].map(LARGEST_STRAIN)
+    may = table["quantity"].map(lambda name: "%" in QUANTITIES[name].units)
+    plain, percent = table[may & (table["unit"] == "1")], table[may & (table["unit"] == "%")]
+    limit = plain["quantity"].map(lambda name: QUANTITIES[name].limits[1])
     for _, row in plain[plain["raw"].abs() > limit].iterrows():
         yield (
             row["line"],
-            f"{row['quantity']} strain {row['raw']:g} with unit 1 looks like percent; write unit %",
+            f"{_words(row['quantity'])} {row['raw']:g} with unit 1 looks like percent; write "
+            "unit %",
         )
     if len(percent) and (percent["raw"].abs() < 1).all():
         yield (
             percent["line"].iloc[0],
-            f"strains with unit % are all below 1 (here {percent['raw'].iloc[0]:g}) and look like "
+            f"values with unit % are all below 1 (here {percent['raw'].iloc[0]:g}) and look like "
             "fractions; write unit 1",
         )
 
 
-def _check_size(table: pd.DataFrame) -> Complaints:
-    low, high = VOLUME_RANGE_ML
+def _words(quantity: str) -> str:
+    return f"{quantity} strain" if QUANTITIES[quantity].is_strain else quantity
+
+
+def _check_size(table: pd.DataFrame, strain_exponent: float) -> Complaints:
     for _, row in table.iterrows():
-        value = row["value"]
-        if row["quantity"] == "volume":
-            if not low <= value <= high:
-                litres = low <= 1000 * value <= high
-                remedy = "looks like litres; give mL" if litres else "check value and unit"
-                yield row["line"], f"volume {value:g} mL is not one of a left ventricle; {remedy}"
-        elif value <= -0.5:
+        value, kind = row["value"], QUANTITIES[row["quantity"]]
+        low, high = kind.limits
+        if kind.is_strain:
+            yield from _check_strain(row, high, strain_exponent)
+        elif not low <= value <= high:
+            litres = kind.unit == "mL" and low <= 1000 * value <= high
+            if litres:
+                remedy = "looks like litres; give mL"
+            else:
+                remedy = f"it lies between {low:g} and {high:g}; check value and unit"
+            unit = "" if kind.unit == "1" else f" {kind.unit}"
             yield (
                 row["line"],
-                f"{row['quantity']} strain {value:g}: no Green strain reaches -0.5; check value "
-                "and unit, and whether it is another strain measure",
+                f"{kind.name} {value:g}{unit} is not one of a left ventricle; {remedy}",
             )
-        elif abs(value) > LARGEST_STRAIN[row["quantity"]]:
-            yield row["line"], f"{row['quantity']} strain {value:g} is absurd; check value and unit"
+
+
+def _check_strain(row: pd.Series, largest: float, exponent: float) -> Complaints:
+    """A strain (stretch^n - 1) / n lies above -1 / n for n above zero, below it for n below."""
+    value, end = row["value"], -1 / exponent if exponent else math.nan
+    if (exponent > 0 and value <= end) or (exponent < 0 and value >= end):
+        measure = MEASURES.get(exponent, f"Seth-Hill (n = {exponent:g})")
+        yield (
+            row["line"],
+            f"{row['quantity']} strain {value:g}: no {measure} strain reaches {end:g}; check value "
+            "and unit, and whether it is another strain measure (observables.strain_exponent)",
+        )
+    elif abs(value) > largest:
+        yield row["line"], f"{row['quantity']} strain {value:g} is absurd; check value and unit"
 
 
 def _check_signs(table: pd.DataFrame) -> Complaints:
-    for quantity, sign in SIGN.items():
-        rows = table[table["quantity"] == quantity]
+    for (quantity, _), rows in table.groupby(["quantity", "load_fraction"], sort=False):
+        sign = QUANTITIES[quantity].sign
         wrong = rows[rows["value"] * sign < 0]
         word = "negative" if sign < 0 else "positive"
         if len(wrong) > max(len(rows) / 2, 1):
             yield (
                 wrong["line"].iloc[0],
-                f"{len(wrong)} of {len(rows)} {quantity} strains have the wrong sign; strains here "
-                f"look back from end-diastole to the unloaded state, {quantity} ones are {word}. A "
-                "strain e that looks forward becomes -e / (1 + 2 e)",
+                f"{len(wrong)} of {len(rows)} {quantity} values have the wrong sign; values here "
+                f"look back from the loaded to the unloaded state, {quantity} ones are {word}. A "
+                "Green strain e that looks forward becomes -e / (1 + 2 e)",
             )
         tolerance = np.fmax(SIGN_TOLERANCE, 3 * wrong["sd"])
         for _, row in wrong[wrong["value"].abs() > tolerance].iterrows():
             yield (
                 row["line"],
-                f"{row['output']} is {row['value']:g}, and {quantity} strains are {word} (looking "
-                "back from end-diastole); correct the sign, or remove the channel",
+                f"{row['output']} is {row['value']:g}, and {quantity} values are {word} (looking "
+                "back from the loaded state); correct the sign, or remove the channel",
             )
 
 
+def _check_observed(table: pd.DataFrame, channels: Channels) -> Complaints:
+    """Rows that the study does not observe, and where it would learn to."""
+    for _, row in table[~table["output"].isin(channels.names)].iterrows():
+        if row["quantity"] not in channels.quantities:
+            remedy = f"add {row['quantity']} to observables.quantities"
+        elif row["load_fraction"] not in channels.load_fractions:
+            remedy = f"add {row['load_fraction']:g} to loading.frames"
+        else:
+            remedy = f"add {row['place']} to observables.places.{row['quantity']}"
+        yield (
+            row["line"],
+            f"{row['output']} is no channel that the study observes; {remedy}, or remove the row",
+        )
+
+
 def _check_noise(path: str | Path, table: pd.DataFrame) -> None:
-    strains = table[table["quantity"] != "volume"]
-    without = strains["sd"].isna()
+    others = table[table["quantity"] != "volume"]
+    without = others["sd"].isna()
     if without.any() and not without.all():
         raise _error(
             path,
-            strains.loc[without, "line"].iloc[0],
-            "no sd, where other strains have one; give all of them one (known noise) or none "
+            others.loc[without, "line"].iloc[0],
+            "no sd, where other channels have one; give all of them one (known noise) or none "
             "(noise is inferred)",
         )
 
@@ -313,10 +433,39 @@ def _check_noise(path: str | Path, table: pd.DataFrame) -> None:
 
 
 def write_measured(table: pd.DataFrame, path: str | Path) -> None:
-    """Write a table as returned by `read_measured` in the tidy form, in mL and strains."""
-    tidy = table.assign(unit=np.where(table["quantity"] == "volume", "mL", "1"))
-    optional = [name for name in OPTIONAL if name in tidy and tidy[name].notna().any()]
+    """Write a table as returned by `read_measured` in the tidy form, in the quantities' units."""
+    kinds = table["quantity"].map(QUANTITIES.__getitem__)
+    tidy = table.assign(
+        segment=table["place"].map(lambda place: str(int(place)) if place.isdigit() else place),
+        unit=[kind.unit for kind in kinds],
+    )
+    optional = [name for name in ("sd", *PASSED_ON) if name in tidy and tidy[name].notna().any()]
+    if (tidy["load_fraction"] < 1).any():
+        optional.append("load_fraction")
     tidy[[*REQUIRED, *optional]].to_csv(path, index=False)
+
+
+def import_measured(
+    file: str | Path,
+    channels: Channels,
+    pressure_mmhg: float,
+    strain_exponent: float,
+    parameters: Parameterisation,
+    measured: str | Path,
+) -> None:
+    """Check a user's `file` and write it to `measured` in the units used inside.
+
+    Raises InputError as `read_measured`; warns of what it cannot tell about `parameters`.
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", MeasuredWarning)
+        table = read_measured(file, channels, pressure_mmhg, strain_exponent)
+    for shortcoming in shortcomings(table, len(parameters)):
+        warnings.warn(f"{file}: {shortcoming}", MeasuredWarning, stacklevel=2)
+    write_measured(table, measured)
+
+
+# ------------------------------------------------------------------------- published subjects
 
 
 def published_volunteer(
@@ -347,9 +496,26 @@ def published_volunteer(
         if chosen:
             source += f", slices {', '.join(map(str, chosen))}"
     order = sorted(aha.SEGMENTS, key=lambda segment: segment.published_order)[:16]
-    channels = [("volume", None)]
-    channels += [(q, s.number) for q in ("circumferential", "radial") for s in order]
+    channels = [Channel("volume")]
+    channels += [
+        Channel(quantity, f"{segment.number:02d}")
+        for quantity in ("circumferential", "radial")
+        for segment in order
+    ]
     return _published(channels, values, source)
+
+
+def import_volunteer(
+    case: str | Path,
+    frame: int | str | None,
+    chosen: list[int] | None,
+    channels: Channels,
+    measured: str | Path,
+    slices: list[str | Path] | None = None,
+) -> None:
+    """Write what the study observes of the volunteer to `measured`; the rest is as in
+    `published_volunteer`."""
+    write_measured(_observed(published_volunteer(case, slices, frame, chosen), channels), measured)
 
 
 _SECTORS = ((0,), (1,), (2,), (3,), (4,), (5,))
@@ -393,13 +559,13 @@ def _slice(path: str | Path, frame: int | str) -> np.ndarray:
 def published_simulation(
     inputs: str | Path, outputs: str | Path, row: int
 ) -> tuple[pd.DataFrame, pd.Series]:
-    """A published simulation as if it had been measured, and its theta by parameter.
+    """A published simulation as if it had been measured, and its theta by the paper's parameters.
 
     inputs, outputs: header-less CSV, N rows of 10 and of 52 (volume, then 17 strains for each
     direction in the published order of segments). row: 1, 2, ..., N. Raises InputError otherwise.
     """
-    values = []
-    for path, width in ((inputs, len(aha.PARAMETERS)), (outputs, len(aha.OUTPUTS))):
+    channels, parameters, values = Channels.of(), Parameterisation(), []
+    for path, width in ((inputs, len(parameters)), (outputs, len(channels))):
         table = pd.read_csv(path, header=None)
         if table.shape[1] != width:
             raise _error(path, None, f"{table.shape[1]} columns instead of {width}; fetch it again")
@@ -407,36 +573,57 @@ def published_simulation(
             raise _error(path, row, f"there are {len(table)} rows; choose one of them")
         values.append(table.to_numpy(float)[row - 1])
     theta, published = values
-    channels = [("volume", None), *((q, s.number) for q in aha.DIRECTIONS for s in aha.SEGMENTS)]
     observed = aha.outputs_from_published(published)
     return _published(channels, observed, f"published simulation, row {row}"), pd.Series(
-        theta, index=list(aha.PARAMETERS)
+        theta, index=list(parameters.names)
     )
 
 
-def _published(channels: list, values: np.ndarray, source: str) -> pd.DataFrame:
+def import_published_simulation(
+    inputs: str | Path,
+    outputs: str | Path,
+    row: int,
+    subject: str,
+    channels: Channels,
+    measured: str | Path,
+    theta: str | Path,
+) -> None:
+    """Write what the study observes of a published simulation to `measured`, and its theta (CSV: a
+    row called `subject`) apart; the rest is as in `published_simulation`."""
+    table, known = published_simulation(inputs, outputs, row)
+    write_measured(_observed(table, channels), measured)
+    known.to_frame(subject).T.to_csv(theta, index_label="subject")
+
+
+def _published(channels, values: np.ndarray, source: str) -> pd.DataFrame:
     table = _table(channels, values)
     table["source"] = source
-    return table.sort_values(
-        "output", key=lambda names: names.map(aha.OUTPUTS.index), ignore_index=True
-    )
+    order = Channels.of().names
+    return table.sort_values("output", key=lambda names: names.map(order.index), ignore_index=True)
 
 
-def synthetic_subject(outputs: np.ndarray, noise: dict, unit_noise: np.ndarray) -> pd.DataFrame:
+def _observed(table: pd.DataFrame, channels: Channels) -> pd.DataFrame:
+    """The rows of the channels that a study observes."""
+    return table[table["output"].isin(channels.names)].reset_index(drop=True)
+
+
+# --------------------------------------------------------------------------- synthetic subjects
+
+
+def synthetic_subject(
+    outputs: np.ndarray, channels: Channels, noise: dict, unit_noise: np.ndarray
+) -> pd.DataFrame:
     """Measured table of a simulated ventricle: `outputs` plus noise.
 
-    outputs: (52,) in the order of `aha.OUTPUTS`; noise: `strain` and `volume` (mL), its scales,
-    which also become the `sd` of the table; unit_noise: (52,) of unit scale.
+    outputs: (D,) of the `channels`; noise: its scales, by the quantities' `noise`, in their units,
+    which also become the `sd` of the table; what has no scale is not measured. unit_noise: (D,) of
+    unit scale.
     """
-    is_volume = np.array([name == "volume_ml" for name in aha.OUTPUTS])
-    sd = np.where(is_volume, noise["volume"], noise["strain"])
-    value = np.asarray(outputs) + sd * unit_noise
-    channels = [("volume", None)]
-    channels += [(q, s.number) for q in aha.DIRECTIONS for s in aha.SEGMENTS]
-    table = _table(channels, value)
+    sd = np.array([noise.get(channel.kind.noise) for channel in channels], dtype=float)
+    table = _table(channels, np.asarray(outputs) + sd * unit_noise)
     table["sd"] = sd
     table["source"] = "synthetic"
-    return table
+    return table[table["sd"].notna()].reset_index(drop=True)
 
 
 def write_truth(path: str | Path, theta: dict, effects: dict, noise: dict, seed: int) -> None:
@@ -445,12 +632,15 @@ def write_truth(path: str | Path, theta: dict, effects: dict, noise: dict, seed:
     Path(path).write_text(json.dumps(truth, indent=2) + "\n")
 
 
-def _table(channels: list[tuple[str, int | None]], values: np.ndarray) -> pd.DataFrame:
+def _table(channels, values: np.ndarray) -> pd.DataFrame:
+    """A measured table without noise."""
     return pd.DataFrame(
         {
-            "output": [output_name(*channel) for channel in channels],
-            "quantity": [quantity for quantity, _ in channels],
-            "segment": pd.array([segment for _, segment in channels], dtype="Int64"),
+            "output": [channel.name for channel in channels],
+            "quantity": [channel.quantity for channel in channels],
+            "place": [channel.place for channel in channels],
+            "segment": pd.array([channel.segment for channel in channels], dtype="Int64"),
+            "load_fraction": [channel.load_fraction for channel in channels],
             "value": values,
             "sd": np.nan,
         }

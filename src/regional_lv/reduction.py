@@ -1,47 +1,47 @@
-"""Principal components of the strains, the volume apart (the paper's reduced output)."""
+"""Principal components of the outputs, the volumes apart (the paper's reduced output)."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
-from regional_lv import aha
+from regional_lv.channels import Channels
 from regional_lv.errors import InputError
 
-VOLUME = aha.OUTPUTS[0]
+VOLUME = "volume"
+"""Name of the quantity that is kept apart."""
 
 
 @dataclass(frozen=True)
 class Reduction:
-    """Linear map between the outputs and k scores and the volume.
+    """Linear map between the D outputs and k scores and the volumes.
 
-    Sizes are those of all 52 outputs; fewer will do, and the volume may be missing.
-    mean, sd: (52,) of the training outputs. loadings: (51, 51) all principal directions of the
-    standardised strains, in columns, strongest first. variances: (51,) of the scores.
-    components: k, how many are kept.
+    Of the outputs v are volumes, at any load and anywhere in the list, and S are not; both may be
+    0.
+    mean, sd: (D,) of the training outputs. volumes: mask (D,). loadings: (S, S) all principal
+    directions of the other standardised outputs, in columns, strongest first. variances: (S,) of
+    the scores. components: k, how many are kept.
     """
 
     mean: np.ndarray
     sd: np.ndarray
+    volumes: np.ndarray
     loadings: np.ndarray
     variances: np.ndarray
     components: int
 
     @classmethod
-    def fit(
-        cls, y: np.ndarray, explained_variance: float, outputs: Sequence[str] = aha.OUTPUTS
-    ) -> "Reduction":
-        """Fit to `outputs` `y` (N, 52) in natural units; keep the fewest components that reach
-        `explained_variance` (0-1) of the strain variance. The volume, if any, stands first.
+    def fit(cls, y: np.ndarray, explained_variance: float, channels: Channels) -> "Reduction":
+        """Fit to outputs `y` (N, D) in natural units; keep the fewest components that reach
+        `explained_variance` (0-1) of the variance of all but the volumes.
 
         Raises InputError for fewer than two rows or numbers that are not finite.
         """
         y = np.asarray(y, dtype=float)
-        if y.ndim != 2 or y.shape[1] != len(outputs):
+        if y.ndim != 2 or y.shape[1] != len(channels):
             raise InputError(
-                f"reduction: outputs have shape {y.shape}; expected (N, {len(outputs)})"
+                f"reduction: outputs have shape {y.shape}; expected (N, {len(channels)})"
             )
         if len(y) < 2 or not np.isfinite(y).all():
             raise InputError(
@@ -51,49 +51,50 @@ class Reduction:
         mean, sd = y.mean(axis=0), y.std(axis=0, ddof=1)
         if (sd == 0).any():
             raise InputError(
-                f"reduction: {outputs[int(np.argmin(sd))]} has the same value in every "
+                f"reduction: {channels.names[int(np.argmin(sd))]} has the same value in every "
                 "simulation; check the simulator"
             )
-        strains = ((y - mean) / sd)[:, int(outputs[0] == VOLUME) :]
-        variances, loadings = np.linalg.eigh(np.atleast_2d(np.cov(strains, rowvar=False)))
+        volumes = channels.of_quantity(VOLUME)
+        if volumes.all():
+            return cls(mean, sd, volumes, np.zeros((0, 0)), np.zeros(0), 0)
+        others = ((y - mean) / sd)[:, ~volumes]
+        variances, loadings = np.linalg.eigh(np.atleast_2d(np.cov(others, rowvar=False)))
         variances = np.maximum(variances[::-1], 0.0)
         loadings = loadings[:, ::-1]
         # The sign of an eigenvector is arbitrary: the largest entry is made positive.
         loadings = loadings * np.sign(loadings[np.abs(loadings).argmax(0), range(len(loadings))])
         cumulative = np.cumsum(variances) / variances.sum()
         enough = cumulative >= explained_variance - 1e-12
-        return cls(mean, sd, loadings, variances, int(np.argmax(enough)) + 1)
-
-    @property
-    def _strains(self) -> slice:
-        return slice(len(self.mean) - len(self.loadings), len(self.mean))
+        return cls(mean, sd, volumes, loadings, variances, int(np.argmax(enough)) + 1)
 
     def transform(self, y: np.ndarray) -> np.ndarray:
-        """Reduced outputs (..., k + 1), scores and then standardised volume, of `y` (..., 52)."""
+        """Reduced outputs (..., k + v), scores and then standardised volumes, of `y` (..., D)."""
         standard = (y - self.mean) / self.sd
-        scores = standard[..., self._strains] @ self.loadings[:, : self.components]
-        return np.concatenate([scores, standard[..., : self._strains.start]], axis=-1)
+        scores = standard[..., ~self.volumes] @ self.loadings[:, : self.components]
+        return np.concatenate([scores, standard[..., self.volumes]], axis=-1)
 
     def inverse(self, reduced: np.ndarray) -> np.ndarray:
-        """Outputs (..., 52) in natural units of `reduced` (..., k + 1)."""
-        scores, volume = np.split(reduced, [self.components], axis=-1)
-        strains = scores @ self.loadings[:, : self.components].T
-        return np.concatenate([volume, strains], axis=-1) * self.sd + self.mean
+        """Outputs (..., D) in natural units of `reduced` (..., k + v)."""
+        scores, volumes = np.split(reduced, [self.components], axis=-1)
+        standard = np.empty((*reduced.shape[:-1], len(self.mean)))
+        standard[..., self.volumes] = volumes
+        standard[..., ~self.volumes] = scores @ self.loadings[:, : self.components].T
+        return standard * self.sd + self.mean
 
     def inverse_matrix(self) -> np.ndarray:
-        """Matrix A (52, k + 1) of `inverse`: a covariance C of reduced outputs becomes A C A'."""
-        size = self.components + self._strains.start
+        """Matrix A (D, k + v) of `inverse`: a covariance C of reduced outputs becomes A C A'."""
+        size = self.components + int(self.volumes.sum())
         return self.inverse(np.eye(size)).T - self.mean[:, None]
 
     def truncation_covariance(self) -> np.ndarray:
-        """Covariance (52, 52), natural units, of what the components left out would have added.
+        """Covariance (D, D), natural units, of what the components left out would have added.
 
         Part of the likelihood of every emulator that works on reduced outputs: without it, data
         that the kept components cannot reproduce look impossible.
         """
         dropped = self.loadings[:, self.components :]
         covariance = np.zeros((len(self.mean), len(self.mean)))
-        covariance[self._strains, self._strains] = (
+        covariance[np.ix_(~self.volumes, ~self.volumes)] = (
             dropped * self.variances[self.components :]
         ) @ dropped.T
         return covariance * np.outer(self.sd, self.sd)
@@ -122,10 +123,14 @@ class Reduction:
 
 
 def fit_reduction(
-    train: str | Path, explained_variance: float, reduction: str | Path, table: str | Path
+    train: str | Path,
+    channels: Channels,
+    explained_variance: float,
+    reduction: str | Path,
+    explained: str | Path,
 ) -> None:
     """Fit to a screened table (Parquet); write the reduction (npz) and its variances (CSV)."""
-    y = pd.read_parquet(train, columns=list(aha.OUTPUTS)).to_numpy(float)
-    fitted = Reduction.fit(y, explained_variance)
+    y = pd.read_parquet(train, columns=list(channels.names)).to_numpy(float)
+    fitted = Reduction.fit(y, explained_variance, channels)
     fitted.save(reduction)
-    fitted.explained().to_csv(table, index=False)
+    fitted.explained().to_csv(explained, index=False)

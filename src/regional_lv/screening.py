@@ -5,22 +5,24 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from regional_lv import aha
+from regional_lv.channels import Channels
 from regional_lv.errors import InputError
+from regional_lv.parameters import Parameterisation
 
 
-def screen(batches: list[Path], lower: float, upper: float):
+def screen(batches: list[Path], parameters: Parameterisation, channels: Channels):
     """Merge batch tables; return (converged, excluded, summary).
 
     `converged` holds the simulations to learn from, sorted by sample. `excluded` lists the rest
-    with reason, last converged pressure and, per parameter, the place in the box: 0 at `lower`,
-    1 at `upper` on the log scale. `summary` is one row of counts and costs.
+    with reason, last converged pressure and, per parameter, the place in the box: 0 at its lower
+    bound, 1 at its upper one on the log scale. `summary` is one row of counts, costs and the range
+    of the channels that are no wall strain.
 
     Raises InputError if nothing converged.
     """
     table = pd.concat([pd.read_parquet(path) for path in batches], ignore_index=True)
     table = table.sort_values("sample", ignore_index=True)
-    finite = np.isfinite(table[list(aha.OUTPUTS)].to_numpy(dtype=float)).all(axis=1)
+    finite = np.isfinite(table[list(channels.names)].to_numpy(dtype=float)).all(axis=1)
     kept = (table["status"] == "converged") & finite
     if not kept.any():
         raise InputError(
@@ -30,23 +32,42 @@ def screen(batches: list[Path], lower: float, upper: float):
     excluded = table.loc[
         ~kept, ["sample", "scale", "reason", "last_pressure_mmhg", "newton_steps", "cpu_s"]
     ].copy()
-    span = np.log(upper / lower)
-    for name in aha.PARAMETERS:
-        excluded[name] = table.loc[~kept, name]
-        excluded[f"place_{name}"] = np.log(table.loc[~kept, name] / lower) / span
+    for p in parameters:
+        value = table.loc[~kept, p.name]
+        excluded[p.name] = value
+        excluded[f"place_{p.name}"] = np.log(value / p.lower) / np.log(p.upper / p.lower)
     cost = table["cpu_s"]
-    summary = pd.DataFrame(
-        {
-            "simulations": [len(table)],
-            "converged": [int(kept.sum())],
-            "converged_percent": [100 * kept.mean()],
-            "cpu_s_mean": [cost.mean()],
-            "cpu_s_median": [cost.median()],
-            "cpu_s_p95": [cost.quantile(0.95)],
-            "newton_steps_median": [table["newton_steps"].median()],
-            "newton_steps_p95": [table["newton_steps"].quantile(0.95)],
-            "volume_ml_min": [table.loc[kept, "volume_ml"].min()],
-            "volume_ml_max": [table.loc[kept, "volume_ml"].max()],
-        }
+    summary = {
+        "simulations": len(table),
+        "converged": int(kept.sum()),
+        "converged_percent": 100 * kept.mean(),
+        "cpu_s_mean": cost.mean(),
+        "cpu_s_median": cost.median(),
+        "cpu_s_p95": cost.quantile(0.95),
+        "newton_steps_median": table["newton_steps"].median(),
+        "newton_steps_p95": table["newton_steps"].quantile(0.95),
+    }
+    for channel in channels:
+        if not channel.kind.is_strain:
+            values = table.loc[kept, channel.name]
+            summary |= {f"{channel.name}_min": values.min(), f"{channel.name}_max": values.max()}
+    return (
+        table[kept].reset_index(drop=True),
+        excluded.reset_index(drop=True),
+        pd.DataFrame([summary]),
     )
-    return table[kept].reset_index(drop=True), excluded.reset_index(drop=True), summary
+
+
+def screen_simulations(
+    batches: list[Path],
+    parameters: Parameterisation,
+    channels: Channels,
+    kept: Path,
+    excluded: Path,
+    summary: Path,
+) -> None:
+    """Write the three tables of `screen`: Parquet, CSV, CSV."""
+    converged, others, counts = screen(batches, parameters, channels)
+    converged.to_parquet(kept, index=False)
+    others.to_csv(excluded, index=False)
+    counts.to_csv(summary, index=False)

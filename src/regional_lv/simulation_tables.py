@@ -7,62 +7,80 @@ import numpy as np
 import pandas as pd
 
 from regional_lv import aha
+from regional_lv.channels import Channels
 from regional_lv.errors import InputError
+from regional_lv.parameters import Parameterisation
 from regional_lv.seeds import derive
 
 log = logging.getLogger(__name__)
 
 SENSITIVITY = "sensitivity"
-"""Optional column of an outputs table (Parquet): 520 numbers, d(outputs)/d(theta), row by row."""
+"""Optional column of an outputs table (Parquet): d(outputs)/d(theta), D x P numbers, row by row."""
+
+
+def published_order(parameters: Parameterisation, channels: Channels) -> bool:
+    """Whether they are the paper's, for which there are tables without a header."""
+    return parameters.names == Parameterisation().names and channels == Channels.of()
 
 
 def read_tables(
-    inputs: str | Path, outputs: str | Path, lower: float, upper: float
+    inputs: str | Path, outputs: str | Path, parameters: Parameterisation, channels: Channels
 ) -> pd.DataFrame:
-    """The simulations of two tables with as many rows: `sample`, the ten parameters, the 52 outputs
+    """The simulations of two tables with as many rows: `sample`, the P parameters, the D outputs
     and, if the outputs have it, `sensitivity`.
 
-    A table is Parquet or CSV with columns named as in `aha.PARAMETERS` and `aha.OUTPUTS` (others
-    are ignored; one file may be both), or CSV without a header in the published order: C_a, C_b of
-    anterior, inferior, lateral, septal, apical; volume, then 17 circumferential, radial and
-    longitudinal strains in the published order of the segments.
+    A table is Parquet or CSV with columns named as the parameters and the channels (others are
+    ignored; one file may be both). Where these are the paper's, it may be CSV without a header in
+    the published order: C_a, C_b of anterior, inferior, lateral, septal, apical; volume, then 17
+    circumferential, radial and longitudinal strains in the published order of the segments.
 
     Raises InputError, with file and row or column, for a table that has other columns, cells that
-    are no finite numbers, parameters outside [lower, upper], or another number of rows.
+    are no finite numbers, parameters outside their bounds, or another number of rows.
     """
-    theta, _ = _read(inputs, aha.PARAMETERS)
-    y, extra = _read(outputs, aha.OUTPUTS)
+    published = published_order(parameters, channels)
+    theta = _read(inputs, parameters.names, published)[list(parameters.names)].to_numpy()
+    y = _read(outputs, channels.names, published)
     if len(theta) != len(y):
         raise InputError(
             f"{outputs}: {len(y)} rows of outputs to {len(theta)} rows of inputs ({inputs}); give "
             "one row of each per simulation, in the same order"
         )
-    outside = (theta < lower) | (theta > upper)
+    outside = (theta < parameters.lower) | (theta > parameters.upper)
     if outside.any():
         row, column = np.argwhere(outside)[0]
+        at = parameters[column]
         raise InputError(
-            f"{inputs}: row {row + 1}, {aha.PARAMETERS[column]}: {theta[row, column]:g} lies "
-            f"outside [{lower:g}, {upper:g}] ({int(outside.any(axis=1).sum())} such rows); "
-            "remove them, or set design.lower and design.upper to what was simulated"
+            f"{inputs}: row {row + 1}, {at.name}: {theta[row, column]:g} lies outside "
+            f"[{at.lower:g}, {at.upper:g}] ({int(outside.any(axis=1).sum())} such rows); remove "
+            "them, or set design.lower and design.upper (or parameters.bounds) to what was "
+            "simulated"
         )
     table = pd.DataFrame({"sample": np.arange(len(theta))})
-    table[list(aha.PARAMETERS)] = theta
-    table = table.join(pd.DataFrame(y, columns=list(aha.OUTPUTS)))
-    return table.join(extra)
+    table[list(parameters.names)] = theta
+    return table.join(y)
 
 
-def _read(path: str | Path, names: tuple[str, ...]) -> tuple[np.ndarray, pd.DataFrame]:
-    """Numbers (N, len(names)) in the order of `names`, and the sensitivities if there are any."""
+def _read(path: str | Path, names: tuple[str, ...], published: bool) -> pd.DataFrame:
+    """The columns `names` as numbers, and the sensitivities if there are any.
+
+    published: whether the file may be without a header, in the published order.
+    """
     table = _load(Path(path))
+    outputs = names == Channels.of().names
     if all(isinstance(name, str) for name in table.columns):
         missing = [name for name in names if name not in table]
         if missing:
             raise InputError(
                 f"{path}: no column {', '.join(missing[:5])} ({len(missing)} missing); name the "
-                f"columns {names[0]}, {names[1]}, ..., or give CSV without a header in the "
-                "published order"
+                f"columns {', '.join(names[:2])}, ..."
+                + (", or give CSV without a header in the published order" if published else "")
             )
         values = table[list(names)]
+    elif not published:
+        raise InputError(
+            f"{path}: has no header, and the published order is that of the paper's parameters and "
+            f"channels only; name the columns {', '.join(names[:2])}, ..."
+        )
     elif table.shape[1] != len(names):
         raise InputError(
             f"{path}: {table.shape[1]} columns without a header; the published order has "
@@ -81,10 +99,10 @@ def _read(path: str | Path, names: tuple[str, ...]) -> tuple[np.ndarray, pd.Data
             f"{values.iloc[row, column]!r} is not a finite number ({int(bad.any(axis=1).sum())} "
             "such rows); remove failed simulations from both tables"
         )
-    if values is table and names == aha.OUTPUTS:
+    if values is table and outputs:
         numbers = aha.outputs_from_published(numbers)
-    kept = [SENSITIVITY] if SENSITIVITY in table and names == aha.OUTPUTS else []
-    return numbers, table[kept]
+    read = pd.DataFrame(numbers, columns=list(names))
+    return read.join(table[SENSITIVITY]) if SENSITIVITY in table else read
 
 
 def _load(path: Path) -> pd.DataFrame:
@@ -127,17 +145,18 @@ def split(rows: int, holdout: int, most: int | None, seed: int) -> dict[str, np.
 
 
 def import_simulations(
-    name: str,
+    set: str,
     inputs: str | Path,
     outputs: str | Path,
     own_test: bool,
     holdout: int,
     rows: int | None,
-    bounds: tuple[float, float],
+    parameters: Parameterisation,
+    channels: Channels,
     seed: int,
     kept: str | Path,
 ) -> None:
-    """Write the set `name` in the form of screened simulations (Parquet).
+    """Write the set `set` in the form of screened simulations (Parquet).
 
     inputs, outputs: the set's own tables, or those of `train` for a held-out `test`. own_test:
     whether the test set has tables of its own, so that nothing is held out. rows: how many
@@ -145,8 +164,8 @@ def import_simulations(
 
     Raises InputError as `read_tables` and `split` do.
     """
-    table = read_tables(inputs, outputs, *bounds)
-    if name in ("train", "test") and not (name == "test" and own_test):
-        table = table.iloc[split(len(table), 0 if own_test else holdout, rows, seed)[name]]
+    table = read_tables(inputs, outputs, parameters, channels)
+    if set in ("train", "test") and not (set == "test" and own_test):
+        table = table.iloc[split(len(table), 0 if own_test else holdout, rows, seed)[set]]
     table.to_parquet(kept, index=False)
-    log.info("%s: %d simulations from %s and %s", name, len(table), inputs, outputs)
+    log.info("%s: %d simulations from %s and %s", set, len(table), inputs, outputs)

@@ -1,13 +1,15 @@
 """Batches of simulations: from rows of a design to a table of observables and sensitivities."""
 
+import json
 import logging
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
-from regional_lv import aha
-from regional_lv.geometry.mesh import read_mesh
+from regional_lv.channels import Channels
+from regional_lv.geometry.mesh import Mesh, read_mesh
 from regional_lv.geometry.thickness import thickened
 from regional_lv.mechanics.continuation import (
     Effort,
@@ -16,59 +18,59 @@ from regional_lv.mechanics.continuation import (
     Simulation,
     Solver,
 )
-from regional_lv.mechanics.predictor import Known, Predictor
+from regional_lv.mechanics.predictor import Known, load_predictors
 from regional_lv.mechanics.simulator import Simulator
+from regional_lv.parameters import Parameterisation
 from regional_lv.progress import Progress
 
 log = logging.getLogger(__name__)
 
 
-def make_simulator(mesh: Path, physics: dict, extended: bool = False) -> Simulator:
-    """The simulator of a mesh file; `physics` holds the config sections that describe it.
-
-    extended: as for `Simulator`.
-    """
-    thickness = physics["geometry"].get("wall_thickness_scale", 1.0)
-    return Simulator(thickened(read_mesh(mesh), thickness), physics, extended)
-
-
-def frame_column(output: str, fraction: float) -> str:
-    """Column name of an output at a load fraction, such as `volume_ml@0.5`."""
-    return f"{output}@{fraction:g}"
+def make_simulator(mesh: str | Path | Mesh, physics: dict, extended: bool = False) -> Simulator:
+    """The simulator of a mesh (or its file); `physics` and `extended` as for `Simulator`, with the
+    section `geometry` for the wall's thickness."""
+    mesh = mesh if isinstance(mesh, Mesh) else read_mesh(mesh)
+    scale = physics["geometry"]["wall_thickness_scale"]
+    return Simulator(thickened(mesh, scale), physics, extended)
 
 
-def solve_baseline(mesh: Path, physics: dict, bounds: tuple[float, float], start: Path) -> dict:
-    """Inflate from nothing at the middle of the box; write the solution with its tangents (npz).
+def solve_baseline(mesh: str | Path, physics: dict, start: str | Path, summary: str | Path) -> None:
+    """Inflate from nothing at the middle of the box, to every load that is observed.
 
-    The middle is the geometric mean of `bounds` in every parameter. All anchors start from this
-    file. Returns a summary: unknowns, Newton steps, mean dilation and the observables at theta = 1.
+    The middle is the geometric mean of the bounds of every parameter. All anchors start from
+    `start` (npz): theta (P,), and by load `w@<load>` (size,) and its `tangents@<load>` (P, size).
+    summary (JSON): unknowns, Newton steps, mean dilation and the observables at theta = 1.
     """
     simulator = make_simulator(mesh, physics)
     solver, effort = Solver(simulator, physics["solver"]), Effort()
-    pressure = physics["loading"]["pressure_mmhg"]
-    centre = np.full(len(aha.PARAMETERS), np.sqrt(bounds[0] * bounds[1]))
-    state = solver.inflate(centre, pressure, effort)
-    cold_steps = effort.newton_steps
-    tangents = simulator.field_sensitivities(state.w)
-    np.savez_compressed(start, w=state.w, theta=state.theta, pressure=pressure, tangents=tangents)
-    known = Known(simulator.size)
-    known.add(centre, state.w, tangents)
-    reference = Runner(solver, known, pressure).run(np.ones(len(centre)))
-    return {
+    theta = simulator.parameters.middle
+    arrays, guesses = {"theta": theta}, {}
+    for load in simulator.channels.load_fractions:
+        state = solver.inflate(theta, load * simulator.full_pressure, effort)
+        tangents = simulator.field_sensitivities(state.w)
+        arrays |= {f"w@{load:g}": state.w, f"tangents@{load:g}": tangents}
+        guesses[load] = Known(simulator.size, simulator.parameters.blocks)
+        guesses[load].add(theta, state.w, tangents)
+    np.savez_compressed(start, **arrays)
+    reference = Runner(solver, guesses).run(np.ones(len(theta)))
+    values = dict(zip(simulator.channels.names, reference.observables.tolist(), strict=True))
+    content = {
         "unknowns": simulator.size,
-        "newton_steps_cold": cold_steps,
+        "newton_steps_cold": effort.newton_steps,
         "mean_dilation": simulator.dilation(reference.state.w),
-        "observables_theta_1": dict(zip(aha.OUTPUTS, reference.observables.tolist(), strict=True)),
+        "observables_theta_1": values,
     }
+    Path(summary).write_text(json.dumps(content, indent=2) + "\n")
+    log.info("%s", content)
 
 
-def anchors_of(design: pd.DataFrame, anchors: int) -> np.ndarray:
-    """Points (n, 10) of a design to solve first: the first ones of its Sobol sequences.
+def anchors_of(design: pd.DataFrame, anchors: int, parameters: Parameterisation) -> np.ndarray:
+    """Points (n, P) of a design to solve first: the first ones of its Sobol sequences.
 
     Half of them natural, half logarithmic, as far as there are so many.
     """
     natural, logarithmic = (
-        design.loc[design["scale"] == scale, list(aha.PARAMETERS)].to_numpy()
+        design.loc[design["scale"] == scale, list(parameters.names)].to_numpy()
         for scale in ("natural", "log")
     )
     from_log = min(len(logarithmic), anchors - min(len(natural), anchors // 2))
@@ -76,73 +78,106 @@ def anchors_of(design: pd.DataFrame, anchors: int) -> np.ndarray:
 
 
 def solve_anchors(
-    mesh: Path, physics: dict, start: Path, thetas: np.ndarray, path: Path, name: str
+    mesh: str | Path,
+    start: str | Path,
+    design: str | Path,
+    physics: dict,
+    anchors: int,
+    batches: int,
+    batch: str,
+    fields: str | Path,
 ) -> None:
-    """Solve the rows of `thetas` (n, 10); write fields and tangents (npz, single precision).
+    """Solve a batch of a design's anchors; write their fields and tangents at every load.
 
-    A row that fails is left out.
+    A batch takes every so-manieth of the `anchors`, so that all batches span the box. fields (npz):
+    theta (n, P), and by load `fields@<load>` (n, size) and `tangents@<load>` (n, P, size), single
+    precision. An anchor that fails is left out.
     """
+    simulator = make_simulator(mesh, physics)
+    loads = simulator.channels.load_fractions
+    guesses = {load: Known(simulator.size, simulator.parameters.blocks) for load in loads}
     with np.load(start) as saved:
-        known = Known(len(saved["w"]))
-        known.add(saved["theta"], saved["w"], saved["tangents"])
-    solver = Solver(make_simulator(mesh, physics), physics["solver"])
-    runner = GrowingRunner(solver, known, physics["loading"]["pressure_mmhg"])
-    progress, solved = Progress(name, len(thetas)), []
+        for load, known in guesses.items():
+            known.add(saved["theta"], saved[f"w@{load:g}"], saved[f"tangents@{load:g}"])
+    thetas = anchors_of(pd.read_parquet(design), anchors, simulator.parameters)
+    thetas = thetas[int(batch) :: batches]
+    runner = GrowingRunner(Solver(simulator, physics["solver"]), guesses)
+    progress, solved = Progress(f"anchors, batch {batch}", len(thetas)), []
     for row, result in runner.run_all(thetas):
         progress.step(failed=result.state is None)
         if result.state is None:
             log.warning("anchor %d failed: %s", row, result.reason)
         else:
             solved.append(result)
-    np.savez(
-        path,
-        theta=np.stack([r.theta for r in solved]),
-        fields=np.stack([r.state.w for r in solved]).astype(np.float32),
-        tangents=np.stack([r.tangents for r in solved]).astype(np.float32),
-        cpu_s=sum(r.cpu_s for r in solved),
-    )
+    arrays = {"theta": np.stack([r.theta for r in solved])}
+    for load in loads:
+        found = [r.solutions[load] for r in solved]
+        arrays[f"fields@{load:g}"] = np.stack([s.state.w for s in found]).astype(np.float32)
+        arrays[f"tangents@{load:g}"] = np.stack([s.tangents for s in found]).astype(np.float32)
+    np.savez(fields, cpu_s=sum(r.cpu_s for r in solved), **arrays)
 
 
-def make_runner(mesh: Path, physics: dict, predictor: Path, sensitivities: bool = True) -> Runner:
+def make_runner(
+    mesh: str | Path | Mesh, physics: dict, predictor: str | Path, sensitivities: bool = True
+) -> Runner:
     """Runs simulations, with `sensitivities` or without, from the predictor file's fields."""
-    loading = physics["loading"]
-    return Runner(
-        Solver(make_simulator(mesh, physics), physics["solver"]),
-        Predictor.load(predictor),
-        loading["pressure_mmhg"],
-        loading["frames"],
-        sensitivities,
-    )
+    solver = Solver(make_simulator(mesh, physics), physics["solver"])
+    return Runner(solver, load_predictors(predictor), sensitivities)
 
 
 def simulate_batch(
-    mesh: Path, physics: dict, predictor: Path, design: pd.DataFrame, name: str
-) -> pd.DataFrame:
-    """Simulate the rows of a design; return the table described in the README, in design order.
+    mesh: str | Path,
+    predictor: str | Path,
+    design: str | Path,
+    physics: dict,
+    batch_size: int,
+    batch: str,
+    set: str,
+    simulations: str | Path,
+) -> None:
+    """Simulate the rows of batch number `batch` of a design; write the table of `tabulate`.
 
     Each simulation depends on the predictor and on its own theta, not on the batch. A run that
     does not converge becomes a row with status "failed", reason and last converged pressure; it
     never raises.
     """
+    first = int(batch) * batch_size
+    rows = pd.read_parquet(design).iloc[first : first + batch_size]
     runner = make_runner(mesh, physics, predictor)
-    progress = Progress(name, len(design))
-    results = []
+    results = run_all(
+        runner,
+        rows[list(runner.parameters.names)].to_numpy(),
+        f"{set} batch {batch}",
+        rows["sample"],
+    )
+    tabulate(rows, results, runner.channels).to_parquet(simulations, index=False)
+
+
+def run_all(
+    runner: Runner, thetas: np.ndarray, name: str, samples: Sequence | None = None
+) -> list[Simulation]:
+    """Simulations of the rows of `thetas` (n, P), without their fields; logs how far it got."""
+    progress, results = Progress(name, len(thetas)), []
     for sample, theta in zip(
-        design["sample"], design[list(aha.PARAMETERS)].to_numpy(), strict=True
+        range(len(thetas)) if samples is None else samples, thetas, strict=True
     ):
         result = runner.run(theta)
-        result.state = result.tangents = None  # large, and not tabulated
+        failed = result.status != "converged"
+        result.solutions = {}  # large, and not tabulated
         results.append(result)
-        if result.status != "converged":
+        if failed:
             log.warning("sample %s failed: %s", sample, result.reason)
-        progress.step(failed=result.status != "converged")
-    return tabulate(design, results, runner.frames)
+        progress.step(failed=failed)
+    return results
 
 
-def tabulate(design: pd.DataFrame, results: list[Simulation], frames=()) -> pd.DataFrame:
-    """One row per simulation: design columns, outcome, 52 outputs, frames, sensitivities.
+def tabulate(
+    design: pd.DataFrame, results: Sequence[Simulation], channels: Channels
+) -> pd.DataFrame:
+    """One row per simulation: design columns, outcome, the D channels, sensitivities.
 
-    `sensitivity` holds the 520 numbers of d(outputs)/d(theta), row-major (52, 10).
+    `sensitivity` holds the D P numbers of d(channels)/d(theta), row-major (D, P); none where the
+    simulation failed or was run without.
     """
     columns = {
         "status": [r.status for r in results],
@@ -151,13 +186,9 @@ def tabulate(design: pd.DataFrame, results: list[Simulation], frames=()) -> pd.D
         "newton_steps": [r.newton_steps for r in results],
         "cpu_s": [r.cpu_s for r in results],
     }
-    values = np.stack([r.observables for r in results])
-    columns |= dict(zip(aha.OUTPUTS, values.T, strict=True))
-    nothing = np.full(len(aha.OUTPUTS), np.nan)
-    for fraction in frames:
-        values = np.stack([r.frames.get(fraction, nothing) for r in results])
-        names = [frame_column(output, fraction) for output in aha.OUTPUTS]
-        columns |= dict(zip(names, values.T, strict=True))
+    nothing = np.full(len(channels), np.nan)
+    values = np.stack([nothing if r.observables is None else r.observables for r in results])
+    columns |= dict(zip(channels.names, values.T, strict=True))
     columns["sensitivity"] = [
         [] if r.sensitivity is None else r.sensitivity.ravel().tolist() for r in results
     ]

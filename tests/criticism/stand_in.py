@@ -6,12 +6,16 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from regional_lv import aha
+from regional_lv.channels import Channels
 from regional_lv.emulators.base import Emulator, Prediction, SeparablePrediction
 from regional_lv.measured import synthetic_subject
+from regional_lv.parameters import Parameterisation
 
-D = len(aha.OUTPUTS)
-LOWER, UPPER = 0.1, 5.0
+PARAMETERS = Parameterisation()
+CHANNELS = Channels.of()
+OUTPUTS = CHANNELS.names
+D = len(OUTPUTS)
+DIRECTIONS = ("circumferential", "radial", "longitudinal")
 
 
 class StandIn(Emulator):
@@ -21,13 +25,13 @@ class StandIn(Emulator):
 
     def __init__(self, bend: float = 1.0):
         self.settings, self.info, self.bend = {}, {}, bend
-        self.outputs, self.lower, self.upper = aha.OUTPUTS, LOWER, UPPER
+        self.outputs, self.parameters = OUTPUTS, PARAMETERS
         rng = np.random.default_rng(0)
-        zone = aha.SEGMENT_ZONE
+        zone = PARAMETERS.segment_zone
         w = np.zeros((D, 10))
         w[0] = -8.0
         size = {"circumferential": 0.04, "radial": -0.08, "longitudinal": 0.03}
-        for k, direction in enumerate(aha.DIRECTIONS):
+        for k, direction in enumerate(DIRECTIONS):
             for i in range(17):
                 row = 1 + 17 * k + i
                 own = size[direction] * (1 + 0.3 * rng.standard_normal(2))
@@ -86,12 +90,12 @@ class Extension:
 
     fraction_simulated = 1.0
 
-    def __init__(self, hypothesis, pattern, component="", outputs=aha.OUTPUTS):
+    def __init__(self, hypothesis, pattern, component="", outputs=OUTPUTS):
         self.hypothesis, self.component, self.outputs = hypothesis, component, outputs
         self.pattern = pattern
 
     def mean(self, base, theta, psi, at_base=None):
-        at = torch.tensor([aha.OUTPUTS.index(o) for o in self.outputs])
+        at = torch.tensor([OUTPUTS.index(o) for o in self.outputs])
         tilt = 1 + 0.1 * theta.log().mean(-1, keepdim=True)
         return (psi - self.hypothesis.base)[..., None] * tilt * self.pattern[at]
 
@@ -106,11 +110,13 @@ class Extension:
 class Pressure(Extension):
     """All C_a together by 8 / psi: what theta takes up."""
 
-    def __init__(self, outputs=aha.OUTPUTS):
+    def __init__(self, outputs=OUTPUTS):
         super().__init__(PRESSURE, None, "", outputs)
 
     def mean(self, base, theta, psi, at_base=None):
-        moved = torch.where(torch.as_tensor(aha.IS_C_A), theta * (8 / psi[..., None]), theta)
+        moved = torch.where(
+            torch.as_tensor(PARAMETERS.scales_stress), theta * (8 / psi[..., None]), theta
+        )
         return base.predict(moved).mean - base.predict(theta).mean
 
     def select(self, outputs):
@@ -123,7 +129,7 @@ TAILS = Hypothesis("heavy_tails", 0.0, 0.0, 0.4)
 
 def pattern(direction: str, segments, size: float) -> torch.Tensor:
     wanted = {f"{direction}_{s:02d}" for s in segments}
-    return size * torch.tensor([name in wanted for name in aha.OUTPUTS], dtype=torch.float64)
+    return size * torch.tensor([name in wanted for name in OUTPUTS], dtype=torch.float64)
 
 
 def bias() -> Extension:
@@ -162,7 +168,8 @@ def measured(emulator, extension=None, psi=0.0, seed=0, strain=0.01, theta=THETA
             value = torch.tensor(psi, dtype=torch.float64)
             outputs = outputs + extension.mean(emulator, theta, value)
     unit = np.random.default_rng(seed).standard_normal(len(outputs))
-    table = synthetic_subject(outputs.numpy(), {"strain": strain, "volume": 100 * strain}, unit)
+    noise = {"strain": strain, "volume": 100 * strain}
+    table = synthetic_subject(outputs.numpy(), CHANNELS, noise, unit)
     return table if known else table.assign(sd=math.nan)
 
 
@@ -171,7 +178,7 @@ class Bent(Extension):
 
     def mean(self, base, theta, psi, at_base=None):
         d = psi - self.hypothesis.base
-        at = torch.tensor([aha.OUTPUTS.index(o) for o in self.outputs])
+        at = torch.tensor([OUTPUTS.index(o) for o in self.outputs])
         first = pattern("radial", [14, 17], 0.02)[at]
         later = Extension.mean(self, base, theta, self.hypothesis.base + d * d)
         return d[..., None] * first + later

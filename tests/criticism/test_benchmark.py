@@ -7,14 +7,13 @@ import pandas as pd
 import pytest
 import torch
 
-from regional_lv import aha
 from regional_lv.criticism import benchmark
 from regional_lv.criticism.benchmark import expected_score, measured_of, summarise
 from regional_lv.criticism.observations import observe
 from regional_lv.criticism.rates import rate
-from regional_lv.figures import hidden_effects
 from regional_lv.measured import read_measured, write_measured
-from tests.criticism.stand_in import THETA, Pressure, StandIn, basal, bias, measured
+from regional_lv.plots import hidden_effects
+from tests.criticism.stand_in import PARAMETERS, THETA, Pressure, StandIn, basal, bias, measured
 
 
 def case(effect, answer, limits, size=1, covered=True, **more):
@@ -82,7 +81,7 @@ def test_planted_rows_are_measured_tables(tmp_path):
     found = measured_of(row)
     write_measured(table, tmp_path / "a.csv")
     read = read_measured(tmp_path / "a.csv")
-    columns = ["output", "quantity", "segment", "value", "sd"]
+    columns = ["output", "quantity", "segment", "load_fraction", "value", "sd"]
     pd.testing.assert_frame_equal(found[columns], read[columns], check_exact=False)
     assert torch.equal(
         observe({"a": found}, StandIn(), 1.0).present, observe({"a": read}, StandIn(), 1.0).present
@@ -112,7 +111,7 @@ def test_from_subjects_to_score(tmp_path, monkeypatch):
             | {f"sd_{o}": sd for o, sd in zip(table["output"], table["sd"], strict=True)}
         )
         effect = "basal_motion" if extension else ""
-        theta = dict(zip(aha.PARAMETERS, THETA.tolist(), strict=True))
+        theta = dict(zip(PARAMETERS.names, THETA.tolist(), strict=True))
         truth = {"effect": effect, "component": "", "value": psi or np.nan}
         truths.append({"subject": name} | theta | truth | {"status": "converged"})
     subjects, truth = tmp_path / "subjects.parquet", tmp_path / "truth.parquet"
@@ -122,7 +121,7 @@ def test_from_subjects_to_score(tmp_path, monkeypatch):
     settings |= {"draws": 300, "rounds": 2, "load_fractions": []}
     verdicts = [tmp_path / f"{i}.parquet" for i in range(2)]
     for i, path in enumerate(verdicts):
-        benchmark.criticise_benchmark(subjects, i, i + 1, "", [], settings, 1.0, 3, path)
+        benchmark.criticise_benchmark(subjects, str(i), 1, "", [], settings, 1.0, 3, path)
     outputs = [tmp_path / name for name in ("cases.csv", "confusion.csv", "summary.json")]
     benchmark.score_benchmark(verdicts, truth, subjects, "", [], *outputs)
     cases = pd.read_csv(outputs[0], index_col="subject", keep_default_na=False)

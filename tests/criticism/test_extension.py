@@ -7,7 +7,9 @@ import pandas as pd
 import pytest
 import torch
 
-from regional_lv import aha
+from regional_lv.channels import Channels
+from regional_lv.config import physics as physics_of
+from regional_lv.criticism.differences import Scale
 from regional_lv.criticism.extension import Extension, read_extensions, train_extension
 from regional_lv.criticism.hypotheses import (
     REGISTRY,
@@ -16,27 +18,32 @@ from regional_lv.criticism.hypotheses import (
     TransformHypothesis,
     asked,
 )
+from regional_lv.criticism.hypotheses.base import value_at, with_value
+from regional_lv.criticism.planted import read_effects
 from regional_lv.emulators.base import Prediction
 from regional_lv.errors import InputError
-
-BOUNDS = (0.1, 5.0)
+from regional_lv.mechanics.materials import MATERIALS
+from regional_lv.parameters import Parameterisation
+from regional_lv.registry import load_plugins
+from tests.criticism.stand_in import CHANNELS, OUTPUTS, PARAMETERS
 
 
 class KnownEmulator:
     """A base emulator that is exact: smooth outputs of theta in closed form."""
 
-    outputs = aha.OUTPUTS
+    outputs, parameters = OUTPUTS, PARAMETERS
 
     def predict(self, theta):
         return Prediction(base_outputs(theta), None)
 
     def outside(self, theta):
-        return ((theta < BOUNDS[0]) | (theta > BOUNDS[1])).any(-1)
+        low, high = torch.as_tensor(PARAMETERS.lower), torch.as_tensor(PARAMETERS.upper)
+        return ((theta < low) | (theta > high)).any(-1)
 
     def select(self, outputs):
         chosen = KnownEmulator()
         chosen.outputs = tuple(outputs)
-        index = [aha.OUTPUTS.index(name) for name in outputs]
+        index = [OUTPUTS.index(name) for name in outputs]
         chosen.predict = lambda theta: Prediction(base_outputs(theta)[..., index], None)
         return chosen
 
@@ -61,12 +68,27 @@ def extended_outputs(theta, z):
 
 
 @pytest.fixture(scope="module")
+def physics(smoke_config):
+    return physics_of(smoke_config)
+
+
+def closed_form(name):
+    return Extension(REGISTRY[name], OUTPUTS, 2.0)
+
+
+def train(name, physics, folder, batches=()):
+    files = folder / "extension.pt", folder / "extension.json"
+    train_extension(name, physics, PARAMETERS, CHANNELS, 3, *files, batches)
+    return read_extensions([files[0]])
+
+
+@pytest.fixture(scope="module")
 def hypothesis():
     return REGISTRY["wall_thickness"]
 
 
 @pytest.fixture(scope="module")
-def study(tmp_path_factory, hypothesis):
+def study(tmp_path_factory, hypothesis, physics):
     """Forty anchors at the base and the nodes, one of which failed; trained."""
     folder = tmp_path_factory.mktemp("extension")
     rng, rows = np.random.default_rng(1), []
@@ -80,19 +102,16 @@ def study(tmp_path_factory, hypothesis):
             )
             failed = anchor == 7 and psi == hypothesis.nodes[-1]
             row = {"component": "", "anchor": f"batch-0000/{anchor}", "psi": psi, "cpu_s": 1.0}
-            row |= dict(zip(aha.PARAMETERS, theta.tolist(), strict=True))
+            row |= dict(zip(PARAMETERS.names, theta.tolist(), strict=True))
             row |= {"status": "failed" if failed else "converged"}
             outputs = extended_outputs(theta, z).tolist()
-            row |= dict(zip(aha.OUTPUTS, [np.nan] * 52 if failed else outputs, strict=True))
+            row |= dict(zip(OUTPUTS, [np.nan] * 52 if failed else outputs, strict=True))
             row["sensitivity"] = [] if failed else slope.ravel().tolist()
             # At the base dz/dpsi = 1 for a logarithm about 1.
             row["slope"] = by_z.tolist() if psi == hypothesis.base else []
             rows.append(row)
     pd.DataFrame(rows).to_parquet(folder / "batch-0000.parquet", index=False)
-    train_extension(
-        *(hypothesis, [folder / "batch-0000.parquet"], BOUNDS, 3),
-        *(folder / "extension.pt", folder / "extension.json"),
-    )
+    train("wall_thickness", physics, folder, [folder / "batch-0000.parquet"])
     return folder
 
 
@@ -126,7 +145,7 @@ def test_the_mean_alone_is_that_of_the_difference(extension, hypothesis, theta):
     assert torch.allclose(known, expected, atol=1e-12)
     fewer = ("volume_ml", "radial_07")
     some = extension.select(fewer).mean(base.select(fewer), theta, psi)
-    at = [aha.OUTPUTS.index(name) for name in fewer]
+    at = [OUTPUTS.index(name) for name in fewer]
     assert torch.allclose(some, expected[..., at], atol=1e-12)
 
 
@@ -168,7 +187,7 @@ def test_derivatives_are_those_of_the_values(extension, theta):
 def test_some_outputs_are_those_of_all(extension, theta):
     psi, base = torch.tensor(0.85, dtype=theta.dtype), KnownEmulator()
     names = ("radial_05", "volume_ml", "circumferential_17")
-    index = [aha.OUTPUTS.index(name) for name in names]
+    index = [OUTPUTS.index(name) for name in names]
     all_of_them = extension.difference(base, theta, psi)
     chosen = extension.select(names).difference(base.select(names), theta, psi)
     torch.testing.assert_close(chosen.mean, all_of_them.mean[:, index])
@@ -195,7 +214,7 @@ def test_outside_says_where_it_extrapolates(extension, theta):
     assert not extension.outside(base, theta, inside).any()
     assert extension.outside(base, theta, beyond).all()
     assert extension.outside(base, 10 * theta, inside).any()
-    pressure = Extension(REGISTRY["end_diastolic_pressure"])
+    pressure = closed_form("end_diastolic_pressure")
     four = torch.tensor(4.0, dtype=theta.dtype)
     stiff = torch.full((1, 10), 4.0, dtype=theta.dtype)
     assert pressure.outside(base, stiff, four.expand(1)).all()
@@ -206,7 +225,7 @@ def test_outside_says_where_it_extrapolates(extension, theta):
 
 def test_pressure_hides_in_the_stiffness(theta):
     """Twice the pressure and twice every C_a: no difference is left."""
-    extension, base = Extension(REGISTRY["end_diastolic_pressure"]), KnownEmulator()
+    extension, base = closed_form("end_diastolic_pressure"), KnownEmulator()
     psi = torch.full((6,), 16.0, dtype=theta.dtype)
     doubled = theta.clone()
     doubled[:, 0::2] *= 2
@@ -215,7 +234,7 @@ def test_pressure_hides_in_the_stiffness(theta):
 
 
 def test_mixed_frames_leave_the_volume(theta):
-    extension, base = Extension(REGISTRY["mixed_frames"]), KnownEmulator()
+    extension, base = closed_form("mixed_frames"), KnownEmulator()
     found = extension.difference(base, theta, torch.full((6,), 0.5, dtype=theta.dtype)).mean
     stiffer = theta.clone()
     stiffer[:, 0::2] *= 2
@@ -224,7 +243,7 @@ def test_mixed_frames_leave_the_volume(theta):
 
 
 def test_radial_scale_scales_radial_strains(theta):
-    extension, base = Extension(REGISTRY["radial_scale"]), KnownEmulator()
+    extension, base = closed_form("radial_scale"), KnownEmulator()
     found = extension.difference(base, theta, torch.full((6,), 1.3, dtype=theta.dtype)).mean
     torch.testing.assert_close(found[:, 18:35], 0.3 * base_outputs(theta)[:, 18:35])
     assert (np.delete(found.numpy(), range(18, 35), axis=1) == 0).all()
@@ -233,11 +252,9 @@ def test_radial_scale_scales_radial_strains(theta):
 @pytest.mark.parametrize(
     "name", [n for n, h in REGISTRY.items() if isinstance(h, TransformHypothesis | NoiseHypothesis)]
 )
-def test_closed_forms_survive_their_file(tmp_path, theta, name):
+def test_closed_forms_survive_their_file(tmp_path, theta, physics, name):
     hypothesis = REGISTRY[name]
-    files = tmp_path / "extension.pt", tmp_path / "extension.json"
-    train_extension(hypothesis, [], BOUNDS, 0, *files)
-    (found,) = read_extensions([files[0]])
+    (found,) = train(name, physics, tmp_path)
     assert found.hypothesis.name == name and found.fraction_simulated == 1.0
     psi = torch.full((6,), hypothesis.base, dtype=theta.dtype)
     zero = found.difference(KnownEmulator(), theta, psi)
@@ -247,14 +264,20 @@ def test_closed_forms_survive_their_file(tmp_path, theta, name):
 # ------------------------------------------------------------------------------- catalogue
 
 
-def test_the_catalogue_is_complete(smoke_config):
-    effects = _effects_schema()
-    assert set(REGISTRY) == set(effects)
+CATALOGUE = (
+    *("end_diastolic_pressure", "fibre_rotation", "helix_endo", "helix_epi", "sheet_angle"),
+    *("basal_motion", "basal_twist", "basal_axial", "endocardial_sampling"),
+    *("epicardial_sampling", "strain_measure", "line_strain", "septal_load", "epicardial_support"),
+    *("wall_thickness", "focal_scar", "radial_scale", "segment_rotation", "mixed_frames"),
+    *("compressibility", "anisotropy", "sheet_stiffness", "exponent_ratio", "heavy_tails"),
+)
+
+
+def test_the_catalogue_is_complete(physics):
+    assert set(REGISTRY) == set(CATALOGUE)
     for name, h in REGISTRY.items():
         assert h.name == name and h.low <= h.base <= h.high and h.low < h.high
         assert h.description and h.source and h.parameter and h.unit
-        unit = effects[name].get("unit", "1")
-        assert unit == h.unit or name == "focal_scar"
         if isinstance(h, SimulatorHypothesis):
             assert h.base not in h.nodes
             assert all(h.low <= node <= h.high for node in h.nodes)
@@ -262,25 +285,201 @@ def test_the_catalogue_is_complete(smoke_config):
             assert (np.diff(zs) > 0).all()
             tensors = h.coordinate(torch.linspace(h.low, h.high, 50, dtype=torch.float64))
             np.testing.assert_allclose(tensors, zs)
-    assert list(asked("all", smoke_config)) == list(REGISTRY)
+    # Green's strain of a line is that of the tensor.
+    assert set(REGISTRY) - set(asked("all", physics)) == {"line_strain"}
+    with pytest.raises(InputError, match="did you mean focal_scar"):
+        asked(["focal_scars"], physics)
 
 
-def _effects_schema():
-    from regional_lv.schema import load_schema
-
-    subject = load_schema()["properties"]["synthetic_subjects"]["patternProperties"]
-    return next(iter(subject.values()))["properties"]["effects"]["properties"]
-
-
-def test_what_the_study_has_already_is_not_asked(smoke_config):
-    loading = smoke_config["loading"] | {"base": "fixed", "septal_pressure_mmhg": 3.0}
-    names = asked("all", smoke_config | {"loading": loading})
+def test_what_the_study_has_already_is_not_asked(physics):
+    physics = with_value(physics, ("loading", "septal_pressure_mmhg"), 3.0)
+    physics = with_value(physics, ("supports", "base", "radial"), "free")
     left_out = {"basal_motion", "septal_load", "end_diastolic_pressure", "mixed_frames"}
-    assert set(REGISTRY) - set(names) == left_out
+    assert set(REGISTRY) - set(asked("all", physics)) == {"line_strain"} | left_out
 
 
-def test_the_range_of_the_pressure_is_the_studys(smoke_config):
-    loading = smoke_config["loading"] | {"pressure_mmhg": 10.0}
-    pressure = asked("all", smoke_config | {"loading": loading})["end_diastolic_pressure"]
+@pytest.mark.parametrize(
+    ("path", "value"),
+    [
+        (("material", "bulk_modulus_kpa"), 300.0),
+        (("supports", "epicardium_kpa_per_mm"), 0.01),
+        (("supports", "base", "axial"), 2.0),
+        (("loading", "septal_pressure_mmhg"), 3.0),
+        (("parameters", "factors"), ["C_b"]),
+    ],
+)
+def test_only_a_scaling_study_is_asked_for_its_pressure(physics, path, value):
+    name = "end_diastolic_pressure"
+    assert REGISTRY[name].why_not(physics) == ""
+    assert REGISTRY[name].why_not(with_value(physics, path, value))
+    free = with_value(physics, ("supports", "base", "circumferential"), "held")
+    assert REGISTRY[name].why_not(free) == ""
+
+
+def test_a_law_without_sheets_is_not_asked_for_them(physics, monkeypatch):
+    monkeypatch.setattr(MATERIALS["guccione"], "has_sheets", False, raising=False)
+    material = physics["material"] | {"law": "guccione", "constants": {}, "reference": {}}
+    parameters = Parameterisation(law="guccione").spec()
+    left_out = set(REGISTRY) - set(
+        asked("all", physics | {"material": material, "parameters": parameters})
+    )
+    assert left_out == {"line_strain", "anisotropy", "sheet_stiffness", "sheet_angle"}
+    reason = REGISTRY["anisotropy"].why_not(physics | {"material": material})
+    assert reason == "the law guccione has no constant a_f_kpa"
+
+
+def test_what_is_not_observed_is_not_asked(physics):
+    physics = with_value(physics, ("observables", "quantities"), ["volume", "torsion"])
+    left_out = set(REGISTRY) - set(asked("all", physics))
+    sampled = {"endocardial_sampling", "epicardial_sampling", "strain_measure", "line_strain"}
+    assert left_out == sampled | {"segment_rotation", "radial_scale"}
+
+
+def test_the_range_of_the_pressure_is_the_studys(physics):
+    physics = with_value(physics, ("loading", "pressure_mmhg"), 10.0)
+    pressure = asked("all", physics)["end_diastolic_pressure"]
     assert (pressure.base, pressure.low, pressure.high) == (10.0, 5.0, 20.0)
     assert REGISTRY["end_diastolic_pressure"].base == 8.0
+
+
+def test_the_measure_starts_from_the_studys(physics):
+    """With nominal strains at its base, lines differ from the tensor, and Green's is a node."""
+    physics = with_value(physics, ("observables", "strain_exponent"), 1.0)
+    found = asked("all", physics)
+    assert found["strain_measure"].base == 1.0
+    assert found["strain_measure"].nodes == (-2.0, 0.0, 2.0)
+    assert "line_strain" in found
+    lines = with_value(physics, ("observables", "line_share"), 1.0)
+    assert asked(["line_strain"], lines)["line_strain"].nodes == (0.0, 0.5)
+    assert REGISTRY["strain_measure"].base == 2.0
+
+
+def test_psi_reaches_its_keys(physics):
+    """What each hypothesis writes; constants and angles start from the study's own."""
+
+    def value(name, psi, path, physics=physics):
+        return value_at(REGISTRY[name].extend(physics, psi), path)
+
+    assert value("basal_twist", 4.0, ("supports", "base", "circumferential")) == 0.25
+    assert value("basal_axial", 4.0, ("supports", "base", "axial")) == 4.0
+    assert value("endocardial_sampling", 0.25, ("observables", "layer")) == [0.0, 0.75]
+    assert value("epicardial_sampling", 0.25, ("observables", "layer")) == [0.25, 1.0]
+    assert value("helix_epi", -5.0, ("fibres", "helix_epi_deg")) == -65.0
+    sheets = REGISTRY["sheet_angle"].extend(physics, 10.0)["fibres"]
+    assert (sheets["sheet_endo_deg"], sheets["sheet_epi_deg"]) == (55.0, -55.0)
+    path = ("material", "constants", "a_f_kpa")
+    assert value("anisotropy", 2.0, path) == pytest.approx(2 * 20.037)
+    own = with_value(physics, path, 10.0)
+    assert value("anisotropy", 2.0, path, own) == 20.0
+    assert "a_f_kpa" not in physics["material"]["constants"]
+
+
+# ---------------------------------------------------- other channels, and what a plugin adds
+
+
+MIXED = Channels.of(("volume", "radial", "torsion", "shortening"), load_fractions=(0.5,))
+
+
+def test_differences_of_other_quantities_are_plain():
+    """Volumes and strains by their logarithms at every load, all others as they are."""
+    scale = Scale(MIXED, 2.0)
+    torsion = MIXED.of_quantity("torsion") | MIXED.of_quantity("shortening")
+    mean = torch.as_tensor(np.where(MIXED.is_strain, 0.3, np.where(torsion, 0.2, 150.0)))
+    change = torch.full_like(mean, 0.1)
+    found, slope = scale.differences(mean, change, 2.0)
+    volume, radial = MIXED.of_quantity("volume"), MIXED.of_quantity("radial")
+    assert MIXED.load_fractions == (1.0, 0.5) and radial.sum() == 34 and torsion.sum() == 4
+    np.testing.assert_allclose(found[volume], 150.0 * np.expm1(0.1))
+    np.testing.assert_allclose(found[radial], (1.6 * np.exp(0.2) - 1) / 2 - 0.3)
+    np.testing.assert_allclose(found[torsion], 0.1)
+    h = 1e-6
+    ahead, _ = scale.differences(mean, change + h, 2.0)
+    np.testing.assert_allclose((ahead - found) / h, slope, rtol=1e-5)
+    sensitivity = np.ones((1, len(MIXED), 2))
+    before, _ = scale.logarithms(mean.numpy()[None], sensitivity, 2.0)
+    after, _ = scale.logarithms((mean + found).numpy()[None], sensitivity, 2.0)
+    np.testing.assert_allclose(after - before, 0.1)
+
+
+@pytest.mark.parametrize("own", [2.0, 1.0, 0.0])
+@pytest.mark.parametrize("n", [2.0, 1.0, 0.0, -2.0])
+def test_another_measure_of_a_line_needs_no_emulator(own, n):
+    """The strain of a stretch, from that of another exponent: what is emulated is nothing."""
+    stretch = torch.linspace(0.5, 1.9, 17, dtype=torch.float64)
+
+    def strain(exponent):
+        return stretch.log() if exponent == 0 else (stretch**exponent - 1) / exponent
+
+    scale = Scale(Channels.of(("radial",)), own)
+    psi = torch.tensor(n, dtype=torch.float64)
+    found, _ = scale.differences(strain(own), torch.zeros(17).double(), psi)
+    np.testing.assert_allclose(strain(own) + found, strain(n), atol=1e-12)
+    assert n != own or (found == 0).all()
+    step = torch.tensor(1e-6, dtype=torch.float64)
+    psi = psi.clone().requires_grad_(True)
+    mean = scale.differences(strain(own), torch.zeros(17).double(), psi)[0]
+    (by_psi,) = torch.autograd.grad(mean.sum(), psi)
+    ahead, behind = (
+        scale.differences(strain(own), torch.zeros(17).double(), psi.detach() + s * step)[0].sum()
+        for s in (1, -1)
+    )
+    assert float(by_psi) == pytest.approx(float((ahead - behind) / (2 * step)), rel=1e-3)
+    value, slope = scale.logarithms(strain(n).numpy()[None], np.ones((1, 17, 1)), n)
+    np.testing.assert_allclose(value[0], stretch.log(), atol=1e-12)
+    np.testing.assert_allclose(slope[0, :, 0], (stretch**-n).numpy(), rtol=1e-9)
+
+
+def test_an_effect_that_changes_nothing(tmp_path, physics):
+    """Simulated, trained, read again: no difference, and the criticism says so."""
+    rng, rows = np.random.default_rng(1), []
+    hypothesis = REGISTRY["sheet_angle"]
+    for anchor in range(12):
+        theta = torch.as_tensor(np.exp(rng.uniform(-1, 1, 10)))
+        for psi in (hypothesis.base, *hypothesis.nodes):
+            row = {"component": "", "anchor": f"a/{anchor}", "psi": psi, "cpu_s": 1.0}
+            row |= dict(zip(PARAMETERS.names, theta.tolist(), strict=True))
+            row |= dict(zip(OUTPUTS, base_outputs(theta).tolist(), strict=True))
+            row |= {"status": "converged", "sensitivity": [0.0] * 520}
+            rows.append(row | {"slope": [0.0] * 52 if psi == 0 else []})
+    pd.DataFrame(rows).to_parquet(tmp_path / "batch.parquet", index=False)
+    (found,) = train("sheet_angle", physics, tmp_path, [tmp_path / "batch.parquet"])
+    theta = torch.ones(3, 10).double()
+    psi = torch.full((3,), 20.0).double()
+    assert (found.difference(KnownEmulator(), theta, psi).mean == 0).all()
+    assert (found.mean(KnownEmulator(), theta, psi) == 0).all()
+
+
+def test_a_hypothesis_from_outside(tmp_path, theta, physics):
+    """One class in a plugin: asked, planted, trained and read again like those of the package."""
+    plugin = tmp_path / "plugin.py"
+    plugin.write_text(
+        """
+from regional_lv.criticism.hypotheses import REGISTRY, TransformHypothesis
+
+
+class Gain(TransformHypothesis):
+    name, parameter, unit = "toy_gain", "gain of all channels", "1"
+    description, source = "All channels are multiplied by one number.", "made up"
+    base, low, high = 1.0, 0.5, 1.5
+
+    def measure(self, outputs, channels, value):
+        return value * outputs
+
+    def predict(self, emulator, theta, psi):
+        return psi[..., None] * emulator.predict(theta).mean
+
+
+REGISTRY.add(Gain())
+"""
+    )
+    load_plugins([plugin])
+    try:
+        assert "toy_gain" in asked("all", physics)
+        (found,) = train("toy_gain", physics, tmp_path)
+        psi = torch.full((6,), 1.2, dtype=theta.dtype)
+        difference = found.difference(KnownEmulator(), theta, psi).mean
+        torch.testing.assert_close(difference, 0.2 * base_outputs(theta))
+        (effect,) = read_effects({"toy_gain": 1.2})
+        assert effect.hypothesis.measure(np.ones(3), None, effect.value).tolist() == [1.2] * 3
+    finally:
+        REGISTRY._items.pop("toy_gain", None)

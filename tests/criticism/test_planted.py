@@ -4,14 +4,16 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from regional_lv import aha
+from regional_lv.config import physics as physics_of
 from regional_lv.criticism import planted
 from regional_lv.criticism.hypotheses import REGISTRY
+from regional_lv.parameters import Parameterisation
+from tests.criticism.stand_in import OUTPUTS, PARAMETERS
 
 
 @pytest.fixture(scope="module")
 def entries():
-    return planted.random_subjects(10 * len(REGISTRY), 60, 5, REGISTRY, (0.1, 5.0))
+    return planted.random_subjects(10 * len(REGISTRY), 60, 5, REGISTRY, PARAMETERS)
 
 
 def test_every_hypothesis_is_planted_and_some_have_none(entries):
@@ -20,7 +22,7 @@ def test_every_hypothesis_is_planted_and_some_have_none(entries):
     assert all(effects.count(name) == 10 for name in REGISTRY)
     # The order tells nothing: subjects without effect are not together.
     places = np.flatnonzero([e is None for e in effects])
-    assert places.min() < 20 and places.max() > 180
+    assert places.min() < 20 and places.max() > len(effects) - 20
 
 
 def test_sizes_are_in_the_range_and_away_from_the_base(entries):
@@ -37,14 +39,14 @@ def test_sizes_are_in_the_range_and_away_from_the_base(entries):
 
 
 def test_theta_is_physiological_and_in_the_box():
-    entries = planted.random_subjects(0, 50, 5, REGISTRY, (0.8, 5.0))
+    entries = planted.random_subjects(0, 50, 5, REGISTRY, Parameterisation(bounds=(0.8, 5.0)))
     theta = np.array([list(e["theta"].values()) for e in entries])
     assert theta.shape == (50, 10) and theta.min() >= 0.8 and theta.max() <= 2.0
 
 
 def test_subjects_follow_the_seed(entries):
-    again = planted.random_subjects(10 * len(REGISTRY), 60, 5, REGISTRY, (0.1, 5.0))
-    other = planted.random_subjects(10 * len(REGISTRY), 60, 6, REGISTRY, (0.1, 5.0))
+    again = planted.random_subjects(10 * len(REGISTRY), 60, 5, REGISTRY, PARAMETERS)
+    other = planted.random_subjects(10 * len(REGISTRY), 60, 6, REGISTRY, PARAMETERS)
     assert again == entries
     assert other[0]["theta"] != entries[0]["theta"] and other[0]["seed"] != entries[0]["seed"]
 
@@ -58,8 +60,11 @@ def test_heavy_tails_have_outliers():
     assert np.abs(plain).max() < 5 and plain.std() == pytest.approx(1.0, abs=0.03)
 
 
-def test_a_batch_keeps_subjects_and_truth_apart(monkeypatch, entries):
+def test_a_batch_keeps_subjects_and_truth_apart(monkeypatch, tmp_path, smoke_config):
     """One cannot be inflated: it is in the truth, with the reason, and nowhere else."""
+    physics, counts = physics_of(smoke_config), {"planted": 30, "null": 10}
+    every = planted.random_subjects(*counts.values(), 5, planted.asked("all", physics), PARAMETERS)
+    entries = every[10:20]
     failing = entries[3]["theta"]["C_a_septal"]
 
     def outputs(self, theta, effects):
@@ -68,16 +73,18 @@ def test_a_batch_keeps_subjects_and_truth_apart(monkeypatch, entries):
         return np.zeros(52)
 
     monkeypatch.setattr(planted.Ventricles, "outputs", outputs)
-    noise = {"strain": 0.01, "volume": 1.0}
-    subjects, truth = planted.plant_batch(None, {}, None, entries[:10], noise, "test")
-    assert list(subjects) == ["subject", *aha.OUTPUTS, *(f"sd_{o}" for o in aha.OUTPUTS)]
-    assert truth["subject"].tolist() == [f"subject-{i:04d}" for i in range(10)]
+    files = tmp_path / "subjects.parquet", tmp_path / "truth.parquet"
+    benchmark = counts | {"noise": {"strain": 0.01, "volume": 1.0}}
+    planted.plant_batch(*(None, None, physics, PARAMETERS, "all", benchmark, 5, "0001", 10), *files)
+    subjects, truth = map(pd.read_parquet, files)
+    assert list(subjects) == ["subject", *OUTPUTS, *(f"sd_{o}" for o in OUTPUTS)]
+    assert truth["subject"].tolist() == [f"subject-{i:04d}" for i in range(10, 20)]
     assert truth.loc[3, "status"] == "failed" and truth.loc[3, "reason"] == "too soft"
-    assert "subject-0003" not in set(subjects["subject"]) and len(subjects) == 9
-    for entry, row in zip(entries[:10], truth.itertuples(), strict=True):
+    assert "subject-0013" not in set(subjects["subject"]) and len(subjects) == 9
+    for entry, row in zip(entries, truth.itertuples(), strict=True):
         assert row.effect == next(iter(entry["effects"]), "")
         assert np.isnan(row.value) == (not entry["effects"])
     ordinary = [not t.startswith("heavy") for t in truth.drop(3)["effect"]]
-    noise_seen = subjects.loc[ordinary, list(aha.OUTPUTS[1:])].to_numpy()
+    noise_seen = subjects.loc[ordinary, list(OUTPUTS[1:])].to_numpy()
     assert noise_seen.std() == pytest.approx(0.01, rel=0.15)
     assert isinstance(subjects, pd.DataFrame) and subjects["sd_volume_ml"].eq(1.0).all()

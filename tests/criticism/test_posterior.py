@@ -2,6 +2,7 @@
 
 import math
 
+import numpy as np
 import pytest
 import torch
 
@@ -12,7 +13,7 @@ from regional_lv.criticism.model import LOG_2PI, Layout, Model
 from regional_lv.criticism.observations import observe
 from regional_lv.criticism.posterior import gain_of, laplace, leave_out, sample
 from regional_lv.criticism.verdict import stack
-from tests.criticism.stand_in import LOWER, UPPER, StandIn, bias, measured
+from tests.criticism.stand_in import PARAMETERS, StandIn, bias, measured
 
 
 def log_evidence(model: Model, keep=None) -> float:
@@ -33,7 +34,7 @@ def log_evidence(model: Model, keep=None) -> float:
     value = -0.5 * (y @ inverse @ y - right @ solved)
     value += -0.5 * (torch.logdet(covariance) + len(y) * LOG_2PI)
     value += 0.5 * (len(right) * LOG_2PI - torch.logdet(precision))
-    value -= 10 * math.log(UPPER - LOWER)
+    value -= float(np.log(PARAMETERS.upper - PARAMETERS.lower).sum())
     value -= (model.high - model.low)[10:].log().sum()
     return float(value), solved, torch.linalg.inv(precision)
 
@@ -41,7 +42,7 @@ def log_evidence(model: Model, keep=None) -> float:
 def build(extensions=(), seed=0, strain=0.002):
     emulator = StandIn(bend=0.0)
     o = observe({"a": measured(emulator, seed=seed, strain=strain)}, emulator, 1.0)
-    return Model(o, ExtendedEmulator(emulator, extensions), Layout.inferred(("a",), LOWER, UPPER))
+    return Model(o, ExtendedEmulator(emulator, extensions), Layout.inferred(("a",), PARAMETERS))
 
 
 @pytest.fixture(scope="module")
@@ -121,7 +122,7 @@ def test_standard_error_of_the_gain_is_its_spread_over_measurements():
     for seed in range(12):
         table = measured(emulator, extension, 0.15, seed=seed)
         o = observe({"a": table}, emulator, 1.0)
-        layout = Layout.inferred(("a",), LOWER, UPPER)
+        layout = Layout.inferred(("a",), PARAMETERS)
         model = Model(o, ExtendedEmulator(emulator), layout)
         best = fit_from_nothing(model, 1)
         before = leave_out_linearly(model, best)

@@ -10,7 +10,7 @@ from regional_lv.criticism.extended import ExtendedEmulator
 from regional_lv.criticism.fit import fit_from_nothing
 from regional_lv.criticism.model import Layout, Model
 from regional_lv.criticism.observations import observe
-from tests.criticism.stand_in import LOWER, UPPER, Bent, StandIn, basal, bias, measured
+from tests.criticism.stand_in import PARAMETERS, Bent, StandIn, basal, bias, measured
 
 
 @pytest.fixture
@@ -24,7 +24,7 @@ def p_values(causes, psi):
     emulator = StandIn()
     table = measured(emulator, causes[0], psi, seed=5, known=False)
     observations = observe({"heart": table}, emulator, 1.0)
-    layout = Layout.inferred(("heart",), LOWER, UPPER)
+    layout = Layout.inferred(("heart",), PARAMETERS)
     model = Model(observations, ExtendedEmulator(emulator.select(observations.outputs)), layout)
     best = fit_from_nothing(model, 1)
     return model, best, ratio.likelihood_ratios(model, best, causes, 2)

@@ -12,9 +12,8 @@ from regional_lv.criticism.identify import identify
 from regional_lv.criticism.model import Layout, Model
 from regional_lv.criticism.observations import observe
 from tests.criticism.stand_in import (
-    LOWER,
+    PARAMETERS,
     THETA,
-    UPPER,
     Extension,
     Hypothesis,
     Pressure,
@@ -31,7 +30,7 @@ def model_of(table, emulator=None, extensions=()):
     emulator = emulator or StandIn()
     observations = observe({"a": table}, emulator, 1.0)
     chosen = emulator.select(observations.outputs)
-    layout = Layout.inferred(("a",), LOWER, UPPER)
+    layout = Layout.inferred(("a",), PARAMETERS)
     return Model(observations, ExtendedEmulator(chosen, extensions), layout)
 
 

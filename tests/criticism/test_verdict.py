@@ -86,7 +86,8 @@ def test_findings_keep_the_contract(found, tmp_path):
 
 def test_report_needs_nothing_but_itself(found, tmp_path):
     write_findings(found, tmp_path / "findings.json")
-    write_report(tmp_path / "findings.json", tmp_path / "report.html", tmp_path)
+    figure, table = tmp_path / "residuals.png", tmp_path / "residuals.csv"
+    write_report(tmp_path / "findings.json", tmp_path / "report.html", figure, table)
     page = (tmp_path / "report.html").read_text()
     assert "The cause is basal motion" in page
     assert page.count("data:image/png;base64,") == 4
@@ -171,7 +172,7 @@ def test_noise_that_is_inferred():
     found = findings(table, [bias(), basal()], settings=few)
     assert found["named_cause"] == "radial_scale"
     assert "overall" not in found["misfit"]["families"]
-    assert {row["direction"] for row in found["noise"]} == {
+    assert {row["quantity"] for row in found["noise"]} == {
         "circumferential",
         "radial",
         "longitudinal",

@@ -1,5 +1,7 @@
 """What the findings say in words."""
 
+import pytest
+
 from regional_lv.criticism import words
 
 
@@ -31,3 +33,21 @@ def test_a_channel_of_several_hearts_is_that_of_its_own_heart():
 def test_a_channel_of_one_heart_has_no_name_before_it():
     text = said([channel("first", 180.0)], "volume_ml")
     assert "Single channels: the volume is 180" in text
+
+
+@pytest.mark.parametrize(
+    ("output", "text"),
+    [
+        ("volume_ml", "the volume"),
+        ("volume_ml@0.5", "the volume at 50 % of the end-diastolic pressure"),
+        ("radial_07", "radial strain of segment 7 (mid anterior)"),
+        (
+            "radial_07@0.75",
+            "radial strain of segment 7 (mid anterior) at 75 % of the end-diastolic pressure",
+        ),
+        ("torsion_basal-apical", "torsion basal-apical"),
+        ("shortening", "the shortening"),
+    ],
+)
+def test_channels_in_words(output, text):
+    assert words.channel(output) == text

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 import torch
 
-from regional_lv import aha, emulators
+from regional_lv import emulators
 from regional_lv.estimates import stand_in
 from regional_lv.estimates.check import first_cases
 from regional_lv.estimates.efficiency import measure_efficiency
@@ -18,9 +18,9 @@ from regional_lv.estimates.estimate import (
     true_column,
 )
 from regional_lv.estimates.least_squares import find_least_squares
+from tests.inference.conftest import CHANNELS, PARAMETERS
 from tests.inference.test_likelihood import THETA, linear
 
-BOX = {"lower": 0.1, "upper": 5.0}
 POINT = {"starts": 3, "iterations": 60}
 
 
@@ -38,8 +38,8 @@ def _simulate(theta: torch.Tensor) -> torch.Tensor:
 def table(rows: int, seed: int, low: float = 0.1, high: float = 5.0) -> pd.DataFrame:
     theta = np.exp(np.random.default_rng(seed).uniform(np.log(low), np.log(high), (rows, 10)))
     y = simulate(theta)
-    columns = {"sample": np.arange(rows)} | dict(zip(aha.PARAMETERS, theta.T, strict=True))
-    frame = pd.DataFrame(columns | dict(zip(aha.OUTPUTS, y.T, strict=True)))
+    columns = {"sample": np.arange(rows)} | dict(zip(PARAMETERS.names, theta.T, strict=True))
+    frame = pd.DataFrame(columns | dict(zip(CHANNELS.names, y.T, strict=True)))
     slopes = torch.func.vmap(torch.func.jacrev(_simulate))(torch.as_tensor(theta))
     frame["sensitivity"] = list(slopes.reshape(rows, -1).numpy())
     return frame
@@ -58,7 +58,9 @@ def folder(tmp_path_factory):
     }
     for name, own in settings.items():
         files = folder / f"{name}.pt", folder / f"{name}.json"
-        emulators.train_emulator(name, own, folder / "train.parquet", 0.1, 5.0, 1, *files)
+        emulators.train_emulator(
+            name, own, folder / "train.parquet", PARAMETERS, CHANNELS, 1, *files
+        )
     return folder
 
 
@@ -89,9 +91,11 @@ def test_least_squares_stays_within_the_bounds():
 def test_adam_and_hops_never_make_it_worse():
     """Of a curved problem, from a single start."""
     data = table(90, 1)
-    theta = data[list(aha.PARAMETERS)].to_numpy()
+    theta = data[list(PARAMETERS.names)].to_numpy()
     emulator = emulators.create("exact_gp", {"iterations": 20})
-    emulator.fit(theta, data[list(aha.OUTPUTS)].to_numpy(), **BOX)
+    emulator.fit(
+        theta, data[list(CHANNELS.names)].to_numpy(), parameters=PARAMETERS, outputs=CHANNELS.names
+    )
     y = torch.as_tensor(simulate(np.full((1, 10), 0.3)))
     plain = find_least_squares(emulator, y, 1, 5, 0, 0, seed=2)[1]
     hopped = find_least_squares(emulator, y, 1, 5, 0, 4, seed=2)[1]
@@ -110,7 +114,7 @@ def test_local_emulators_take_their_observations_one_by_one(folder):
 def test_table_of_estimates(folder, name, tmp_path):
     test = folder / "test.parquet"
     estimate_parameters(
-        *(folder / f"{name}.pt", test, 2, 30),
+        *(folder / f"{name}.pt", test, {"starts": 2, "iterations": 30}),
         adam_steps=5,
         hops=2,
         seed=1,
@@ -120,9 +124,9 @@ def test_table_of_estimates(folder, name, tmp_path):
     truth = pd.read_parquet(test)
     assert len(found) == 8 and set(found["estimator"]) == {"least_squares", "weighted"}
     for _, row in found.iterrows():
-        true = truth.set_index("sample").loc[int(row["sample"]), list(aha.PARAMETERS)]
-        assert np.array_equal(true, row[[true_column(p) for p in aha.PARAMETERS]].astype(float))
-        estimate = row[list(aha.PARAMETERS)].astype(float).to_numpy()
+        true = truth.set_index("sample").loc[int(row["sample"]), list(PARAMETERS.names)]
+        assert np.array_equal(true, row[[true_column(p) for p in PARAMETERS.names]].astype(float))
+        estimate = row[list(PARAMETERS.names)].astype(float).to_numpy()
         assert np.isclose(row["mse"], ((estimate - true.to_numpy()) ** 2).mean())
         assert ((estimate >= 0.1) & (estimate <= 5.0)).all()
     if name != "dnn":
@@ -140,19 +144,19 @@ def test_stand_in_knows_the_test_cases(folder, tmp_path):
     """At the truth it comes closer than what was not trained on them."""
     test = pd.read_parquet(folder / "test.parquet")
     files = folder / "train.parquet", folder / "test.parquet"
-    stand_in.fit_stand_in(*files, 0.1, 5.0, 1, tmp_path / "s.pt")
-    estimates = test[["sample", *aha.PARAMETERS]].assign(estimator="weighted")
+    stand_in.fit_stand_in(*files, PARAMETERS, CHANNELS, 1, tmp_path / "s.pt")
+    estimates = test[["sample", *PARAMETERS.names]].assign(estimator="weighted")
     estimates.assign(sample=estimates["sample"].astype(str)).to_parquet(tmp_path / "e.parquet")
     stand_in.predict_estimates(tmp_path / "s.pt", tmp_path / "e.parquet", 3, tmp_path / "c.parquet")
     checked = pd.read_parquet(tmp_path / "c.parquet")
     assert checked["sample"].tolist() == ["0", "1", "2"]
     assert checked["checked_by"].unique().tolist() == [stand_in.CHECKED_BY]
-    error = checked[list(aha.OUTPUTS)].to_numpy() - test[list(aha.OUTPUTS)].to_numpy()[:3]
+    error = checked[list(CHANNELS.names)].to_numpy() - test[list(CHANNELS.names)].to_numpy()[:3]
     with torch.no_grad():
         other = emulators.load(folder / "exact_gp.pt").predict_mean(
-            torch.as_tensor(test[list(aha.PARAMETERS)].to_numpy()[:3])
+            torch.as_tensor(test[list(PARAMETERS.names)].to_numpy()[:3])
         )
-    missed = other.numpy() - test[list(aha.OUTPUTS)].to_numpy()[:3]
+    missed = other.numpy() - test[list(CHANNELS.names)].to_numpy()[:3]
     assert np.square(error).mean() < 0.5 * np.square(missed).mean()
 
 
@@ -165,9 +169,9 @@ def test_first_cases_keeps_both_estimators():
 def test_error_falls_with_the_number_of_simulations(folder, tmp_path):
     files = folder / "train.parquet", folder / "test.parquet"
     for name in ("exact_gp", "gradient_gp"):
-        settings = {"input_transform": "log", "iterations": 20}
         measure_efficiency(
-            *(name, settings, *files, [30, 20, 5000], 30, (0.1, 5.0), POINT, 1),
+            *(name, "log", {"iterations": 20}, PARAMETERS, CHANNELS, *files),
+            *([30, 20, 5000], 30, POINT, 1),
             tmp_path / f"{name}.csv",
         )
     plain, taught = (pd.read_csv(tmp_path / f"{n}.csv") for n in ("exact_gp", "gradient_gp"))

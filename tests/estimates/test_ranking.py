@@ -8,14 +8,16 @@ import pandas as pd
 import pytest
 from scipy import integrate, stats
 
-from regional_lv import aha
+from regional_lv import paper
+from regional_lv.channels import Channels
 from regional_lv.estimates import ranking, transforms
-from regional_lv.figures import per_sample_mse, sample_efficiency
+from regional_lv.inference.multiple_tests import holm
+from regional_lv.plots import per_sample_mse, sample_efficiency
 from regional_lv.tables import emulators as tables
-from regional_lv.tables import writing
 
+CHANNELS = Channels.of()
 CASES = 30
-NUMBERS = Path(__file__).parents[2] / "resources" / "paper_numbers.csv"
+NUMBERS = paper.path("numbers.csv")
 
 
 def estimates(mse: dict[str, np.ndarray]) -> pd.DataFrame:
@@ -35,6 +37,14 @@ def estimates(mse: dict[str, np.ndarray]) -> pd.DataFrame:
     return pd.concat(parts, ignore_index=True)
 
 
+def made(table, source, folder: Path) -> pd.DataFrame:
+    """What a table of `tables.emulators` writes."""
+    table(source, csv=folder / "t.csv", tex=folder / "t.tex")
+    read = pd.read_csv(folder / "t.csv")
+    assert (folder / "t.tex").read_text().count(r"\\") == len(read) + 1
+    return read
+
+
 def draw(seed: int, scale: float) -> pd.DataFrame:
     rng = np.random.default_rng(seed)
     return estimates({e: scale * rng.chisquare(3, CASES) for e in ranking.ESTIMATORS})
@@ -42,10 +52,10 @@ def draw(seed: int, scale: float) -> pd.DataFrame:
 
 def test_holm_by_hand():
     """Ordered 0.01, 0.02, 0.03, 0.04 times 4, 3, 2, 1, never falling, never above 1."""
-    adjusted = ranking.holm([0.03, 0.01, 0.04, 0.02])
+    adjusted = holm([0.03, 0.01, 0.04, 0.02])
     np.testing.assert_allclose(adjusted, [0.06, 0.04, 0.06, 0.06])
-    np.testing.assert_allclose(ranking.holm([0.9, 0.5]), [1.0, 1.0])
-    assert ranking.holm([]).size == 0
+    np.testing.assert_allclose(holm([0.9, 0.5]), [1.0, 1.0])
+    assert holm([]).size == 0
 
 
 def test_crps_is_the_integral_that_defines_it():
@@ -96,14 +106,14 @@ def test_predictive_scores_of_a_calibrated_prediction():
 
 
 def test_output_errors_leave_out_what_did_not_converge():
-    truth = pd.DataFrame(np.zeros((3, 52)), columns=list(aha.OUTPUTS), index=["0", "1", "2"])
+    truth = pd.DataFrame(np.zeros((3, 52)), columns=list(CHANNELS.names), index=["0", "1", "2"])
     values = np.zeros((3, 52))
     values[0] = np.r_[5.0, np.full(51, 0.1)]
     values[2] = np.nan
-    checked = pd.DataFrame(values, columns=list(aha.OUTPUTS))
+    checked = pd.DataFrame(values, columns=list(CHANNELS.names))
     checked = checked.assign(sample=["0", "1", "2"], estimator="weighted", checked_by="simulator")
     other = checked.assign(estimator="least_squares", volume_ml=1e6)
-    sd = pd.Series(np.r_[10.0, np.full(51, 0.2)], index=list(aha.OUTPUTS))
+    sd = pd.Series(np.r_[10.0, np.full(51, 0.2)], index=list(CHANNELS.names))
     scores = ranking.output_errors(pd.concat([checked, other]), truth, sd, "weighted")
     assert np.isclose(scores["output_mse"], 0.01 / 2)
     assert np.isclose(scores["output_mse_standardised"], 0.25 / 2)
@@ -114,7 +124,7 @@ def test_output_errors_leave_out_what_did_not_converge():
 def study(tmp_path):
     """Everything that the ranking reads, of three emulators with known errors."""
     rng = np.random.default_rng(7)
-    y = pd.DataFrame(rng.normal(size=(CASES, 52)), columns=list(aha.OUTPUTS))
+    y = pd.DataFrame(rng.normal(size=(CASES, 52)), columns=list(CHANNELS.names))
     y.insert(0, "sample", np.arange(CASES))
     y.to_parquet(tmp_path / "train.parquet")
     y.to_parquet(tmp_path / "test.parquet")
@@ -135,9 +145,16 @@ def study(tmp_path):
 
 
 def rank(study, size: int, estimator: str = "weighted"):
+    names = ["vgp", "mvgp", "dnn"]
+    own, fits = ([study / folder / name for name in names] for folder in ("estimates", "emulators"))
     ranking.rank_emulators(
-        *(["vgp", "mvgp", "dnn"], study / "estimates", study / "emulators"),
-        *(study / "train.parquet", study / "test.parquet", NUMBERS, size, estimator),
+        names,
+        *(
+            [path / file for path in own]
+            for file in ("test.parquet", "checked.parquet", "cost.json")
+        ),
+        *([path / file for path in fits] for file in ("fit.json", "test_predictions.parquet")),
+        *(CHANNELS, study / "train.parquet", study / "test.parquet", NUMBERS, size, estimator),
         *(study / "ranking.csv", study / "pairs.csv", study / "shortlist.json"),
     )
     return pd.read_csv(study / "ranking.csv"), json.loads((study / "shortlist.json").read_text())
@@ -158,19 +175,16 @@ def test_ranking_orders_chooses_and_says_why(study):
 
 def test_tables_and_box_plots(study):
     rank(study, 1)
-    s1 = tables.ranking(study / "ranking.csv")
+    s1 = made(tables.ranking, study / "ranking.csv", study)
     assert (
         s1["emulator"].tolist() == ["DNN", "MVGP", "VGP"] and s1["paper_output_mse"].notna().all()
     )
-    pairs = tables.pairs(study / "pairs.csv")
+    pairs = made(tables.pairs, study / "pairs.csv", study)
     assert pairs[["single", "multi"]].drop_duplicates().values.tolist() == [["VGP", "MVGP"]]
     names = ["vgp", "mvgp", "dnn"]
-    one = tables.architectures([study / "emulators" / n / "fit.json" for n in names])
+    one = made(tables.architectures, [study / "emulators" / n / "fit.json" for n in names], study)
     assert one["emulator"].tolist() == ["VGP", "MVGP", "DNN"]
     assert one["output_structure"].tolist() == ["single-output", *["multi-output"] * 2]
-    for table in (s1, pairs, one):
-        writing.save(table, study / "t.csv", study / "t.tex")
-        assert (study / "t.tex").read_text().count(r"\\") == len(table) + 1
     per_sample_mse.draw(
         names,
         [study / "estimates" / n / "test.parquet" for n in names],
@@ -193,13 +207,16 @@ def test_transforms_compare_an_emulator_with_itself(study):
         predictions = pd.read_parquet(study / "emulators" / name / "test_predictions.parquet")
         predictions["truth"] *= 3  # the mean is 0
         predictions.to_parquet(fits / "test_predictions.parquet")
+    files = ["mvgp", "mvgp-identity", "dnn", "dnn-log"]
     transforms.compare_transforms(
         {
             "mvgp": {"identity": "mvgp-identity", "log": "mvgp"},
             "dnn": {"identity": "dnn", "log": "dnn-log"},
         },
-        *(study / "estimates", study / "emulators"),
-        *(study / "train.parquet", NUMBERS, study / "transforms.csv"),
+        files,
+        [study / "estimates" / name / "test.parquet" for name in files],
+        [study / "emulators" / name / "test_predictions.parquet" for name in files],
+        *(CHANNELS, study / "train.parquet", NUMBERS, study / "transforms.csv"),
     )
     table = pd.read_csv(study / "transforms.csv").set_index("emulator")
     for quantity in ("param_mse_least_squares", "param_mse_weighted"):
@@ -207,7 +224,7 @@ def test_transforms_compare_an_emulator_with_itself(study):
     np.testing.assert_allclose(table["predictive_mse_gain"], [9, 1 / 9])
     mvgp = table.loc["mvgp"]
     assert np.isclose(mvgp["ratio_to_paper"], mvgp["param_mse_least_squares_identity"] / 0.0080)
-    labels = tables.transforms(study / "transforms.csv")["emulator"]
+    labels = made(tables.transforms, study / "transforms.csv", study)["emulator"]
     assert labels.tolist() == ["MVGP", "DNN"]
 
 
@@ -228,4 +245,4 @@ def test_efficiency_figure_shows_all_curves(tmp_path):
     sample_efficiency.draw(paths, tmp_path / "e.png", tmp_path / "e.csv")
     shown = pd.read_csv(tmp_path / "e.csv")
     assert len(shown) == 6
-    pd.testing.assert_frame_equal(shown, tables.sample_efficiency(paths))
+    pd.testing.assert_frame_equal(shown, made(tables.sample_efficiency, paths, tmp_path))

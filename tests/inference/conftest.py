@@ -4,8 +4,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from regional_lv import aha
+from regional_lv.channels import Channels
 from regional_lv.emulators.exact_gp import ExactGP
+from regional_lv.parameters import Parameterisation
+
+PARAMETERS = Parameterisation()
+CHANNELS = Channels.of()
 
 
 def simulate(theta: np.ndarray) -> pd.DataFrame:
@@ -17,9 +21,11 @@ def simulate(theta: np.ndarray) -> pd.DataFrame:
         for _ in range(17):
             weights = rng.uniform(-0.5, 1.0, 10)
             columns.append(level * np.exp(-0.15 * np.tanh(x @ weights) - 0.02 * x @ weights))
-    frame = pd.DataFrame(theta, columns=list(aha.PARAMETERS))
+    frame = pd.DataFrame(theta, columns=list(PARAMETERS.names))
     frame.insert(0, "sample", np.arange(len(theta)))
-    return pd.concat([frame, pd.DataFrame(np.stack(columns, 1), columns=list(aha.OUTPUTS))], axis=1)
+    return pd.concat(
+        [frame, pd.DataFrame(np.stack(columns, 1), columns=list(CHANNELS.names))], axis=1
+    )
 
 
 @pytest.fixture(scope="session")
@@ -31,7 +37,9 @@ def study(tmp_path_factory):
     table = simulate(train)
     # The toy mixes all parameters alike: no zones.
     emulator = ExactGP(iterations=60, kernel="rq").fit(
-        train, table[list(aha.OUTPUTS)].to_numpy(), lower=0.1, upper=5.0
+        *(train, table[list(CHANNELS.names)].to_numpy()),
+        parameters=PARAMETERS,
+        outputs=CHANNELS.names,
     )
     emulator.save(folder / "emulator.pt")
     test = simulate(rng.uniform(0.3, 4.0, size=(4, 10)))

@@ -6,13 +6,14 @@ import pandas as pd
 import pytest
 import torch
 
-from regional_lv import aha, emulators
+from regional_lv import emulators
 from regional_lv.inference import sampling
 from regional_lv.inference.agreement import COLUMNS, compare_samplers
-from regional_lv.inference.calibration import calibrate_chain
 from regional_lv.inference.noise_prior import compare_noise_priors
+from regional_lv.inference.rank_calibration import calibrate_chain
 from regional_lv.inference.resimulation import compare_resimulated, pick_draws
 from regional_lv.inference.told_apart import measure_separation, tell_zones_apart
+from tests.inference.conftest import CHANNELS, PARAMETERS
 
 FEW = {"chains": 2, "warmup": 100, "draws": 100, "rhat_max": 1.2, "ess_min": 0}
 FEW["cases_per_batch"] = 3
@@ -92,9 +93,9 @@ def test_posterior_draws_go_through_the_simulator(study, posteriors):
     assert len(design) == 6 and design["case"].nunique() == 2
     assert design["sample"].tolist() == list(range(6)) and (design["scale"] == "posterior").all()
     emulator = emulators.load(study / "emulator.pt")
-    prediction = emulator.predict(torch.as_tensor(design[list(aha.PARAMETERS)].to_numpy()))
+    prediction = emulator.predict(torch.as_tensor(design[list(PARAMETERS.names)].to_numpy()))
     values = (prediction.mean + prediction.sd).detach().numpy()
-    simulated = pd.concat([design, pd.DataFrame(values, columns=list(aha.OUTPUTS))], axis=1)
+    simulated = pd.concat([design, pd.DataFrame(values, columns=list(CHANNELS.names))], axis=1)
     simulated.to_parquet(study / "resimulated.parquet")
     files = study / "resimulated.parquet", study / "test.parquet"
     results = study / "resimulated.csv", study / "resimulated_summary.csv"

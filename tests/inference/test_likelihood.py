@@ -3,15 +3,18 @@
 import math
 
 import numpy as np
+import pandas as pd
 import pytest
 import torch
 from scipy import stats
 
-from regional_lv import aha
 from regional_lv.emulators import Emulator, Prediction, SeparablePrediction
 from regional_lv.inference.likelihood import Likelihood, Noise, draw_observations
+from regional_lv.parameters import Parameterisation
 
-OUTPUTS = ("volume_ml", *(f"{d}_{s:02d}" for s in (1, 4, 7, 9) for d in aha.DIRECTIONS))
+PARAMETERS = Parameterisation()
+DIRECTIONS = ("circumferential", "radial", "longitudinal")
+OUTPUTS = ("volume_ml", *(f"{d}_{s:02d}" for s in (1, 4, 7, 9) for d in DIRECTIONS))
 
 
 class LinearEmulator(Emulator):
@@ -21,12 +24,12 @@ class LinearEmulator(Emulator):
     """
 
     name = "linear"
+    parameters = PARAMETERS
 
     def __init__(self, slopes, base, matrix, growth=0.0, separable=True, freedom=math.inf):
-        super().__init__("identity")
+        super().__init__(input_transform="identity")
         self.slopes, self.base, self.matrix = slopes, base, matrix
         self.growth, self.separable, self.freedom = growth, separable, freedom
-        self.lower, self.upper = 0.1, 5.0
         self.outputs = OUTPUTS
         self.output_sd = torch.linspace(0.5, 1.5, len(OUTPUTS), dtype=torch.float64)
 
@@ -76,7 +79,7 @@ def test_against_scipy(kind, separable):
     y = emulator.base + 2.0
     log_sigma = torch.tensor([[-1.0, 0.2, 0.5]] * 3, dtype=torch.float64)[:, : len(noise.groups)]
     density = Likelihood(emulator, y, noise).log_density(THETA, log_sigma)
-    unit = np.array([0 if n == "volume_ml" else aha.DIRECTIONS.index(n[:-3]) for n in OUTPUTS])
+    unit = np.array([0 if n == "volume_ml" else DIRECTIONS.index(n[:-3]) for n in OUTPUTS])
     for i, theta in enumerate(THETA):
         prediction = emulator.predict(theta)
         variance = np.zeros(len(OUTPUTS))
@@ -219,3 +222,20 @@ def test_one_unknown_scale_is_whitened_too():
     torch.testing.assert_close(
         fast.log_density(THETA, log_sigma), dense.log_density(THETA, log_sigma)
     )
+
+
+def test_noise_of_any_quantities_at_any_loads():
+    """A scale for torsion beside those of the strains, the same at all loads; volumes are exact."""
+    names = ("radial_01", "volume_ml@0.5", "torsion_basal-apical", "radial_01@0.5", "volume_ml")
+    emulator = linear(0.3)
+    emulator.outputs, emulator.output_sd = names, torch.arange(1.0, 6.0, dtype=torch.float64)
+    noise = Noise.inferred(emulator, 0.7)
+    assert list(noise.groups) == ["radial", "torsion"] and not noise.sd.any()
+    assert noise.groups["radial"].tolist() == [1.0, 0.0, 0.0, 4.0, 0.0]
+    assert noise.groups["torsion"].tolist() == [0.0, 0.0, 3.0, 0.0, 0.0]
+    sd = pd.Series([np.nan, 2.0, np.nan, np.nan, np.nan], index=names)
+    measured = Noise.of_subject(emulator, sd, 0.7)
+    assert list(measured.groups) == ["radial", "torsion"]
+    assert measured.sd.tolist() == [0.0, 2.0, 0.0, 0.0, 0.0]
+    known = Noise.of_subject(emulator, sd.fillna(0.1).mask(sd.index == "volume_ml"), 0.7)
+    assert not known.groups and known.sd.tolist() == [0.1, 2.0, 0.1, 0.1, 0.0]

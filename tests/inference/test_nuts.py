@@ -9,13 +9,14 @@ import pytest
 import torch
 from scipy import stats
 
-from regional_lv import aha, emulators
+from regional_lv import emulators
 from regional_lv.errors import InputError
 from regional_lv.inference import sampling
 from regional_lv.inference.likelihood import Likelihood, Noise
 from regional_lv.inference.nuts import Settings, Target, sample_in_step
 from regional_lv.inference.summaries import TABLES, summarise_posteriors
-from tests.inference.test_likelihood import linear
+from tests.inference.conftest import PARAMETERS
+from tests.inference.test_likelihood import DIRECTIONS, linear
 
 NUTS = {
     "chains": 2,
@@ -103,7 +104,7 @@ def test_noise_scale_and_uniform_prior():
     assert np.abs(theta.mean(0) - 2.55).max() < 0.15
     np.testing.assert_allclose(theta.std(0), 4.9 / np.sqrt(12), rtol=0.06)
     grid = np.linspace(1e-3, 4.0, 4000)
-    for i, direction in enumerate(aha.DIRECTIONS):
+    for i, direction in enumerate(DIRECTIONS):
         here = [name.startswith(direction) for name in emulator.outputs]
         z = 0.5 * residual.numpy()[here]
         logs = stats.norm(0, grid[:, None]).logpdf(z).sum(1) + stats.halfnorm(0, 0.6).logpdf(grid)
@@ -163,20 +164,20 @@ def test_test_set(study):
     assert data.posterior["theta"].dims == ("chain", "draw", "case", "parameter")
     assert data.posterior["theta"].shape == (2, 300, 1, 10)
     assert data.posterior["case"].to_numpy().tolist() == ["5"]
-    assert data.posterior["parameter"].to_numpy().tolist() == list(aha.PARAMETERS)
+    assert data.posterior["parameter"].to_numpy().tolist() == list(PARAMETERS.names)
     names = {"theta_map", "theta_true", "y_obs", "seconds", "repeated", "sampler"}
     assert set(data.constant_data) == names
-    summarise_posteriors(batches, study)
+    summarise_posteriors(batches, [study / f"{name}.csv" for name in TABLES])
     tables = {name: pd.read_csv(study / f"{name}.csv") for name in TABLES}
     assert len(tables["diagnostics"]) == len(tables["recovery"]) == 20
     assert (tables["diagnostics"]["sampler"] == "nuts").all()
     assert data.sample_stats["outside"].shape == (2, 300, 1)
     assert tables["diagnostics"]["outside"].between(0, 1).all()
-    assert tables["coverage"]["parameter"].tolist() == [*aha.PARAMETERS, "all"]
+    assert tables["coverage"]["parameter"].tolist() == [*PARAMETERS.names, "all"]
     assert tables["map_mse"]["case"].tolist() == [3, 5]
     assert tables["recovery"]["variance_ratio"].max() < 1
     assert tables["recovery"]["rank"].between(0, 600).all()
-    assert tables["hpd"]["parameter"].tolist() == [*aha.PARAMETERS, "all"]
+    assert tables["hpd"]["parameter"].tolist() == [*PARAMETERS.names, "all"]
     assert len(tables["correlations"]) == 100 and len(tables["zone_correlations"]) == 25
     with pytest.raises(InputError, match="too few for 9 batches"):
         sample(study, batches[0], 0, 9)

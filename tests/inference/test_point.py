@@ -6,6 +6,7 @@ import torch
 from regional_lv.emulators import create
 from regional_lv.inference.likelihood import Likelihood, Noise
 from regional_lv.inference.point import find_map
+from tests.inference.conftest import PARAMETERS
 from tests.inference.test_likelihood import THETA, linear
 
 
@@ -32,7 +33,7 @@ def test_stays_on_the_bound_that_the_data_point_beyond():
     likelihood = Likelihood(emulator, y, Noise.none(emulator))
     found = find_map(likelihood, 4, 200, 1)
     theta = found.theta[0]
-    assert theta[3] == emulator.upper and theta[6] == emulator.lower
+    assert theta[3] == 5.0 and theta[6] == 0.1
     expected = beyond[0].clamp(emulator.lower, emulator.upper)
     torch.testing.assert_close(theta, expected, rtol=0, atol=1e-5)
 
@@ -62,7 +63,7 @@ def test_recovers_what_made_the_data():
     theta = np.exp(rng.uniform(np.log(0.1), np.log(5.0), size=(200, 10)))
     names = [f"circumferential_{i:02d}" for i in range(1, 11)]
     names += [f"radial_{i:02d}" for i in range(1, 11)]
-    emulator = create("exact_gp").fit(theta, simulate(theta), lower=0.1, upper=5.0, outputs=names)
+    emulator = create("exact_gp").fit(theta, simulate(theta), parameters=PARAMETERS, outputs=names)
     truth = rng.uniform(0.5, 4.0, size=(6, 10))
     y = torch.as_tensor(simulate(truth))
     found = find_map(Likelihood(emulator, y, Noise.none(emulator)), 4, 200, 1)

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from regional_lv.config import physics as physics_of
 from regional_lv.mechanics.continuation import Effort, Solver
 from regional_lv.simulations import make_simulator
 
@@ -11,13 +12,18 @@ THETA = np.array([1.3, 0.8, 0.9, 1.2, 0.7, 1.5, 2.0, 0.6, 1.1, 1.0])
 
 
 @pytest.fixture(scope="session")
-def simulator(small_mesh, smoke_config):
-    return make_simulator(small_mesh, smoke_config)
+def physics(smoke_config):
+    return physics_of(smoke_config)
 
 
 @pytest.fixture(scope="session")
-def solver(simulator, smoke_config):
-    return Solver(simulator, smoke_config["solver"])
+def simulator(small_mesh, physics):
+    return make_simulator(small_mesh, physics)
+
+
+@pytest.fixture(scope="session")
+def solver(simulator, physics):
+    return Solver(simulator, physics["solver"])
 
 
 @pytest.fixture(scope="session")

@@ -8,8 +8,6 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from regional_lv.criticism.hypotheses.base import with_value
-
 INTEGRAL = """
 import numpy as np
 import ufl
@@ -75,17 +73,22 @@ def test_a_form_is_the_same_after_another_was_compiled_and_after_it_was_found(tm
     assert compiled == found
 
 
-def test_no_value_compiles_a_form(small_mesh, smoke_config):
-    """Sizes of effects are constants; the base model's forms know of none of them."""
+def test_no_value_compiles_a_form(small_mesh, physics):
+    """All numbers are constants of the forms: another material, another angle, another size of what
+    is there already compile nothing; what is off is not in the forms."""
 
-    def forms(physics):
+    def forms(physics, extended=False):
         # Seeded, as by the workflow: else the order of a form's terms differs by process.
-        given = pickle.dumps((small_mesh, physics))
+        given = pickle.dumps((small_mesh, physics, extended))
         printed = run(FORMS, {"PYTHONHASHSEED": "0"}, given).splitlines()
         return [line.split()[1:] for line in printed if line.startswith("form ")]
 
-    assert max(int(constants) for constants, _ in forms(smoke_config)) == 1
-    one = with_value(smoke_config, "fibres", "rotation_deg", 5.0)
-    other = with_value(one, "material", "bulk_modulus_kpa", 30.0)
-    other = with_value(other, "loading", "septal_pressure_mmhg", 2.0)
-    assert forms(one) == forms(other) != forms(smoke_config)
+    base = forms(physics)
+    turned = physics | {"fibres": physics["fibres"] | {"rotation_deg": 5.0}}
+    constants = {"a_f_kpa": 7.0, "b": 3.0}
+    other = turned | {"material": physics["material"] | {"constants": constants}}
+    assert forms(other) == base
+    loaded = physics | {"loading": physics["loading"] | {"septal_pressure_mmhg": 2.0}}
+    assert forms(loaded) != base
+    more = loaded | {"supports": physics["supports"] | {"epicardium_kpa_per_mm": 0.1}}
+    assert forms(more, True) == forms(physics, True) != forms(loaded)

@@ -3,11 +3,13 @@
 import numpy as np
 
 from regional_lv import aha
+from regional_lv.channels import Channels
+from regional_lv.parameters import Parameterisation
 from regional_lv.seeds import derive
 
 
 def test_zones_are_those_of_the_paper():
-    members = {zone: [s.number for s in aha.SEGMENTS if s.zone == zone] for zone in aha.ZONES}
+    members = {zone: list(segments) for zone, segments in Parameterisation().zones.items()}
     assert members == {
         "anterior": [1, 7],
         "inferior": [4, 10],
@@ -47,10 +49,10 @@ def test_published_order_is_a_permutation_and_converts_by_name():
 
 def test_outputs_from_the_published_table_keep_volume_and_directions():
     row = np.arange(52.0)
-    converted = aha.outputs_from_published(row)
+    converted, outputs = aha.outputs_from_published(row), Channels.of().names
     assert converted[0] == 0
-    assert converted[aha.OUTPUTS.index("circumferential_01")] == 3  # basal anterior is third
-    assert converted[aha.OUTPUTS.index("radial_17")] == 1 + 17 + 16
+    assert converted[outputs.index("circumferential_01")] == 3  # basal anterior is third
+    assert converted[outputs.index("radial_17")] == 1 + 17 + 16
 
 
 def test_derived_seeds_depend_on_every_name():

@@ -1,16 +1,22 @@
 """Configurations: what is filled in, and what every kind of mistake says."""
 
 import copy
+import json
+import os
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 import yaml
 
-from regional_lv import aha, config
+from regional_lv import config
 from regional_lv.errors import InputError
+from regional_lv.parameters import Parameterisation
 
 ROOT = Path(__file__).resolve().parents[2]
+PARAMETERS = Parameterisation()
 STUDIES = ("config", "paper_1500", "quick", "hidden_effects", "smoke")
 
 
@@ -23,7 +29,7 @@ def from_project_root(monkeypatch):
 @pytest.fixture
 def subject():
     """A complete synthetic subject."""
-    return {"theta": dict.fromkeys(aha.PARAMETERS, 1.0)}
+    return {"theta": dict.fromkeys(PARAMETERS.names, 1.0)}
 
 
 def changed(path: str, value) -> dict:
@@ -91,26 +97,45 @@ def test_every_default_is_valid():
 
 
 def test_schema_is_closed_and_documented():
+    # What a plugin adds there has no entry of its own; the registries are asked.
+    for_plugins = re.compile(r"config\.(emulators(\.\*)?|loading|supports|.*\.noise)")
+
     def walk(schema, path):
-        if schema.get("type") == "object":
+        if schema.get("type") == "object" and not for_plugins.fullmatch(path):
             assert schema["additionalProperties"] is False, path
         inner = schema.get("properties", {}) | schema.get("patternProperties", {})
+        if isinstance(schema.get("additionalProperties"), dict):
+            inner["*"] = schema["additionalProperties"]
         for key, entry in inner.items():
             walk(entry, f"{path}.{key}")
 
     walk(config.load_schema(), "config")
-    # Absent means that there is no such file, effect or segment.
-    optional = re.compile(r"subjects\.<name>\.(measured|effects\..*)|material\.segment_factors\..*")
+    # Absent means that there is no such file, effect, constant or segment.
+    optional = re.compile(r"subjects\.<name>\.measured|.*\.<name>$")
     for path, entry in config.describe():
         assert entry["description"], path
         assert entry["reruns"], path
         assert entry["required"] or "default" in entry or optional.search(path), path
 
 
-def test_schema_names_the_parameters_of_the_project():
-    theta = config.load_schema()["properties"]["synthetic_subjects"]["patternProperties"]
-    theta = next(iter(theta.values()))["properties"]["theta"]
-    assert tuple(theta["properties"]) == tuple(theta["required"]) == aha.PARAMETERS
+def test_default_subject_has_the_papers_parameters():
+    theta = config.load({"study": "mine"})["synthetic_subjects"]["synthetic_lateral"]["theta"]
+    assert tuple(theta) == PARAMETERS.names and theta["C_a_lateral"] == 2.0
+
+
+def test_default_subject_is_carried_over_to_other_zones_and_factors():
+    def theta(**model):
+        loaded = config.load({"study": "mine", **model})
+        assert config.load(loaded) == loaded
+        return loaded["synthetic_subjects"]["synthetic_lateral"]["theta"]
+
+    segments = theta(parameters={"zones": "segments"})
+    assert len(segments) == 34
+    assert segments["C_a_segment_05"] == 2.0 and segments["C_b_segment_08"] == 1.1
+    assert theta(parameters={"zones": "whole"})["C_a_whole"] == pytest.approx(20.8 / 17)
+    other = theta(material={"law": "guccione"})
+    assert other["C_c_lateral"] == 2.0 and other["C_b_lateral"] == 1.5
+    assert tuple(theta(parameters={"factors": ["C_b"]})) == PARAMETERS.names[1::2]
 
 
 def test_readme_explains_every_key_with_its_default():
@@ -154,14 +179,91 @@ MISTAKES = [
     (changed("mesh.circumferential", 20), "mesh.circumferential", "one of 16, 24, 32, 40, 48"),
     (changed("mesh.apex", 0), "mesh.apex", "give at least 1"),
     (changed("fibres.helix_endo_deg", 95), "fibres.helix_endo_deg", "give at most 90"),
-    (changed("loading.base", "fixd"), "loading.base", "did you mean fixed?"),
+    (changed("loading.base", "fixed"), "loading.base: has moved", "use `supports.base`"),
+    (changed("loading.basal_compliance_mm_per_kpa", 1), "kpa: has moved", "`supports.base.radial`"),
+    (changed("material.a_f_kpa", 1), "a_f_kpa: has moved", "`material.constants.a_f_kpa`"),
+    (changed("material.factor_b", 1), "factor_b: has moved", "`material.reference.C_b`"),
+    (changed("observables.nominal_share", 1), "has moved", "`observables.strain_exponent`"),
+    (
+        changed("supports.base.radial", "hold"),
+        "supports.base.radial: 'hold'",
+        "write `held`, `free`",
+    ),
+    (changed("supports.base.radial", -1), "supports.base.radial", "give at least 0"),
+    (changed("supports.base.axial", "free"), "nothing else holds", "give a compliance"),
+    (changed("supports.base.radial", "free"), "nothing holds", "hold one of them"),
+    (changed("supports.bas", {}), "supports.bas: unknown key", "did you mean `supports.base`"),
+    (changed("loading.presure_mmhg", 8), "loading.presure", "did you mean `loading.pressure_mmhg`"),
+    (changed("loading.presure_mmhg", "x"), "loading.presure", "`loading.pressure_mmhg`"),
+    (changed("loading.septal_pressure_mmhg", -1), "loading.septal_pressure_mmhg", "at least 0"),
+    (
+        changed("parameters.zones", "papr"),
+        "parameters.zones: 'papr'",
+        "write `paper`, `segments` or",
+    ),
+    (
+        changed("parameters.zones", {"a": [1, 2, 3], "b": [3, *range(4, 18)]}),
+        "parameters.zones.b: segment 3 belongs to a already",
+        "in one zone only",
+    ),
+    (
+        changed("parameters.zones", {"a": list(range(1, 17))}),
+        "parameters.zones: no zone holds segment 17",
+        "add what is missing",
+    ),
+    (changed("parameters.zones", {"a": [*range(1, 19)]}), "18 is no AHA segment", "from 1 to 17"),
+    (changed("parameters.zones", {"a": [], "b": [1]}), "zones.a: holds no segment", "remove it"),
+    (changed("parameters.zones", {"my zone": [1]}), "zones.my zone", "use letters, digits"),
+    (changed("parameters.factors", ["C_c"]), "parameters.factors: C_c", "choose among C_a, C_b"),
+    (changed("parameters.factors", []), "parameters.factors", "name at least one"),
+    (changed("parameters.bounds", {"C_c": [1, 2]}), "parameters.bounds: C_c", "choose among C_a"),
+    (changed("parameters.bounds", {"C_a": [2, 1]}), "bounds.C_a: [2, 1] is no", "the lower bound"),
+    (changed("parameters.bounds", {"C_a": [1]}), "bounds.C_a: [1] holds 1", "give 2"),
+    (changed("material.law", "gucione"), "material.law: 'gucione'", "did you mean guccione?"),
+    (changed("material.constants.c_kpa", 1), "material.constants.c_kpa", "choose among a_kpa, b"),
+    (changed("material.constants.a_kpa", 0), "material.constants.a_kpa", "correct it"),
+    (changed("material.reference.C_c", 1), "material.reference.C_c", "choose among C_a, C_b"),
+    (changed("observables.quantities", ["torsoin"]), "'torsoin'", "did you mean torsion?"),
+    (changed("observables.quantities", []), "observables.quantities", "name at least one"),
+    (
+        changed(
+            "observables", {"quantities": ["volume", "torsion"], "places": {"torsion": ["mid"]}}
+        ),
+        "observables.places.torsion: 'mid' is no place",
+        "it has basal-mid, basal-apical, mid-apical",
+    ),
+    (
+        changed("observables.places", {"torsion": ["mid-apical"]}),
+        "observables.places.torsion: torsion is not observed",
+        "add it to",
+    ),
+    (changed("observables.places", {"radial": [18]}), "places.radial: '18'", "it has 01, 02"),
+    (changed("observables.layer", [0.5, 0.2]), "observables.layer", "give the inner depth first"),
+    (changed("observables.layer", [0.0, 1.2]), "observables.layer.1", "give at most 1"),
+    (changed("observables.layer", [0.0]), "observables.layer", "give 2"),
+    (changed("emulators.nmaes", ["dnn"]), "emulators.nmaes", "did you mean `emulators.names`"),
+    (changed("emulators.exact_pg", {}), "emulators.exact_pg", "did you mean `emulators.exact_gp`"),
+    (changed("plugins", ["none.py"]), "none.py", "give the path of a Python file"),
+    (changed("scenarios.noise.volum", 1.0), "scenarios.noise: 'volum'", "did you mean volume?"),
+    (changed("criticism.benchmark.noise.strian", 1.0), "noise: 'strian'", "did you mean strain?"),
+    (changed("efficiency.sizes", [11]), "efficiency.sizes: 11", "give 12 or more"),
+    (
+        {"study": "x", "parameters": {"zones": "segments"}, "efficiency": {"sizes": [35]}},
+        "efficiency.sizes: 35",
+        "give 36 or more",
+    ),
+    (
+        {"study": "x", "observables": {"quantities": ["volume"]}, "synthetic_subjects": {}},
+        "subjects.volunteer: the study observes no strain",
+        "remove it from `subjects`",
+    ),
     (changed("loading.frames", [0.5, 1.0]), "loading.frames.1", "give less than 1"),
     (changed("loading.frames", [0.5, 0.2]), "loading.frames", "sort it"),
     (changed("loading.frames", 0.5), "loading.frames", "a list"),
     (changed("geometry.epi_apex_z_mm", -70), "geometry.epi_apex_z_mm", "lower it"),
     (changed("geometry.segments", "none.csv"), "geometry.segments", "give its path"),
     (changed("emulators.exact_gp.nugget", "1e-8"), "exact_gp.nugget", "write it as 1.0e-8"),
-    (changed("emulators.names", ["mvpg"]), "emulators.names.0", "did you mean mvgp?"),
+    (changed("emulators.names", ["mvpg"]), "emulators.names", "did you mean mvgp?"),
     (changed("emulators.names", []), "emulators.names", "name at least one"),
     (changed("solver.min_load_fraction", 0.5), "solver.min_load_fraction", "lower it"),
     (changed("test_posteriors.cases", "most"), "test_posteriors.cases", "`all`"),
@@ -253,7 +355,9 @@ def test_theta_outside_the_design_names_the_bounds(subject):
 @pytest.mark.parametrize(
     ("effects", "message"),
     [
-        ({"fibre_rotatio": 5.0}, r"did you mean .*effects\.fibre_rotation"),
+        ({"fibre_rotatio": 5.0}, r"effects: 'fibre_rotatio' .*did you mean fibre_rotation"),
+        ({"fibre_rotation": {"segment": 7, "multiplier": 2.0}}, r"rotation: .*give a number"),
+        ({"focal_scar": 3.0}, r"focal_scar: 3.0 is not its form; give \{segment: "),
         ({"fibre_rotation": 40.0}, r"effects\.fibre_rotation: 40.0 .*-15.0 to 15.0 deg; move it"),
         ({"focal_scar": {"segment": 18, "multiplier": 2.0}}, r"segment: 18 is too large"),
         ({"focal_scar": {"segment": 7}}, r"focal_scar: missing multiplier"),
@@ -273,18 +377,181 @@ def test_effects_in_their_range_are_kept(subject):
 
 
 def test_hypotheses_that_the_study_rules_out_are_refused_by_name():
-    study = changed("loading.base", "fixed")
+    study = changed("supports.base.radial", 1.0)
     assert config.load(study | {"criticism": {"hypotheses": "all"}})
-    with pytest.raises(InputError, match=r"basal_motion cannot be asked, loading\.base fixed"):
+    with pytest.raises(
+        InputError, match=r"hypotheses: basal_motion cannot be asked, .*; remove it"
+    ):
         config.load(study | {"criticism": {"hypotheses": ["basal_motion"]}})
-    with pytest.raises(InputError, match=r"neither `all` nor a list of end_diastolic_pressure"):
+    with pytest.raises(InputError, match="neither `all` nor a list of names"):
         config.load(changed("criticism.hypotheses", "some"))
+    with pytest.raises(InputError, match=r"hypotheses: 'basal_moton' .*did you mean basal_motion"):
+        config.load(changed("criticism.hypotheses", ["basal_moton"]))
 
 
-def test_a_compliant_base_needs_one_that_is_held():
-    loading = {"base": "fixed", "basal_compliance_mm_per_kpa": 1.0}
-    with pytest.raises(InputError, match=r"basal_compliance_mm_per_kpa: only `u_r_u_z_fixed`"):
-        config.load({"study": "mine", "loading": loading})
+def test_supports_are_held_free_or_compliant():
+    base = config.load({"study": "mine"})["supports"]["base"]
+    assert base == {"radial": "held", "axial": "held", "circumferential": "free"}
+    sprung = {"base": {"radial": "free", "axial": "free"}, "epicardium_kpa_per_mm": 1}
+    loaded = config.load({"study": "mine", "supports": sprung})
+    assert loaded["supports"]["base"]["axial"] == "free"
+    loaded = config.load(changed("supports.base.axial", 2))
+    assert isinstance(loaded["supports"]["base"]["axial"], float)
+
+
+def test_theta_has_the_names_of_the_study(subject):
+    study = changed("synthetic_subjects.anna", subject) | {"subjects": {}}
+    with pytest.raises(InputError, match=r"anna\.theta: 'C_a_anterior' is not offered") as error:
+        config.load(study | {"parameters": {"zones": "whole"}})
+    assert "anna.theta: missing C_a_whole, C_b_whole" in str(error.value)
+    study["synthetic_subjects"]["anna"]["theta"] = {"C_a_whole": 0.5, "C_b_whole": 1.0}
+    bounds = {"C_a": [0.6, 2.0]}
+    with pytest.raises(InputError, match=r"C_a_whole: 0.5 lies outside \[0.6, 2.0\]"):
+        config.load(study | {"parameters": {"zones": "whole", "bounds": bounds}})
+
+
+def test_known_thetas_of_published_simulations_are_the_papers():
+    joint = {"all": {"subjects": ["row"], "theta": "published"}}
+    study = {"study": "mine", "subjects": {"row": {"source": "published_simulation", "row": 3}}}
+    assert config.load(study | {"criticism": {"joint": joint}})
+    with pytest.raises(InputError, match=r"joint\.all\.theta: .* the paper's zones and factors"):
+        config.load(study | {"criticism": {"joint": joint}, "parameters": {"zones": "whole"}})
+
+
+def test_physics_is_what_the_simulator_is_made_from():
+    loaded = config.load(changed("geometry.wall_thickness_scale", 1.1))
+    described = config.physics(loaded)
+    assert described["geometry"] == {"wall_thickness_scale": 1.1}
+    assert Parameterisation.from_spec(described["parameters"]) == PARAMETERS
+    assert described["supports"] == loaded["supports"]
+
+
+# ------------------------------------------------------------------------------------- plugins
+
+PLUGIN = """
+from regional_lv.criticism.hypotheses import REGISTRY as HYPOTHESES
+from regional_lv.emulators import REGISTRY as EMULATORS
+from regional_lv.mechanics.loads import LOADS, Load
+from regional_lv.mechanics.materials import MATERIALS, Constant, Factor, Material
+from regional_lv.mechanics.supports import SUPPORTS, Support
+from regional_lv.quantities import QUANTITIES, Quantity
+
+
+@QUANTITIES.add
+class Sphericity(Quantity):
+    name, limits, noise = "sphericity", (0.0, 1.0), "ratio"
+
+    def values(self, motion, places):
+        return motion.cavity_volume_ml[None]
+
+
+@MATERIALS.add
+class Rubber(Material):
+    name, source = "rubber", "a test"
+    factors = (Factor("mu", "all of it", scales_stress=True),)
+    constants = (Constant("mu_kpa", 2.0, "kPa", "mu", "shear modulus"),)
+
+    def energy(self, F, fibre, sheet, constants):
+        import ufl
+
+        return constants["mu_kpa"] / 2 * (ufl.inner(F, F) - 3)
+
+
+@SUPPORTS.add
+class Tether(Support):
+    name = "tether_kpa_per_mm"
+    springs = {"tether": 1.0}
+    holds_axially = True
+
+    def energy(self, surroundings, stiffness):
+        return 0
+
+
+@LOADS.add
+class Weight(Load):
+    name = "weight_mmhg"
+
+    def potential(self, surroundings, size):
+        return 0
+
+
+class Mean(EMULATORS["exact_gp"]):
+    name = "mean"
+
+
+EMULATORS.add(Mean)
+
+
+class Swelling(type(HYPOTHESES["wall_thickness"])):
+    name = "swelling"
+
+
+HYPOTHESES.add(Swelling())
+"""
+
+
+def test_what_a_plugin_adds_can_be_used_like_the_packages_own(tmp_path):
+    # The registries of the process that runs the tests stay as they are.
+    (tmp_path / "mine.py").write_text(PLUGIN)
+    study = {
+        "study": "mine",
+        "plugins": [str(tmp_path / "mine.py")],
+        "material": {"law": "rubber", "constants": {"mu_kpa": 3}},
+        "loading": {"weight_mmhg": 0.5},
+        "supports": {"base": {"axial": "free"}, "tether_kpa_per_mm": 0.1},
+        "observables": {"quantities": ["volume", "radial", "sphericity"]},
+        "emulators": {"names": ["exact_gp", "mean"], "mean": {"depth": 3}},
+        "scenarios": {"noise": {"sphericity": 0.1}},
+        "synthetic_subjects": {
+            "anna": {
+                "theta": {f"mu_{zone}": 1 for zone in PARAMETERS.zones},
+                "noise": {"ratio": 0.05},
+                "effects": {"swelling": 1.1},
+            }
+        },
+        "subjects": {"anna": {"source": "synthetic"}},
+        "criticism": {
+            "hypotheses": ["swelling"],
+            "benchmark": {"noise": {"ratio": 0.05}},
+        },
+    }
+    code = (
+        "import json, sys\n"
+        "from regional_lv import config\n"
+        "from regional_lv.errors import InputError\n"
+        "study = json.load(sys.stdin)\n"
+        "loaded = config.load(study)\n"
+        "assert loaded['emulators']['mean'] == {'depth': 3, 'input_transform': 'log'}\n"
+        "assert config.load(loaded) == loaded\n"
+        "study['synthetic_subjects']['anna']['noise'] = {'ration': 0.1}\n"
+        "try: config.load(study)\n"
+        "except InputError as error: print(error)\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        input=json.dumps(study),
+        capture_output=True,
+        text=True,
+        env=os.environ | {"PYTHONPATH": str(ROOT / "src")},
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert "anna.noise: 'ration' is not offered" in done.stdout
+    assert "did you mean ratio?" in done.stdout
+
+
+def test_a_plugin_that_fails_is_named(tmp_path):
+    (tmp_path / "bad.py").write_text("nonsense()")
+    with pytest.raises(InputError, match=r"plugins: .*bad\.py fails \(NameError"):
+        config.load(changed("plugins", [str(tmp_path / "bad.py")]))
+
+
+def test_configurations_are_read_without_torch_and_dolfinx():
+    code = "import sys; from regional_lv import config; config.load('config/smoke.yaml');"
+    code += "print({'torch', 'dolfinx', 'matplotlib'} & set(sys.modules))"
+    env = os.environ | {"PYTHONPATH": str(ROOT / "src")}
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=env)
+    assert done.stdout.strip() == "set()", done.stderr
 
 
 def test_segment_factors_go_by_the_number_of_the_segment():
@@ -296,7 +563,8 @@ def test_segment_factors_go_by_the_number_of_the_segment():
 
 def test_noise_is_filled_in_and_must_be_positive(subject):
     loaded = config.load(changed("synthetic_subjects.anna", subject) | {"subjects": {}})
-    assert loaded["synthetic_subjects"]["anna"]["noise"] == {"strain": 0.02, "volume": 2.0}
+    noise = {"strain": 0.02, "volume": 2.0, "torsion": 0.02, "shortening": 0.01}
+    assert loaded["synthetic_subjects"]["anna"]["noise"] == noise
     assert loaded["synthetic_subjects"]["anna"]["seed"] is None
     subject["noise"] = {"strain": 0}
     with pytest.raises(InputError, match=r"noise\.strain.*give more than 0"):

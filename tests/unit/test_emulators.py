@@ -2,14 +2,18 @@
 
 import json
 import logging
+from typing import ClassVar
 
 import numpy as np
 import pandas as pd
 import pytest
 import torch
 
-from regional_lv import aha, emulators
+from regional_lv import emulators
+from regional_lv.channels import Channels
+from regional_lv.derivative_kernel import joint_covariance
 from regional_lv.emulators import exact_gp
+from regional_lv.emulators.base import Architecture
 from regional_lv.emulators.exact_gp import (
     ExactGP,
     choose_shrinkage,
@@ -20,8 +24,10 @@ from regional_lv.emulators.exact_gp import (
 )
 from regional_lv.emulators.kernels import (
     KERNELS,
+    blocks_of,
     correlation,
     mean_slopes,
+    one_block,
     parts_of,
 )
 from regional_lv.emulators.networks import forward, initial
@@ -34,11 +40,13 @@ from regional_lv.emulators.shared_kernel import (
     projected_precision,
 )
 from regional_lv.errors import InputError
-from regional_lv.kernel import joint_covariance, one_block, zone_blocks
+from regional_lv.parameters import Parameterisation
 from regional_lv.schema import load_schema
 
+PARAMETERS = Parameterisation()
+CHANNELS = Channels.of()
 NAMES = ("volume_ml", "circumferential_01", "radial_01", "radial_02", "longitudinal_05")
-BOX = {"lower": 0.1, "upper": 5.0}
+TOY = {"parameters": PARAMETERS, "outputs": NAMES}
 ROWS = 150
 SMALL = {
     **{"neighbours": 60, "inducing": 60, "epochs": 150, "hidden": [32], "iterations": 40},
@@ -84,7 +92,7 @@ def fit(name: str, theta=None, y=None, **settings):
     """A small emulator of this name, fitted to the toy."""
     theta = points(ROWS, 1) if theta is None else theta
     y = toy(theta) if y is None else y
-    return create(name, **settings).fit(theta, y, toy_slopes(theta), outputs=NAMES, seed=3, **BOX)
+    return create(name, **settings).fit(theta, y, toy_slopes(theta), seed=3, **TOY)
 
 
 @pytest.fixture(scope="module", params=sorted(emulators.REGISTRY))
@@ -111,7 +119,7 @@ def predictions(fitted, theta):
 
 def test_registry_and_schema_name_the_same():
     section = load_schema()["properties"]["emulators"]["properties"]
-    assert list(emulators.REGISTRY) == section["names"]["items"]["enum"]
+    assert list(emulators.REGISTRY) == section["names"]["default"]
     assert set(emulators.REGISTRY) == set(section) - {"names", "shortlist", "final"}
 
 
@@ -279,17 +287,17 @@ def test_refuses_what_it_cannot_learn_from(name):
     theta = points(30, 11)
     y, slopes = toy(theta).numpy(), toy_slopes(theta)
     with pytest.raises(InputError, match="too few"):
-        create(name).fit(theta[:8], y[:8], slopes[:8], outputs=NAMES, **BOX)
+        create(name).fit(theta[:8], y[:8], slopes[:8], **TOY)
     with pytest.raises(InputError, match="do not fit"):
-        create(name).fit(theta[:, :9], y, slopes, outputs=NAMES, **BOX)
+        create(name).fit(theta[:, :9], y, slopes, **TOY)
     with pytest.raises(InputError, match="do not fit"):
-        create(name).fit(theta, y[:, :4], slopes, outputs=NAMES, **BOX)
+        create(name).fit(theta, y[:, :4], slopes, **TOY)
     y[4, 2] = np.nan
     with pytest.raises(InputError, match="row 4"):
-        create(name).fit(theta, y, slopes, outputs=NAMES, **BOX)
+        create(name).fit(theta, y, slopes, **TOY)
     y[:, 2] = 1.0
     with pytest.raises(InputError, match="radial_01"):
-        create(name).fit(theta, y, slopes, outputs=NAMES, **BOX)
+        create(name).fit(theta, y, slopes, **TOY)
 
 
 def test_unknown_names():
@@ -351,12 +359,12 @@ def test_sensitivities_that_cannot_be_used():
     theta = points(30, 29)
     slopes = toy_slopes(theta)
     with pytest.raises(InputError, match="there are none"):
-        create("gradient_gp").fit(theta, toy(theta), outputs=NAMES, **BOX)
+        create("gradient_gp").fit(theta, toy(theta), **TOY)
     with pytest.raises(InputError, match=r"expected \(30, 5, 10\)"):
-        create("gradient_gp").fit(theta, toy(theta), slopes[:, :4], outputs=NAMES, **BOX)
+        create("gradient_gp").fit(theta, toy(theta), slopes[:, :4], **TOY)
     slopes[7, 0, 0] = np.inf
     with pytest.raises(InputError, match="row 7"):
-        create("gradient_gp").fit(theta, toy(theta), slopes, outputs=NAMES, **BOX)
+        create("gradient_gp").fit(theta, toy(theta), slopes, **TOY)
 
 
 def test_local_needs_an_observation_and_neighbours():
@@ -374,9 +382,9 @@ def test_few_latent_processes_start_with_the_volume_among_them():
     theta = points(60, 40)
     y = many_outputs(theta)
     emulator = emulators.create("mvgp", {"latents": 3, "inducing": 30, "iterations": 1})
-    emulator.fit(theta, y, seed=3, **BOX)
+    emulator.fit(theta, y, seed=3, parameters=PARAMETERS, outputs=CHANNELS.names)
     assert emulator.info["scores"] > 3
-    assert emulator.parameters["mixing"][-1].abs().max() > 0.3
+    assert emulator.variational["mixing"][-1].abs().max() > 0.3
     at = torch.as_tensor(points(20, 41))
     error = emulator.predict_mean(at)[:, 0] - torch.as_tensor(many_outputs(at.numpy()))[:, 0]
     assert (error / emulator.output_sd[0]).square().mean() < 0.2
@@ -389,7 +397,7 @@ def test_what_reduction_leaves_out_is_uncertain():
     at = points(15, 31)
     for share in (0.9, 0.999):
         emulator = create("local_mgp", neighbours=40, kernel="rq", explained_variance=share)
-        emulator.fit(theta, y, **BOX)
+        emulator.fit(theta, y, parameters=PARAMETERS, outputs=CHANNELS.names)
         truth = torch.as_tensor(many_outputs(at))
         scaled = []
         for t, row in zip(torch.as_tensor(at), truth, strict=True):
@@ -407,16 +415,17 @@ def test_slopes_of_kernels(kernel):
     a, b, weights = (torch.as_tensor(rng.normal(size=s)) for s in ((3, 4), (6, 4), (2, 6)))
     scales = torch.as_tensor(rng.uniform(0.5, 2.0, size=(2, 4)))
     alpha = torch.tensor([0.5, 2.0], dtype=a.dtype)
+    blocks = [slice(0, 1), slice(1, 4)] if KERNELS[kernel].zonal else None
 
     def value(at):
-        return (correlation(kernel, at[None], b, scales, alpha)[:, 0] * weights).sum(-1)
+        return (correlation(kernel, at[None], b, scales, alpha, blocks)[:, 0] * weights).sum(-1)
 
     expected = torch.stack([torch.autograd.functional.jacobian(value, row) for row in a], dim=1)
-    found = mean_slopes(kernel, a, b, scales, alpha, weights)
+    found = mean_slopes(kernel, a, b, scales, alpha, weights, blocks)
     torch.testing.assert_close(found, expected)
     # At zero distance the square root in the Matern kernel must not spoil the derivative.
     here = a.clone().requires_grad_(True)
-    correlation(kernel, here, here, scales, alpha).sum().backward()
+    correlation(kernel, here, here, scales, alpha, blocks).sum().backward()
     assert torch.isfinite(here.grad).all()
 
 
@@ -452,7 +461,9 @@ def test_initial_network_keeps_variances():
     assert 0.3 < sd < 2.0
 
 
-@pytest.mark.parametrize("blocks", [one_block, zone_blocks])
+@pytest.mark.parametrize(
+    "blocks", [one_block(4), [slice(0, 2), slice(2, 4)], [slice(0, 1), slice(1, 4)]]
+)
 def test_joint_covariance_holds_the_derivatives(blocks):
     """Of the kernel written out, by automatic differentiation."""
     rng = np.random.default_rng(26)
@@ -461,7 +472,7 @@ def test_joint_covariance_holds_the_derivatives(blocks):
 
     def value(a, b):
         squared = ((a - b) / scales) ** 2
-        parts = [1 + squared[part].sum() / (2 * alpha) for part in blocks(4)]
+        parts = [1 + squared[part].sum() / (2 * alpha) for part in blocks]
         return torch.stack(parts).prod() ** -alpha
 
     found = joint_covariance(x, y, scales, alpha, blocks)
@@ -487,10 +498,11 @@ def test_marginal_likelihood_gradient(kernel):
     x, y = torch.as_tensor(np.log(theta)), toy(theta)
     y = (y - y.mean(0)) / y.std(0)
     p = np.concatenate([np.linspace(0.5, 1.5, 10), [0.3, -8.0]])
-    gradient = negative_log_likelihood(p, x, y, kernel, 1e-8)[1]
+    blocks = blocks_of(kernel, PARAMETERS)
+    gradient = negative_log_likelihood(p, x, y, kernel, 1e-8, blocks)[1]
     numeric = [
-        negative_log_likelihood(p + step, x, y, kernel, 1e-8)[0]
-        - negative_log_likelihood(p - step, x, y, kernel, 1e-8)[0]
+        negative_log_likelihood(p + step, x, y, kernel, 1e-8, blocks)[0]
+        - negative_log_likelihood(p - step, x, y, kernel, 1e-8, blocks)[0]
         for step in 1e-5 * np.eye(12)
     ]
     np.testing.assert_allclose(gradient, np.array(numeric) / 2e-5, rtol=1e-3, atol=1e-4)
@@ -499,7 +511,7 @@ def test_marginal_likelihood_gradient(kernel):
 def test_leave_one_out_against_leaving_one_out():
     x = torch.as_tensor(np.log(points(25, 13)))
     y = toy(np.exp(x.numpy()))
-    matrix = KERNELS["rq"].value(parts_of("rq", x / 3, x / 3, 1.0), 1.0)
+    matrix = KERNELS["rq"].value(parts_of("rq", x / 3, x / 3, 1.0, one_block(10)), 1.0)
     matrix = matrix + 1e-4 * torch.eye(25, dtype=x.dtype)
     ones = torch.ones(25, 1, dtype=x.dtype)
     precision, _ = projected_precision(torch.linalg.cholesky(matrix), ones)
@@ -519,7 +531,7 @@ def test_leave_one_out_against_leaving_one_out():
 def test_calibration_widens_what_is_too_narrow():
     theta = points(120, 14)
     fits = {
-        kind: ExactGP(calibration=kind).fit(theta, toy(theta), outputs=NAMES, **BOX)
+        kind: ExactGP(calibration=kind).fit(theta, toy(theta), **TOY)
         for kind in ("none", "variance_factor")
     }
     factor = fits["variance_factor"].info["variance_factor"]
@@ -586,7 +598,7 @@ def test_errors_that_grow_where_hearts_are_soft_are_foreseen():
     truth, size = torch.as_tensor(rough(at)), torch.as_tensor(at).log().mean(1)
     powers = {}
     for kind in ("variance_factor", "variance_trend"):
-        emulator = ExactGP(calibration=kind).fit(theta, rough(theta), outputs=NAMES, **BOX)
+        emulator = ExactGP(calibration=kind).fit(theta, rough(theta), **TOY)
         with torch.no_grad():
             prediction = emulator.predict(torch.as_tensor(at))
         covariance = torch.linalg.cholesky(prediction.covariance)
@@ -609,7 +621,7 @@ def test_shrinkage_only_where_rows_are_few():
 def test_fewer_rows_than_outputs():
     theta = points(32, 17)
     y = many_outputs(theta)
-    emulator = ExactGP(iterations=20).fit(theta, y, **BOX)
+    emulator = ExactGP(iterations=20).fit(theta, y, parameters=PARAMETERS, outputs=CHANNELS.names)
     covariance = emulator.predict(torch.as_tensor(points(2, 18))).covariance
     assert torch.linalg.cholesky_ex(covariance)[1].sum() == 0
 
@@ -621,9 +633,9 @@ def table(path, n: int, seed: int):
     slopes = np.tile(slopes, (1, 11, 1))
     for k in range(55):
         slopes[:, k, (k // 5) % 10] += 0.01 * (k // 5)
-    frame = pd.DataFrame(theta, columns=list(aha.PARAMETERS))
+    frame = pd.DataFrame(theta, columns=list(PARAMETERS.names))
     frame.insert(0, "sample", range(n))
-    outputs = pd.DataFrame(many_outputs(theta), columns=list(aha.OUTPUTS))
+    outputs = pd.DataFrame(many_outputs(theta), columns=list(CHANNELS.names))
     frame = pd.concat([frame, outputs], axis=1)
     frame["sensitivity"] = [row[:52].ravel().tolist() for row in slopes]
     frame.to_parquet(path)
@@ -635,28 +647,29 @@ def test_workflow_functions(name, tmp_path):
     train, test = table(tmp_path / "train.parquet", 60, 19), table(tmp_path / "test", 8, 20)
     files = [tmp_path / f for f in ("e.pt", "fit.json", "predictions.parquet", "errors.csv")]
     settings = create(name).settings | ({"neighbours": 50} if name == "local_mgp" else {})
-    emulators.train_emulator(name, settings, train, 0.1, 5.0, 1, *files[:2])
+    emulators.train_emulator(name, settings, train, PARAMETERS, CHANNELS, 1, *files[:2])
     emulators.predict_test_set(files[0], test, *files[2:])
     assert json.loads(files[1].read_text())["emulator"] == name
     assert len(pd.read_parquet(files[2])) == 8 * 52
     errors = pd.read_csv(files[3])
-    assert errors["output"].tolist() == [*aha.OUTPUTS, "all"]
+    assert errors["output"].tolist() == [*CHANNELS.names, "all"]
     assert errors["rmse_standardised"].iloc[-1] < 0.5
 
 
 def test_tables_that_cannot_be_used(tmp_path):
     whole = pd.read_parquet(table(tmp_path / "train.parquet", 20, 19))
     files = [tmp_path / f for f in ("bad.parquet", "e.pt", "fit.json")]
+    columns = PARAMETERS, CHANNELS
     whole.drop(columns="radial_03").to_parquet(files[0])
     with pytest.raises(InputError, match="radial_03"):
-        emulators.train_emulator("exact_gp", {}, files[0], 0.1, 5.0, 1, *files[1:])
+        emulators.train_emulator("exact_gp", {}, files[0], *columns, 1, *files[1:])
     whole.drop(columns="sensitivity").to_parquet(files[0])
     with pytest.raises(InputError, match="no column sensitivity"):
-        emulators.train_emulator("gradient_gp", {}, files[0], 0.1, 5.0, 1, *files[1:])
+        emulators.train_emulator("gradient_gp", {}, files[0], *columns, 1, *files[1:])
     whole.at[3, "sensitivity"] = []
     whole.to_parquet(files[0])
     with pytest.raises(InputError, match="row 3 has 0"):
-        emulators.train_emulator("gradient_gp", {}, files[0], 0.1, 5.0, 1, *files[1:])
+        emulators.train_emulator("gradient_gp", {}, files[0], *columns, 1, *files[1:])
 
 
 @pytest.mark.parametrize("name", ["exact_gp", "gradient_gp"])
@@ -679,3 +692,82 @@ def test_rough_emulator_has_nearly_the_same_mean(name, monkeypatch):
 def test_rough_emulator_is_itself_where_rows_are_few():
     emulator = fit("exact_gp")
     assert emulator.rough is emulator
+
+
+# ------------------------------------------------------------- other parameters, other emulators
+
+
+ONE_ZONE = Parameterisation({"whole": range(1, 18)}, bounds={"C_a": (0.1, 5.0), "C_b": (0.4, 2.5)})
+SEGMENTS = Parameterisation(
+    {f"segment_{s:02d}": (s,) for s in range(1, 18)}, factors=("C_a",), bounds=(0.3, 3.0)
+)
+LOADS = Channels.parse(["radial_01", "volume_ml@0.5", "torsion_basal-apical", "volume_ml"])
+
+
+def at_loads(theta):
+    """Four smooth outputs of any number of parameters."""
+    x = torch.log(torch.as_tensor(theta))
+    weights = torch.linspace(1.0, 0.5, x.shape[-1], dtype=x.dtype) / x.shape[-1]
+    a, b = x @ weights, x @ weights.flip(0)
+    columns = [0.3 * torch.exp(-0.5 * a), 130 - 8 * b, 2.0 + torch.sin(b), 150 - 10 * torch.tanh(a)]
+    return torch.stack(columns, dim=-1)
+
+
+@pytest.mark.parametrize("parameters", [ONE_ZONE, SEGMENTS], ids=["one zone", "17 zones"])
+@pytest.mark.parametrize("name", ["exact_gp", "gradient_gp", "local_mgp", "mvgp", "dgp", "dnn"])
+def test_any_zones_factors_bounds_and_channels(name, parameters, tmp_path):
+    rng = np.random.default_rng(33)
+    theta, at = rng.uniform(parameters.lower, parameters.upper, (2, 90, len(parameters)))
+    slopes = torch.func.vmap(torch.func.jacrev(at_loads))(torch.as_tensor(theta)).numpy()
+    emulator = create(name).fit(
+        theta, at_loads(theta), slopes, parameters=parameters, outputs=LOADS.names, seed=3
+    )
+    emulator.save(tmp_path / "e.pt")
+    loaded = emulators.load(tmp_path / "e.pt")
+    assert loaded.parameters == parameters and loaded.channels == LOADS
+    np.testing.assert_array_equal(loaded.lower, parameters.lower)
+    np.testing.assert_array_equal(loaded.upper, parameters.upper)
+    truth = at_loads(at[:20])
+    with torch.no_grad():
+        mean = [
+            loaded.localise(y).predict(t).mean
+            for y, t in zip(truth, torch.as_tensor(at[:20]), strict=True)
+        ]
+    error = (torch.stack(mean) - truth) / emulator.output_sd
+    assert error.square().mean().sqrt() < 0.4
+    local = loaded.localise(truth[0])
+    own, expected = (
+        local.jacobian(torch.as_tensor(at[:2])),
+        emulators.Emulator.jacobian(local, torch.as_tensor(at[:2])),
+    )
+    torch.testing.assert_close(own[0], expected[0], rtol=1e-7, atol=1e-9)
+    with pytest.raises(InputError, match=f"simulate at least {len(parameters) + 2} "):
+        few = theta[: len(parameters) + 1]
+        create(name).fit(few, at_loads(few), parameters=parameters, outputs=LOADS.names)
+
+
+class FromOutside(ExactGP):
+    """What a plugin might register: another name, and settings that no schema knows."""
+
+    name = "from_outside"
+    architecture = Architecture("Outside", "GP", "global", "multi-output")
+    defaults: ClassVar[dict] = {
+        **{"kernel": "rq", "nugget": 1e-6, "iterations": 20, "calibration": "none", "mine": 7}
+    }
+
+
+@pytest.fixture
+def from_outside():
+    emulators.REGISTRY.add(FromOutside)
+    yield FromOutside
+    del emulators.REGISTRY._items[FromOutside.name]
+
+
+def test_an_emulator_from_outside_says_its_settings_itself(from_outside, tmp_path):
+    emulator = emulators.create("from_outside", {"iterations": 5})
+    assert emulator.settings == FromOutside.defaults | {"iterations": 5, "input_transform": "log"}
+    theta = points(40, 5)
+    emulator.fit(theta, toy(theta), **TOY).save(tmp_path / "e.pt")
+    assert isinstance(emulators.load(tmp_path / "e.pt"), FromOutside)
+    with pytest.raises(InputError, match=r"from_outside\.yours: unknown setting"):
+        emulators.create("from_outside", {"yours": 1})

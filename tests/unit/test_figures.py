@@ -13,25 +13,28 @@ from matplotlib.path import Path as Outline
 from vtkmodules.vtkCommonDataModel import vtkTriQuadraticHexahedron
 
 from regional_lv import aha
+from regional_lv.channels import Channels
 from regional_lv.errors import InputError
-from regional_lv.figures import (
+from regional_lv.parameters import ZONES, Parameterisation
+from regional_lv.plots import (
     bullseye,
     bullseye_posterior,
+    case_posterior,
     design,
     explained_variance,
     heart,
     parity,
-    posterior,
     posterior_predictive,
     recovery,
     style,
     traces,
     zones,
 )
-from regional_lv.tables import posteriors, subjects, writing
+from regional_lv.tables import posteriors, subjects
 
 FAILED = "failed: R-hat 1.6 of C_a_septal above 1.01"
-OBSERVED = [o for o in aha.OUTPUTS if not o.startswith("longitudinal") and "17" not in o]
+PARAMETERS, CHANNELS = Parameterisation(), Channels.of()
+OBSERVED = [o for o in CHANNELS.names if not o.startswith("longitudinal") and "17" not in o]
 
 
 @pytest.fixture
@@ -59,7 +62,7 @@ def subject(tmp_path):
 
     def make(verdict="passed", inside=True):
         rng = np.random.default_rng(0)
-        truth = dict(zip(aha.PARAMETERS, np.linspace(0.5, 2.0, 10), strict=True))
+        truth = dict(zip(PARAMETERS.names, np.linspace(0.5, 2.0, 10), strict=True))
         theta = np.array(list(truth.values())) * np.exp(0.1 * rng.normal(size=(2, 50, 1, 10)))
         predicted = 0.1 + 0.01 * rng.normal(size=(2, 50, 1, len(OBSERVED)))
         observed = np.full((1, len(OBSERVED)), 0.1)
@@ -71,7 +74,11 @@ def subject(tmp_path):
                     "theta": (("chain", "draw", "case", "parameter"), theta),
                     "sigma": (("chain", "draw", "case", "direction"), 0.3 * theta[..., :2]),
                 },
-                {**case, "parameter": list(aha.PARAMETERS), "direction": list(aha.DIRECTIONS[:2])},
+                {
+                    **case,
+                    "parameter": list(PARAMETERS.names),
+                    "direction": ["circumferential", "radial"],
+                },
             ),
             constant_data=xr.Dataset(
                 {"y_obs": (("case", "output"), observed)}, {**case, "output": OBSERVED}
@@ -81,7 +88,7 @@ def subject(tmp_path):
                 {**case, "output": OBSERVED},
             ),
         ).to_netcdf(str(tmp_path / "heart.nc"))
-        names = [*aha.PARAMETERS, "sigma_circumferential", "sigma_radial"]
+        names = [*PARAMETERS.names, "sigma_circumferential", "sigma_radial"]
         pd.DataFrame(
             {
                 "case": "heart",
@@ -107,11 +114,11 @@ def test_set(tmp_path):
     rows = [
         (case, name, 1.0, 1.1, 1.2, 0.1, low, 1.4, low < 1.0, 0.05, 0.01)
         for case, low in (("0", 0.9), ("1", 0.8), ("2", 1.05))
-        for name in aha.PARAMETERS
+        for name in PARAMETERS.names
     ]
     columns = "case parameter truth map mean sd lower95 upper95 covered crps variance_ratio".split()
     pd.DataFrame(rows, columns=columns).to_csv(tmp_path / "recovery.csv", index=False)
-    covered = pd.DataFrame({"parameter": [*aha.PARAMETERS, "all"]})
+    covered = pd.DataFrame({"parameter": [*PARAMETERS.names, "all"]})
     covered = covered.assign(cases=3, failed=1, bias=0.1, mse=0.01, mean_mse=0.04)
     covered = covered.assign(crps=0.05, variance_ratio=0.01, hpd_width95=0.4)
     for level in (50, 80, 95):
@@ -127,7 +134,7 @@ def test_set(tmp_path):
                 ("1", 1.0, "passed"),
                 ("2", 1.3, FAILED),
             )
-            for name in aha.PARAMETERS
+            for name in PARAMETERS.names
         ],
         columns="case parameter rhat ess_bulk ess_tail divergences passed verdict".split(),
     ).to_csv(tmp_path / "diagnostics.csv", index=False)
@@ -138,6 +145,12 @@ def test_set(tmp_path):
 def choice(tmp_path):
     (tmp_path / "final.json").write_text('{"final": "exact_gp"}')
     return tmp_path / "final.json"
+
+
+def table_of(make, tmp_path, *arguments) -> pd.DataFrame:
+    """What a function that writes a table has written."""
+    make(*arguments, csv=tmp_path / "t" / "made.csv", tex=tmp_path / "t" / "made.tex")
+    return pd.read_csv(tmp_path / "t" / "made.csv")
 
 
 def read(paths) -> pd.DataFrame:
@@ -156,30 +169,51 @@ def test_segment_1_is_at_the_top_and_numbers_run_towards_the_septum():
     assert centres[6] == pytest.approx((0, 0.625))
     assert centres[12] == pytest.approx((0, 0.375))
     assert centres[16] == pytest.approx((0, 0))
-    septal = [s.number - 1 for s in aha.SEGMENTS if s.zone == "septal"]
-    lateral = [s.number - 1 for s in aha.SEGMENTS if s.zone == "lateral"]
+    septal, lateral = (
+        [number - 1 for number in PARAMETERS.zones[zone]] for zone in ("septal", "lateral")
+    )
     assert (centres[septal, 0] < 0).all()
     assert (centres[lateral, 0] > 0).all()
     assert centres[3] == pytest.approx((0, -0.875))
 
 
-@pytest.mark.parametrize("cells", [bullseye.SEGMENT_CELLS, tuple(bullseye.ZONE_CELLS.values())])
-def test_cells_tile_the_disk(cells):
-    rng = np.random.default_rng(1)
-    points = rng.uniform(-1, 1, (4000, 2))
-    points = points[np.hypot(*points.T) < 0.999]
+def spread_points() -> np.ndarray:
+    points = np.random.default_rng(1).uniform(-1, 1, (4000, 2))
+    return points[np.hypot(*points.T) < 0.999]
+
+
+def test_segments_tile_the_disk():
+    points, cells = spread_points(), bullseye.SEGMENT_CELLS
     inside = sum(Outline(c.outline()).contains_points(points).astype(int) for c in cells)
     # Borders drawn with straight strokes of one degree may claim or lose a point beside them.
     assert (inside == 1).mean() > 0.998
     area = sum((c.outer**2 - c.inner**2) * np.radians(c.stop - c.start) / 2 for c in cells)
     assert area == pytest.approx(np.pi)
+    of = bullseye.segment_at(points)
+    for number, cell in enumerate(cells, start=1):
+        holds = Outline(cell.outline()).contains_points(points)
+        assert ((of == number) == holds).mean() > 0.998
 
 
-def test_zone_cells_hold_the_centres_of_their_segments():
-    for segment, cell in zip(aha.SEGMENTS, bullseye.SEGMENT_CELLS, strict=True):
-        for zone, outer in bullseye.ZONE_CELLS.items():
-            holds = Outline(outer.outline()).contains_point(cell.centre)
-            assert holds == (zone == segment.zone)
+LEVELS = {"basal": range(1, 7), "mid": range(7, 13), "apical": range(13, 18)}
+PIECES = {"far": (1, 4, 17), "rest": (2, 3, *range(5, 17))}
+
+
+@pytest.mark.parametrize("zones", [*ZONES.values(), LEVELS, PIECES])
+def test_zones_tile_the_disk_and_hold_their_segments(zones):
+    points = spread_points()
+    shapes = bullseye.zone_shapes(Parameterisation(zones))
+    assert sum(shape.holds(points).astype(int) for shape in shapes.values()).min() == 1
+    for zone, shape in shapes.items():
+        assert shape.holds(np.array([shape.centre])).all()
+        for segment, cell in zip(aha.SEGMENTS, bullseye.SEGMENT_CELLS, strict=True):
+            assert shape.holds(np.array([cell.centre])) == (segment.number in zones[zone])
+        # The area inside the outline, holes taken off: by the shoelace formula of its loops.
+        loops = shape.outline.to_polygons()
+        area = sum(np.cross(p[:-1], p[1:]).sum() / 2 for p in loops)
+        cells = [bullseye.SEGMENT_CELLS[number - 1] for number in zones[zone]]
+        exact = sum((c.outer**2 - c.inner**2) * np.radians(c.stop - c.start) / 2 for c in cells)
+        assert area == pytest.approx(exact, rel=1e-3)
 
 
 def test_values_colour_their_own_segment():
@@ -196,9 +230,8 @@ def test_values_colour_their_own_segment():
 # One test per figure: made, and its numbers beside it
 
 
-@pytest.fixture
-def mesh(tmp_path):
-    """Seventeen quadratic hexahedra in a ring, one per segment, with a facet on each."""
+def ring_mesh(path):
+    """Seventeen quadratic hexahedra in a ring, one per segment, with a facet on each, unmoved."""
     local = np.array(vtkTriQuadraticHexahedron().GetParametricCoords()).reshape(27, 3)
     points = []
     for i in range(17):
@@ -206,20 +239,28 @@ def mesh(tmp_path):
         radius = 35 - 10 * local[:, 1]  # inwards: a right-handed element
         points.append(np.c_[radius * np.cos(angle), radius * np.sin(angle), 60 * local[:, 2] - 60])
     cells = np.arange(17 * 27).reshape(17, 27)
-    numbers = np.arange(1, 18)
+    numbers, points = np.arange(1, 18), np.concatenate(points)
     meshio.Mesh(
-        np.concatenate(points),
+        points,
         [("hexahedron27", cells), ("quad9", cells[:, :9])],
         cell_data={"segment": [numbers, numbers * 0]},
-    ).write(tmp_path / "mesh.vtu")
-    return tmp_path / "mesh.vtu"
+        point_data={"displacement": np.zeros_like(points)},
+    ).write(path)
+    return path
+
+
+@pytest.fixture
+def mesh(tmp_path):
+    return ring_mesh(tmp_path / "mesh.vtu")
 
 
 def test_zones(mesh, paths):
-    zones.draw(mesh, *paths)
+    zones.draw(mesh, PARAMETERS, *paths)
     table = read(paths)
     assert list(table["segment"]) == list(range(1, 18))
-    assert list(table["colour"]) == [aha.ZONE_COLOURS[s.zone] for s in aha.SEGMENTS]
+    assert list(table["colour"]) == [
+        PARAMETERS.colours[PARAMETERS.zone_of(s.number)] for s in aha.SEGMENTS
+    ]
     assert (table["elements"] == 1).all()
 
 
@@ -236,12 +277,12 @@ def test_subdivision_follows_the_curved_element(mesh):
 def test_zones_need_segment_numbers(tmp_path, paths):
     meshio.Mesh(np.eye(3), [("triangle", [[0, 1, 2]])]).write(tmp_path / "bare.vtu")
     with pytest.raises(InputError, match=r"bare\.vtu"):
-        zones.draw(tmp_path / "bare.vtu", *paths)
+        zones.draw(tmp_path / "bare.vtu", PARAMETERS, *paths)
 
 
 def simulations(tmp_path, scales):
     rng = np.random.default_rng(2)
-    table = pd.DataFrame(rng.normal(size=(len(scales), 52)), columns=list(aha.OUTPUTS))
+    table = pd.DataFrame(rng.normal(size=(len(scales), 52)), columns=list(CHANNELS.names))
     table.insert(0, "scale", scales)
     table.insert(0, "sample", np.arange(len(scales)))
     table.to_parquet(tmp_path / "train.parquet")
@@ -252,9 +293,10 @@ def simulations(tmp_path, scales):
 def test_design(tmp_path, paths, scales):
     table = simulations(tmp_path, scales)
     lost = pd.DataFrame({"sample": [99], "scale": ["natural"], "reason": ["no"]})
-    lost = lost.assign(**{f"place_{name}": 0.25 for name in aha.PARAMETERS})
+    lost = lost.assign(**{f"place_{name}": 0.25 for name in PARAMETERS.names})
     lost.to_csv(tmp_path / "excluded.csv", index=False)
-    design.draw(tmp_path / "train.parquet", tmp_path / "excluded.csv", *paths)
+    files = tmp_path / "train.parquet", tmp_path / "excluded.csv"
+    design.draw(*files, PARAMETERS, CHANNELS, *paths)
     drawn = read(paths)
     counts = drawn[(drawn["panel"] == "volume") & (drawn["scale"] == "natural")]["value"]
     assert counts.sum() == scales.count("natural")
@@ -270,9 +312,10 @@ def test_design(tmp_path, paths, scales):
 
 def test_design_without_failures_says_so(tmp_path, paths, figures):
     simulations(tmp_path, ["natural"] * 5)
-    lost = pd.DataFrame(columns=["sample", "scale", *(f"place_{n}" for n in aha.PARAMETERS)])
+    lost = pd.DataFrame(columns=["sample", "scale", *(f"place_{n}" for n in PARAMETERS.names)])
     lost.to_csv(tmp_path / "excluded.csv", index=False)
-    design.draw(tmp_path / "train.parquet", tmp_path / "excluded.csv", *paths)
+    files = tmp_path / "train.parquet", tmp_path / "excluded.csv"
+    design.draw(*files, PARAMETERS, CHANNELS, *paths)
     texts = [t.get_text() for ax in figures[0].axes for t in ax.texts]
     assert "every simulation converged" in texts
 
@@ -289,11 +332,11 @@ def test_explained_variance(tmp_path, paths, figures):
 
 def test_parity(tmp_path, choice, paths):
     table = pd.DataFrame(
-        [(case, o, 1.0, 1.0 + 0.1 * case, 0.1) for case in (0, 1, 3) for o in aha.OUTPUTS],
+        [(case, o, 1.0, 1.0 + 0.1 * case, 0.1) for case in (0, 1, 3) for o in CHANNELS.names],
         columns=["case", "output", "truth", "mean", "sd"],
     )
     table.to_parquet(tmp_path / "test.parquet")
-    parity.draw(tmp_path / "test.parquet", choice, *paths)
+    parity.draw(tmp_path / "test.parquet", choice, PARAMETERS, *paths)
     drawn = read(paths).groupby("quantity")[["rmse", "coverage95"]].first()
     assert len(drawn) == 4
     # Errors 0, 1 and 3 standard deviations of 0.1: the last lies outside its bar.
@@ -302,7 +345,7 @@ def test_parity(tmp_path, choice, paths):
 
 
 def test_recovery(test_set, choice, paths, figures):
-    recovery.draw(*test_set, choice, *paths)
+    recovery.draw(*test_set, choice, PARAMETERS, *paths)
     drawn = read(paths)
     cases = drawn[drawn["panel"] == "recovery"]
     assert list(cases.groupby("case")["failed"].first()) == [False, False, True]
@@ -312,9 +355,9 @@ def test_recovery(test_set, choice, paths, figures):
 
 def test_bullseye_posterior(subject, paths):
     nc, diagnostics, truth = subject()
-    bullseye_posterior.draw(nc, diagnostics, "synthetic", *paths, truth=truth)
+    bullseye_posterior.draw(nc, diagnostics, "synthetic", PARAMETERS, *paths, truth=truth)
     drawn = read(paths).set_index(["parameter", "item"])["value"].sort_index()
-    draws = posterior.read(nc, diagnostics).draws
+    draws = case_posterior.read(nc, diagnostics).draws
     for name, values in draws.items():
         assert drawn[name, "median"].item() == pytest.approx(np.median(values))
         inside = (values >= drawn[name, "lower95"].item()) & (
@@ -322,7 +365,7 @@ def test_bullseye_posterior(subject, paths):
         )
         assert inside.mean() == pytest.approx(0.95, abs=0.015)
     known = json.loads(truth.read_text())["theta"]
-    for name in aha.PARAMETERS:
+    for name in PARAMETERS.names:
         assert drawn[name, "truth"].item() == pytest.approx(known[name])
 
 
@@ -341,7 +384,7 @@ def test_traces(subject, paths):
     nc, diagnostics, truth = subject()
     traces.draw(nc, diagnostics, "synthetic", *paths, truth=truth)
     drawn = read(paths)
-    draws = posterior.read(nc, diagnostics).draws
+    draws = case_posterior.read(nc, diagnostics).draws
     for name, values in draws.items():
         rows = drawn[(drawn["parameter"] == name) & (drawn["item"] == "draw")]
         assert rows["y"].to_numpy() == pytest.approx(values.ravel())
@@ -354,7 +397,8 @@ def test_traces(subject, paths):
 
 def draw_subject(module, files, source, paths):
     nc, diagnostics, _ = files
-    module.draw(nc, diagnostics, source, *paths)
+    known = [PARAMETERS] if module is bullseye_posterior else []
+    module.draw(nc, diagnostics, source, *known, *paths)
 
 
 SUBJECT_FIGURES = [bullseye_posterior, posterior_predictive, traces]
@@ -373,7 +417,7 @@ def test_failed_gate_is_in_the_title(module, subject, paths, figures):
 def test_title_says_where_the_data_come_from(module, source, subject, paths, figures):
     draw_subject(module, subject(), source, paths)
     title = figures[0].get_suptitle()
-    assert posterior.SOURCES[source] in title
+    assert case_posterior.SOURCES[source] in title
     assert ("synthetic" in title) == (source == "synthetic")
     assert "FAILED" not in title
 
@@ -390,15 +434,15 @@ def test_the_same_figure_is_the_same_file(subject, tmp_path):
 def test_unknown_case_and_missing_verdict_are_named(subject, tmp_path):
     nc, diagnostics, _ = subject()
     with pytest.raises(InputError, match="no case 'other'"):
-        posterior.read(nc, diagnostics, case="other")
+        case_posterior.read(nc, diagnostics, case="other")
     empty = pd.read_csv(diagnostics).iloc[:0]
     empty.to_csv(tmp_path / "empty.csv", index=False)
     with pytest.raises(InputError, match="no row for case 'heart'"):
-        posterior.read(nc, tmp_path / "empty.csv")
+        case_posterior.read(nc, tmp_path / "empty.csv")
 
 
 def test_constant_draws_have_a_density():
-    values, heights = posterior.density(np.full((2, 10), 1.5))
+    values, heights = case_posterior.density(np.full((2, 10), 1.5))
     assert values[heights.argmax()] == 1.5
 
 
@@ -406,13 +450,13 @@ def test_constant_draws_have_a_density():
 
 
 def test_table_of_diagnostics(test_set, subject, tmp_path):
-    test = tmp_path / "test.csv"
+    test = tmp_path / "final" / "test" / "diagnostics.csv"
+    test.parent.mkdir(parents=True)
     test.write_bytes(test_set[2].read_bytes())
     _, diagnostics, _ = subject(FAILED)
-    table = posteriors.diagnostics({"test set": test}, [diagnostics]).set_index(
-        ["posterior", "parameter"]
-    )
-    row = table.loc["test set", "C_a_septal"]
+    table = table_of(posteriors.diagnostics, tmp_path, [test], [], [diagnostics])
+    table = table.set_index(["posterior", "parameter"])
+    row = table.loc["test, final", "C_a_septal"]
     assert (row["cases"], row["failed_cases"], row["rhat_max"]) == (3, 1, 1.3)
     assert row["rhat_mean"] == pytest.approx(1.1)
     assert row["rhat_median"] == 1.0
@@ -421,25 +465,23 @@ def test_table_of_diagnostics(test_set, subject, tmp_path):
 
 def test_table_of_subjects(subject, tmp_path):
     nc, diagnostics, _ = subject(FAILED)
-    table = subjects.subjects([nc], [diagnostics], ["synthetic"])
+    table = table_of(subjects.subjects, tmp_path, [nc], [diagnostics], ["synthetic"])
     assert len(table) == 12
     assert set(table["data"]) == {"synthetic data"}
     assert set(table["verdict"]) == {FAILED}
     assert (table["lower95"] < table["median"]).all() and (table["median"] < table["upper95"]).all()
-    writing.save(table, tmp_path / "t" / "s.csv", tmp_path / "t" / "s.tex")
-    assert pd.read_csv(tmp_path / "t" / "s.csv")["median"].to_numpy() == pytest.approx(
-        table["median"].to_numpy()
-    )
-    lines = (tmp_path / "t" / "s.tex").read_text().splitlines()
+    medians = case_posterior.read(nc, diagnostics).summary()["median"]
+    assert table["median"].to_numpy() == pytest.approx(medians.to_numpy())
+    lines = (tmp_path / "t" / "made.tex").read_text().splitlines()
     assert sum(line.endswith(r"\\") for line in lines) == 13
-    assert r"$C_a$ septal" in "".join(lines) and "_circumferential" not in "".join(lines).replace(
+    assert r"$C_{a}$ septal" in "".join(lines) and "_circumferential" not in "".join(lines).replace(
         r"\_circumferential", ""
     )
 
 
-def test_table_of_recovery(test_set):
-    table = posteriors.recovery(test_set[1]).set_index("parameter")
-    assert list(table.index) == [*aha.PARAMETERS, "all"]
+def test_table_of_recovery(test_set, tmp_path):
+    table = table_of(posteriors.recovery, tmp_path, test_set[1]).set_index("parameter")
+    assert list(table.index) == [*PARAMETERS.names, "all"]
     assert table["map_mse"].to_numpy() == pytest.approx(0.01)
     assert table["mean_mse"].to_numpy() == pytest.approx(0.04)
     assert set(table["failed_cases"]) == {1}

@@ -1,7 +1,6 @@
 """The parametric left ventricle: what the table says is what the mesh has."""
 
 import json
-from pathlib import Path
 
 import meshio
 import numpy as np
@@ -9,7 +8,8 @@ import pandas as pd
 import pytest
 import vtk
 
-from regional_lv.aha import LEVELS, SEGMENT_ZONE
+from regional_lv import data
+from regional_lv.aha import LEVELS
 from regional_lv.errors import InputError
 from regional_lv.geometry.directions import fibre_directions, local_directions
 from regional_lv.geometry.elements import (
@@ -25,8 +25,10 @@ from regional_lv.geometry.mesh import BASE, ENDOCARDIUM, EPICARDIUM, SURFACES, r
 from regional_lv.geometry.summary import _apex, scaled_jacobians
 from regional_lv.geometry.surfaces import QUARTER, Surfaces
 from regional_lv.geometry.table import read_segments
+from regional_lv.parameters import Parameterisation
 
-TABLE = Path(__file__).parents[2] / "resources" / "volunteer_segments.csv"
+TABLE = data.path("volunteer_segments.csv")
+PARAMETERS = Parameterisation()
 APICES = {"endo_apex_z_mm": -74.4, "epi_apex_z_mm": -81.2}
 ROWS = {"basal": 1, "basal_grading": 1.0, "mid": 2, "apical": 1, "apex": 1, "transmural": 1}
 FIBRES = {
@@ -39,14 +41,14 @@ FIBRES = {
 
 def make(folder, table=TABLE, circumferential=16, **rows):
     paths = {
-        "msh_path": folder / "mesh.msh",
-        "vtu_path": folder / "mesh.vtu",
-        "segments_out_csv": folder / "segments.csv",
-        "summary_json": folder / "summary.json",
+        "msh": folder / "mesh.msh",
+        "vtu": folder / "mesh.vtu",
+        "segments": folder / "segments.csv",
+        "summary": folder / "summary.json",
     }
     mesh_cfg = {"circumferential": circumferential, **ROWS, **rows}
-    make_mesh(table, **APICES, mesh_cfg=mesh_cfg, fibres_cfg=FIBRES, **paths)
-    return read_mesh(paths["vtu_path"]), folder
+    make_mesh(table, **APICES, mesh=mesh_cfg, fibres=FIBRES, **paths, zones=PARAMETERS.zones)
+    return read_mesh(paths["vtu"]), folder
 
 
 @pytest.fixture(scope="module", params=[16, 24])
@@ -185,7 +187,9 @@ def test_paraview_file(made):
     raw = meshio.read(made[1] / "mesh.vtu")
     assert {block.type for block in raw.cells} == {"hexahedron27", "quad9"}
     mesh = made[0]
-    np.testing.assert_array_equal(raw.cell_data["zone"][0], SEGMENT_ZONE[mesh.segment - 1] + 1)
+    np.testing.assert_array_equal(
+        raw.cell_data["zone"][0], PARAMETERS.segment_zone[mesh.segment - 1] + 1
+    )
     assert not raw.cell_data["segment"][1].any()
     assert not raw.cell_data["zone"][1].any()
     assert not raw.cell_data["surface"][0].any()
@@ -368,7 +372,7 @@ MM = ["wall_thickness_mm", "endo_radius_mm"]
         (scaled(MM, 0.1), "looks like cm; multiply by 10"),
         (scaled(MM, 0.001), "looks like m; multiply by 1000"),
         (scaled(["z_top_mm", "z_bottom_mm"], 0.1), "looks like cm"),
-        (setter(0, "zone", "septal"), "zone of segment 1 is 'septal'; it must be 'anterior'"),
+        (setter(0, "name", "apex"), "name of segment 1 is 'apex'; it must be 'basal anterior'"),
         (setter(0, "name", "apex"), "name of segment 1 is 'apex'"),
         (lambda rows: rows.drop(columns="endo_radius_mm"), "column endo_radius_mm is missing"),
         (setter(1, "angle_to_deg", -155), "tile 360 degrees"),
@@ -398,6 +402,10 @@ def test_empty_table(tmp_path):
     (tmp_path / "empty.csv").write_text("")
     with pytest.raises(InputError, match="not a CSV table"):
         read_segments(tmp_path / "empty.csv")
+
+
+def test_packaged_table_goes_by_its_name():
+    pd.testing.assert_frame_equal(read_segments("volunteer"), read_segments(TABLE))
 
 
 def test_user_table_needs_no_published_columns_nor_order(rows, tmp_path):

@@ -8,19 +8,26 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from regional_lv import aha
+from regional_lv import data
+from regional_lv.channels import Channels
 from regional_lv.errors import InputError
 from regional_lv.measured import (
     MeasuredWarning,
+    import_measured,
+    import_published_simulation,
+    import_volunteer,
     published_simulation,
     published_volunteer,
     read_measured,
+    shortcomings,
+    states_noise,
     synthetic_subject,
     write_measured,
     write_truth,
 )
+from regional_lv.parameters import Parameterisation
 
-ROOT = Path(__file__).resolve().parents[2]
+PARAMETERS, CHANNELS = Parameterisation(), Channels.of()
 HEADER = "quantity,segment,value,unit"
 VOLUME = "volume,,180,mL"
 
@@ -46,9 +53,12 @@ def outputs():
 
 def test_good_file_gives_one_row_per_channel(tmp_path):
     table = read_measured(write(tmp_path, GOOD))
-    assert list(table.columns) == ["output", "quantity", "segment", "value", "sd"]
+    assert list(table.columns) == [
+        *("output", "quantity", "place", "segment", "load_fraction", "value", "sd")
+    ]
+    assert (table["load_fraction"] == 1).all()
     assert len(table) == len(GOOD)
-    assert set(table["output"]) <= set(aha.OUTPUTS)
+    assert set(table["output"]) <= set(CHANNELS.names)
     volume = table.iloc[0]
     assert volume["output"] == "volume_ml" and volume["value"] == 180
     assert table["segment"].isna().tolist() == [True] + [False] * 48
@@ -76,8 +86,8 @@ def test_byte_order_mark_spaces_blank_lines_and_further_columns_are_read(tmp_pat
 def test_template_is_a_good_file():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        table = read_measured(ROOT / "resources" / "measured_template.csv")
-    assert tuple(table["output"]) == aha.OUTPUTS
+        table = read_measured(data.path("measured_template.csv"))
+    assert tuple(table["output"]) == CHANNELS.names
 
 
 def test_small_noise_on_the_wrong_side_of_zero_is_allowed(tmp_path):
@@ -90,7 +100,7 @@ def test_small_noise_on_the_wrong_side_of_zero_is_allowed(tmp_path):
 MISTAKES = {
     # what is written after the header, the line it is found in, the remedy
     "unknown quantity": ([*GOOD, "radail,17,0.4,1"], 51, "did you mean radial?"),
-    "strange quantity": ([*GOOD, "torsion,17,0.4,1"], 51, "use one of volume"),
+    "strange quantity": ([*GOOD, "zzz,17,0.4,1"], 51, "use one of volume"),
     "unknown unit": ([VOLUME, "radial,1,0.4,mm"], 3, "convert to and write 1 or %"),
     "volume in litres by unit": (["volume,,0.18,L", *strains()], 2, "convert to and write mL"),
     "volume in litres by value": (["volume,,0.18,mL", *strains()], 2, "looks like litres; give mL"),
@@ -118,6 +128,26 @@ MISTAKES = {
     "forward longitudinal": ([VOLUME, *strains("longitudinal", 0.1)], 3, "-e / (1 + 2 e)"),
     "small but mostly wrong": ([VOLUME, *strains(value=0.03)], 3, "-e / (1 + 2 e)"),
     "one wrong sign": ([*GOOD, "circumferential,17,0.15,1"], 51, "correct the sign"),
+    "torsion of one level": ([*GOOD, "torsion,basal,0.1,deg/mm"], 51, "torsion needs two levels"),
+    "torsion of none": (
+        [*GOOD, "torsion,,0.1,deg/mm"],
+        51,
+        "needs two levels; write one of basal-",
+    ),
+    "torsion between strange levels": (
+        [*GOOD, "torsion,top-bottom,0.1,deg/mm"],
+        51,
+        "has no place `top-bottom`; write one of basal-mid, basal-apical, mid-apical",
+    ),
+    "torsion in degrees": (
+        [*GOOD, "torsion,basal-apical,9,deg"],
+        51,
+        "convert to and write deg/mm",
+    ),
+    "absurd torsion": ([*GOOD, "torsion,basal-apical,9,deg/mm"], 51, "check value and unit"),
+    "shortening with a segment": ([*GOOD, "shortening,1,0.1,1"], 51, "leave it empty"),
+    "shortening in percent": ([*GOOD, "shortening,,12,1"], 51, "write unit %"),
+    "lengthening": ([*GOOD, "shortening,,-0.2,1"], 51, "correct the sign"),
     "nothing": ([], None, "add one row per channel"),
 }
 
@@ -149,6 +179,37 @@ MISTAKES_IN_FURTHER_COLUMNS = {
         3,
         "keep the end-diastolic one only",
     ),
+    "load fraction above one": (
+        "load_fraction",
+        ["radial,1,0.4,1,", "radial,2,0.3,1,1.2"],
+        3,
+        "load_fraction 1.2 lies outside (0, 1]",
+    ),
+    "load fraction zero": ("load_fraction", ["radial,1,0.4,1,0"], 2, "lies outside (0, 1]"),
+    "load fraction in words": ("load_fraction", ["radial,1,0.4,1,half"], 2, "is not a number"),
+    "pressure above the study's": (
+        "pressure_mmhg",
+        ["radial,1,0.4,1,9"],
+        2,
+        "pressure_mmhg 9 lies outside (0, 8 mmHg]; end diastole is 8 mmHg, the study's "
+        "loading.pressure_mmhg",
+    ),
+    "both loads": ("load_fraction,pressure_mmhg", ["radial,1,0.4,1,1,8"], 1, "keep one of them"),
+    "twice at one load": (
+        "load_fraction",
+        ["radial,1,0.4,1,0.5", "radial,1,0.5,1,", "radial,1,0.4,1,0.5"],
+        4,
+        "radial_01@0.5 stands in line 2 already",
+    ),
+    "wrong signs at one load": (
+        "load_fraction",
+        [
+            *(f"radial,{s},0.4,1," for s in range(1, 9)),
+            *(f"radial,{s},-0.02,1,0.5" for s in range(1, 5)),
+        ],
+        10,
+        "4 of 4 radial values have the wrong sign",
+    ),
     "unknown column": ("segmnt2", ["volume,,180,mL,1"], 1, "remove it, or rename it"),
     "column twice": ("unit", ["volume,,180,mL,mL"], 1, "remove it, or rename it"),
 }
@@ -158,7 +219,7 @@ MISTAKES_IN_FURTHER_COLUMNS = {
 def test_mistake_in_a_further_column_names_line_and_remedy(tmp_path, name):
     column, rows, line, remedy = MISTAKES_IN_FURTHER_COLUMNS[name]
     with pytest.raises(InputError) as error:
-        read_measured(write(tmp_path, rows, f"{HEADER},{column}"))
+        read_measured(write(tmp_path, rows, f"{HEADER},{column}"), pressure_mmhg=8.0)
     assert f"line {line}: " in str(error.value)
     assert remedy in str(error.value)
 
@@ -195,8 +256,96 @@ def test_no_volume_warns_what_that_means(tmp_path):
 
 
 def test_fewer_channels_than_parameters_warn_what_that_means(tmp_path):
+    few = write(tmp_path, [VOLUME, *strains(segments=range(1, 5))])
     with pytest.warns(MeasuredWarning, match="5 channels for 10 parameters: .*prior"):
-        read_measured(write(tmp_path, [VOLUME, *strains(segments=range(1, 5))]))
+        import_measured(few, CHANNELS, 8.0, 2.0, PARAMETERS, tmp_path / "out.csv")
+    assert not shortcomings(read_measured(few), parameters=2)
+
+
+# -------------------------------------------------------------------- loads and other quantities
+
+WIDE = Channels.of([*CHANNELS.quantities, "torsion", "shortening"], load_fractions=[0.25, 0.5])
+
+
+def test_rows_at_several_loads_become_channels_of_their_own(tmp_path):
+    rows = [f"{VOLUME},", "volume,,150,mL,0.5", "circumferential,3,-10,%,0.5"]
+    rows += ["torsion,basal-apical,0.1,deg/mm,", "shortening,,12,%,0.25"]
+    table = read_measured(write(tmp_path, rows, f"{HEADER},load_fraction"), WIDE)
+    assert table["output"].tolist() == [
+        *("volume_ml", "volume_ml@0.5", "circumferential_03@0.5"),
+        *("torsion_basal-apical", "shortening@0.25"),
+    ]
+    assert table["load_fraction"].tolist() == [1, 0.5, 0.5, 1, 0.25]
+    assert table["segment"].isna().tolist() == [True, True, False, True, True]
+    np.testing.assert_allclose(table["value"], [180, 150, -0.1, 0.1, 0.12])
+    write_measured(table, tmp_path / "again.csv")
+    pd.testing.assert_frame_equal(read_measured(tmp_path / "again.csv", WIDE), table)
+
+
+def test_pressures_are_fractions_of_the_studys(tmp_path):
+    thirds = Channels.of(load_fractions=[1 / 3])
+    rows = [f"{VOLUME},8", "volume,,150,mL,2.667", "volume,,160,mL,4"]
+    file = write(tmp_path, rows, f"{HEADER},pressure_mmhg")
+    table = read_measured(file, pressure_mmhg=8.0)
+    assert table["load_fraction"].tolist() == [1, pytest.approx(1 / 3, abs=1e-3), 0.5]
+    file = write(tmp_path, rows[:2], f"{HEADER},pressure_mmhg")
+    # What the study calls a third is the same as a pressure that was rounded.
+    assert set(read_measured(file, thirds, 8.0)["output"]) <= set(thirds.names)
+    with pytest.raises(InputError, match=r"line 2: .*give load_fraction instead"):
+        read_measured(file)
+
+
+def test_frames_may_differ_between_loads(tmp_path):
+    rows = ["radial,1,0.4,1,15,1", "radial,2,0.3,1,15,1", "radial,1,0.2,1,7,0.5"]
+    header = f"{HEADER},frame,load_fraction"
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", MeasuredWarning)
+        assert len(read_measured(write(tmp_path, rows, header))) == 3
+    with pytest.raises(InputError, match=r"line 5: several frames \(7, 6\); .*load fraction 0\.5"):
+        read_measured(write(tmp_path, [*rows, "radial,2,0.2,1,6,0.5"], header))
+
+
+@pytest.mark.parametrize(
+    ("rows", "line", "remedy"),
+    [
+        (["torsion,basal-mid,0.1,deg/mm,"], 3, "add basal-mid to observables.places.torsion"),
+        (["radial,1,0.2,1,0.75"], 3, "add 0.75 to loading.frames"),
+    ],
+)
+def test_rows_that_the_study_does_not_observe(tmp_path, rows, line, remedy):
+    file = write(tmp_path, [f"{VOLUME},", *rows], f"{HEADER},load_fraction")
+    with pytest.raises(InputError, match=f"line {line}: .*no channel that the study observes") as e:
+        read_measured(file, WIDE)
+    assert remedy in str(e.value)
+    assert len(read_measured(file)) == 2
+
+
+def test_quantities_that_the_study_does_not_observe(tmp_path):
+    file = write(tmp_path, [VOLUME, "torsion,basal-apical,0.1,deg/mm"])
+    with pytest.raises(InputError, match=r"add torsion to observables\.quantities"):
+        read_measured(file, CHANNELS)
+
+
+def test_limits_are_those_of_the_strain_measure(tmp_path):
+    strong = write(tmp_path, [VOLUME, *strains(value=-0.6)])
+    for exponent, said in ((2.0, "no Green strain reaches -0.5"), (1.7, "Seth-Hill")):
+        with pytest.raises(InputError, match=said):
+            read_measured(strong, strain_exponent=exponent)
+    for exponent in (1.0, 0.0, -2.0):
+        assert len(read_measured(strong, strain_exponent=exponent)) == 17
+    with pytest.raises(InputError, match="no nominal strain reaches -1;"):
+        read_measured(write(tmp_path, [VOLUME, *strains(value=-1.1)]), strain_exponent=1.0)
+    with pytest.raises(InputError, match=r"no Almansi strain reaches 0\.5;"):
+        read_measured(write(tmp_path, [VOLUME, *strains("radial", 0.6)]), strain_exponent=-2.0)
+
+
+def test_noise_is_known_or_not(tmp_path):
+    rows = [f"{row},0.02" for row in strains()]
+    assert states_noise(write(tmp_path, ["volume,,180,mL,", *rows], f"{HEADER},sd"))
+    assert not states_noise(write(tmp_path, GOOD))
+    rows = ["volume,,4,mL,4"]
+    with pytest.raises(InputError, match="line 2"):
+        states_noise(write(tmp_path, rows, f"{HEADER},pressure_mmhg"), 8.0)
 
 
 def test_volunteer_gets_official_segment_numbers(tmp_path):
@@ -272,9 +421,9 @@ def test_published_simulation_gets_official_segment_numbers(tmp_path):
     (tmp_path / "x.csv").write_text("0," * 9 + "0\n" + ",".join(map(str, range(1, 11))) + "\n")
     (tmp_path / "y.csv").write_text("0," * 51 + "0\n" + ",".join(map(str, outputs)) + "\n")
     table, theta = published_simulation(tmp_path / "x.csv", tmp_path / "y.csv", 2)
-    assert theta.to_dict() == dict(zip(aha.PARAMETERS, range(1, 11), strict=True))
+    assert theta.to_dict() == dict(zip(PARAMETERS.names, range(1, 11), strict=True))
     values = table.set_index("output")["value"]
-    assert tuple(values.index) == aha.OUTPUTS
+    assert tuple(values.index) == CHANNELS.names
     # AHA 3 (basal inferoseptal) is published first, AHA 1 (basal anterior) third.
     assert values["circumferential_03"] == pytest.approx(0.001)
     assert values["radial_01"] == pytest.approx(0.017 + 0.003)
@@ -292,8 +441,8 @@ def test_volunteer_survives_a_round_trip(tmp_path):
 
 def test_synthetic_subject_says_so_and_survives_a_round_trip(tmp_path, outputs):
     noise = {"strain": 0.01, "volume": 2.0}
-    table = synthetic_subject(outputs, noise, np.zeros(52))
-    assert tuple(table["output"]) == aha.OUTPUTS
+    table = synthetic_subject(outputs, CHANNELS, noise, np.zeros(52))
+    assert tuple(table["output"]) == CHANNELS.names
     assert table["sd"].tolist() == [2.0] + [0.01] * 51
     write_measured(table, tmp_path / "anna.csv")
     pd.testing.assert_frame_equal(read_measured(tmp_path / "anna.csv"), table)
@@ -302,14 +451,46 @@ def test_synthetic_subject_says_so_and_survives_a_round_trip(tmp_path, outputs):
 
 def test_noise_has_the_asked_size(outputs):
     noise = {"strain": 0.01, "volume": 2.0}
-    table = synthetic_subject(outputs, noise, np.arange(52))
+    table = synthetic_subject(outputs, CHANNELS, noise, np.arange(52))
     sd = np.array([2.0] + [0.01] * 51)
     np.testing.assert_allclose(table["value"] - outputs, sd * np.arange(52), atol=1e-12)
     assert table["sd"].tolist() == sd.tolist()
 
 
 def test_truth_lies_apart(tmp_path):
-    theta = dict.fromkeys(aha.PARAMETERS, 1.0)
+    theta = dict.fromkeys(PARAMETERS.names, 1.0)
     write_truth(tmp_path / "anna.json", theta, {}, {"strain": 0.02, "volume": 2.0}, 7)
     truth = json.loads((tmp_path / "anna.json").read_text())
     assert truth["theta"] == theta and truth["seed"] == 7 and truth["effects"] == {}
+
+
+def test_what_has_no_noise_is_not_measured(outputs):
+    table = synthetic_subject(outputs, CHANNELS, {"volume": 2.0}, np.zeros(52))
+    assert table["output"].tolist() == ["volume_ml"]
+
+
+def test_synthetic_subject_at_several_loads(tmp_path):
+    noise = {"strain": 0.01, "volume": 2.0, "torsion": 0.03, "shortening": 0.02}
+    values = [180.0, *[-0.15] * 17, *[0.4] * 17, *[-0.1] * 17, 0.1, 0.15]
+    table = synthetic_subject(np.array(values * 3), WIDE, noise, np.zeros(3 * 54))
+    assert tuple(table["output"]) == WIDE.names
+    assert table["sd"].tolist() == [2.0, *[0.01] * 51, 0.03, 0.02] * 3
+    write_measured(table, tmp_path / "anna.csv")
+    pd.testing.assert_frame_equal(read_measured(tmp_path / "anna.csv", WIDE), table)
+
+
+def test_published_subjects_are_what_the_study_observes_of_them(tmp_path):
+    some = Channels.of(["volume", "radial"], {"radial": [1, 2]})
+    case = tmp_path / "ACase.csv"
+    case.write_text(",".join(["180.9", *["-0.15"] * 16, *["0.4"] * 16]))
+    import_volunteer(case, None, None, some, tmp_path / "volunteer.csv")
+    assert tuple(read_measured(tmp_path / "volunteer.csv", some)["output"]) == some.names
+    (tmp_path / "x.csv").write_text(",".join(["1"] * 10) + "\n")
+    (tmp_path / "y.csv").write_text(
+        ",".join(["150", *["-0.1"] * 17, *["0.2"] * 17, *["-0.1"] * 17])
+    )
+    files = tmp_path / "row.csv", tmp_path / "theta.csv"
+    import_published_simulation(tmp_path / "x.csv", tmp_path / "y.csv", 1, "row_1", some, *files)
+    assert tuple(read_measured(files[0])["output"]) == some.names
+    theta = pd.read_csv(files[1], index_col="subject")
+    assert theta.loc["row_1"].tolist() == [1.0] * 10 and tuple(theta) == PARAMETERS.names

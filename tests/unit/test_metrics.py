@@ -5,7 +5,6 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from regional_lv import aha
 from regional_lv.inference.diagnostics import (
     ANY_SOFT,
     binomial_interval,
@@ -15,6 +14,9 @@ from regional_lv.inference.diagnostics import (
     gate,
     map_errors,
 )
+from regional_lv.parameters import Parameterisation
+
+PARAMETERS = Parameterisation()
 
 
 def test_crps_of_a_gaussian():
@@ -96,14 +98,14 @@ def _recovered(cases: int) -> pd.DataFrame:
             "verdict": "passed" if case else "failed: R-hat 1.2 > 1.01",
         }
         for case in range(cases)
-        for name in aha.PARAMETERS
+        for name in PARAMETERS.names
     ]
     return pd.DataFrame(rows)
 
 
 def test_coverage_table():
     table = coverage(_recovered(20)).set_index("parameter")
-    assert list(table.index) == [*aha.PARAMETERS, "all"]
+    assert list(table.index) == [*PARAMETERS.names, "all"]
     assert (table["coverage50"] == 0.5).all() and (table["coverage95"] == 1).all()
     assert (table["coverage50_lower"] < 0.5).all() and (table["coverage50_upper"] > 0.5).all()
     assert (table["failed"] == 1).all()

@@ -4,17 +4,20 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from regional_lv import aha, paper
 from regional_lv.emulators import REGISTRY
 from regional_lv.errors import InputError
+from regional_lv.paper import comparison as paper
+from regional_lv.paper import path
+from regional_lv.parameters import Parameterisation
 
-NUMBERS, REASONS = "resources/paper_numbers.csv", "resources/paper_differences.csv"
+PARAMETERS = Parameterisation()
+NUMBERS, REASONS = path("numbers.csv"), path("differences.csv")
 NOTHING = pd.DataFrame(columns=[*paper.KEYS, "value"])
 
 
 @pytest.fixture(scope="module")
-def numbers(root):
-    return pd.read_csv(root / NUMBERS, keep_default_na=False)
+def numbers():
+    return pd.read_csv(NUMBERS, keep_default_na=False)
 
 
 def test_the_papers_tables_are_complete(numbers):
@@ -28,7 +31,7 @@ def test_the_papers_tables_are_complete(numbers):
 
 def test_names_are_the_projects(numbers):
     assert set(numbers["emulator"]) <= {*REGISTRY, "", "final", "shortlist"}
-    known = {*aha.PARAMETERS, "sigma_circumferential", "sigma_radial"}
+    known = {*PARAMETERS.names, "sigma_circumferential", "sigma_radial"}
     in_tables = numbers[numbers["place"].isin([f"Table S{i}" for i in (2, 3, 4, 5, 6)])]
     assert set(in_tables["parameter"]) == known
     assert np.isfinite(numbers["value"].astype(float)).all()
@@ -47,24 +50,24 @@ def test_summaries_that_the_paper_prints_follow_from_its_tables(numbers):
     contraction = numbers[(numbers["place"] == "Table S2")].set_index("parameter")
     pairs = [
         contraction.loc[[f"C_a_{zone}", f"C_b_{zone}"]].groupby("emulator")["value"].agg(list)
-        for zone in aha.ZONES
+        for zone in PARAMETERS.zones
     ]
     assert sum(a < b for pair in pairs for a, b in pair) == 15
 
 
-def test_nothing_computed_is_said(root):
-    table = paper.compare(root / NUMBERS, root / REASONS, NOTHING)
+def test_nothing_computed_is_said():
+    table = paper.compare(NUMBERS, REASONS, NOTHING)
     assert set(table["reason"]) == {paper.ABSENT}
     assert table["ratio"].isna().all()
 
 
-def test_ratio_reason_and_choice(root):
+def test_ratio_reason_and_choice():
     def mse(emulator, value):
         return paper.row_of("parameter_mse", value, emulator=emulator, set="test",
                             parameter="all", statistic="mean")  # fmt: skip
 
     ours = pd.DataFrame([mse("mvgp", 0.0080), mse("final", 0.0004), mse("local_gp", 0.02)])
-    table = paper.compare(root / NUMBERS, root / REASONS, ours)
+    table = paper.compare(NUMBERS, REASONS, ours)
     table = table[table["quantity"] == "parameter_mse"].set_index("emulator")
     assert table.loc["mvgp", "ratio"] == pytest.approx(1.0)
     assert table.loc["mvgp", "chosen_ratio"] == pytest.approx(0.05)
@@ -92,15 +95,15 @@ def test_differs(quantity, value, relation, ours, expected):
     assert paper.differs(quantity, value, relation, ours) == expected
 
 
-def test_a_reason_for_an_unknown_quantity_is_refused(root, tmp_path):
-    table = pd.read_csv(root / REASONS, dtype=str, keep_default_na=False)
+def test_a_reason_for_an_unknown_quantity_is_refused(tmp_path):
+    table = pd.read_csv(REASONS, dtype=str, keep_default_na=False)
     table.loc[0, "quantity"] = "simulaton_minutes"
     table.to_csv(tmp_path / "why.csv", index=False)
     with pytest.raises(InputError, match="simulaton_minutes"):
-        paper.compare(root / NUMBERS, tmp_path / "why.csv", NOTHING)
+        paper.compare(NUMBERS, tmp_path / "why.csv", NOTHING)
     table.drop(columns="reason").to_csv(tmp_path / "why.csv", index=False)
     with pytest.raises(InputError, match="no column reason"):
-        paper.compare(root / NUMBERS, tmp_path / "why.csv", NOTHING)
+        paper.compare(NUMBERS, tmp_path / "why.csv", NOTHING)
 
 
 # What is collected from a study's files
@@ -125,11 +128,11 @@ def study(tmp_path):
     files["explained"] = file("explained.csv", explained)
     files["coverage"], files["diagnostics"] = [], []
     for emulator, ratio in (("exact_gp", 0.01), ("dnn", 0.02), ("final", 0.01)):
-        names = [*aha.PARAMETERS, "all"]
+        names = [*PARAMETERS.names, "all"]
         covered = pd.DataFrame({"parameter": names, "coverage95": 0.95, "variance_ratio": ratio})
         covered.loc[covered["parameter"].str.startswith("C_b"), "variance_ratio"] *= 2
         checks = pd.DataFrame(
-            [(c, n, 1 + 0.01 * c, 500.0 + 100 * c) for c in range(3) for n in aha.PARAMETERS],
+            [(c, n, 1 + 0.01 * c, 500.0 + 100 * c) for c in range(3) for n in PARAMETERS.names],
             columns=["case", "parameter", "rhat", "ess_bulk"],
         )
         folder = f"{emulator}/test"
@@ -142,7 +145,7 @@ def study(tmp_path):
         )
         for name, mean in (("local_1_5", -0.5), ("local_3_0", -0.7), ("global_1_7", -0.6))
     ]
-    names = [*aha.PARAMETERS, "sigma_circumferential", "sigma_radial"]
+    names = [*PARAMETERS.names, "sigma_circumferential", "sigma_radial"]
     convergence = pd.DataFrame({"parameter": names, "rhat": 1.001, "split_rhat": 1.002})
     convergence["ess"] = np.linspace(500, 900, 12)
     drawn = pd.DataFrame(
@@ -169,8 +172,14 @@ def study(tmp_path):
     return files
 
 
-def test_a_study_is_collected(root, study, tmp_path):
-    table = paper.compare_study(root / NUMBERS, root / REASONS, threshold=0.999, **study)
+def test_a_study_is_collected(study, tmp_path):
+    written = {"csv": tmp_path / "t" / "p.csv", "md": tmp_path / "t" / "p.md"}
+    paper.compare_study(NUMBERS, REASONS, threshold=0.999, **study, **written)
+    table = pd.read_csv(written["csv"], keep_default_na=False)
+    lines = written["md"].read_text().splitlines()
+    assert sum(line.startswith("| ") for line in lines) == len(table) + 1
+    for column in ("ours", "chosen"):
+        table[column] = pd.to_numeric(table[column])
     value = table.set_index(list(paper.KEYS))[["ours", "chosen"]]
     ours, chosen = value["ours"], value["chosen"]
     assert ours["simulations_kept", "", "train", "log", ""] == 2
@@ -195,11 +204,8 @@ def test_a_study_is_collected(root, study, tmp_path):
     study["volunteer"] = []
     header = pd.read_csv(study["estimates"][1]).iloc[:0]
     header.to_csv(study["estimates"][1], index=False)  # no pair was complete
-    fewer = paper.compare_study(root / NUMBERS, root / REASONS, threshold=0.999, **study)
+    paper.compare_study(NUMBERS, REASONS, threshold=0.999, **study, **written)
+    fewer = pd.read_csv(written["csv"], keep_default_na=False)
     fewer = fewer.set_index(list(paper.KEYS))["reason"]
     assert fewer["pairs_rejected", "", "test", "", "count"] == paper.ABSENT
     assert fewer["noise", "final", "volunteer", "sigma_radial", "median"] == paper.ABSENT
-    paper.save(table, tmp_path / "t" / "p.csv", tmp_path / "t" / "p.md")
-    assert len(pd.read_csv(tmp_path / "t" / "p.csv")) == len(table)
-    lines = (tmp_path / "t" / "p.md").read_text().splitlines()
-    assert sum(line.startswith("| ") for line in lines) == len(table) + 1

@@ -6,15 +6,19 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from regional_lv import aha
 from regional_lv.errors import InputError
 from regional_lv.inference.agreement import compare
-from regional_lv.inference.calibration import holm, tabulate, test_ranks
 from regional_lv.inference.choice import adopt, choose_final
 from regional_lv.inference.correlations import correlate, zone_correlation
+from regional_lv.inference.multiple_tests import holm
 from regional_lv.inference.noise_prior import count_outside
+from regional_lv.inference.rank_calibration import tabulate, test_ranks
 from regional_lv.inference.resimulation import summarise
 from regional_lv.inference.summaries import hpd_widths
+from regional_lv.inference.told_apart import stiffness
+from regional_lv.parameters import Parameterisation
+
+PARAMETERS = Parameterisation()
 
 test_ranks.__test__ = False  # a function of the library, no test
 
@@ -25,11 +29,11 @@ def test_zones_by_their_first_component():
     matrix[2, 3] = matrix[3, 2] = -0.6
     # a1 - b1 against a2 - b2, each of variance 2 - 2 r
     matrix[0, 2] = matrix[2, 0] = 0.5
-    found = zone_correlation(matrix)
+    found = zone_correlation(matrix, PARAMETERS)
     np.testing.assert_allclose(np.diag(found), 1.0)
     assert found[0, 1] == pytest.approx(0.5 / np.sqrt(3.6 * 3.2))
     matrix[2, 3] = matrix[3, 2] = 0.6  # now a2 + b2
-    assert zone_correlation(matrix)[0, 1] == pytest.approx(0.5 / np.sqrt(3.6 * 3.2))
+    assert zone_correlation(matrix, PARAMETERS)[0, 1] == pytest.approx(0.5 / np.sqrt(3.6 * 3.2))
 
 
 def test_zone_component_is_the_leading_eigenvector():
@@ -45,28 +49,30 @@ def test_zone_component_is_the_leading_eigenvector():
         weights[zone, here] = vector * np.sign(vector[0])
     projected = weights @ matrix @ weights.T
     scale = np.sqrt(projected.diagonal())
-    np.testing.assert_allclose(zone_correlation(matrix), projected / np.outer(scale, scale))
+    np.testing.assert_allclose(
+        zone_correlation(matrix, PARAMETERS), projected / np.outer(scale, scale)
+    )
 
 
 def test_correlations_and_their_errors_over_cases():
     rng = np.random.default_rng(2)
     draws = rng.normal(size=(30, 2000, 10))
     draws[:, :, 1] = -0.6 * draws[:, :, 0] + 0.8 * draws[:, :, 1]
-    between, zones = correlate(draws)
+    between, zones = correlate(draws, PARAMETERS)
     row = between.set_index(["parameter_1", "parameter_2"]).loc[("C_a_anterior", "C_b_anterior")]
     assert row["mean"] == pytest.approx(-0.6, abs=0.02) and row["cases"] == 30
     assert row["se"] == pytest.approx((1 - 0.36) / np.sqrt(2000 * 30), rel=0.4)
     assert len(zones) == 25
-    assert correlate(draws[:1])[0]["se"].isna().all()
+    assert correlate(draws[:1], PARAMETERS)[0]["se"].isna().all()
 
 
 def test_hpd_widths_of_stiff_zones_apart():
     rows = [
         {"case": str(case), "parameter": name, "zone": "septal", "hpd_width95": width}
         for case, width in enumerate((0.2, 0.4))
-        for name in aha.PARAMETERS
+        for name in PARAMETERS.names
     ]
-    table = hpd_widths(pd.DataFrame(rows))
+    table = hpd_widths(pd.DataFrame(rows), PARAMETERS)
     stiff = table[table["stiffened"]]
     assert stiff["parameter"].tolist() == ["C_a_septal", "C_b_septal", "all"]
     assert stiff["cases"].tolist() == [2, 2, 4]
@@ -84,14 +90,14 @@ def candidate(folder, name, coverage, upper, crps):
 
 
 def choose(folder, names, wanted="auto"):
-    return choose_final(
-        names,
+    choose_final(
         [folder / f"{name}.pt" for name in names],
         [folder / name / "test" / "coverage.csv" for name in names],
         wanted,
         folder / "final.pt",
         folder / "final.json",
     )
+    return json.loads((folder / "final.json").read_text())["final"]
 
 
 def test_the_rule(tmp_path):
@@ -120,18 +126,21 @@ def test_the_rule(tmp_path):
 def test_agreement_of_samplers():
     rng = np.random.default_rng(4)
     a, b = rng.normal(size=(2, 2, 4000, 10))
-    rows = pd.DataFrame(compare("7", a, b))
+    rows = pd.DataFrame(compare("7", a, b, PARAMETERS.names))
     assert rows["agrees"].all() and rows["monte_carlo_error"].between(0.01, 0.03).all()
     a[..., 0] += 0.3
     a[..., 1] *= 1.3
-    assert pd.DataFrame(compare("7", a, b))["agrees"].tolist() == [False] * 2 + [True] * 8
+    assert (
+        pd.DataFrame(compare("7", a, b, PARAMETERS.names))["agrees"].tolist()
+        == [False] * 2 + [True] * 8
+    )
 
 
 def ranks(shape, cases=400, draws=99):
     rng = np.random.default_rng(5)
     rows = [
         (str(i), name, int(rank), draws)
-        for name in aha.PARAMETERS
+        for name in PARAMETERS.names
         for i, rank in enumerate(np.floor(shape(rng.random(cases)) * (draws + 1)))
     ]
     return pd.DataFrame(rows, columns=["case", "parameter", "rank", "draws"])
@@ -139,7 +148,7 @@ def ranks(shape, cases=400, draws=99):
 
 def test_uniform_ranks_pass_and_others_do_not():
     table = test_ranks(ranks(lambda u: u), 1)
-    assert table["parameter"].tolist() == [*aha.PARAMETERS, "all"]
+    assert table["parameter"].tolist() == [*PARAMETERS.names, "all"]
     assert table["passed"].all()
     for wrong in (lambda u: u**1.3, lambda u: 0.5 + 0.35 * np.sign(u - 0.5) * abs(2 * u - 1)):
         assert not test_ranks(ranks(wrong), 1)["passed"].iloc[-1]
@@ -182,3 +191,82 @@ def test_errors_at_posterior_draws():
     assert table.loc["radial", "coverage95"] == 0.5
     assert table.loc["all", "draws"] == 1
     assert table.loc["all", "z_sd"] == pytest.approx(np.sqrt(10 / 3))
+
+
+# -------------------------------------------------------------------- other zones and factors
+
+SEGMENTS = Parameterisation({f"segment_{i:02d}": (i,) for i in range(1, 18)}, factors=("C_a",))
+WHOLE = Parameterisation({"whole": range(1, 18)}, law="guccione")
+
+
+def correlations(size: int, seed: int) -> np.ndarray:
+    half = np.random.default_rng(seed).normal(size=(size, 2 * size))
+    return np.corrcoef(half)
+
+
+def test_zones_of_one_factor_are_that_factor():
+    matrix = correlations(17, 8)
+    np.testing.assert_allclose(zone_correlation(matrix, SEGMENTS), matrix)
+    draws = np.random.default_rng(9).normal(size=(2, 50, 17))
+    between, zones = correlate(draws, SEGMENTS)
+    np.testing.assert_allclose(between["mean"], zones["mean"])
+    assert zones["zone_1"].iloc[-1] == "segment_17"
+
+
+def test_one_zone_of_any_factors_correlates_with_itself():
+    assert len(WHOLE.zones) == 1
+    matrix = correlations(len(WHOLE), 10)
+    np.testing.assert_allclose(zone_correlation(matrix, WHOLE), [[1.0]])
+
+
+def test_components_of_more_factors_are_leading_eigenvectors():
+    class Three:
+        """Two zones of three factors, which no material law has yet."""
+
+        zones = ("a", "b")
+        blocks = (slice(0, 3), slice(3, 6))
+
+        def __len__(self):
+            return 6
+
+    matrix = correlations(6, 11)
+    found = zone_correlation(matrix, Three())
+    weights = np.zeros((2, 6))
+    for row, block in zip(weights, Three.blocks, strict=True):
+        vector = np.linalg.eigh(matrix[block, block])[1][:, -1]
+        row[block] = vector * np.sign(vector[0])
+    projected = weights @ matrix @ weights.T
+    scale = np.sqrt(projected.diagonal())
+    np.testing.assert_allclose(found, projected / np.outer(scale, scale), atol=1e-10)
+
+
+@pytest.mark.parametrize("parameters", [PARAMETERS, SEGMENTS, WHOLE])
+def test_stiffness_is_the_factors_and_their_geometric_mean(parameters):
+    theta = np.random.default_rng(12).uniform(0.2, 4.0, (3, 4, len(parameters)))
+    found, factors = stiffness(theta, parameters), len(parameters.factors)
+    assert found.shape == (3, 4, len(parameters.zones), factors + 1)
+    np.testing.assert_array_equal(found[..., :-1].reshape(theta.shape), theta)
+    np.testing.assert_allclose(found[..., -1], np.exp(np.log(found[..., :-1]).mean(-1)))
+
+
+def test_hpd_widths_of_zones_whose_names_have_underscores():
+    rows = [
+        {"case": "1", "parameter": name, "zone": "segment_03", "hpd_width95": 0.1}
+        for name in SEGMENTS.names
+    ]
+    table = hpd_widths(pd.DataFrame(rows), SEGMENTS)
+    assert table.loc[table["stiffened"], "parameter"].tolist() == ["C_a_segment_03", "all"]
+    assert table["zone"].tolist() == [*SEGMENTS.zones, "all", "all"]
+
+
+def test_errors_at_posterior_draws_of_other_quantities():
+    names = ["torsion_basal-apical", "volume_ml@0.5", "volume_ml"]
+    long = pd.DataFrame(
+        {
+            **{"case": "1", "draw": 3, "output": names, "mean": 1.0},
+            **{"simulator": [1.1, 3.0, 1.0], "z": [1.0, 2.0, 0.0]},
+        }
+    )
+    table = summarise(long, dict(zip(names, (0.1, 10.0, 10.0), strict=True)))
+    assert table["output"].tolist() == ["all", "torsion", "volume_ml"]
+    np.testing.assert_allclose(table["rmse_standardised"].iloc[1:], [1.0, 0.2 / np.sqrt(2)])

@@ -5,14 +5,20 @@ import pytest
 import torch
 from scipy.stats import qmc
 
-from regional_lv.kernel import joint_covariance
-from regional_lv.mechanics.predictor import Known, Predictor
+from regional_lv.derivative_kernel import joint_covariance
+from regional_lv.mechanics.predictor import (
+    Known,
+    Predictor,
+    load_predictors,
+    save_predictors,
+)
 
 rng = np.random.default_rng(3)
 # As in a ventricle, most of what moves comes from one zone, and a little from all others.
 MIXES = rng.normal(size=(6, 10)) / 10
 for zone in range(5):
     MIXES[zone, 2 * zone : 2 * zone + 2] *= 5
+BLOCKS = [slice(i, i + 2) for i in range(0, 10, 2)]
 SHAPES = rng.normal(size=(6, 300))
 
 
@@ -36,7 +42,7 @@ def anchors():
 
 @pytest.fixture(scope="module")
 def known(anchors):
-    found = Known(300)
+    found = Known(300, BLOCKS)
     for theta, value, tangents in zip(*anchors, strict=True):
         found.add(theta, value, tangents)
     return found
@@ -66,9 +72,9 @@ def test_other_fields_are_near(known, anchors):
 
 
 def test_the_compressed_predictor_says_the_same(known, anchors, tmp_path):
-    predictor = Predictor.fit(*anchors)
-    predictor.save(tmp_path / "predictor.npz")
-    again = Predictor.load(tmp_path / "predictor.npz")
+    predictor = Predictor.fit(*anchors, BLOCKS)
+    save_predictors({1.0: predictor}, tmp_path / "predictor.npz")
+    again = load_predictors(tmp_path / "predictor.npz")[1.0]
     for theta in points(4, seed=4):
         np.testing.assert_allclose(again.field(theta), known.field(theta), rtol=0, atol=1e-3)
 
@@ -88,7 +94,8 @@ def test_covariances_of_gradients_are_derivatives_of_the_kernel():
         1e-5,
     )
     scales = np.array(scales)
-    exact = joint_covariance(x, y, scales, alpha)
+    blocks = [slice(0, 2), slice(2, 3)]
+    exact = joint_covariance(x, y, scales, alpha, blocks)
 
     def shifted(points, d, step):
         moved = points.copy()
@@ -96,7 +103,7 @@ def test_covariances_of_gradients_are_derivatives_of_the_kernel():
         return moved
 
     def value(a, b):
-        return joint_covariance(a, b, scales, alpha)[:2, :3]
+        return joint_covariance(a, b, scales, alpha, blocks)[:2, :3]
 
     for d in range(3):
         numeric = (value(shifted(x, d, h), y) - value(shifted(x, d, -h), y)) / (2 * h)
@@ -104,9 +111,9 @@ def test_covariances_of_gradients_are_derivatives_of_the_kernel():
         numeric = (value(x, shifted(y, d, h)) - value(x, shifted(y, d, -h))) / (2 * h)
         np.testing.assert_allclose(exact[:2, 3 * (d + 1) : 3 * (d + 2)], numeric, atol=1e-9)
     both = (
-        joint_covariance(shifted(x, 1, h), y, scales, alpha)
-        - joint_covariance(shifted(x, 1, -h), y, scales, alpha)
+        joint_covariance(shifted(x, 1, h), y, scales, alpha, blocks)
+        - joint_covariance(shifted(x, 1, -h), y, scales, alpha, blocks)
     )[:2, 3 * 3 : 3 * 4] / (2 * h)
     np.testing.assert_allclose(exact[2 * 2 : 2 * 3, 3 * 3 : 3 * 4], both, atol=1e-9)
-    tensors = joint_covariance(*(torch.as_tensor(a) for a in (x, y, scales)), alpha)
+    tensors = joint_covariance(*(torch.as_tensor(a) for a in (x, y, scales)), alpha, blocks)
     np.testing.assert_allclose(tensors.numpy(), exact, rtol=1e-14)

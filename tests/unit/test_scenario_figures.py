@@ -9,24 +9,28 @@ import pytest
 import xarray as xr
 from matplotlib.image import imread
 
-from regional_lv import aha
-from regional_lv.figures import (
+from regional_lv.channels import Channels
+from regional_lv.parameters import Parameterisation
+from regional_lv.plots import (
     bullseye_map,
     correlations,
     emulator_traces,
     hpd_widths,
     map_errors,
     noise_prior,
+    resimulation,
     roc,
+    sampler_agreement,
     sbc,
     scenarios,
     strain_field,
     style,
-    trust,
     uncertainty,
+    zone_correlations,
 )
 from regional_lv.tables import posteriors, subjects, writing
 
+PARAMETERS, CHANNELS = Parameterisation(), Channels.of()
 FAILED = "failed: bulk ESS 40 < 400"
 LOCAL = {"local, μ = 1.5": 1.5, "local, μ = 2": 2.0, "local, μ = 3": 3.0}
 
@@ -50,6 +54,12 @@ def paths(tmp_path):
     return tmp_path / "one.png", tmp_path / "one.csv"
 
 
+def table_of(make, tmp_path, *arguments) -> pd.DataFrame:
+    """What a function that writes a table has written."""
+    make(*arguments, csv=tmp_path / "made.csv", tex=tmp_path / "made.tex")
+    return pd.read_csv(tmp_path / "made.csv")
+
+
 def read(paths) -> pd.DataFrame:
     png, csv = paths
     assert np.ptp(imread(png)[..., :3]) > 0.5
@@ -60,9 +70,13 @@ def recovered(path, mu, per_zone=2, noise=0.05, seed=0, failed=(), kind="local")
     """A `recovery.csv` of a scenario in which one zone after the other has factors about `mu`."""
     rng = np.random.default_rng(seed)
     rows = []
-    stiff = [z for z in aha.ZONES for _ in range(per_zone)] if kind == "local" else ["all"] * 4
+    stiff = (
+        [z for z in PARAMETERS.zone_names for _ in range(per_zone)]
+        if kind == "local"
+        else ["all"] * 4
+    )
     for case, zone in enumerate(stiff):
-        for name in aha.PARAMETERS:
+        for name in PARAMETERS.names:
             centre = mu if zone in ("all", name[4:]) else 1.0
             truth = max(centre + 0.05 * rng.normal(), 0.1)
             found = truth + noise * rng.normal()
@@ -86,7 +100,7 @@ def local_sets(tmp_path):
 def test_sets_know_their_stiffened_zone(tmp_path):
     local = recovered(tmp_path / "a.csv", 2.0)
     everywhere = recovered(tmp_path / "b.csv", 1.7, kind="global")
-    table = scenarios.read_sets([local, everywhere], ["a", "b"])
+    table = scenarios.read_sets([local, everywhere], ["a", "b"], PARAMETERS)
     share = table.groupby("set")["stiffened"].mean()
     assert share["a"] == pytest.approx(0.2) and share["b"] == 1.0
     stiff = table[(table["set"] == "a") & table["stiffened"]]
@@ -95,7 +109,7 @@ def test_sets_know_their_stiffened_zone(tmp_path):
 
 @pytest.mark.parametrize(("zones", "truth"), [("stiffened", LOCAL), ("baseline", 1.0)])
 def test_bullseye_map(local_sets, paths, zones, truth, titles):
-    bullseye_map.draw(*local_sets, zones, "Local stiffening", *paths)
+    bullseye_map.draw(*local_sets, zones, "Local stiffening", PARAMETERS, *paths)
     table = read(paths)
     assert len(table) == 3 * 2 * 5
     for label, part in table.groupby("set"):
@@ -107,7 +121,7 @@ def test_bullseye_map(local_sets, paths, zones, truth, titles):
 
 def test_rmse_is_that_of_the_map(tmp_path):
     recovered(tmp_path / "a.csv", 2.0)
-    table = scenarios.read_sets([tmp_path / "a.csv"], ["a"])
+    table = scenarios.read_sets([tmp_path / "a.csv"], ["a"], PARAMETERS)
     table["map"] = table["truth"] + 0.3
     assert bullseye_map.summarise(table)["rmse"].to_numpy() == pytest.approx(0.3)
 
@@ -117,7 +131,7 @@ def test_map_errors(local_sets, tmp_path, paths, titles):
     noisy = [
         recovered(tmp_path / f"noisy-{mu}.csv", mu, noise=0.4, failed=(1,)) for mu in LOCAL.values()
     ]
-    map_errors.draw(recoveries, noisy, labels, *paths)
+    map_errors.draw(recoveries, noisy, labels, PARAMETERS, *paths)
     table = read(paths)
     by_noise = table.groupby("noise")["rmse"].mean()
     assert by_noise[scenarios.NOISE[1]] > 4 * by_noise[scenarios.NOISE[0]]
@@ -127,7 +141,7 @@ def test_map_errors(local_sets, tmp_path, paths, titles):
 
 def test_hpd_widths(local_sets, paths, titles):
     recoveries, labels = local_sets
-    hpd_widths.draw(recoveries, recoveries, labels, (0.1, 5.0), *paths)
+    hpd_widths.draw(recoveries, recoveries, labels, PARAMETERS, *paths)
     table = read(paths).set_index(["noise", "set", "parameters"])
     raw = pd.read_csv(recoveries[2])["hpd_width95"]
     mine = table.loc[(scenarios.NOISE[0], labels[2], "all parameters")]
@@ -146,20 +160,20 @@ def correlation_table(path, what, names, value):
 
 def test_zone_correlations(tmp_path, paths):
     files = [
-        correlation_table(tmp_path / f"{at}.csv", "zone", aha.ZONES, value)
+        correlation_table(tmp_path / f"{at}.csv", "zone", PARAMETERS.zone_names, value)
         for at, value in enumerate((-0.6, 0.1))
     ]
     recovery = recovered(tmp_path / "r.csv", 2.0)
-    correlations.draw_zones(files, [recovery] * 2, ["a", "b"], "Zones", *paths)
+    zone_correlations.draw(files, [recovery] * 2, ["a", "b"], "Zones", PARAMETERS, *paths)
     table = read(paths)
     off = table[table["zone_1"] != table["zone_2"]].groupby("set")["mean"].mean()
     assert off["a"] == pytest.approx(-0.6) and off["b"] == pytest.approx(0.1)
 
 
 def test_parameter_correlations(tmp_path, paths, titles):
-    file = correlation_table(tmp_path / "c.csv", "parameter", aha.PARAMETERS, -0.3)
+    file = correlation_table(tmp_path / "c.csv", "parameter", PARAMETERS.names, -0.3)
     recovery = recovered(tmp_path / "r.csv", 2.0, failed=(0, 1))
-    correlations.draw_parameters(file, recovery, "local, μ = 2", *paths)
+    correlations.draw(file, recovery, "local, μ = 2", PARAMETERS, *paths)
     assert len(read(paths)) == 100
     assert "7 cases" in titles[0] and "2 OF 10 POSTERIORS FAILED" in titles[0]
 
@@ -168,7 +182,7 @@ def test_roc(tmp_path, paths):
     rows = [
         (quantity, zone, 0.5, x, x**power)
         for quantity, power in (("C_a", 0.2), ("C_b", 0.6), ("both", 0.1))
-        for zone in ("all", *aha.ZONES)
+        for zone in ("all", *PARAMETERS.zone_names)
         for x in (0.0, 0.25, 0.5, 1.0)
     ]
     columns = ["quantity", "zone", "threshold", "false_positive_rate", "true_positive_rate"]
@@ -178,7 +192,7 @@ def test_roc(tmp_path, paths):
     area.to_csv(tmp_path / "auc.csv", index=False)
     recovery = recovered(tmp_path / "r.csv", 2.0)
     files = [[tmp_path / "roc.csv"] * 4, [tmp_path / "auc.csv"] * 4, [recovery] * 4]
-    roc.draw(*files, ["a", "b"], *paths)
+    roc.draw(*files, ["a", "b"], PARAMETERS, *paths)
     table = read(paths)
     assert len(table) == 4 * len(rows)
     assert set(table["noise"]) == set(scenarios.NOISE) and (table["auc"] == 0.9).all()
@@ -186,7 +200,7 @@ def test_roc(tmp_path, paths):
 
 @pytest.mark.parametrize("passed", [True, False])
 def test_sbc(tmp_path, paths, titles, passed):
-    names = [*aha.PARAMETERS, "all"]
+    names = [*PARAMETERS.names, "all"]
     rows = [
         (name, 99, 40, b, 10 * b, 10 * b + 9, 4 * times, 4.0 * times)
         for name in names
@@ -202,7 +216,7 @@ def test_sbc(tmp_path, paths, titles, passed):
     )
     (tmp_path / "final.json").write_text('{"final": "exact_gp"}')
     files = [tmp_path / name for name in ("sbc.csv", "test.csv", "final.json")]
-    sbc.draw(*files, *paths)
+    sbc.draw(*files, PARAMETERS, *paths)
     table = read(paths)
     assert (
         (table["band_lower"] < table["expected"]) & (table["expected"] < table["band_upper"])
@@ -218,7 +232,7 @@ def noise_table(tmp_path):
         for name, value in (
             ("sigma_circumferential", scale),
             ("sigma_radial", 1.2 * scale),
-            *((p, 1.0) for p in aha.PARAMETERS),
+            *((p, 1.0) for p in PARAMETERS.names),
         )
     ]
     columns = "prior_scale parameter median lower95 upper95 outside outputs verdict".split()
@@ -226,10 +240,10 @@ def noise_table(tmp_path):
     return tmp_path / "noise.csv"
 
 
-def test_noise_prior(noise_table, paths):
-    noise_prior.draw(noise_table, "volunteer", "published_volunteer", *paths)
+def test_noise_prior(noise_table, tmp_path, paths):
+    noise_prior.draw(noise_table, "volunteer", "published_volunteer", PARAMETERS, *paths)
     assert read(paths)["width95"].to_numpy() == pytest.approx(0.2)
-    table = subjects.noise_prior(noise_table)
+    table = table_of(subjects.noise_prior, tmp_path, noise_table)
     assert list(table["outside"]) == [9, 3, 1]
     assert table["sigma_radial"].to_numpy() == pytest.approx([0.06, 0.36, 1.2])
 
@@ -241,9 +255,9 @@ def shortlisted(tmp_path):
     files = {"coverage": {}, "errors": {}, "diagnostics": {}, "posteriors": {}}
     truth = rng.uniform(0.5, 2.0, (4, 10))
     for emulator, spread in (("exact_gp", 0.05), ("dnn", 0.2)):
-        folder = tmp_path / emulator
-        folder.mkdir()
-        table = pd.DataFrame({"parameter": [*aha.PARAMETERS, "all"], "cases": 4, "failed": 1})
+        folder = tmp_path / emulator / "test"
+        folder.mkdir(parents=True)
+        table = pd.DataFrame({"parameter": [*PARAMETERS.names, "all"], "cases": 4, "failed": 1})
         for level in (50, 80, 95):
             table[f"coverage{level}"] = level / 100
             table[f"coverage{level}_lower"] = level / 100 - 0.1
@@ -258,7 +272,7 @@ def shortlisted(tmp_path):
             [
                 (c, name, 1.0 + 0.001 * c, 900.0, 800.0, 0, verdict == "passed", verdict)
                 for c, verdict in enumerate(verdicts)
-                for name in aha.PARAMETERS
+                for name in PARAMETERS.names
             ],
             columns="case parameter rhat ess_bulk ess_tail divergences passed verdict".split(),
         )
@@ -269,7 +283,7 @@ def shortlisted(tmp_path):
         for batch in (0, 1):
             cases = [2 * batch, 2 * batch + 1]
             draws = truth[cases] + spread * rng.normal(size=(2, 60, 2, 10))
-            names = {"case": [str(c) for c in cases], "parameter": list(aha.PARAMETERS)}
+            names = {"case": [str(c) for c in cases], "parameter": list(PARAMETERS.names)}
             path = folder / f"batch-{batch}.nc"
             az.InferenceData(
                 posterior=xr.Dataset(
@@ -284,10 +298,8 @@ def shortlisted(tmp_path):
 
 
 def test_uncertainty(shortlisted, paths, titles):
-    emulators = list(shortlisted["coverage"])
-    uncertainty.draw(
-        [*shortlisted["coverage"].values()], [*shortlisted["errors"].values()], emulators, *paths
-    )
+    files = ([*shortlisted[kind].values()] for kind in ("coverage", "errors"))
+    uncertainty.draw(*files, PARAMETERS, *paths)
     table = read(paths).set_index(["panel", "emulator", "item"]).sort_index()
     assert table.loc[("coverage", "dnn", "all"), "value"].item() == pytest.approx(0.95)
     assert table.loc[("crps", "exact_gp", "2"), "value"].item() == 0.2
@@ -295,7 +307,8 @@ def test_uncertainty(shortlisted, paths, titles):
 
 
 def test_emulator_traces_show_the_middle_case(shortlisted, paths, titles):
-    posteriors, diagnostics = shortlisted["posteriors"], shortlisted["diagnostics"]
+    posteriors = [path for paths in shortlisted["posteriors"].values() for path in paths]
+    diagnostics = [*shortlisted["diagnostics"].values()]
     errors = shortlisted["errors"]["exact_gp"]
     shown = ("C_a_anterior", "C_b_anterior")
     emulator_traces.draw(errors, posteriors, diagnostics, shown, *paths)
@@ -313,8 +326,10 @@ def test_emulator_traces_show_the_middle_case(shortlisted, paths, titles):
 # Tables
 
 
-def test_variance_ratios(shortlisted):
-    table = posteriors.variance_ratios(shortlisted["coverage"]).set_index("parameter")
+def test_variance_ratios(shortlisted, tmp_path):
+    files = [*shortlisted["coverage"].values()]
+    table = table_of(posteriors.variance_ratios, tmp_path, files, PARAMETERS)
+    table = table.set_index("parameter")
     assert list(table.columns) == ["exact_gp", "dnn", "failed"]
     assert table.loc["C_b_apical", "dnn"] == pytest.approx(0.4)
     assert (table["failed"] == 2).all()
@@ -326,36 +341,39 @@ def test_convergence_tells_three_rhats(tmp_path):
     drift = np.linspace(-1, 1, 200)[:, None, None]
     theta = rng.normal(size=(2, 200, 1, 10))
     theta[..., 0:1] = drift + 0.1 * theta[..., 0:1]
-    names = {"case": ["heart"], "parameter": list(aha.PARAMETERS)}
+    names = {"case": ["heart"], "parameter": list(PARAMETERS.names)}
     az.InferenceData(
         posterior=xr.Dataset({"theta": (("chain", "draw", "case", "parameter"), theta)}, names)
     ).to_netcdf(str(tmp_path / "h.nc"))
     pd.DataFrame(
-        [("heart", name, 1.5, 50.0, 60.0, 0, False, FAILED) for name in aha.PARAMETERS],
+        [("heart", name, 1.5, 50.0, 60.0, 0, False, FAILED) for name in PARAMETERS.names],
         columns="case parameter rhat ess_bulk ess_tail divergences passed verdict".split(),
     ).to_csv(tmp_path / "h.csv", index=False)
-    table = subjects.convergence(tmp_path / "h.nc", tmp_path / "h.csv").set_index("parameter")
+    files = tmp_path / "h.nc", tmp_path / "h.csv"
+    table = table_of(subjects.convergence, tmp_path, *files).set_index("parameter")
     assert table.loc["C_a_anterior", "rhat"] < 1.05 < 1.5 < table.loc["C_a_anterior", "split_rhat"]
     assert table["split_rhat"].iloc[1:].max() < 1.05
     assert set(table["verdict"]) == {FAILED}
 
 
 def test_scenario_table(shortlisted, tmp_path):
-    recovery = recovered(tmp_path / "r.csv", 2.0)
+    coverage = []
+    for name in ("test", "local"):
+        (tmp_path / "final" / name).mkdir(parents=True)
+        coverage.append(tmp_path / "final" / name / "coverage.csv")
+        coverage[-1].write_bytes(shortlisted["coverage"]["exact_gp"].read_bytes())
+    auc, recovery = (tmp_path / "final" / "local" / f"{n}.csv" for n in ("auc", "recovery"))
+    recovered(recovery, 2.0)
     pd.DataFrame(
         {"quantity": ["C_a", "both"], "zone": "all", "auc": [0.7, 0.9]}
         | {"auc_lower": 0.6, "auc_upper": 0.95}
-    ).to_csv(tmp_path / "auc.csv", index=False)
-    test = pd.read_csv(recovery).assign(zone=np.nan)
-    test.to_csv(tmp_path / "test.csv", index=False)
-    coverage = shortlisted["coverage"]["exact_gp"]
-    table = posteriors.scenarios(
-        {"test set": coverage, "local": coverage},
-        {"local": tmp_path / "auc.csv"},
-        {"test set": tmp_path / "test.csv", "local": recovery},
-    ).set_index("set")
-    assert table.loc["local", "auc"] == 0.9 and np.isnan(table.loc["test set", "auc"])
-    assert np.isnan(table.loc["test set", "map_rmse_stiffened"])
+    ).to_csv(auc, index=False)
+    test = tmp_path / "final" / "test" / "recovery.csv"
+    pd.read_csv(recovery).assign(zone=np.nan).to_csv(test, index=False)
+    files = coverage, [auc], [test, recovery]
+    table = table_of(posteriors.scenarios, tmp_path, *files, PARAMETERS).set_index("set")
+    assert table.loc["local", "auc"] == 0.9 and np.isnan(table.loc["test", "auc"])
+    assert np.isnan(table.loc["test", "map_rmse_stiffened"])
     assert table.loc["local", "map_rmse_stiffened"] == pytest.approx(0.05, abs=0.03)
     assert table.loc["local", "map_rmse"] == pytest.approx(0.2)
 
@@ -363,7 +381,7 @@ def test_scenario_table(shortlisted, tmp_path):
 def test_choice(tmp_path):
     candidates = [{"emulator": "mvgp", "crps": 0.1}, {"emulator": "dnn", "crps": 0.2}]
     (tmp_path / "f.json").write_text(json.dumps({"final": "mvgp", "candidates": candidates}))
-    table = posteriors.choice(tmp_path / "f.json")
+    table = table_of(posteriors.choice, tmp_path, tmp_path / "f.json")
     assert list(table["chosen"]) == [True, False]
 
 
@@ -393,22 +411,22 @@ def test_resimulation(tmp_path, paths, titles):
         (case, draw, output, 0.0, 1.0, z, z, case == 1)
         for case in (0, 1)
         for draw in range(3)
-        for output, z in zip(aha.OUTPUTS, rng.normal(size=52), strict=True)
+        for output, z in zip(CHANNELS.names, rng.normal(size=52), strict=True)
     ]
     columns = "case draw output mean sd simulator z outside".split()
     pd.DataFrame(rows, columns=columns).to_csv(tmp_path / "r.csv", index=False)
-    trust.draw_resimulation(tmp_path / "r.csv", *paths)
+    resimulation.draw(tmp_path / "r.csv", *paths)
     assert read(paths)["quantity"].value_counts()["radial"] == 6 * 17
     assert titles[0] == "Simulator at 6 posterior draws of 2 cases; 3 draws far from the design"
 
 
 def test_agreement(tmp_path, paths, titles):
-    rows = [(c, n, 0.05 * c, 1.0, c < 4) for c in range(5) for n in aha.PARAMETERS]
+    rows = [(c, n, 0.05 * c, 1.0, c < 4) for c in range(5) for n in PARAMETERS.names]
     columns = "case parameter mean_difference_in_sd sd_ratio agrees".split()
     pd.DataFrame(rows, columns=columns).to_csv(tmp_path / "a.csv", index=False)
-    trust.draw_agreement(tmp_path / "a.csv", *paths)
+    sampler_agreement.draw(tmp_path / "a.csv", PARAMETERS, *paths)
     assert len(read(paths)) == 50
     assert "5 cases: 80 % agree" in titles[0]
     pd.DataFrame(columns=columns).to_csv(tmp_path / "a.csv", index=False)
-    trust.draw_agreement(tmp_path / "a.csv", *paths)
+    sampler_agreement.draw(tmp_path / "a.csv", PARAMETERS, *paths)
     assert "0 cases: none passed its gate" in titles[1]

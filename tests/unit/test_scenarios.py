@@ -4,8 +4,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from regional_lv import aha
-from regional_lv.design import draw_scenario, scenario_size
+from regional_lv.channels import Channels
+from regional_lv.design import draw_scenario, scenario_size, write_scenario
 from regional_lv.inference.sampling import add_noise
 from regional_lv.inference.told_apart import (
     area,
@@ -15,19 +15,21 @@ from regional_lv.inference.told_apart import (
     roc_curve,
     stiffness,
 )
+from regional_lv.parameters import Parameterisation
 
+PARAMETERS, CHANNELS = Parameterisation(), Channels.of()
 HEALTHY = {"mean": 1.0, "sd": 0.05}
 LOCAL = {"kind": "local", "mu": 2.0, "sd": 0.5, "samples_per_zone": 200, "samples": 100}
 GLOBAL = LOCAL | {"kind": "global", "mu": 1.7}
 
 
 def test_one_zone_is_stiff():
-    table = draw_scenario("s", LOCAL, HEALTHY, 0.1, 5.0, 1)
-    assert len(table) == scenario_size(LOCAL) == 1000
-    assert table["zone"].value_counts().to_dict() == dict.fromkeys(aha.ZONES, 200)
+    table = draw_scenario("s", LOCAL, HEALTHY, PARAMETERS, 1)
+    assert len(table) == scenario_size(LOCAL, PARAMETERS) == 1000
+    assert table["zone"].value_counts().to_dict() == dict.fromkeys(PARAMETERS.zone_names, 200)
     for zone, part in table.groupby("zone"):
         stiff = [f"{c}_{zone}" for c in ("C_a", "C_b")]
-        healthy = [name for name in aha.PARAMETERS if name not in stiff]
+        healthy = [name for name in PARAMETERS.names if name not in stiff]
         # Standard deviations, not variances.
         assert part[stiff].to_numpy().std() == pytest.approx(0.5, rel=0.1)
         assert part[stiff].to_numpy().mean() == pytest.approx(2.0, abs=0.1)
@@ -37,34 +39,48 @@ def test_one_zone_is_stiff():
 
 def test_all_zones_are_stiff_and_stay_within_the_bounds():
     wide = GLOBAL | {"sd": 2.0}
-    table = draw_scenario("s", wide, HEALTHY, 0.1, 5.0, 1)
-    values = table[list(aha.PARAMETERS)].to_numpy()
+    table = draw_scenario("s", wide, HEALTHY, PARAMETERS, 1)
+    values = table[list(PARAMETERS.names)].to_numpy()
     assert len(table) == 100 and (table["zone"] == "all").all()
     assert values.min() > 0.1 and values.max() < 5.0
-    again = draw_scenario("s", wide, HEALTHY, 0.1, 5.0, 1)
+    again = draw_scenario("s", wide, HEALTHY, PARAMETERS, 1)
     pd.testing.assert_frame_equal(table, again)
-    assert not draw_scenario("t", wide, HEALTHY, 0.1, 5.0, 1)["C_a_apical"].equals(
+    assert not draw_scenario("t", wide, HEALTHY, PARAMETERS, 1)["C_a_apical"].equals(
         table["C_a_apical"]
     )
+
+
+def test_scenarios_of_other_zones_and_factors(tmp_path):
+    zones = {"free": [1, 4, 5, 6, 7, 10, 11, 12, 13, 15, 16, 17], "septal": [2, 3, 8, 9, 14]}
+    two = Parameterisation(zones, law="guccione", bounds={"C_c": (0.1, 5.0), "C_b": (0.9, 2.5)})
+    write_scenario("s", LOCAL, HEALTHY, two, 1, tmp_path / "s.parquet")
+    table = pd.read_parquet(tmp_path / "s.parquet")
+    assert len(table) == scenario_size(LOCAL, two) == 400
+    assert list(table) == ["sample", "scale", *two.names, "zone"]
+    for zone in zones:
+        mine, other = table[table["zone"] == zone], table[table["zone"] != zone]
+        assert mine[f"C_c_{zone}"].mean() == pytest.approx(2.0, abs=0.1)
+        assert mine[f"C_b_{zone}"].between(0.9, 2.5).all() and mine[f"C_b_{zone}"].max() > 2.3
+        assert other[f"C_c_{zone}"].mean() == pytest.approx(1.0, abs=0.02)
 
 
 def test_noise_of_a_twin():
     noise = {"volume": 2.0, "circumferential": 0.02, "radial": 0.05, "longitudinal": None}
     y = np.zeros((300, 52))
     samples = [str(i) for i in range(300)]
-    noisy, sd = add_noise(y, samples, noise, 1, "s-noisy")
-    assert len(sd) == 35
+    noisy, sd = add_noise(y, CHANNELS, samples, noise, 1, "s-noisy")
+    assert len(sd) == 52 and np.isfinite(sd).sum() == 35
     for direction, expected in (("circumferential", 0.02), ("radial", 0.05), ("longitudinal", 0)):
-        here = [name.startswith(direction) for name in aha.OUTPUTS]
+        here = [name.startswith(direction) for name in CHANNELS.names]
         assert noisy[:, here].std() == pytest.approx(expected, rel=0.05, abs=1e-12)
     assert noisy[:, 0].std() == pytest.approx(2.0, rel=0.15)
-    alone, _ = add_noise(y[7:8], ["7"], noise, 1, "s-noisy")
+    alone, _ = add_noise(y[7:8], CHANNELS, ["7"], noise, 1, "s-noisy")
     np.testing.assert_array_equal(alone[0], noisy[7])
 
 
 def test_stiffness_of_the_zones():
     theta = np.arange(1.0, 11.0)
-    found = stiffness(theta[None])[0]
+    found = stiffness(theta[None], PARAMETERS)[0]
     np.testing.assert_allclose(found[1], [3.0, 4.0, np.sqrt(12.0)])
 
 
@@ -93,7 +109,7 @@ def told_apart(stiffened, probability, path):
     rows = [
         {"case": str(i), "zone": zone, "quantity": q, "stiffened": s, "probability": p}
         for i, (s, p) in enumerate(zip(stiffened, probability, strict=True))
-        for zone in aha.ZONES
+        for zone in PARAMETERS.zone_names
         for q in ("C_a", "C_b", "both")
     ]
     pd.DataFrame(rows).to_csv(path, index=False)

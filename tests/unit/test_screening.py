@@ -4,37 +4,39 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from regional_lv import aha
+from regional_lv.channels import Channels
 from regional_lv.design import make_design
 from regional_lv.errors import InputError
 from regional_lv.mechanics.continuation import Simulation
-from regional_lv.screening import screen
+from regional_lv.parameters import Parameterisation
+from regional_lv.screening import screen, screen_simulations
 from regional_lv.simulations import tabulate
 
-DESIGN = {"lower": 0.1, "upper": 5.0, "natural": 6, "log": 2, "test": 2}
+PARAMETERS, CHANNELS = Parameterisation(), Channels.of()
+DESIGN = {"natural": 6, "log": 2, "test": 2}
 
 
 def batches(folder, failing):
-    train = make_design(DESIGN, seed=1)["train"]
+    train = make_design(DESIGN, PARAMETERS, seed=1)["train"]
     paths = []
     for start in (4, 0):  # the order of batches must not matter
         rows = train.iloc[start : start + 4]
         results = []
         for sample in rows["sample"]:
-            theta = rows.loc[sample, list(aha.PARAMETERS)].to_numpy(dtype=float)
+            theta = rows.loc[sample, list(PARAMETERS.names)].to_numpy(dtype=float)
             if sample in failing:
                 results.append(Simulation(theta, "failed", "at 3.000 mmHg: no way", 3.0, 40, 2.0))
             else:
                 values, slopes = np.full(52, float(sample)), np.zeros((52, 10))
                 results.append(Simulation(theta, "converged", "", 8.0, 5, 0.5, values, slopes))
         path = folder / f"batch-{start}.parquet"
-        tabulate(rows, results).to_parquet(path, index=False)
+        tabulate(rows, results, CHANNELS).to_parquet(path, index=False)
         paths.append(path)
     return paths
 
 
 def test_failures_are_listed_with_reason_and_place(tmp_path):
-    kept, excluded, summary = screen(batches(tmp_path, failing={5}), 0.1, 5.0)
+    kept, excluded, summary = screen(batches(tmp_path, failing={5}), PARAMETERS, CHANNELS)
     assert kept["sample"].tolist() == [0, 1, 2, 3, 4, 6, 7]
     assert kept["volume_ml"].tolist() == [0, 1, 2, 3, 4, 6, 7]
     assert kept["sensitivity"].map(len).eq(520).all()
@@ -48,7 +50,7 @@ def test_failures_are_listed_with_reason_and_place(tmp_path):
 
 def test_nothing_converged_is_an_error_with_a_remedy(tmp_path):
     with pytest.raises(InputError, match=r"none of 8 simulations converged.*material"):
-        screen(batches(tmp_path, failing=set(range(8))), 0.1, 5.0)
+        screen(batches(tmp_path, failing=set(range(8))), PARAMETERS, CHANNELS)
 
 
 def test_not_finite_outputs_do_not_pass(tmp_path):
@@ -56,5 +58,14 @@ def test_not_finite_outputs_do_not_pass(tmp_path):
     table = pd.read_parquet(paths[0])
     table.loc[0, "radial_03"] = np.nan
     table.to_parquet(paths[0], index=False)
-    kept, excluded, _ = screen(paths, 0.1, 5.0)
+    kept, excluded, _ = screen(paths, PARAMETERS, CHANNELS)
     assert len(kept) == 7 and len(excluded) == 1
+
+
+def test_tables_are_written(tmp_path):
+    files = [tmp_path / name for name in ("kept.parquet", "excluded.csv", "summary.csv")]
+    screen_simulations(batches(tmp_path, failing={2}), PARAMETERS, CHANNELS, *files)
+    assert len(pd.read_parquet(files[0])) == 7 and len(pd.read_csv(files[1])) == 1
+    summary = pd.read_csv(files[2])
+    assert summary.loc[0, "volume_ml_max"] == 7
+    assert not [name for name in summary if "radial" in name]

@@ -5,17 +5,20 @@ import pandas as pd
 import pytest
 
 from regional_lv import aha, config
+from regional_lv.channels import Channels
 from regional_lv.errors import InputError
+from regional_lv.parameters import Parameterisation
 from regional_lv.simulation_tables import import_simulations, read_tables, split
 
+PARAMETERS, CHANNELS = Parameterisation(), Channels.of()
 ROWS = 30
 
 
 @pytest.fixture
 def simulations():
     rng = np.random.default_rng(1)
-    theta = pd.DataFrame(rng.uniform(0.1, 5.0, (ROWS, 10)), columns=list(aha.PARAMETERS))
-    y = pd.DataFrame(rng.normal(size=(ROWS, 52)), columns=list(aha.OUTPUTS))
+    theta = pd.DataFrame(rng.uniform(0.1, 5.0, (ROWS, 10)), columns=list(PARAMETERS.names))
+    y = pd.DataFrame(rng.normal(size=(ROWS, 52)), columns=list(CHANNELS.names))
     return theta, y
 
 
@@ -35,7 +38,7 @@ def published_order(y: pd.DataFrame) -> pd.DataFrame:
     names = [f"{level} {wall}" for level in ("basal", "mid") for wall in rings]
     names += [f"apical {wall}" for wall in ("septal", "anterior", "lateral", "inferior")] + ["apex"]
     number = {segment.name: segment.number for segment in aha.SEGMENTS}
-    strains = [f"{d}_{number[name]:02d}" for d in aha.DIRECTIONS for name in names]
+    strains = [f"{d}_{number[name]:02d}" for d in CHANNELS.quantities[1:] for name in names]
     return y[["volume_ml", *strains]]
 
 
@@ -44,7 +47,7 @@ def test_named_columns_in_any_order_and_with_others(tmp_path, simulations):
     both = pd.concat([y[y.columns[::-1]], theta], axis=1).assign(note="x")
     for path in (tmp_path / "both.parquet", tmp_path / "both.csv"):
         both.to_parquet(path) if path.suffix == ".parquet" else both.to_csv(path, index=False)
-        table = read_tables(path, path, 0.1, 5.0)
+        table = read_tables(path, path, PARAMETERS, CHANNELS)
         assert table["sample"].tolist() == list(range(ROWS))
         np.testing.assert_allclose(table[theta.columns], theta)
         np.testing.assert_allclose(table[y.columns], y)
@@ -55,7 +58,7 @@ def test_published_order_without_header(tmp_path, simulations):
     theta, y = simulations
     theta.to_csv(tmp_path / "x.csv", index=False, header=False)
     published_order(y).to_csv(tmp_path / "y.csv", index=False, header=False)
-    table = read_tables(tmp_path / "x.csv", tmp_path / "y.csv", 0.1, 5.0)
+    table = read_tables(tmp_path / "x.csv", tmp_path / "y.csv", PARAMETERS, CHANNELS)
     np.testing.assert_allclose(table[theta.columns], theta)
     np.testing.assert_allclose(table[y.columns], y)
 
@@ -65,8 +68,27 @@ def test_sensitivities_come_along(tmp_path, simulations):
     y = y.assign(sensitivity=[np.full(520, float(i)) for i in range(ROWS)])
     theta.to_parquet(tmp_path / "x.parquet")
     y.to_parquet(tmp_path / "y.parquet")
-    table = read_tables(tmp_path / "x.parquet", tmp_path / "y.parquet", 0.1, 5.0)
+    table = read_tables(tmp_path / "x.parquet", tmp_path / "y.parquet", PARAMETERS, CHANNELS)
     assert table["sensitivity"].map(lambda s: s[0]).tolist() == list(range(ROWS))
+
+
+def test_any_parameters_and_channels_by_name(tmp_path, simulations):
+    parameters = Parameterisation({"all": range(1, 18)}, bounds={"C_a": (0.1, 5), "C_b": (1, 2)})
+    channels = Channels.of(["volume", "torsion"], load_fractions=[0.5])
+    rng = np.random.default_rng(2)
+    theta = pd.DataFrame(rng.uniform(1, 2, (ROWS, 2)), columns=list(parameters.names))
+    y = pd.DataFrame(rng.normal(size=(ROWS, 4)), columns=list(channels.names))
+    both = pd.concat([y.assign(sensitivity=[np.zeros(8)] * ROWS), theta], axis=1)
+    both.to_parquet(tmp_path / "both.parquet")
+    table = read_tables(*[tmp_path / "both.parquet"] * 2, parameters, channels)
+    assert list(table) == ["sample", *parameters.names, *channels.names, "sensitivity"]
+    np.testing.assert_allclose(table[list(channels.names)], y)
+    both.assign(C_b_all=3.0).to_parquet(tmp_path / "far.parquet")
+    with pytest.raises(InputError, match=r"row 1, C_b_all: 3 lies outside \[1, 2\]"):
+        read_tables(*[tmp_path / "far.parquet"] * 2, parameters, channels)
+    theta.to_csv(tmp_path / "x.csv", index=False, header=False)
+    with pytest.raises(InputError, match=r"x\.csv: has no header, and the published order is that"):
+        read_tables(tmp_path / "x.csv", tmp_path / "both.parquet", parameters, channels)
 
 
 def spoil(table: pd.DataFrame, row: int, column: str, value) -> pd.DataFrame:
@@ -112,17 +134,17 @@ def test_mistakes_name_file_row_and_remedy(mistake, simulations, files):
     for table, path in zip(tables, files, strict=True):
         table.to_csv(path, index=False, header=header)
     with pytest.raises(InputError) as error:
-        read_tables(*files, 0.1, 5.0)
+        read_tables(*files, PARAMETERS, CHANNELS)
     for words in said:
         assert words in str(error.value)
 
 
 def test_files_that_are_no_tables(tmp_path, files):
     with pytest.raises(InputError, match=r"none\.csv"):
-        read_tables(tmp_path / "none.csv", files[1], 0.1, 5.0)
+        read_tables(tmp_path / "none.csv", files[1], PARAMETERS, CHANNELS)
     (tmp_path / "odd.csv").write_text("1,2\n1,2,3\n")
     with pytest.raises(InputError, match="as many cells in every row"):
-        read_tables(tmp_path / "odd.csv", files[1], 0.1, 5.0)
+        read_tables(tmp_path / "odd.csv", files[1], PARAMETERS, CHANNELS)
 
 
 def test_split_holds_out_the_same_rows_whatever_is_kept():
@@ -136,7 +158,7 @@ def test_split_holds_out_the_same_rows_whatever_is_kept():
 
 
 def test_sets_are_written_in_the_screened_form(tmp_path, files):
-    common = ((0.1, 5.0), 3)
+    common = (PARAMETERS, CHANNELS, 3)
     for name in ("train", "test"):
         import_simulations(name, *files, False, 6, None, *common, tmp_path / f"{name}.parquet")
     train, test = (pd.read_parquet(tmp_path / f"{name}.parquet") for name in ("train", "test"))
@@ -186,6 +208,21 @@ CONFIG_MISTAKES = {
         "gradient_gp learns from sensitivities",
     ),
     "no such emulator": ({"emulators": {"names": ["exact_pg"]}}, "did you mean exact_gp"),
+    "published table of others": (
+        {
+            "parameters": {"zones": "whole"},
+            "simulations": {"tables": {"train": {"inputs": "published", "outputs": "published"}}},
+        },
+        "leave `parameters`, `observables` and `loading.frames` at their defaults",
+    ),
+    "other channels": (
+        {"loading": {"frames": [0.5]}},
+        "no column volume_ml@0.5, circumferential_01@0.5",
+    ),
+    "few for many parameters": (
+        {"parameters": {"zones": "segments"}},
+        "no column C_a_segment_01, C_b_segment_01",
+    ),
     "few for any": ({"simulations": {"holdout": 20}}, "too few for any emulator"),
     "all held out": ({"simulations": {"holdout": 30}}, "leave none to train on"),
     "cases": ({"test_posteriors": {"cases": 7}}, "7 posteriors on 6 test cases"),
@@ -198,7 +235,7 @@ CONFIG_MISTAKES = {
     "synthetic": (
         {
             "subjects": {"one": {"source": "synthetic"}},
-            "synthetic_subjects": {"one": {"theta": dict.fromkeys(aha.PARAMETERS, 1.0)}},
+            "synthetic_subjects": {"one": {"theta": dict.fromkeys(PARAMETERS.names, 1.0)}},
         },
         "subjects.one: synthetic subjects come out of the simulator",
     ),

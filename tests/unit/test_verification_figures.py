@@ -5,7 +5,8 @@ import pandas as pd
 import pytest
 from matplotlib.image import imread
 
-from regional_lv.figures import convergence, land
+from regional_lv.data import path as packaged
+from regional_lv.plots import convergence, land
 
 
 @pytest.fixture
@@ -13,7 +14,7 @@ def paths(tmp_path):
     return tmp_path / "one.png", tmp_path / "one.csv"
 
 
-def test_land(root, tmp_path, paths):
+def test_land(tmp_path, paths):
     results = pd.DataFrame(
         {
             "problem": ["beam", "ellipsoid"],
@@ -26,7 +27,7 @@ def test_land(root, tmp_path, paths):
         }
     )
     results.to_csv(tmp_path / "results.csv", index=False)
-    land.draw(tmp_path / "results.csv", root / "resources" / "land_2015.csv", *paths)
+    land.draw(tmp_path / "results.csv", packaged("land_2015.csv"), *paths)
     table = pd.read_csv(paths[1])
     assert table[table["by"] == "study"]["value"].tolist() == [4.1, -26.7, -28.4, 10750.0]
     assert (table["by"] == "code").sum() == 4 + 5 + 5 + 3

@@ -10,7 +10,8 @@ import pandas as pd
 import pytest
 import yaml
 
-from regional_lv import aha
+from regional_lv.channels import Channels
+from regional_lv.parameters import Parameterisation
 from tests.workflow.test_workflow import copy_project
 
 MECHANICS = {
@@ -25,8 +26,10 @@ def study(root, tmp_path) -> Path:
     project = copy_project(root, tmp_path / "project")
     rng = np.random.default_rng(1)
     tables = {
-        "inputs": pd.DataFrame(rng.uniform(0.1, 5, (40, 10)), columns=list(aha.PARAMETERS)),
-        "outputs": pd.DataFrame(rng.normal(size=(40, 52)), columns=list(aha.OUTPUTS)),
+        "inputs": pd.DataFrame(
+            rng.uniform(0.1, 5, (40, 10)), columns=list(Parameterisation().names)
+        ),
+        "outputs": pd.DataFrame(rng.normal(size=(40, 52)), columns=list(Channels.of().names)),
     }
     for name, table in tables.items():
         table.to_csv(project / f"{name}.csv", index=False)

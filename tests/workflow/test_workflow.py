@@ -18,7 +18,9 @@ import pandas as pd
 import pytest
 import yaml
 
-PARTS = ("Snakefile", "workflow", "config", "src", "resources", "envs", "profiles")
+from regional_lv import data
+
+PARTS = ("Snakefile", "workflow", "config", "src", "envs", "profiles")
 TIMES = {"cpu_s", "seconds", "cpu_s_mean", "cpu_s_median", "cpu_s_p95"}
 TIMES |= {"training_seconds", "seconds_per_case", "seconds_per_case_least_squares"}
 TIMES |= {"seconds_per_case_weighted", "ms_localise", "ms_prediction", "ms_gradient"}
@@ -180,9 +182,27 @@ def test_mesh_reruns_everything_after_it(editable):
 
 
 def test_figure_module_reruns_that_figure_only(editable):
-    module = editable / "src" / "regional_lv" / "figures" / "parity.py"
+    module = editable / "src" / "regional_lv" / "plots" / "parity.py"
     module.write_text(module.read_text() + "\n# edited\n")
     assert planned(editable) - {"all"} == {"plot_parity", "tabulate_costs"}
+
+
+def test_bounds_rerun_what_they_bound_but_not_the_mesh(editable):
+    edit_config(editable, lambda c: c.update(parameters={"bounds": {"C_a": [0.2, 5.0]}}))
+    rules = planned(editable)
+    assert {"make_design", "solve_baseline", "simulate_batch", "train_emulator"} <= rules
+    assert "make_mesh" not in rules
+
+
+def test_plugin_counts_as_code_of_every_step(editable):
+    plugin = editable / "config" / "mine.py"
+    plugin.write_text("ANSWER = 42\n")
+    edit_config(editable, lambda c: c.update(plugins=["config/mine.py"]))
+    assert SIMULATING <= planned(editable)
+    plugin.write_text("nonsense()\n")
+    output = run(editable, "--cores", "1", "--dry-run", check=False)
+    assert "mine.py fails" in output and "Traceback" not in output
+    plugin.unlink()
 
 
 def test_typo_in_the_config_names_key_and_remedy(editable):
@@ -193,26 +213,24 @@ def test_typo_in_the_config_names_key_and_remedy(editable):
 
 
 def test_bad_geometry_table_stops_before_anything_runs(editable):
-    table = pd.read_csv(editable / "resources" / "volunteer_segments.csv")
+    table = pd.read_csv(data.path("volunteer_segments.csv"))
     table["wall_thickness_mm"] /= 10
-    table.to_csv(editable / "resources" / "in_cm.csv", index=False)
-    edit_config(editable, lambda c: c.update(geometry={"segments": "resources/in_cm.csv"}))
+    table.to_csv(editable / "in_cm.csv", index=False)
+    edit_config(editable, lambda c: c.update(geometry={"segments": "in_cm.csv"}))
     output = run(editable, "--cores", "1", "--dry-run", check=False)
     assert "in_cm.csv" in output and "cm" in output
     assert "wall_thickness_mm" in output
 
 
 def test_bad_measured_file_stops_before_anything_runs(editable):
-    path = editable / "resources" / "patient.csv"
+    path = editable / "patient.csv"
     path.write_text(
         "quantity,segment,value,unit\nvolume,,150,mL\ncircumferential,1,-0.16,1\n"
         "circumferential,1,-0.17,1\n"
     )
     edit_config(
         editable,
-        lambda c: c.update(
-            subjects={"patient": {"source": "file", "measured": "resources/patient.csv"}}
-        ),
+        lambda c: c.update(subjects={"patient": {"source": "file", "measured": "patient.csv"}}),
     )
     output = run(editable, "--cores", "1", "--dry-run", check=False)
     assert "patient.csv" in output and "4" in output

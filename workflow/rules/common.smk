@@ -1,5 +1,6 @@
 """The checked config, the paths, the dependencies on the library, for all other files here."""
 
+import inspect
 import json
 import os
 import re
@@ -9,7 +10,7 @@ from pathlib import Path
 
 from snakemake.exceptions import WorkflowError
 
-SOURCE = Path(workflow.basedir) / "src"
+SOURCE = Path(str(workflow.current_basedir)).parents[1] / "src"
 # For this process and for the scripts that it starts, in whatever environment.
 sys.path.insert(0, str(SOURCE))
 os.environ["PYTHONPATH"] = str(SOURCE)
@@ -17,23 +18,20 @@ os.environ["PYTHONPATH"] = str(SOURCE)
 # seeded: compiled forms would not be found again, and sums would differ in their last digit.
 os.environ["PYTHONHASHSEED"] = "0"
 
-
-envvars:
-    "PYTHONPATH",
-    "PYTHONHASHSEED",
-
-
-
 from regional_lv import config as study_config  # noqa: E402
 from regional_lv import dependencies  # noqa: E402
-from regional_lv.aha import PARAMETERS  # noqa: E402
-from regional_lv.design import scenario_size  # noqa: E402
+from regional_lv.channels import Channels  # noqa: E402
 from regional_lv.criticism.hypotheses import SimulatorHypothesis, asked  # noqa: E402
 from regional_lv.criticism.hypotheses.base import why_not_scaling  # noqa: E402
+from regional_lv.data import path as packaged  # noqa: E402
+from regional_lv.data import segment_table  # noqa: E402
+from regional_lv.design import scenario_size  # noqa: E402
 from regional_lv.errors import InputError  # noqa: E402
 from regional_lv.geometry.table import read_segments  # noqa: E402
+from regional_lv.jobs import module_of  # noqa: E402
 from regional_lv.measured import states_noise  # noqa: E402
-from regional_lv.resources import (  # noqa: E402
+from regional_lv.parameters import Parameterisation  # noqa: E402
+from regional_lv.published import (  # noqa: E402
     FILES,
     HEART_MESH,
     HEART_SEGMENTS,
@@ -56,18 +54,38 @@ try:
 except InputError as error:
     raise WorkflowError(str(error))
 
+# Jobs find the plugins there, next to those that are set already.
+os.environ["REGIONAL_LV_PLUGINS"] = os.pathsep.join(
+    dict.fromkeys(
+        [
+            *filter(None, os.environ.get("REGIONAL_LV_PLUGINS", "").split(os.pathsep)),
+            *(str(Path(plugin).resolve()) for plugin in config["plugins"]),
+        ]
+    )
+)
+
+
+envvars:
+    "PYTHONPATH",
+    "PYTHONHASHSEED",
+    "REGIONAL_LV_PLUGINS",
+
+
 R = f"results/{config['study']}"
 LOGS = f"{R}/logs"
 # The emulator that scenarios, subjects and most figures use; `choose_final` makes it.
 EMULATOR = "final"
-BOUNDS = [config["design"]["lower"], config["design"]["upper"]]
+
+# What is inferred and what is observed: the objects, and the plain values that rules hand over.
+PARAMETERS = Parameterisation.from_config(config)
+PARAMETER_SPEC = PARAMETERS.spec()
+CHANNELS = Channels.from_config(config)
+OUTPUTS = list(CHANNELS.names)
+PHYSICS = study_config.physics(config)
+SEGMENT_TABLE = os.path.relpath(segment_table(config["geometry"]["segments"]))
+
 FROM_TABLES = config["simulations"]["source"] == "table"
 TABLE_SETS = config["simulations"]["tables"]
-
-PHYSICS = {
-    section: config[section]
-    for section in ("material", "fibres", "loading", "observables", "solver")
-} | {"geometry": {"wall_thickness_scale": config["geometry"]["wall_thickness_scale"]}}
 
 SUBJECT_SOURCES = {
     name: subject["source"]
@@ -80,7 +98,12 @@ NOISE_INFERRED = [
     name
     for name, source in SUBJECT_SOURCES.items()
     if source.startswith("published_")
-    or (source == "file" and not states_noise(config["subjects"][name]["measured"]))
+    or (
+        source == "file"
+        and not states_noise(
+            config["subjects"][name]["measured"], config["loading"]["pressure_mmhg"]
+        )
+    )
 ]
 SUBJECT_NUTS = config["nuts"] | {
     key: config["clinical"][key] for key in ("chains", "warmup", "draws")
@@ -102,8 +125,8 @@ SETS = {
     "test": TEST_SIZE
     if config["test_posteriors"]["cases"] == "all"
     else config["test_posteriors"]["cases"],
-    **{name: scenario_size(scenario) for name, scenario in SCENARIOS.items()},
-    **{noisy: scenario_size(SCENARIOS[name]) for noisy, name in NOISY.items()},
+    **{name: scenario_size(scenario, PARAMETERS) for name, scenario in SCENARIOS.items()},
+    **{noisy: scenario_size(SCENARIOS[name], PARAMETERS) for noisy, name in NOISY.items()},
 }
 
 HEALTHY = {
@@ -166,17 +189,35 @@ EFFICIENCY_CURVES = [
 ]
 
 
-# Modules that decide how things are reported, never what comes out.
-WITHOUT_EFFECT = {"progress", "errors"}
+# Modules that decide how things are reported or called, never what comes out.
+WITHOUT_EFFECT = {"progress", "errors", "jobs", "registry"}
 
 
 @cache
 def library(*modules):
-    """Files of the library modules that a script imports, followed through their imports.
+    """Files of library modules, followed through their imports, and of the plugins.
 
     Named as input, they make what depends on code run again when that code changes.
     """
-    return dependencies.files(SOURCE, modules, without=WITHOUT_EFFECT)
+    plugins = map(os.path.relpath, config["plugins"])
+    return [*dependencies.files(SOURCE, modules, without=WITHOUT_EFFECT), *plugins]
+
+
+def code_of(hypothesis):
+    """Files behind the simulations of a hypothesis. Not the whole catalogue: another hypothesis
+    does not change this one's."""
+    own = inspect.getfile(type(hypothesis))
+    return [*library("criticism.simulation"), os.path.relpath(own)]
+
+
+def depend_on_library(steps):
+    """Give every rule that calls a function (`params.call`) the code behind it as input, unless it
+    names its own (`library`)."""
+    for step in steps:
+        call = step.params.get("call")
+        if call is not None and "library" not in step.input.keys():
+            # As a function: rules without any other input take nothing else at this point.
+            step.set_input(library=lambda wildcards, call=call: library(module_of(call)))
 
 
 def batches(size, per_batch):

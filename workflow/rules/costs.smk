@@ -6,12 +6,13 @@ rule tabulate_costs:
         FIGURES,
         TABLES,
         SUMMARIES,
-        library=library("tables.costs"),
     output:
-        f"{R}/benchmarks/costs.csv",
+        table=f"{R}/benchmarks/costs.csv",
+    params:
+        call="tables.costs:tabulate_costs",
     log:
         f"{LOGS}/costs.log",
     conda:
         "../../envs/figures.yaml"
     script:
-        "../scripts/tabulate_costs.py"
+        "../scripts/call.py"

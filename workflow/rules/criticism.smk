@@ -35,13 +35,11 @@ rule simulate_extension:
     input:
         mesh=f"{R}/geometry/mesh.vtu",
         anchors=f"{R}/mechanics/anchors/batch-{{batch}}.npz",
-        # Not the whole catalogue: another hypothesis does not change this one's simulations.
-        library=lambda wildcards: library(
-            "criticism.simulation", f"criticism.hypotheses.{wildcards.hypothesis}"
-        ),
+        library=lambda wildcards: code_of(HYPOTHESES[wildcards.hypothesis]),
     output:
-        f"{C}/simulations/{{hypothesis}}/batch-{{batch}}.parquet",
+        simulations=f"{C}/simulations/{{hypothesis}}/batch-{{batch}}.parquet",
     params:
+        call="criticism.simulation:simulate_extension",
         physics=PHYSICS,
         most=lambda wildcards: anchors_per_batch(HYPOTHESES[wildcards.hypothesis]),
     wildcard_constraints:
@@ -54,20 +52,21 @@ rule simulate_extension:
     conda:
         "../../envs/mechanics.yaml"
     script:
-        "../scripts/simulate_extension.py"
+        "../scripts/call.py"
 
 
 rule train_extension:
     """Closed forms need no simulations; their file says what they are."""
     input:
         batches=lambda wildcards: extension_batches(HYPOTHESES[wildcards.hypothesis]),
-        library=library("criticism.extension"),
     output:
         extension=f"{C}/extensions/{{hypothesis}}.pt",
         report=f"{C}/extensions/{{hypothesis}}.json",
     params:
+        call="criticism.extension:train_extension",
         physics=PHYSICS,
-        bounds=BOUNDS,
+        parameters=PARAMETER_SPEC,
+        channels=OUTPUTS,
         seed=config["seed"],
     wildcard_constraints:
         hypothesis="|".join(HYPOTHESES),
@@ -79,7 +78,7 @@ rule train_extension:
     conda:
         "../../envs/statistics.yaml"
     script:
-        "../scripts/train_extension.py"
+        "../scripts/call.py"
 
 
 rule plant_batch:
@@ -87,15 +86,15 @@ rule plant_batch:
     input:
         mesh=f"{R}/geometry/mesh.vtu",
         predictor=f"{R}/mechanics/predictor.npz",
-        library=library("criticism.planted"),
     output:
         subjects=temp(f"{C}/benchmark/subjects/batch-{{batch}}.parquet"),
         truth=temp(f"{R}/truth/benchmark/batch-{{batch}}.parquet"),
     params:
+        call="criticism.planted:plant_batch",
         physics=PHYSICS,
+        parameters=PARAMETER_SPEC,
         hypotheses=config["criticism"]["hypotheses"],
         benchmark=config["criticism"]["benchmark"],
-        bounds=BOUNDS,
         seed=config["seed"],
         batch_size=config["simulations"]["batch_size"],
     log:
@@ -106,34 +105,38 @@ rule plant_batch:
     conda:
         "../../envs/mechanics.yaml"
     script:
-        "../scripts/plant_batch.py"
+        "../scripts/call.py"
 
 
 rule plant_subjects:
     input:
-        expand(f"{C}/benchmark/subjects/{{batch}}.parquet", batch=PLANTED_BATCHES),
+        batches=expand(f"{C}/benchmark/subjects/{{batch}}.parquet", batch=PLANTED_BATCHES),
     output:
-        f"{C}/benchmark/subjects.parquet",
+        table=f"{C}/benchmark/subjects.parquet",
+    params:
+        call="criticism.batches:gather",
     log:
         f"{LOGS}/criticism/benchmark/plant_subjects.log",
     conda:
         "../../envs/statistics.yaml"
     script:
-        "../scripts/gather.py"
+        "../scripts/call.py"
 
 
 rule gather_truth:
     """For the score of the benchmark alone."""
     input:
-        expand(f"{R}/truth/benchmark/{{batch}}.parquet", batch=PLANTED_BATCHES),
+        batches=expand(f"{R}/truth/benchmark/{{batch}}.parquet", batch=PLANTED_BATCHES),
     output:
-        f"{R}/truth/benchmark.parquet",
+        table=f"{R}/truth/benchmark.parquet",
+    params:
+        call="criticism.batches:gather",
     log:
         f"{LOGS}/criticism/benchmark/gather_truth.log",
     conda:
         "../../envs/statistics.yaml"
     script:
-        "../scripts/gather.py"
+        "../scripts/call.py"
 
 
 rule criticism:
@@ -151,12 +154,13 @@ rule criticise_subject:
             f"{R}/measured/{{subject}}.csv", subject=criticised(wildcards.subject)
         ),
         known_theta=lambda wildcards: known_theta(wildcards.subject),
-        library=library("criticism.study"),
     output:
-        f"{C}/{{subject}}/findings.json",
+        findings=f"{C}/{{subject}}/findings.json",
     params:
+        call="criticism.study:criticise_files",
         subjects=lambda wildcards: criticised(wildcards.subject),
         settings=CRITICISM,
+        strain_exponent=config["observables"]["strain_exponent"],
         noise_prior_scale=config["clinical"]["noise_prior_scale"],
         seed=config["seed"],
     wildcard_constraints:
@@ -169,13 +173,12 @@ rule criticise_subject:
     conda:
         "../../envs/statistics.yaml"
     script:
-        "../scripts/criticise_subject.py"
+        "../scripts/call.py"
 
 
 rule report_criticism:
     input:
         findings=f"{C}/{{subject}}/findings.json",
-        library=library("criticism.report"),
     output:
         page=report(
             f"{C}/{{subject}}/report.html",
@@ -184,6 +187,8 @@ rule report_criticism:
         ),
         residuals=f"{C}/{{subject}}/residuals.png",
         table=f"{C}/{{subject}}/residuals.csv",
+    params:
+        call="criticism.report:write_report",
     wildcard_constraints:
         subject="|".join(CRITICISED) or "(?!)",
     log:
@@ -191,7 +196,7 @@ rule report_criticism:
     conda:
         "../../envs/figures.yaml"
     script:
-        "../scripts/report_criticism.py"
+        "../scripts/call.py"
 
 
 rule hidden_effects:
@@ -207,14 +212,11 @@ rule criticise_benchmark:
         subjects=f"{C}/benchmark/subjects.parquet",
         emulator=f"{R}/emulators/{EMULATOR}.pt",
         extensions=EXTENSIONS,
-        library=library("criticism.benchmark"),
     output:
-        f"{C}/benchmark/verdicts/batch-{{batch}}.parquet",
+        verdicts=f"{C}/benchmark/verdicts/batch-{{batch}}.parquet",
     params:
-        first=lambda wildcards: int(wildcards.batch)
-        * config["criticism"]["benchmark"]["subjects_per_batch"],
-        last=lambda wildcards: (int(wildcards.batch) + 1)
-        * config["criticism"]["benchmark"]["subjects_per_batch"],
+        call="criticism.benchmark:criticise_benchmark",
+        batch_size=config["criticism"]["benchmark"]["subjects_per_batch"],
         settings=CRITICISM
         | {
             "bootstrap": config["criticism"]["benchmark"]["bootstrap"],
@@ -230,7 +232,7 @@ rule criticise_benchmark:
     conda:
         "../../envs/statistics.yaml"
     script:
-        "../scripts/criticise_benchmark.py"
+        "../scripts/call.py"
 
 
 rule score_benchmark:
@@ -241,23 +243,23 @@ rule score_benchmark:
         subjects=f"{C}/benchmark/subjects.parquet",
         emulator=f"{R}/emulators/{EMULATOR}.pt",
         extensions=EXTENSIONS,
-        library=library("criticism.benchmark"),
     output:
         cases=f"{C}/benchmark/cases.csv",
         confusion=f"{C}/benchmark/confusion.csv",
         summary=f"{C}/benchmark/summary.json",
+    params:
+        call="criticism.benchmark:score_benchmark",
     log:
         f"{LOGS}/criticism/benchmark/score_benchmark.log",
     conda:
         "../../envs/statistics.yaml"
     script:
-        "../scripts/score_benchmark.py"
+        "../scripts/call.py"
 
 
 rule plot_hidden_effects:
     input:
-        cases=f"{C}/benchmark/cases.csv",
-        library=library("figures.hidden_effects"),
+        cases_file=f"{C}/benchmark/cases.csv",
     output:
         png=report(
             f"{C}/benchmark/hidden_effects.png",
@@ -265,9 +267,11 @@ rule plot_hidden_effects:
             category="Criticism",
         ),
         csv=f"{C}/benchmark/hidden_effects.csv",
+    params:
+        call="plots.hidden_effects:draw",
     log:
         f"{LOGS}/criticism/benchmark/plot_hidden_effects.log",
     conda:
         "../../envs/figures.yaml"
     script:
-        "../scripts/plot_hidden_effects.py"
+        "../scripts/call.py"

@@ -2,32 +2,32 @@
 
 
 rule make_design:
-    input:
-        library=library("design"),
     output:
         train=f"{R}/design/train.parquet",
         test=f"{R}/design/test.parquet",
     params:
-        design=config["design"],
+        call="design:write_design",
+        design={key: config["design"][key] for key in ("natural", "log", "test")},
+        parameters=PARAMETER_SPEC,
         seed=config["seed"],
     log:
         f"{LOGS}/design/make_design.log",
     conda:
         "../../envs/statistics.yaml"
     script:
-        "../scripts/make_design.py"
+        "../scripts/call.py"
 
 
 rule draw_scenario:
     """Ventricles with simulated disease."""
-    input:
-        library=library("design"),
     output:
-        f"{R}/design/{{scenario}}.parquet",
+        table=f"{R}/design/{{scenario}}.parquet",
     params:
+        call="design:write_scenario",
+        name=lambda wildcards: wildcards.scenario,
         scenario=lambda wildcards: SCENARIOS[wildcards.scenario],
         healthy=HEALTHY,
-        bounds=BOUNDS,
+        parameters=PARAMETER_SPEC,
         seed=config["seed"],
     wildcard_constraints:
         scenario=any_of(SCENARIOS),
@@ -36,4 +36,4 @@ rule draw_scenario:
     conda:
         "../../envs/statistics.yaml"
     script:
-        "../scripts/draw_scenario.py"
+        "../scripts/call.py"

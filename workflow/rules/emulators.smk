@@ -4,14 +4,15 @@
 rule train_emulator:
     input:
         train=f"{R}/screening/train.parquet",
-        library=library("emulators"),
     output:
-        emulator=f"{R}/emulators/{{emulator}}.pt",
+        emulator_file=f"{R}/emulators/{{emulator}}.pt",
         report=f"{R}/emulators/{{emulator}}/fit.json",
     params:
+        call="emulators:train_emulator",
         name=lambda wildcards: EMULATORS[wildcards.emulator][0],
         settings=lambda wildcards: EMULATORS[wildcards.emulator][1],
-        bounds=BOUNDS,
+        parameters=PARAMETER_SPEC,
+        channels=OUTPUTS,
         seed=config["seed"],
     wildcard_constraints:
         emulator=any_of(EMULATORS),
@@ -23,21 +24,22 @@ rule train_emulator:
     conda:
         "../../envs/statistics.yaml"
     script:
-        "../scripts/train_emulator.py"
+        "../scripts/call.py"
 
 
 rule predict_test_set:
     input:
-        emulator=f"{R}/emulators/{{emulator}}.pt",
+        emulator_file=f"{R}/emulators/{{emulator}}.pt",
         test=f"{R}/screening/test.parquet",
-        library=library("emulators"),
     output:
         predictions=f"{R}/emulators/{{emulator}}/test_predictions.parquet",
         errors=f"{R}/emulators/{{emulator}}/test_errors.csv",
+    params:
+        call="emulators:predict_test_set",
     log:
         f"{LOGS}/emulators/{{emulator}}/predict_test_set.log",
     threads: 1
     conda:
         "../../envs/statistics.yaml"
     script:
-        "../scripts/predict_test_set.py"
+        "../scripts/call.py"

@@ -1,19 +1,23 @@
 """Point estimates of the test set by every emulator, checked, ranked, and the shortlist."""
 
+from regional_lv.paper import path as papers  # noqa: E402
+
+PAPER_NUMBERS = os.path.relpath(papers("numbers.csv"))
 ESTIMATES = f"{R}/estimates"
 RANKED = config["emulators"]["names"]
 
 
 rule estimate_parameters:
     input:
-        emulator=f"{R}/emulators/{{emulator}}.pt",
+        emulator_file=f"{R}/emulators/{{emulator}}.pt",
         test=f"{R}/screening/test.parquet",
-        library=library("estimates.estimate"),
     output:
-        f"{ESTIMATES}/{{emulator}}/test.parquet",
+        estimates=f"{ESTIMATES}/{{emulator}}/test.parquet",
     params:
-        map=config["map"],
-        estimates={key: config["estimates"][key] for key in ("adam_steps", "hops")},
+        call="estimates.estimate:estimate_parameters",
+        point=config["map"],
+        adam_steps=config["estimates"]["adam_steps"],
+        hops=config["estimates"]["hops"],
         seed=config["seed"],
     log:
         f"{LOGS}/estimates/{{emulator}}/estimate_parameters.log",
@@ -23,23 +27,24 @@ rule estimate_parameters:
     conda:
         "../../envs/statistics.yaml"
     script:
-        "../scripts/estimate_parameters.py"
+        "../scripts/call.py"
 
 
 rule measure_cost:
     input:
-        emulator=f"{R}/emulators/{{emulator}}.pt",
+        emulator_file=f"{R}/emulators/{{emulator}}.pt",
         test=f"{R}/screening/test.parquet",
-        library=library("estimates.estimate"),
     output:
-        f"{ESTIMATES}/{{emulator}}/cost.json",
+        cost=f"{ESTIMATES}/{{emulator}}/cost.json",
+    params:
+        call="estimates.estimate:measure_cost",
     log:
         f"{LOGS}/estimates/{{emulator}}/measure_cost.log",
     threads: 1
     conda:
         "../../envs/statistics.yaml"
     script:
-        "../scripts/measure_cost.py"
+        "../scripts/call.py"
 
 
 if FROM_TABLES:
@@ -49,11 +54,12 @@ if FROM_TABLES:
         input:
             train=f"{R}/screening/train.parquet",
             test=f"{R}/screening/test.parquet",
-            library=library("estimates.stand_in"),
         output:
-            f"{ESTIMATES}/stand_in.pt",
+            stand_in=f"{ESTIMATES}/stand_in.pt",
         params:
-            bounds=BOUNDS,
+            call="estimates.stand_in:fit_stand_in",
+            parameters=PARAMETER_SPEC,
+            channels=OUTPUTS,
             seed=config["seed"],
         log:
             f"{LOGS}/estimates/fit_stand_in.log",
@@ -61,16 +67,16 @@ if FROM_TABLES:
         conda:
             "../../envs/statistics.yaml"
         script:
-            "../scripts/fit_stand_in.py"
+            "../scripts/call.py"
 
     rule predict_estimates:
         input:
             stand_in=f"{ESTIMATES}/stand_in.pt",
             estimates=f"{ESTIMATES}/{{emulator}}/test.parquet",
-            library=library("estimates.stand_in"),
         output:
-            f"{ESTIMATES}/{{emulator}}/checked.parquet",
+            checked=f"{ESTIMATES}/{{emulator}}/checked.parquet",
         params:
+            call="estimates.stand_in:predict_estimates",
             cases=config["estimates"]["checked_cases"],
         log:
             f"{LOGS}/estimates/{{emulator}}/predict_estimates.log",
@@ -78,7 +84,7 @@ if FROM_TABLES:
         conda:
             "../../envs/statistics.yaml"
         script:
-            "../scripts/predict_estimates.py"
+            "../scripts/call.py"
 
 else:
 
@@ -87,10 +93,10 @@ else:
             mesh=f"{R}/geometry/mesh.vtu",
             predictor=f"{R}/mechanics/predictor.npz",
             estimates=f"{ESTIMATES}/{{emulator}}/test.parquet",
-            library=library("estimates.check"),
         output:
-            f"{ESTIMATES}/{{emulator}}/checked.parquet",
+            checked=f"{ESTIMATES}/{{emulator}}/checked.parquet",
         params:
+            call="estimates.check:simulate_estimates",
             physics=PHYSICS,
             cases=config["estimates"]["checked_cases"],
         log:
@@ -101,7 +107,7 @@ else:
         conda:
             "../../envs/mechanics.yaml"
         script:
-            "../scripts/simulate_estimates.py"
+            "../scripts/call.py"
 
 
 checkpoint rank_emulators:
@@ -115,14 +121,15 @@ checkpoint rank_emulators:
         ),
         train=f"{R}/screening/train.parquet",
         test=f"{R}/screening/test.parquet",
-        paper="resources/paper_numbers.csv",
-        library=library("estimates.ranking"),
+        paper=PAPER_NUMBERS,
     output:
         ranking=f"{ESTIMATES}/ranking.csv",
         pairs=f"{ESTIMATES}/pairs.csv",
         shortlist=f"{ESTIMATES}/shortlist.json",
     params:
+        call="estimates.ranking:rank_emulators",
         names=RANKED,
+        channels=OUTPUTS,
         size=config["emulators"]["shortlist"]["size"],
         estimator=config["emulators"]["shortlist"]["estimator"],
     log:
@@ -130,86 +137,7 @@ checkpoint rank_emulators:
     conda:
         "../../envs/statistics.yaml"
     script:
-        "../scripts/rank_emulators.py"
-
-
-rule plot_per_sample_mse:
-    input:
-        estimates=expand(f"{ESTIMATES}/{{emulator}}/test.parquet", emulator=RANKED),
-        shortlist=f"{ESTIMATES}/shortlist.json",
-        library=library("figures.per_sample_mse"),
-    output:
-        png=report(
-            f"{R}/figures/per_sample_mse.png",
-            caption="../report/per_sample_mse.rst",
-            category="Emulator",
-        ),
-        csv=f"{R}/figures/per_sample_mse.csv",
-    params:
-        names=RANKED,
-    log:
-        f"{LOGS}/figures/per_sample_mse.log",
-    conda:
-        "../../envs/figures.yaml"
-    script:
-        "../scripts/plot_per_sample_mse.py"
-
-
-rule make_table_architectures:
-    input:
-        fits=expand(f"{R}/emulators/{{emulator}}/fit.json", emulator=RANKED),
-        library=library("tables.emulators", "tables.writing"),
-    output:
-        csv=report(
-            f"{R}/tables/architectures.csv",
-            caption="../report/table_architectures.rst",
-            category="Emulator",
-        ),
-        tex=f"{R}/tables/architectures.tex",
-    log:
-        f"{LOGS}/tables/architectures.log",
-    conda:
-        "../../envs/figures.yaml"
-    script:
-        "../scripts/make_table_architectures.py"
-
-
-rule make_table_ranking:
-    input:
-        ranking=f"{ESTIMATES}/ranking.csv",
-        library=library("tables.emulators", "tables.writing"),
-    output:
-        csv=report(
-            f"{R}/tables/ranking.csv",
-            caption="../report/table_ranking.rst",
-            category="Emulator",
-        ),
-        tex=f"{R}/tables/ranking.tex",
-    log:
-        f"{LOGS}/tables/ranking.log",
-    conda:
-        "../../envs/figures.yaml"
-    script:
-        "../scripts/make_table_ranking.py"
-
-
-rule make_table_pairs:
-    input:
-        pairs=f"{ESTIMATES}/pairs.csv",
-        library=library("tables.emulators", "tables.writing"),
-    output:
-        csv=report(
-            f"{R}/tables/pairs.csv",
-            caption="../report/table_pairs.rst",
-            category="Emulator",
-        ),
-        tex=f"{R}/tables/pairs.tex",
-    log:
-        f"{LOGS}/tables/pairs.log",
-    conda:
-        "../../envs/figures.yaml"
-    script:
-        "../scripts/make_table_pairs.py"
+        "../scripts/call.py"
 
 
 rule compare_transforms:
@@ -219,52 +147,36 @@ rule compare_transforms:
             f"{R}/emulators/{{emulator}}/test_predictions.parquet", emulator=EMULATORS
         ),
         train=f"{R}/screening/train.parquet",
-        paper="resources/paper_numbers.csv",
-        library=library("estimates.transforms"),
+        paper=PAPER_NUMBERS,
     output:
-        f"{ESTIMATES}/transforms.csv",
+        comparison=f"{ESTIMATES}/transforms.csv",
     params:
+        call="estimates.transforms:compare_transforms",
         transforms=TRANSFORMS,
+        files=list(EMULATORS),
+        channels=OUTPUTS,
     log:
         f"{LOGS}/estimates/compare_transforms.log",
     conda:
         "../../envs/statistics.yaml"
     script:
-        "../scripts/compare_transforms.py"
-
-
-rule make_table_transforms:
-    input:
-        transforms=f"{ESTIMATES}/transforms.csv",
-        library=library("tables.emulators", "tables.writing"),
-    output:
-        csv=report(
-            f"{R}/tables/transforms.csv",
-            caption="../report/table_transforms.rst",
-            category="Emulator",
-        ),
-        tex=f"{R}/tables/transforms.tex",
-    log:
-        f"{LOGS}/tables/transforms.log",
-    conda:
-        "../../envs/figures.yaml"
-    script:
-        "../scripts/make_table_transforms.py"
+        "../scripts/call.py"
 
 
 rule measure_efficiency:
     input:
         train=f"{R}/screening/train.parquet",
         test=f"{R}/screening/test.parquet",
-        library=library("estimates.efficiency"),
     output:
-        f"{R}/efficiency/{{emulator}}-{{transform}}.csv",
+        curve=f"{R}/efficiency/{{emulator}}-{{transform}}.csv",
     params:
+        call="estimates.efficiency:measure_efficiency",
         settings=lambda wildcards: config["emulators"][wildcards.emulator],
         sizes=config["efficiency"]["sizes"],
         most_with_sensitivities=config["efficiency"]["most_with_sensitivities"],
-        bounds=BOUNDS,
-        map=config["map"],
+        parameters=PARAMETER_SPEC,
+        channels=OUTPUTS,
+        point=config["map"],
         seed=config["seed"],
     wildcard_constraints:
         emulator="exact_gp|gradient_gp",
@@ -277,45 +189,7 @@ rule measure_efficiency:
     conda:
         "../../envs/statistics.yaml"
     script:
-        "../scripts/measure_efficiency.py"
-
-
-rule plot_sample_efficiency:
-    input:
-        curves=expand(f"{R}/efficiency/{{curve}}.csv", curve=EFFICIENCY_CURVES),
-        library=library("figures.sample_efficiency"),
-    output:
-        png=report(
-            f"{R}/figures/sample_efficiency.png",
-            caption="../report/sample_efficiency.rst",
-            category="Emulator",
-        ),
-        csv=f"{R}/figures/sample_efficiency.csv",
-    log:
-        f"{LOGS}/figures/sample_efficiency.log",
-    conda:
-        "../../envs/figures.yaml"
-    script:
-        "../scripts/plot_sample_efficiency.py"
-
-
-rule make_table_sample_efficiency:
-    input:
-        curves=expand(f"{R}/efficiency/{{curve}}.csv", curve=EFFICIENCY_CURVES),
-        library=library("tables.emulators", "tables.writing"),
-    output:
-        csv=report(
-            f"{R}/tables/sample_efficiency.csv",
-            caption="../report/table_sample_efficiency.rst",
-            category="Emulator",
-        ),
-        tex=f"{R}/tables/sample_efficiency.tex",
-    log:
-        f"{LOGS}/tables/sample_efficiency.log",
-    conda:
-        "../../envs/figures.yaml"
-    script:
-        "../scripts/make_table_sample_efficiency.py"
+        "../scripts/call.py"
 
 
 rule sample_efficiency:

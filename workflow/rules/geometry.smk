@@ -7,49 +7,50 @@ if config["geometry"]["source"] == "segments":
 
     rule make_mesh:
         input:
-            segments=config["geometry"]["segments"],
-            library=library("geometry.make"),
+            table=SEGMENT_TABLE,
         output:
             msh=f"{R}/geometry/mesh.msh",
             vtu=f"{R}/geometry/mesh.vtu",
             segments=f"{R}/geometry/segments.csv",
             summary=f"{R}/geometry/summary.json",
         params:
+            call="geometry.make:make_mesh",
             endo_apex_z_mm=config["geometry"]["endo_apex_z_mm"],
             epi_apex_z_mm=config["geometry"]["epi_apex_z_mm"],
             mesh=config["mesh"],
             fibres=config["fibres"],
+            zones=PARAMETER_SPEC["zones"],
         log:
             f"{LOGS}/geometry/make_mesh.log",
         conda:
             "../../envs/geometry.yaml"
         script:
-            "../scripts/make_mesh.py"
+            "../scripts/call.py"
 
 else:
 
     rule import_mesh:
         input:
             **imported_files(),
-            library=library("geometry.from_mesh"),
         output:
-            f"{R}/geometry/imported.vtu",
+            vtu=f"{R}/geometry/imported.vtu",
         params:
+            call="geometry.from_mesh:write_imported",
             unit=IMPORTED["unit"],
             fibres=config["fibres"],
+            zones=PARAMETER_SPEC["zones"],
         log:
             f"{LOGS}/geometry/import_mesh.log",
         conda:
             "../../envs/geometry.yaml"
         script:
-            "../scripts/import_mesh.py"
+            "../scripts/call.py"
 
     if IMPORTED["remesh"]:
 
         rule remesh:
             input:
                 imported=f"{R}/geometry/imported.vtu",
-                library=library("geometry.from_mesh"),
             output:
                 msh=f"{R}/geometry/mesh.msh",
                 vtu=f"{R}/geometry/mesh.vtu",
@@ -57,14 +58,16 @@ else:
                 summary=f"{R}/geometry/summary.json",
                 fit=f"{R}/geometry/fit.csv",
             params:
+                call="geometry.from_mesh:remesh",
                 mesh=config["mesh"],
                 fibres=config["fibres"],
+                zones=PARAMETER_SPEC["zones"],
             log:
                 f"{LOGS}/geometry/remesh.log",
             conda:
                 "../../envs/geometry.yaml"
             script:
-                "../scripts/remesh.py"
+                "../scripts/call.py"
 
     else:
 
@@ -72,16 +75,17 @@ else:
             """The imported mesh as it is."""
             input:
                 imported=f"{R}/geometry/imported.vtu",
-                library=library("geometry.from_mesh"),
             output:
                 vtu=f"{R}/geometry/mesh.vtu",
                 segments=f"{R}/geometry/segments.csv",
                 summary=f"{R}/geometry/summary.json",
             params:
+                call="geometry.from_mesh:keep_mesh",
                 fibres=config["fibres"],
+                zones=PARAMETER_SPEC["zones"],
             log:
                 f"{LOGS}/geometry/keep_mesh.log",
             conda:
                 "../../envs/geometry.yaml"
             script:
-                "../scripts/keep_mesh.py"
+                "../scripts/call.py"

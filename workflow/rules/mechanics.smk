@@ -10,13 +10,12 @@ rule solve_baseline:
     """Also compiles the forms once, before many processes ask for them at the same time."""
     input:
         mesh=f"{R}/geometry/mesh.vtu",
-        library=library("simulations"),
     output:
         start=f"{R}/mechanics/baseline.npz",
         summary=f"{R}/mechanics/baseline.json",
     params:
+        call="simulations:solve_baseline",
         physics=PHYSICS,
-        bounds=BOUNDS,
     log:
         f"{LOGS}/mechanics/solve_baseline.log",
     benchmark:
@@ -24,7 +23,7 @@ rule solve_baseline:
     conda:
         "../../envs/mechanics.yaml"
     script:
-        "../scripts/solve_baseline.py"
+        "../scripts/call.py"
 
 
 rule solve_anchors:
@@ -33,10 +32,10 @@ rule solve_anchors:
         mesh=f"{R}/geometry/mesh.vtu",
         start=f"{R}/mechanics/baseline.npz",
         design=f"{R}/design/train.parquet",
-        library=library("simulations"),
     output:
-        f"{R}/mechanics/anchors/batch-{{batch}}.npz",
+        fields=f"{R}/mechanics/anchors/batch-{{batch}}.npz",
     params:
+        call="simulations:solve_anchors",
         physics=PHYSICS,
         anchors=config["simulations"]["anchors"],
         batches=len(ANCHOR_BATCHES),
@@ -48,15 +47,17 @@ rule solve_anchors:
     conda:
         "../../envs/mechanics.yaml"
     script:
-        "../scripts/solve_anchors.py"
+        "../scripts/call.py"
 
 
 rule fit_predictor:
     input:
         anchors=expand(f"{R}/mechanics/anchors/{{batch}}.npz", batch=ANCHOR_BATCHES),
-        library=library("mechanics.predictor"),
     output:
-        f"{R}/mechanics/predictor.npz",
+        predictor=f"{R}/mechanics/predictor.npz",
+    params:
+        call="mechanics.predictor:fit_predictor",
+        physics=PHYSICS,
     log:
         f"{LOGS}/mechanics/fit_predictor.log",
     benchmark:
@@ -64,7 +65,7 @@ rule fit_predictor:
     conda:
         "../../envs/statistics.yaml"
     script:
-        "../scripts/fit_predictor.py"
+        "../scripts/call.py"
 
 
 rule map_strains:
@@ -72,33 +73,33 @@ rule map_strains:
     input:
         mesh=f"{R}/geometry/mesh.vtu",
         predictor=f"{R}/mechanics/predictor.npz",
-        library=library("strains"),
     output:
         table=f"{R}/mechanics/strains.parquet",
-        mesh=f"{R}/mechanics/strains.vtu",
+        vtu=f"{R}/mechanics/strains.vtu",
     params:
+        call="strain_field:map_strains",
         physics=PHYSICS,
     log:
         f"{LOGS}/mechanics/map_strains.log",
     conda:
         "../../envs/mechanics.yaml"
     script:
-        "../scripts/map_strains.py"
+        "../scripts/call.py"
 
 
 rule calibrate_reference:
-    """Not part of `all`: its result is written by hand into the config's `material` section."""
+    """Not part of `all`: its result is written by hand into the law's `factors`."""
     input:
         mesh=f"{R}/geometry/mesh.vtu",
         predictor=f"{R}/mechanics/predictor.npz",
-        library=library("calibration"),
     output:
-        f"{R}/mechanics/calibration.json",
+        calibration=f"{R}/mechanics/calibration.json",
     params:
+        call="paper.reference_material:calibrate_reference",
         physics=PHYSICS,
     log:
         f"{LOGS}/mechanics/calibrate_reference.log",
     conda:
         "../../envs/mechanics.yaml"
     script:
-        "../scripts/calibrate_reference.py"
+        "../scripts/call.py"

@@ -1,4 +1,6 @@
-"""The paper's numbers beside this study's."""
+"""The paper's numbers beside this study's, if it has the paper's parameters."""
+
+from regional_lv.paper import path as papers  # noqa: E402
 
 # The paper has one volunteer: the first of the study's that is theirs.
 VOLUNTEER_FILES = [
@@ -11,11 +13,14 @@ VOLUNTEER_FILES = [
     )
 ]
 
+if PARAMETERS.names == Parameterisation().names:
+    TABLES += expand(f"{R}/tables/paper_comparison.{{ext}}", ext=["csv", "md"])
+
 
 rule make_paper_comparison:
     input:
-        numbers="resources/paper_numbers.csv",
-        reasons="resources/paper_differences.csv",
+        numbers=os.path.relpath(papers("numbers.csv")),
+        reasons=os.path.relpath(papers("differences.csv")),
         screened=expand(f"{R}/screening/{{name}}.parquet", name=["train", "test", *SCENARIOS]),
         explained=f"{R}/reduction/explained_variance.csv",
         coverage=lambda wildcards: [*of_shortlist("coverage.csv"), f"{POSTERIORS}/test/coverage.csv"],
@@ -26,8 +31,7 @@ rule make_paper_comparison:
         zone_correlations=expand(f"{POSTERIORS}/{{name}}/zone_correlations.csv", name=SCENARIOS),
         volunteer=VOLUNTEER_FILES,
         estimates=[f"{ESTIMATES}/ranking.csv", f"{ESTIMATES}/pairs.csv"],
-        choice=f"{R}/posteriors/final.json",
-        library=library("paper"),
+        choice=CHOICE,
     output:
         csv=report(
             f"{R}/tables/paper_comparison.csv",
@@ -36,10 +40,11 @@ rule make_paper_comparison:
         ),
         md=f"{R}/tables/paper_comparison.md",
     params:
+        call="paper.comparison:compare_study",
         threshold=config["reduction"]["explained_variance"],
     log:
         f"{LOGS}/tables/paper_comparison.log",
     conda:
         "../../envs/figures.yaml"
     script:
-        "../scripts/make_paper_comparison.py"
+        "../scripts/call.py"

@@ -27,20 +27,21 @@ SUMMARIES = (
 
 rule sample_posteriors:
     input:
-        emulator=f"{R}/emulators/{{emulator}}.pt",
+        emulator_file=f"{R}/emulators/{{emulator}}.pt",
         simulations=lambda wildcards: (
             f"{R}/screening/{NOISY.get(wildcards.set, wildcards.set)}.parquet"
         ),
-        library=library("inference.sampling"),
     output:
-        f"{R}/posteriors/{{emulator}}/{{set}}/batch-{{batch}}.nc",
+        posteriors=f"{R}/posteriors/{{emulator}}/{{set}}/batch-{{batch}}.nc",
     params:
+        call="inference.sampling:sample_set_batch",
+        set_name=lambda wildcards: wildcards.set,
         batches=lambda wildcards: len(posterior_batches(wildcards.set)),
         cases=lambda wildcards: SETS[wildcards.set],
         noise=lambda wildcards: config["scenarios"]["noise"] if wildcards.set in NOISY else None,
         sampler=config["test_posteriors"]["sampler"],
         nuts=config["nuts"],
-        map=config["map"],
+        point=config["map"],
         seed=config["seed"],
     wildcard_constraints:
         set=any_of(SETS),
@@ -52,15 +53,16 @@ rule sample_posteriors:
     conda:
         "../../envs/statistics.yaml"
     script:
-        "../scripts/sample_posteriors.py"
+        "../scripts/call.py"
 
 
 rule summarise_posteriors:
     input:
         posteriors=lambda wildcards: posterior_files(wildcards.emulator, wildcards.set),
-        library=library("inference.summaries"),
     output:
-        expand(f"{R}/posteriors/{{{{emulator}}}}/{{{{set}}}}/{{table}}", table=SET_TABLES),
+        tables=expand(f"{R}/posteriors/{{{{emulator}}}}/{{{{set}}}}/{{table}}", table=SET_TABLES),
+    params:
+        call="inference.summaries:summarise_posteriors",
     wildcard_constraints:
         set=any_of(SETS),
     log:
@@ -68,47 +70,47 @@ rule summarise_posteriors:
     conda:
         "../../envs/statistics.yaml"
     script:
-        "../scripts/summarise_posteriors.py"
+        "../scripts/call.py"
 
 
 rule choose_final:
     input:
-        emulators=lambda wildcards: expand(
+        candidates=lambda wildcards: expand(
             f"{R}/emulators/{{emulator}}.pt", emulator=shortlist()
         ),
         coverages=lambda wildcards: of_shortlist("coverage.csv"),
-        library=library("inference.choice"),
     output:
-        emulator=f"{R}/emulators/{EMULATOR}.pt",
+        emulator_file=f"{R}/emulators/{EMULATOR}.pt",
         report=f"{R}/posteriors/{EMULATOR}.json",
     params:
+        call="inference.choice:choose_final",
         wanted=config["emulators"]["final"],
     log:
         f"{LOGS}/posteriors/choose_final.log",
     conda:
         "../../envs/statistics.yaml"
     script:
-        "../scripts/choose_final.py"
+        "../scripts/call.py"
 
 
 rule adopt_test_posteriors:
     """The final emulator's posteriors on the test set are there already, under its own name."""
     input:
         report=f"{R}/posteriors/{EMULATOR}.json",
-        posteriors=lambda wildcards: of_shortlist(
-            *(f"{batch}.nc" for batch in posterior_batches("test"))
+        candidates=lambda wildcards: of_shortlist(
+            *(f"{batch}.nc" for batch in posterior_batches("test")), *SET_TABLES
         ),
-        tables=lambda wildcards: of_shortlist(*SET_TABLES),
-        library=library("inference.choice"),
     output:
-        posterior_files(EMULATOR, "test"),
-        expand(f"{R}/posteriors/{EMULATOR}/test/{{table}}", table=SET_TABLES),
+        adopted=posterior_files(EMULATOR, "test")
+        + expand(f"{R}/posteriors/{EMULATOR}/test/{{table}}", table=SET_TABLES),
+    params:
+        call="inference.choice:adopt",
     log:
         f"{LOGS}/posteriors/adopt_test_posteriors.log",
     conda:
         "../../envs/statistics.yaml"
     script:
-        "../scripts/adopt_test_posteriors.py"
+        "../scripts/call.py"
 
 
 ruleorder: adopt_test_posteriors > sample_posteriors
@@ -118,11 +120,11 @@ ruleorder: adopt_test_posteriors > summarise_posteriors
 rule tell_zones_apart:
     input:
         posteriors=lambda wildcards: posterior_files(wildcards.emulator, wildcards.set),
-        library=library("inference.told_apart"),
     output:
         told_apart=f"{R}/posteriors/{{emulator}}/{{set}}/told_apart.csv",
         by_zone=f"{R}/posteriors/{{emulator}}/{{set}}/map_errors_by_zone.csv",
     params:
+        call="inference.told_apart:tell_zones_apart",
         healthy=HEALTHY,
     wildcard_constraints:
         set=any_of([*SCENARIOS, *NOISY]),
@@ -131,7 +133,7 @@ rule tell_zones_apart:
     conda:
         "../../envs/statistics.yaml"
     script:
-        "../scripts/tell_zones_apart.py"
+        "../scripts/call.py"
 
 
 rule measure_separation:
@@ -141,32 +143,32 @@ rule measure_separation:
             f"{R}/posteriors/{wildcards.emulator}/{{set}}/told_apart.csv",
             set=local_scenarios(noisy=wildcards.set in NOISY),
         ),
-        library=library("inference.told_apart"),
     output:
         roc=f"{R}/posteriors/{{emulator}}/{{set}}/roc.csv",
         auc=f"{R}/posteriors/{{emulator}}/{{set}}/auc.csv",
     params:
+        call="inference.told_apart:measure_separation",
         seed=config["seed"],
     log:
         f"{LOGS}/posteriors/{{emulator}}/{{set}}/measure_separation.log",
     conda:
         "../../envs/statistics.yaml"
     script:
-        "../scripts/measure_separation.py"
+        "../scripts/call.py"
 
 
 rule sample_subject:
     input:
-        emulator=f"{R}/emulators/{{emulator}}.pt",
+        emulator_file=f"{R}/emulators/{{emulator}}.pt",
         measured=f"{R}/measured/{{subject}}.csv",
-        library=library("inference.sampling"),
     output:
         posterior=f"{R}/posteriors/{{emulator}}/subjects/{{subject}}.nc",
         diagnostics=f"{R}/posteriors/{{emulator}}/subjects/{{subject}}.csv",
     params:
+        call="inference.sampling:sample_subject",
         sampler=config["test_posteriors"]["sampler"],
         nuts=SUBJECT_NUTS,
-        map=config["map"],
+        point=config["map"],
         noise_prior_scale=config["clinical"]["noise_prior_scale"],
         seed=config["seed"],
     wildcard_constraints:
@@ -179,4 +181,4 @@ rule sample_subject:
     conda:
         "../../envs/statistics.yaml"
     script:
-        "../scripts/sample_subject.py"
+        "../scripts/call.py"

@@ -4,15 +4,16 @@
 rule fit_reduction:
     input:
         train=f"{R}/screening/train.parquet",
-        library=library("reduction"),
     output:
         reduction=f"{R}/reduction/reduction.npz",
         explained=f"{R}/reduction/explained_variance.csv",
     params:
+        call="reduction:fit_reduction",
+        channels=OUTPUTS,
         explained_variance=config["reduction"]["explained_variance"],
     log:
         f"{LOGS}/reduction/fit_reduction.log",
     conda:
         "../../envs/statistics.yaml"
     script:
-        "../scripts/fit_reduction.py"
+        "../scripts/call.py"

@@ -7,14 +7,15 @@ if FROM_TABLES:
         input:
             inputs=lambda wildcards: simulation_table(wildcards.set, "inputs"),
             outputs=lambda wildcards: simulation_table(wildcards.set, "outputs"),
-            library=library("simulation_tables"),
         output:
-            f"{R}/screening/{{set}}.parquet",
+            kept=f"{R}/screening/{{set}}.parquet",
         params:
+            call="simulation_tables:import_simulations",
             own_test="test" in TABLE_SETS,
             holdout=config["simulations"]["holdout"],
             rows=config["simulations"]["rows"],
-            bounds=BOUNDS,
+            parameters=PARAMETER_SPEC,
+            channels=OUTPUTS,
             seed=config["seed"],
         wildcard_constraints:
             set="|".join(["train", "test", *TABLE_SETS]),
@@ -23,7 +24,7 @@ if FROM_TABLES:
         conda:
             "../../envs/statistics.yaml"
         script:
-            "../scripts/import_simulations.py"
+            "../scripts/call.py"
 
 else:
 
@@ -33,13 +34,14 @@ else:
                 f"{R}/simulations/{wildcards.set}/{{batch}}.parquet",
                 batch=SIMULATION_BATCHES[wildcards.set],
             ),
-            library=library("screening"),
         output:
             kept=f"{R}/screening/{{set}}.parquet",
             excluded=f"{R}/screening/{{set}}_excluded.csv",
             summary=f"{R}/screening/{{set}}_summary.csv",
         params:
-            bounds=BOUNDS,
+            call="screening:screen_simulations",
+            parameters=PARAMETER_SPEC,
+            channels=OUTPUTS,
         wildcard_constraints:
             set=any_of(SIMULATION_BATCHES),
         log:
@@ -47,4 +49,4 @@ else:
         conda:
             "../../envs/statistics.yaml"
         script:
-            "../scripts/screen_simulations.py"
+            "../scripts/call.py"

@@ -16,10 +16,10 @@ rule simulate_batch:
         mesh=f"{R}/geometry/mesh.vtu",
         predictor=f"{R}/mechanics/predictor.npz",
         design=f"{R}/design/{{set}}.parquet",
-        library=library("simulations"),
     output:
-        f"{R}/simulations/{{set}}/batch-{{batch}}.parquet",
+        simulations=f"{R}/simulations/{{set}}/batch-{{batch}}.parquet",
     params:
+        call="simulations:simulate_batch",
         physics=PHYSICS,
         batch_size=config["simulations"]["batch_size"],
     wildcard_constraints:
@@ -32,4 +32,4 @@ rule simulate_batch:
     conda:
         "../../envs/mechanics.yaml"
     script:
-        "../scripts/simulate_batch.py"
+        "../scripts/call.py"

@@ -5,11 +5,12 @@ rule simulate_subject:
     input:
         mesh=f"{R}/geometry/mesh.vtu",
         predictor=f"{R}/mechanics/predictor.npz",
-        library=library("subjects"),
     output:
         measured=f"{R}/measured/{{subject}}.csv",
         truth=f"{R}/truth/{{subject}}.json",
     params:
+        call="subjects:simulate_subject",
+        name=lambda wildcards: wildcards.subject,
         physics=PHYSICS,
         subject=lambda wildcards: config["synthetic_subjects"][wildcards.subject],
         seed=lambda wildcards: subject_seed(wildcards.subject),
@@ -20,32 +21,19 @@ rule simulate_subject:
     conda:
         "../../envs/mechanics.yaml"
     script:
-        "../scripts/simulate_subject.py"
-
-
-rule fetch_volunteer:
-    """Where the file was found is no parameter: its content cannot differ (checksum)."""
-    input:
-        library=library("resources"),
-    output:
-        fetched_path(config["study"], VOLUNTEER),
-    log:
-        f"{LOGS}/subjects/fetch_volunteer.log",
-    conda:
-        "../../envs/statistics.yaml"
-    script:
-        "../scripts/fetch_volunteer.py"
+        "../scripts/call.py"
 
 
 rule import_volunteer:
     input:
         unpack(volunteer_files),
-        library=library("measured"),
     output:
-        f"{R}/measured/{{subject}}.csv",
+        measured=f"{R}/measured/{{subject}}.csv",
     params:
+        call="measured:import_volunteer",
+        channels=OUTPUTS,
         frame=lambda wildcards: config["subjects"][wildcards.subject]["frame"],
-        slices=lambda wildcards: config["subjects"][wildcards.subject]["slices"],
+        chosen=lambda wildcards: config["subjects"][wildcards.subject]["slices"],
     wildcard_constraints:
         subject=subjects_from("published_volunteer"),
     log:
@@ -53,7 +41,7 @@ rule import_volunteer:
     conda:
         "../../envs/statistics.yaml"
     script:
-        "../scripts/import_volunteer.py"
+        "../scripts/call.py"
 
 
 rule import_published_simulation:
@@ -61,11 +49,12 @@ rule import_published_simulation:
     input:
         inputs=fetched_path(config["study"], TRAINING_INPUTS),
         outputs=fetched_path(config["study"], TRAINING_OUTPUTS),
-        library=library("measured"),
     output:
         measured=f"{R}/measured/{{subject}}.csv",
         theta=f"{R}/known_theta/{{subject}}.csv",
     params:
+        call="measured:import_published_simulation",
+        channels=OUTPUTS,
         row=lambda wildcards: config["subjects"][wildcards.subject]["row"],
     wildcard_constraints:
         subject=subjects_from("published_simulation"),
@@ -74,16 +63,21 @@ rule import_published_simulation:
     conda:
         "../../envs/statistics.yaml"
     script:
-        "../scripts/import_published_simulation.py"
+        "../scripts/call.py"
 
 
 rule import_measured:
     """A subject of the user's: checked, then written in the units used inside."""
     input:
-        measured=lambda wildcards: config["subjects"][wildcards.subject]["measured"],
-        library=library("measured"),
+        file=lambda wildcards: config["subjects"][wildcards.subject]["measured"],
     output:
-        f"{R}/measured/{{subject}}.csv",
+        measured=f"{R}/measured/{{subject}}.csv",
+    params:
+        call="measured:import_measured",
+        channels=OUTPUTS,
+        parameters=PARAMETER_SPEC,
+        pressure_mmhg=config["loading"]["pressure_mmhg"],
+        strain_exponent=config["observables"]["strain_exponent"],
     wildcard_constraints:
         subject=subjects_from("file"),
     log:
@@ -91,4 +85,4 @@ rule import_measured:
     conda:
         "../../envs/statistics.yaml"
     script:
-        "../scripts/import_measured.py"
+        "../scripts/call.py"

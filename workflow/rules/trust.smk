@@ -3,15 +3,15 @@
 
 rule compare_samplers:
     input:
-        emulator=f"{R}/emulators/{{emulator}}.pt",
+        emulator_file=f"{R}/emulators/{{emulator}}.pt",
         posteriors=lambda wildcards: posterior_files(wildcards.emulator, "test"),
-        library=library("inference.agreement"),
     output:
-        f"{R}/posteriors/{{emulator}}/sampler_agreement.csv",
+        table=f"{R}/posteriors/{{emulator}}/sampler_agreement.csv",
     params:
+        call="inference.agreement:compare_samplers",
         cases=config["trust"]["agreement_cases"],
         nuts=config["nuts"],
-        map=config["map"],
+        point=config["map"],
         seed=config["seed"],
     log:
         f"{LOGS}/posteriors/{{emulator}}/compare_samplers.log",
@@ -21,23 +21,23 @@ rule compare_samplers:
     conda:
         "../../envs/statistics.yaml"
     script:
-        "../scripts/compare_samplers.py"
+        "../scripts/call.py"
 
 
 rule calibrate_chain:
     input:
-        emulator=f"{R}/emulators/{{emulator}}.pt",
+        emulator_file=f"{R}/emulators/{{emulator}}.pt",
         simulations=f"{R}/screening/train.parquet",
-        library=library("inference.calibration"),
     output:
         ranks=f"{R}/posteriors/{{emulator}}/sbc_ranks.csv",
         histogram=f"{R}/posteriors/{{emulator}}/sbc.csv",
         tests=f"{R}/posteriors/{{emulator}}/sbc_test.csv",
     params:
+        call="inference.rank_calibration:calibrate_chain",
         cases=config["trust"]["calibration_cases"],
         sampler=config["test_posteriors"]["sampler"],
         nuts=config["nuts"],
-        map=config["map"],
+        point=config["map"],
         seed=config["seed"],
     log:
         f"{LOGS}/posteriors/{{emulator}}/calibrate_chain.log",
@@ -47,16 +47,16 @@ rule calibrate_chain:
     conda:
         "../../envs/statistics.yaml"
     script:
-        "../scripts/calibrate_chain.py"
+        "../scripts/call.py"
 
 
 rule pick_draws:
     input:
         posteriors=lambda wildcards: posterior_files(EMULATOR, "test"),
-        library=library("inference.resimulation"),
     output:
-        f"{R}/design/resimulated.parquet",
+        design=f"{R}/design/resimulated.parquet",
     params:
+        call="inference.resimulation:pick_draws",
         cases=config["trust"]["resimulated_cases"],
         draws=config["trust"]["resimulated_draws"],
         seed=config["seed"],
@@ -65,39 +65,40 @@ rule pick_draws:
     conda:
         "../../envs/statistics.yaml"
     script:
-        "../scripts/pick_draws.py"
+        "../scripts/call.py"
 
 
 rule resimulate_draws:
     input:
-        emulator=f"{R}/emulators/{EMULATOR}.pt",
+        emulator_file=f"{R}/emulators/{EMULATOR}.pt",
         simulations=f"{R}/screening/resimulated.parquet",
         test=f"{R}/screening/test.parquet",
-        library=library("inference.resimulation"),
     output:
         table=f"{R}/posteriors/{EMULATOR}/resimulated.csv",
         summary=f"{R}/posteriors/{EMULATOR}/resimulated_summary.csv",
+    params:
+        call="inference.resimulation:compare_resimulated",
     log:
         f"{LOGS}/posteriors/resimulate_draws.log",
     conda:
         "../../envs/statistics.yaml"
     script:
-        "../scripts/resimulate_draws.py"
+        "../scripts/call.py"
 
 
 rule sample_noise_prior:
     """A subject's posterior once more, with another prior on its noise."""
     input:
-        emulator=f"{R}/emulators/{{emulator}}.pt",
+        emulator_file=f"{R}/emulators/{{emulator}}.pt",
         measured=f"{R}/measured/{{subject}}.csv",
-        library=library("inference.sampling"),
     output:
         posterior=f"{R}/posteriors/{{emulator}}/subjects/noise_prior/{{subject}}-{{scale}}.nc",
         diagnostics=f"{R}/posteriors/{{emulator}}/subjects/noise_prior/{{subject}}-{{scale}}.csv",
     params:
+        call="inference.sampling:sample_subject",
         sampler=config["test_posteriors"]["sampler"],
         nuts=SUBJECT_NUTS,
-        map=config["map"],
+        point=config["map"],
         noise_prior_scale=lambda wildcards: float(wildcards.scale),
         seed=config["seed"],
     wildcard_constraints:
@@ -110,16 +111,16 @@ rule sample_noise_prior:
     conda:
         "../../envs/statistics.yaml"
     script:
-        "../scripts/sample_subject.py"
+        "../scripts/call.py"
 
 
 rule compare_noise_priors:
     input:
         posteriors=noise_prior_posteriors,
-        library=library("inference.noise_prior"),
     output:
-        f"{R}/posteriors/{{emulator}}/subjects/{{subject}}_noise_prior.csv",
+        table=f"{R}/posteriors/{{emulator}}/subjects/{{subject}}_noise_prior.csv",
     params:
+        call="inference.noise_prior:compare_noise_priors",
         scales=config["clinical"]["noise_prior_scales"],
     wildcard_constraints:
         subject=any_of(NOISE_INFERRED),
@@ -128,4 +129,4 @@ rule compare_noise_priors:
     conda:
         "../../envs/statistics.yaml"
     script:
-        "../scripts/compare_noise_priors.py"
+        "../scripts/call.py"

@@ -2,13 +2,15 @@
 
 import json
 import time
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import torch
 
-from regional_lv import aha, emulators
+from regional_lv import emulators
+from regional_lv.channels import Channels
 from regional_lv.criticism.extended import ExtendedEmulator
 from regional_lv.criticism.extension import read_extensions
 from regional_lv.criticism.fit import fit
@@ -19,6 +21,7 @@ from regional_lv.criticism.score import Projected
 from regional_lv.criticism.study import criticise_tables, split
 from regional_lv.criticism.verdict import Settings
 from regional_lv.errors import InputError
+from regional_lv.measured import synthetic_subject
 from regional_lv.progress import Progress
 from regional_lv.seeds import derive
 
@@ -29,27 +32,28 @@ NOTHING = ""
 
 
 def criticise_benchmark(
-    subjects_file: str | Path,
-    first: int,
-    last: int,
-    emulator_file: str | Path,
-    extension_files,
+    subjects: str | Path,
+    batch: str,
+    batch_size: int,
+    emulator: str | Path,
+    extensions: Sequence[str | Path],
     settings: dict,
     noise_prior_scale: float,
     seed: int,
     verdicts: str | Path,
 ) -> None:
-    """Criticise rows `first` to `last` - 1 of a table of subjects; write one row per subject and
-    hypothesis (Parquet): subject, what was found, and what was said of the hypothesis."""
-    subjects = pd.read_parquet(subjects_file).iloc[first:last]
-    emulator = emulators.load(emulator_file)
-    extensions, noises = split(read_extensions(extension_files))
+    """Criticise one batch of a table of subjects; write one row per subject and hypothesis
+    (Parquet): subject, what was found, and what was said of the hypothesis."""
+    first = int(batch) * batch_size
+    table = pd.read_parquet(subjects).iloc[first : first + batch_size]
+    trained = emulators.load(emulator)
+    changing, noises = split(read_extensions(extensions))
     chosen = Settings.from_config(settings)
-    progress, rows = Progress("hidden effects", len(subjects)), []
-    for _, subject in subjects.iterrows():
+    progress, rows = Progress("hidden effects", len(table)), []
+    for _, subject in table.iterrows():
         name, started = subject["subject"], time.monotonic()
         content, _ = criticise_tables(
-            *(name, {name: measured_of(subject)}, emulator, extensions, noises, chosen),
+            *(name, {name: measured_of(subject)}, trained, changing, noises, chosen),
             *(noise_prior_scale, derive(seed, "criticism", name)),
         )
         rows += _rows(content, time.monotonic() - started)
@@ -59,17 +63,10 @@ def criticise_benchmark(
 
 def measured_of(row: pd.Series) -> pd.DataFrame:
     """A measured table, as `read_measured` returns it, of one row of planted subjects."""
-    outputs = list(aha.OUTPUTS)
-    numbers = [None if o == "volume_ml" else int(o.split("_")[1]) for o in outputs]
-    return pd.DataFrame(
-        {
-            "output": outputs,
-            "quantity": [o.split("_")[0] for o in outputs],
-            "segment": pd.array(numbers, dtype="Int64"),
-            "value": [float(row[o]) for o in outputs],
-            "sd": [float(row[f"sd_{o}"]) for o in outputs],
-        }
-    )
+    channels = Channels.parse(name for name in row.index if f"sd_{name}" in row.index)
+    noise = {channel.kind.noise: float(row[f"sd_{channel.name}"]) for channel in channels}
+    values = row[list(channels.names)].to_numpy(float)
+    return synthetic_subject(values, channels, noise, np.zeros(len(channels)))
 
 
 def _rows(content: dict, seconds: float) -> list[dict]:
@@ -102,36 +99,37 @@ def _rows(content: dict, seconds: float) -> list[dict]:
 
 
 def score_benchmark(
-    verdict_files,
-    truth_file: str | Path,
-    subjects_file: str | Path,
-    emulator_file: str | Path,
-    extension_files,
+    verdicts: Sequence[str | Path],
+    truth: str | Path,
+    subjects: str | Path,
+    emulator: str | Path,
+    extensions: Sequence[str | Path],
     cases: str | Path,
     confusion: str | Path,
     summary: str | Path,
 ) -> None:
     """Compare verdicts with the truth: a table of all subjects and one of confusions (CSV), and
     the rates that count with their intervals (JSON). The one reader of a truth."""
-    verdicts = pd.concat([pd.read_parquet(path) for path in verdict_files], ignore_index=True)
-    truth = pd.read_parquet(truth_file)
-    truth = truth[truth["status"] == "converged"].set_index("subject")
-    subjects = pd.read_parquet(subjects_file).set_index("subject", drop=False)
-    emulator = emulators.load(emulator_file)
-    extensions = {(e.hypothesis.name, e.component): e for e in read_extensions(extension_files)}
+    every = pd.concat([pd.read_parquet(path) for path in verdicts], ignore_index=True)
+    known = pd.read_parquet(truth)
+    known = known[known["status"] == "converged"].set_index("subject")
+    hearts = pd.read_parquet(subjects).set_index("subject", drop=False)
+    trained = emulators.load(emulator)
+    changing, _ = split(read_extensions(extensions))
+    by_place = {(e.hypothesis.name, e.component): e for e in changing}
     rows = []
-    for name, said in verdicts.groupby("subject", sort=True):
-        true = truth.loc[name]
-        theta = torch.as_tensor(true[list(aha.PARAMETERS)].to_numpy(float))
-        extension = extensions.get((true["effect"], true["component"]))
+    for name, said in every.groupby("subject", sort=True):
+        true = known.loc[name]
+        theta = torch.as_tensor(true[list(trained.parameters.names)].to_numpy(float))
+        extension = by_place.get((true["effect"], true["component"]))
         strength = np.nan
-        if extension is not None and true["effect"] != "heavy_tails":
-            observed = observe({name: measured_of(subjects.loc[name])}, emulator, 1.0)
-            strength = expected_score(observed, emulator, extension, theta, float(true["value"]))
+        if extension is not None:
+            observed = observe({name: measured_of(hearts.loc[name])}, trained, 1.0)
+            strength = expected_score(observed, trained, extension, theta, float(true["value"]))
         rows.append(_case(name, said, true, strength))
     table = pd.DataFrame(rows)
     if table.empty:
-        raise InputError(f"{truth_file}: no subject that was criticised; make the benchmark again")
+        raise InputError(f"{truth}: no subject that was criticised; make the benchmark again")
     table.to_csv(cases, index=False)
     pd.crosstab(table["effect"], table["answer"]).to_csv(confusion)
     Path(summary).write_text(json.dumps(summarise(table), indent=1) + "\n")
@@ -142,7 +140,7 @@ def expected_score(
 ) -> float:
     """Score that the effect would have on average: the length of what it does to the outputs, in
     sds of the noise, after theta took up what it can. One standard error of psi scores one."""
-    layout = Layout.inferred(observed.subjects, emulator.lower, emulator.upper)
+    layout = Layout.inferred(observed.subjects, emulator.parameters)
     chosen = emulator.select(observed.outputs)
     model = Model(observed, ExtendedEmulator(chosen), layout)
     x = theta.log()[None]

@@ -45,7 +45,7 @@ class ExtendedEmulator:
         return ExtendedEmulator(self.emulator, (*self.extensions, extension))
 
     def predict(self, theta: torch.Tensor, psi: torch.Tensor) -> Prediction:
-        """Mean (..., D) and covariance (..., D, D), the sum of all parts, at `theta` (..., 10) and
+        """Mean (..., D) and covariance (..., D, D), the sum of all parts, at `theta` (..., P) and
         `psi` (..., k)."""
         base = self.emulator.predict(theta)
         mean, covariance = base.mean, base.covariance
@@ -67,7 +67,7 @@ class ExtendedEmulator:
     def linearise(
         self, theta: torch.Tensor, psi: torch.Tensor
     ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-        """Mean (..., D), its derivatives about log theta (..., D, 10) and about psi (..., D, k)."""
+        """Mean (..., D), its derivatives about log theta (..., D, P) and about psi (..., D, k)."""
         base, slopes = self.emulator.linearise(theta)
         slopes = slopes * theta[..., None, :]
         mean, by_base = base, slopes

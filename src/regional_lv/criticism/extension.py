@@ -1,36 +1,30 @@
-"""What an extended model does differently from the base model, at any theta and psi.
-
-Differences are emulated as changes d of logarithmic strain, log(1 + 2 E) / 2, and of log volume:
-
-    E' = ((1 + 2 E) exp(2 d) - 1) / 2,     V' = V exp(d).
-
-Soft walls thin out, their radial Green strains grow without bound and so do differences of them;
-changes of the logarithms stay alike from stiff to soft, and the emulator's errors are two to four
-times smaller.
-"""
+"""What an extended model does differently from the base model, at any theta and psi."""
 
 import copy
 import json
 import logging
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import torch
 
-from regional_lv import aha
-from regional_lv.criticism.hypotheses import REGISTRY
+from regional_lv.channels import Channels
+from regional_lv.criticism.differences import Scale
 from regional_lv.criticism.hypotheses.base import (
+    REGISTRY,
     Hypothesis,
     SimulatorHypothesis,
     TransformHypothesis,
 )
+from regional_lv.criticism.observations import noise_units
 from regional_lv.criticism.polynomial import lagrange
 from regional_lv.emulators.base import Emulator, Prediction
 from regional_lv.emulators.gradient_gp import GradientGP
 from regional_lv.errors import InputError
+from regional_lv.parameters import Parameterisation
 from regional_lv.progress import Progress
 from regional_lv.seeds import derive
 
@@ -40,11 +34,7 @@ EMULATOR = {"hyperparameter_rows": 24, "iterations": 40}
 """Settings of the gradient-enhanced emulator of the differences."""
 
 LEAST_SPREAD = 1e-9
-"""Outputs whose logarithmic change spreads less than this do not change."""
-
-IS_VOLUME = np.array([name == "volume_ml" for name in aha.OUTPUTS])
-UNIT = np.where(IS_VOLUME, 1.0, 0.01)
-"""What errors of the outputs are counted in: 1 mL, and a strain of 0.01."""
+"""Outputs whose change (on the scale of `differences`) spreads less than this do not change."""
 
 HELD_OUT = 5
 """One anchor in so many is left out, once, to see how well the differences are known."""
@@ -54,29 +44,33 @@ class Extension:
     """f(theta, psi) - f(theta) of one hypothesis and component.
 
     A closed form through the base emulator, nothing (noise), or, of simulated hypotheses, the
-    polynomial in psi through zero at the base and emulated logarithmic changes at the nodes.
+    polynomial in psi through zero at the base and emulated changes (`differences`) at the nodes.
 
     Attributes: hypothesis, with base and range as in the study; component; outputs (names of the
-    D outputs); fraction_simulated, the share of the asked simulations that converged.
+    D outputs); fraction_simulated, the share of the asked simulations that converged. exponent: of
+    the study's strain measure. emulator: None for closed forms, noise, and simulated effects that
+    change none of the outputs.
     """
 
     def __init__(
         self,
         hypothesis: Hypothesis,
+        outputs: Sequence[str],
+        exponent: float,
         component: str = "",
         fraction_simulated: float = 1.0,
         emulator: Emulator | None = None,
-        outputs: Sequence[str] = aha.OUTPUTS,
     ):
         self.hypothesis, self.component = hypothesis, component
         self.fraction_simulated = fraction_simulated
         self.outputs = tuple(outputs)
+        self._scale = Scale(Channels.parse(self.outputs), exponent)
         self._emulator = emulator
         if emulator is not None:
             self._changing = _changing(emulator, len(hypothesis.nodes))
 
     def difference(self, base: Emulator, theta: torch.Tensor, psi: torch.Tensor) -> Prediction:
-        """f(theta, psi) - f(theta, base) at `theta` (..., 10) and `psi` (...), natural units.
+        """f(theta, psi) - f(theta, base) at `theta` (..., P) and `psi` (...), natural units.
 
         Mean (..., D) and covariance (..., D, D) of its own error, zero for closed forms; exactly
         zero at psi = base. `base` is the base model's emulator with the same outputs; what is
@@ -100,13 +94,9 @@ class Extension:
         if self._emulator is None:
             zero = torch.zeros_like(mean)
             return Prediction(zero, torch.zeros(*mean.shape, mean.shape[-1], dtype=mean.dtype))
-        change, covariance = self._logarithmic_change(theta, psi)
-        size, power = self._size_and_power(mean)
-        slope = power * size * torch.exp(power * change)
-        return Prediction(
-            size * torch.expm1(power * change),
-            slope[..., :, None] * covariance * slope[..., None, :],
-        )
+        change, covariance = self._change(theta, psi)
+        difference, slope = self._differences(mean, change, psi)
+        return Prediction(difference, slope[..., :, None] * covariance * slope[..., None, :])
 
     @torch.no_grad()
     def mean(
@@ -129,17 +119,16 @@ class Extension:
         change = torch.zeros_like(at_base)
         at = [self.outputs.index(name) for name in self._changing]
         change[..., at] = (weights[..., None] * by_node).sum(-2)
-        size, power = self._size_and_power(at_base)
-        return size * torch.expm1(power * change)
+        return self._differences(at_base, change, psi)[0]
 
     def outside(self, base: Emulator, theta: torch.Tensor, psi: torch.Tensor) -> torch.Tensor:
         """Where (...) the emulators asked for the difference have to extrapolate, bool.
 
         Nothing is clamped there: the difference is what they say. Closed forms may ask the base
-        emulator beyond its box, at another C_a.
+        emulator beyond its box, at another stiffness.
         """
         if isinstance(self.hypothesis, TransformHypothesis):
-            return base.outside(self.hypothesis.emulated_at(theta, psi))
+            return base.outside(self.hypothesis.emulated_at(base.parameters, theta, psi))
         if self._emulator is None:
             return torch.zeros(theta.shape[:-1], dtype=torch.bool)
         box = (theta < self._emulator.lower) | (theta > self._emulator.upper)
@@ -149,17 +138,17 @@ class Extension:
         """The extension of some of the outputs, in the order given."""
         chosen = copy.copy(self)
         chosen.outputs = tuple(outputs)
+        chosen._scale = Scale(Channels.parse(chosen.outputs), self._scale.exponent)
         if self._emulator is not None:
             kept = [name for name in outputs if name in self._changing]
             chosen._emulator = self._emulator.select(_node_names(kept, len(self.hypothesis.nodes)))
             chosen._changing = kept
         return chosen
 
-    def _size_and_power(self, mean) -> tuple[torch.Tensor, torch.Tensor]:
-        """Outputs change by size (exp(power change) - 1): (..., D) and (D,)."""
-        is_volume = torch.tensor([name == "volume_ml" for name in self.outputs])
-        size = torch.where(is_volume, mean, (1 + 2 * mean) / 2)
-        return size, torch.where(is_volume, 1.0, 2.0).to(mean.dtype)
+    def _differences(self, mean, change, psi) -> tuple[torch.Tensor, torch.Tensor]:
+        """Differences (..., D) from outputs `mean`, and their derivatives about the change."""
+        exponent = self.hypothesis.strain_exponent(psi, self._scale.exponent)
+        return self._scale.differences(mean, change, exponent)
 
     def _weights(self, psi) -> torch.Tensor:
         """Weights (..., J) of the nodes at psi (...)."""
@@ -167,7 +156,7 @@ class Extension:
         z = [h.coordinate(value) for value in (h.base, *h.nodes)]
         return torch.stack(lagrange(z, h.coordinate(psi))[1:], dim=-1)
 
-    def _logarithmic_change(self, theta, psi) -> tuple[torch.Tensor, torch.Tensor]:
+    def _change(self, theta, psi) -> tuple[torch.Tensor, torch.Tensor]:
         """Mean (..., D) and covariance (..., D, D)."""
         at_nodes = self._emulator.predict(theta)
         weights = self._weights(psi)
@@ -190,6 +179,8 @@ class Extension:
             "hypothesis": h.name,
             "range": (h.base, h.low, h.high),
             "nodes": list(h.nodes) if isinstance(h, SimulatorHypothesis) else [],
+            "outputs": list(self.outputs),
+            "exponent": self._scale.exponent,
             "component": self.component,
             "fraction_simulated": self.fraction_simulated,
             "emulator": None if self._emulator is None else self._emulator.content(),
@@ -198,15 +189,14 @@ class Extension:
     @classmethod
     def _from_state(cls, path, state: dict) -> "Extension":
         hypothesis = copy.copy(REGISTRY[state["hypothesis"]])
-        if state["nodes"] != list(getattr(hypothesis, "nodes", ())):
-            raise InputError(
-                f"{path}: made with the nodes {state['nodes']} of {hypothesis.name}, which now has "
-                f"{hypothesis.nodes}; run train_extension again"
-            )
         hypothesis.base, hypothesis.low, hypothesis.high = state["range"]
+        if isinstance(hypothesis, SimulatorHypothesis):
+            hypothesis.nodes = tuple(state["nodes"])
         emulator = state["emulator"]
         return cls(
             hypothesis,
+            state["outputs"],
+            state["exponent"],
             state["component"],
             state["fraction_simulated"],
             None if emulator is None else GradientGP.from_content(emulator, path),
@@ -226,40 +216,48 @@ def read_extensions(paths: Sequence[str | Path]) -> list[Extension]:
 
 
 def train_extension(
-    hypothesis: Hypothesis,
-    batches: Sequence[str | Path],
-    bounds: tuple[float, float],
+    hypothesis: str,
+    physics: Mapping,
+    parameters: Parameterisation,
+    channels: Channels,
     seed: int,
-    path: str | Path,
+    extension: str | Path,
     report: str | Path,
+    batches: Sequence[str | Path] = (),
 ) -> None:
     """Learn the differences of one hypothesis from its simulations; write them and a report (JSON).
 
-    batches: files of `simulate_extension`; none for closed forms and noise. seed: the study's.
+    hypothesis: its name. batches: files of `simulate_extension`; none for closed forms and noise.
+    seed: the study's.
     The report says per component how many of the simulations converged, what they cost and, with
     one anchor in `HELD_OUT` left out, how well the differences there are known: `size` and `error`
-    at the nodes in `UNIT` (root mean squares over anchors and outputs), their ratio, the same at
+    at the nodes in `noise_units` (root mean squares over anchors and outputs), their ratio, that at
     the median anchor, the coverage of 95 % intervals, and the relative error of the slope at the
     base against the tangent's.
     """
-    if not isinstance(hypothesis, SimulatorHypothesis):
-        extensions, found = [Extension(hypothesis)], []
+    asked = REGISTRY[hypothesis].for_study(physics)
+    exponent = float(physics["observables"]["strain_exponent"])
+    if not isinstance(asked, SimulatorHypothesis):
+        extensions, found = [Extension(asked, channels.names, exponent)], []
     else:
         table = pd.concat([pd.read_parquet(batch) for batch in batches], ignore_index=True)
         extensions, found = [], []
-        progress = Progress(hypothesis.name, len(hypothesis.components))
+        progress = Progress(hypothesis, len(asked.components))
+        scale = Scale(channels, exponent)
         for component, rows in table.groupby("component", sort=False):
-            own = derive(seed, "extension", hypothesis.name, component)
-            extension, errors = _train(hypothesis, component, rows, bounds, own)
-            extensions.append(extension)
+            own = derive(seed, "extension", hypothesis, component)
+            learnt, errors = _train(asked, component, rows, scale, parameters, own)
+            extensions.append(learnt)
             found.append({"component": component} | errors)
             progress.step()
-    torch.save([extension._state() for extension in extensions], path)
-    content = {"hypothesis": hypothesis.name, "components": found}
+    torch.save([each._state() for each in extensions], extension)
+    content = {"hypothesis": hypothesis, "components": found}
     Path(report).write_text(json.dumps(content, indent=2) + "\n")
 
 
-def _train(hypothesis, component, rows: pd.DataFrame, bounds, seed) -> tuple[Extension, dict]:
+def _train(
+    hypothesis, component, rows: pd.DataFrame, scale: Scale, parameters, seed
+) -> tuple[Extension, dict]:
     """Extension of one component, and what its report says."""
     started = time.monotonic()
     nodes = list(hypothesis.nodes)
@@ -267,16 +265,16 @@ def _train(hypothesis, component, rows: pd.DataFrame, bounds, seed) -> tuple[Ext
     fraction = float(converged[rows["psi"] != hypothesis.base].mean())
     good = rows[converged].groupby("anchor").filter(lambda anchor: len(anchor) == len(nodes) + 1)
     anchors = good["anchor"].nunique()
-    data = _Simulated(hypothesis, good)
+    data = _Simulated(hypothesis, good, scale, parameters)
     held = np.arange(anchors) % HELD_OUT == HELD_OUT - 1
-    partial = _fit(hypothesis, component, fraction, data, ~held, bounds, seed)
+    partial = _fit(hypothesis, component, fraction, data, ~held, seed)
     report = {
         "anchors": anchors,
         "fraction_simulated": fraction,
         "simulation_cpu_s": float(rows["cpu_s"].sum()),
     }
     report |= _errors(partial, data, held)
-    extension = _fit(hypothesis, component, fraction, data, held | ~held, bounds, seed)
+    extension = _fit(hypothesis, component, fraction, data, held | ~held, seed)
     report["training_s"] = time.monotonic() - started
     return extension, report
 
@@ -284,68 +282,82 @@ def _train(hypothesis, component, rows: pd.DataFrame, bounds, seed) -> tuple[Ext
 class _Simulated:
     """What the anchors say of one component.
 
-    theta (n, 10); base (n, 52) and at_nodes (n, J, 52) outputs; change (n, J, 52) the logarithmic
-    change, by_theta (n, J, 52, 10) its d/dtheta; slope (n, 52) the exact d(outputs)/d(psi) at the
-    base, or None where there is none.
+    theta (n, P); base (n, D) and at_nodes (n, J, D) outputs; change (n, J, D) on the scale of the
+    differences, by_theta (n, J, D, P) its d/dtheta; slope (n, D) the exact d(outputs)/d(psi) at the
+    base, or None where there is none. unit: (D,), what errors are counted in.
     """
 
-    def __init__(self, hypothesis: SimulatorHypothesis, good: pd.DataFrame):
+    def __init__(
+        self,
+        hypothesis: SimulatorHypothesis,
+        good: pd.DataFrame,
+        scale: Scale,
+        parameters: Parameterisation,
+    ):
+        self.scale, self.parameters = scale, parameters
         tables = [
             good[good["psi"] == psi].sort_values("anchor")
             for psi in (hypothesis.base, *hypothesis.nodes)
         ]
-        outputs = [table[list(aha.OUTPUTS)].to_numpy() for table in tables]
+        outputs = [table[list(scale.channels.names)].to_numpy() for table in tables]
         (first, *others) = [
-            _logarithms(y, np.stack(table["sensitivity"]).reshape(*y.shape, -1))
-            for y, table in zip(outputs, tables, strict=True)
+            scale.logarithms(
+                y,
+                np.stack(table["sensitivity"]).reshape(*y.shape, -1),
+                hypothesis.strain_exponent(psi, scale.exponent),
+            )
+            for y, table, psi in zip(
+                outputs, tables, (hypothesis.base, *hypothesis.nodes), strict=True
+            )
         ]
-        self.theta = tables[0][list(aha.PARAMETERS)].to_numpy()
+        self.theta = tables[0][list(parameters.names)].to_numpy()
         self.base, self.at_nodes = outputs[0], np.stack(outputs[1:], axis=1)
+        self.unit = noise_units(scale.channels, self.base.std(axis=0))
         self.change = np.stack([value - first[0] for value, _ in others], axis=1)
         self.by_theta = np.stack([slope - first[1] for _, slope in others], axis=1)
         self.slope = np.stack(tables[0]["slope"]) if hypothesis.slope_at_base else None
 
 
-def _logarithms(outputs: np.ndarray, sensitivity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Log volume and logarithmic strains (n, 52), and their d/dtheta (n, 52, 10)."""
-    inner = np.where(IS_VOLUME, outputs, 1 + 2 * outputs)
-    value = np.where(IS_VOLUME, 1.0, 0.5) * np.log(inner)
-    return value, sensitivity / inner[..., None]
-
-
-def _fit(hypothesis, component, fraction, data: _Simulated, used, bounds, seed) -> Extension:
+def _fit(hypothesis, component, fraction, data: _Simulated, used, seed) -> Extension:
     """Extension learnt from the anchors `used` (n,)."""
     change, by_theta = data.change[used], data.by_theta[used]
     varies = np.flatnonzero((np.ptp(change, axis=0) > LEAST_SPREAD).all(axis=0))
-    names, nodes = [aha.OUTPUTS[i] for i in varies], len(hypothesis.nodes)
+    outputs = data.scale.channels.names
+    known = (hypothesis, outputs, data.scale.exponent, component, fraction)
+    if not len(varies):
+        return Extension(*known)
+    names, nodes = [outputs[i] for i in varies], len(hypothesis.nodes)
     emulator = GradientGP(**EMULATOR).fit(
         data.theta[used],
         change[:, :, varies].reshape(len(change), -1),
-        by_theta[:, :, varies].reshape(len(change), -1, len(aha.PARAMETERS)),
-        lower=bounds[0],
-        upper=bounds[1],
+        by_theta[:, :, varies].reshape(len(change), -1, len(data.parameters)),
+        parameters=data.parameters,
         outputs=_node_names(names, nodes),
         seed=seed,
     )
-    return Extension(hypothesis, component, fraction, emulator)
+    return Extension(*known, emulator)
 
 
 def _errors(extension: Extension, data: _Simulated, held: np.ndarray) -> dict:
     """Errors at the nodes and of the slope at the anchors `held` (n,)."""
-    h, theta = extension.hypothesis, torch.as_tensor(data.theta[held])
+    h, theta, unit = extension.hypothesis, torch.as_tensor(data.theta[held]), data.unit
     base, psi = torch.as_tensor(data.base[held]), torch.zeros(int(held.sum()), dtype=theta.dtype)
     errors, sizes, inside = [], [], []
     for j, node in enumerate(h.nodes):
         found = extension.difference_from(base, theta, psi + node)
-        sizes.append((data.at_nodes[held, j] - data.base[held]) / UNIT)
-        errors.append(found.mean.numpy() / UNIT - sizes[-1])
-        sd = found.sd.numpy() / UNIT
+        sizes.append((data.at_nodes[held, j] - data.base[held]) / unit)
+        errors.append(found.mean.numpy() / unit - sizes[-1])
+        sd = found.sd.numpy() / unit
         inside.append((np.abs(errors[-1]) <= 1.96 * sd)[sd > 0])
     errors, sizes = np.stack(errors, axis=1), np.stack(sizes, axis=1)
     report = {
         "held_out": int(held.sum()),
         "size": _rms(sizes),
         "error": _rms(errors),
+    }
+    if not sizes.any():
+        return report
+    report |= {
         "relative_error": _rms(errors) / _rms(sizes),
         "relative_error_median_anchor": float(
             np.median([_rms(e) / _rms(s) for e, s in zip(errors, sizes, strict=True)])
@@ -359,8 +371,8 @@ def _errors(extension: Extension, data: _Simulated, held: np.ndarray) -> dict:
             torch.autograd.grad(mean[:, i].sum(), at, retain_graph=True)[0].numpy()
             for i in range(mean.shape[1])
         ]
-        exact = data.slope[held] / UNIT
-        report["relative_error_of_slope"] = _rms(np.stack(columns, 1) / UNIT - exact) / _rms(exact)
+        exact = data.slope[held] / unit
+        report["relative_error_of_slope"] = _rms(np.stack(columns, 1) / unit - exact) / _rms(exact)
     return report
 
 

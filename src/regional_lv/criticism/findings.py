@@ -6,7 +6,7 @@ from pathlib import Path
 
 import torch
 
-from regional_lv import aha
+from regional_lv.channels import Channels
 from regional_lv.criticism import words
 from regional_lv.criticism.posterior import gain_of
 from regional_lv.criticism.separate import separating_measurement
@@ -47,9 +47,11 @@ def findings_of(subject: str, criticism: Criticism, emulator: Emulator, extensio
         "remaining": _misfit(last, level),
         "rounds": [_round(step, level) for step in criticism.rounds],
         "limits": [
-            f"{name}: {text}" for name, table in tables.items() for text in shortcomings(table)
+            f"{name}: {text}"
+            for name, table in tables.items()
+            for text in shortcomings(table, len(emulator.parameters))
         ]
-        + _limits(first),
+        + _limits(first, emulator.channels),
     }
     content["words"] = words.verdict(content)
     return _plain(content)
@@ -83,16 +85,17 @@ def _misfit(step: Round, level: float) -> dict:
     o, left_out = step.base.model.observations, step.base.left_out
     channels = []
     for i, subject in enumerate(o.subjects):
-        for j, output in enumerate(o.outputs):
+        for j, channel in enumerate(o.channels):
             if not o.present[i, j]:
                 continue
             observed, predicted, sd = (float(v[i, j]) for v in (o.y, left_out.mean, left_out.sd))
             channels.append(
                 {
                     "subject": subject,
-                    "output": output,
-                    "quantity": output.split("_")[0],
-                    "segment": None if output == "volume_ml" else int(output.split("_")[1]),
+                    "output": channel.name,
+                    "quantity": channel.quantity,
+                    "segment": channel.segment,
+                    "load_fraction": channel.load_fraction,
                     "observed": observed,
                     "predicted": predicted,
                     "sd": sd,
@@ -173,7 +176,7 @@ def _density(values: torch.Tensor, weight: torch.Tensor, low: float, high: float
 def _gain(before: Sampled, after: Sampled) -> dict:
     elpd, se, over_folds = gain_of(before.left_out, after.left_out, after.posterior)
     o = before.model.observations
-    volume = torch.tensor([name == "volume_ml" for name in o.outputs]).expand_as(o.present)
+    kinds = {"rmse": o.channels.is_strain, "rmse_volume_ml": o.channels.of_quantity("volume")}
     found = {"elpd": elpd, "elpd_se": se, "elpd_se_folds": over_folds}
     folds = dict(
         zip(
@@ -184,13 +187,13 @@ def _gain(before: Sampled, after: Sampled) -> dict:
     )
     for when, model in (("before", before), ("after", after)):
         error = o.y - model.left_out.mean
-        for key, channels in (("rmse", ~volume), ("rmse_volume_ml", volume)):
-            here = channels & o.present
+        for key, mask in kinds.items():
+            here = torch.as_tensor(mask) & o.present
             value = float(error[here].square().mean().sqrt()) if here.any() else None
             found[f"{key}_{when}"] = value
         inside = (error.abs() <= Z95 * model.left_out.sd)[o.present]
         found[f"coverage_{when}"] = float(inside.double().mean())
-    return found | {"by_segment": {"volume" if k == 0 else str(k): v for k, v in folds.items()}}
+    return found | {"by_segment": {o.group_names[k]: v for k, v in folds.items()}}
 
 
 def _theta(before: Sampled, after: Sampled) -> list[dict]:
@@ -213,14 +216,14 @@ def _theta(before: Sampled, after: Sampled) -> list[dict]:
 
 
 def _noise(before: Sampled, after: Sampled) -> list[dict]:
-    """Inferred noise scales per direction (in training sd), medians before and after."""
+    """Inferred noise scales per quantity (in training sd), medians before and after."""
     rows = []
-    for i, direction in enumerate(before.model.observations.directions):
+    for i, quantity in enumerate(before.model.observations.scaled):
         values = [
             s.posterior.quantile(s.posterior.x[:, s.model.first_sigma + i].exp(), [0.5])[0]
             for s in (before, after)
         ]
-        rows.append({"direction": direction, "before": values[0], "after": values[1]})
+        rows.append({"quantity": quantity, "before": values[0], "after": values[1]})
     return rows
 
 
@@ -250,15 +253,16 @@ def _on_bounds(sampled: Sampled) -> list[str]:
     return [name for name, here in zip(model.names, at.tolist(), strict=True) if here]
 
 
-def _limits(first: Round) -> list[str]:
-    """What the data do not support, in sentences."""
+def _limits(first: Round, channels: Channels) -> list[str]:
+    """What the data do not support, in sentences. channels: those that the study observes."""
     o = first.base.model.observations
     said = []
     if not first.misfit.families:
         said.append("no more channels than parameters: they can be fitted whatever is wrong")
-    for direction in aha.DIRECTIONS:
-        if not any(name.startswith(direction) for name in o.outputs):
-            said.append(f"no {direction} strain was measured: nothing is said about it")
+    for channel in {c.quantity: c for c in channels if c.quantity != "volume"}.values():
+        if channel.quantity not in o.channels.quantities:
+            what = f"{channel.quantity} strain" if channel.kind.is_strain else channel.quantity
+            said.append(f"no {what} was measured: nothing is said about it")
     for family in ("direction", "level", "wall"):
         if first.misfit.families and family not in first.misfit.families:
             said.append(f"too few channels for the tests by {family}")

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from regional_lv import aha
 from regional_lv.criticism.model import Model
 from regional_lv.design import sobol
 from regional_lv.seeds import derive
@@ -160,14 +159,17 @@ def fit_from_nothing(model: Model, seed: int) -> Fit:
     if not model.layout.uniform_in_theta:
         x[:, :count] = 0.0
         return fit_best(model, x[:1])
-    p = len(aha.PARAMETERS)
+    parameters = model.layout.parameters
+    p = len(parameters)
     if count > p:
         alone = [fit_from_nothing(single, seed).x[0] for single in model.apart()]
         x = torch.cat([part[:p] for part in alone] + [torch.stack(alone).mean(0)[p:]])
         return fit_best(model, x[None])
-    bounds = (float(model.low[:p].min().exp()), float(model.high[:p].max().exp()))
     points = [
-        sobol(SCREENED // 2, *bounds, scale, derive(seed, "starts", scale))
+        sobol(
+            *(SCREENED // 2, parameters.lower, parameters.upper, scale),
+            derive(seed, "starts", scale),
+        )
         for scale in ("natural", "log")
     ]
     x[:, :p] = torch.as_tensor(np.concatenate(points)).log()

@@ -65,17 +65,20 @@ def _unit(hypothesis) -> str:
 
 
 def _hiding_place(model: Model, best: Fit, pattern: torch.Tensor) -> tuple[str, float]:
-    """The parameter, or the kind of parameter in all zones together, whose effect on the outputs is
+    """The parameter, or one factor of all zones together, whose effect on the outputs is
     most like `pattern` (n, 1), and the correlation."""
     slopes = (best.whitening[0] @ best.jacobian[0]).flatten(0, 1)
     s, d = best.residual.shape[1:]
     target = (best.whitening[0] @ pattern.reshape(s, d, 1)).flatten()
     names = model.names[: slopes.shape[1]]
     places = {name: slopes[:, i] for i, name in enumerate(names)}
-    for kind in ("C_a", "C_b"):
-        at = [i for i, name in enumerate(names) if f"{kind}_" in name]
-        if at:
-            places[f"{kind} of all zones together"] = slopes[:, at].sum(1)
+    parameters = model.layout.parameters
+    for factor in parameters.factors:
+        own = {p.name for p in parameters if p.factor == factor}
+        # Of several hearts, a parameter's name comes behind its heart's.
+        at = [i for i, name in enumerate(names) if name.rpartition(": ")[2] in own]
+        if len(at) > 1:
+            places[f"{factor} of all zones together"] = slopes[:, at].sum(1)
     likeness = {
         name: float((target @ column).abs() / (target.norm() * column.norm()).clamp(min=1e-300))
         for name, column in places.items()

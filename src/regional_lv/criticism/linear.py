@@ -1,6 +1,6 @@
 """Posterior, evidence and leave-one-segment-out prediction by Laplace approximation.
 
-For several hearts of unknown theta together: ten coordinates each are too many to sample by
+For several hearts of unknown theta together: so many coordinates are too many to sample by
 importance. Exact where the model is linear in its coordinates and no bound is near.
 """
 

@@ -1,21 +1,22 @@
 """Parameters of one or several hearts, what they predict, and how likely that makes the data.
 
 All models here share one form. Coordinates x (P) are, in this order: what moves theta, one psi per
-extension, and one log noise scale per direction whose noise is inferred. log theta of heart s is
-`offset[s] + moves[s] @ x[:, :Q]`: the identity for one heart; a block each for several; two
-columns, one for all C_a and one for all C_b, for hearts of known theta on a material whose
-reference values are known up to two factors.
+extension, and one log noise scale per quantity whose noise is inferred. log theta of heart s is
+`offset[s] + moves[s] @ x[:, :Q]`: the identity for one heart; a block each for several; a column
+for each factor of the material law, over all zones, for hearts of known theta on a material whose
+reference values are known up to these factors.
 """
 
 import math
 from dataclasses import dataclass
 
+import numpy as np
 import torch
 
-from regional_lv import aha
 from regional_lv.criticism.extended import ExtendedEmulator
 from regional_lv.criticism.observations import Observations
 from regional_lv.errors import InputError
+from regional_lv.parameters import Parameterisation
 
 LOG_2PI = math.log(2 * math.pi)
 LOG_SIGMA_BOUNDS = (-7.0, 3.0)
@@ -26,9 +27,10 @@ SMALLEST_SHIFT = 0.1
 
 @dataclass(frozen=True)
 class Layout:
-    """Where log theta of each heart comes from: offset (S, 10), moves (S, 10, Q), names (Q), low
+    """Where log theta of each heart comes from: offset (S, P), moves (S, P, Q), names (Q), low
     and high (Q,), and whether the coordinates are log theta with a prior uniform in theta."""
 
+    parameters: Parameterisation
     offset: torch.Tensor
     moves: torch.Tensor
     names: tuple[str, ...]
@@ -37,35 +39,40 @@ class Layout:
     uniform_in_theta: bool
 
     @classmethod
-    def inferred(cls, subjects: tuple[str, ...], lower: float, upper: float) -> "Layout":
-        """Ten unknown parameters per heart, uniform on the box."""
-        count, p = len(subjects), len(aha.PARAMETERS)
+    def inferred(cls, subjects: tuple[str, ...], parameters: Parameterisation) -> "Layout":
+        """All parameters unknown in every heart, uniform on their box."""
+        count, p = len(subjects), len(parameters)
         moves = torch.eye(count * p, dtype=torch.float64).reshape(count, p, count * p)
         prefix = [""] if count == 1 else [f"{name}: " for name in subjects]
-        names = tuple(f"{s}{name}" for s in prefix for name in aha.PARAMETERS)
-        bound = torch.ones(count * p, dtype=torch.float64)
-        low, high = bound * math.log(lower), bound * math.log(upper)
-        return cls(torch.zeros(count, p).double(), moves, names, low, high, True)
+        names = tuple(f"{s}{name}" for s in prefix for name in parameters.names)
+        low, high = (
+            torch.as_tensor(np.log(np.tile(bound, count)))
+            for bound in (parameters.lower, parameters.upper)
+        )
+        return cls(parameters, torch.zeros(count, p).double(), moves, names, low, high, True)
 
     @classmethod
-    def known(cls, theta: torch.Tensor, lower: float, upper: float) -> "Layout":
-        """Known thetas (S, 10); with the common factors on C_a and on C_b unknown.
+    def known(cls, theta: torch.Tensor, parameters: Parameterisation) -> "Layout":
+        """Known thetas (S, P), up to a common number for each factor of the material law.
 
         Their prior is uniform in the logarithm, over all that keeps every heart inside the box.
         Raises InputError if that leaves no room.
         """
         offset = theta.log()
-        kinds = ~torch.as_tensor(aha.IS_C_A)
-        moves = torch.stack([~kinds, kinds], dim=-1).double().expand(len(theta), -1, -1)
-        low = torch.stack([math.log(lower) - offset[:, k].min() for k in (~kinds, kinds)])
-        high = torch.stack([math.log(upper) - offset[:, k].max() for k in (~kinds, kinds)])
+        masks = [torch.as_tensor(parameters.of_factor(name)) for name in parameters.factors]
+        moves = torch.stack(masks, dim=-1).double().expand(len(theta), -1, -1)
+        lowest = torch.as_tensor(np.log(parameters.lower)) - offset
+        highest = torch.as_tensor(np.log(parameters.upper)) - offset
+        low = torch.stack([lowest[:, mask].max() for mask in masks])
+        high = torch.stack([highest[:, mask].min() for mask in masks])
         if torch.minimum(high, -low).min() < SMALLEST_SHIFT:
             raise InputError(
                 "criticism.joint: the known thetas reach the bounds of the emulator's box, which "
                 "leaves no room for common factors on the reference material; take subjects nearer "
-                "to its middle, or widen design.lower and design.upper"
+                "to its middle, or widen design.lower and design.upper (parameters.bounds)"
             )
-        return cls(offset, moves, ("log factor C_a", "log factor C_b"), low, high, False)
+        names = tuple(f"log factor {name}" for name in parameters.factors)
+        return cls(parameters, offset, moves, names, low, high, False)
 
 
 class Model:
@@ -87,7 +94,7 @@ class Model:
         self.observations, self.emulator, self.layout = observations, emulator, layout
         self.tails = tails
         hypotheses = [e.hypothesis for e in emulator.extensions] + ([tails] if tails else [])
-        q, g = len(layout.names), len(observations.directions)
+        q, g = len(layout.names), len(observations.scaled)
         self.psi = slice(q, q + len(emulator.extensions))
         self.tail = q + len(emulator.extensions) if tails else None
         self.means = self.psi.stop
@@ -95,7 +102,7 @@ class Model:
         self.names = (
             *layout.names,
             *(h.name for h in hypotheses),
-            *(f"log_sigma_{d}" for d in observations.directions),
+            *(f"log_sigma_{quantity}" for quantity in observations.scaled),
         )
         self.low, self.high = (
             torch.cat([edge, torch.tensor([*values, *[bound] * g], dtype=torch.float64)])
@@ -109,16 +116,15 @@ class Model:
 
     def apart(self) -> list["Model"]:
         """A model for each heart by itself."""
-        edges = float(self.low[0].exp()), float(self.high[0].exp())
         return [
-            Model(one, self.emulator, Layout.inferred(one.subjects, *edges))
+            Model(one, self.emulator, Layout.inferred(one.subjects, self.layout.parameters))
             for one in self.observations.apart()
         ]
 
     # ---------------------------------------------------------------------------- coordinates
 
     def theta(self, x: torch.Tensor) -> torch.Tensor:
-        """(..., S, 10)."""
+        """(..., S, P)."""
         moved = (self.layout.moves @ x[..., None, : len(self.layout.names), None])[..., 0]
         return torch.exp(self.layout.offset + moved)
 

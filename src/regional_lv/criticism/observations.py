@@ -1,29 +1,47 @@
 """What was observed of one heart, or of several that are criticised together."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import torch
 
 from regional_lv import aha
+from regional_lv.channels import Channels, at_load
 from regional_lv.emulators.base import Emulator
 from regional_lv.errors import InputError
 from regional_lv.inference.likelihood import Noise
 from regional_lv.measured import read_measured
 
-VOLUME_GROUP = 0
-"""Where the volume stands among the segment numbers: it is left out as a group of its own."""
+REACHED = {"strain": 0.01, "volume": 1.0, "torsion": 0.01, "shortening": 0.005}
+"""Noise that good tagged MRI reaches, by a quantity's `noise` and in its unit."""
+
+SHARE_OF_SPREAD = 0.1
+"""The same for other quantities: this share of their spread over the design."""
+
+
+def noise_units(channels: Channels, spread: np.ndarray) -> np.ndarray:
+    """What differences of the channels are counted in, (D,): a good measurement's noise.
+
+    spread: (D,) sd of the channels over the design.
+    """
+    return np.array(
+        [
+            REACHED.get(channel.kind.noise, SHARE_OF_SPREAD * sd)
+            for channel, sd in zip(channels, spread, strict=True)
+        ]
+    )
 
 
 @dataclass(frozen=True)
 class Observations:
     """Observed outputs of S hearts, of D different kinds.
 
-    y: (S, D), 0 where absent. present: (S, D). sd: (S, D) known noise, natural units. directions,
-    units (G, D) and prior_scale: noise that is inferred, one scale per direction, the same in all
-    hearts (`likelihood.Noise`).
+    y: (S, D), 0 where absent. present: (S, D). sd: (S, D) known noise, natural units. scaled (names
+    of G quantities), units (G, D) and prior_scale: noise that is inferred, one scale per quantity,
+    the same in all hearts (`likelihood.Noise`).
     """
 
     subjects: tuple[str, ...]
@@ -31,16 +49,37 @@ class Observations:
     y: torch.Tensor
     present: torch.Tensor
     sd: torch.Tensor
-    directions: tuple[str, ...]
+    scaled: tuple[str, ...]
     units: torch.Tensor
     prior_scale: float
 
-    @property
+    @cached_property
+    def channels(self) -> Channels:
+        """The channels of `outputs`."""
+        return Channels.parse(self.outputs)
+
+    @cached_property
+    def group_names(self) -> dict[int, str]:
+        """Number of each group that is left out together -> its name.
+
+        A segment is a group, numbered and named by its AHA number; so is a quantity without
+        segments at one load, numbered 0, -1, ... and named like `volume` or `torsion@0.5`.
+        """
+        seen = self.present.any(0).tolist()
+        here = [channel for channel, s in zip(self.channels, seen, strict=True) if s]
+        elsewhere = dict.fromkeys(_elsewhere(c) for c in here if c.segment is None)
+        names = {-i: name for i, name in enumerate(elsewhere)}
+        segments = sorted({c.segment for c in here} - {None})
+        return names | {number: str(number) for number in segments}
+
+    @cached_property
     def groups(self) -> dict[int, torch.Tensor]:
-        """Segment number (`VOLUME_GROUP` for the volume) -> its channels (D,), where observed."""
-        numbers = torch.tensor([segment_or_volume(name) for name in self.outputs])
-        seen = numbers[self.present.any(0)]
-        return {int(g): numbers == g for g in seen.unique()}
+        """Number of each group of `group_names` -> its channels, mask (D,)."""
+        own = [str(c.segment) if c.segment else _elsewhere(c) for c in self.channels]
+        return {
+            number: torch.tensor([name == mine for mine in own])
+            for number, name in self.group_names.items()
+        }
 
     def apart(self) -> list["Observations"]:
         """Each heart by itself."""
@@ -57,8 +96,9 @@ class Observations:
 _PER_HEART = ("y", "present", "sd")
 
 
-def segment_or_volume(output: str) -> int:
-    return VOLUME_GROUP if output == "volume_ml" else int(output.split("_")[1])
+def _elsewhere(channel) -> str:
+    """Name of the group of a channel without a segment."""
+    return at_load(channel.quantity, channel.load_fraction)
 
 
 def observe(
@@ -103,12 +143,6 @@ def read_observations(
     return observe(tables, emulator, prior_scale)
 
 
-def channels_of(outputs: Sequence[str], direction: str, segments: Sequence[int]) -> torch.Tensor:
-    """Mask (D,) of one direction's channels in some segments."""
-    wanted = {f"{direction}_{s:02d}" for s in segments}
-    return torch.tensor([name in wanted for name in outputs])
-
-
 WALLS = {
     "anterior": (1, 7, 13),
     "septal": (2, 3, 8, 9, 14),
@@ -121,18 +155,21 @@ WALLS = {
 def contrasts(observations: Observations) -> dict[str, dict[str, torch.Tensor]]:
     """Families of structured departures: family -> name -> pattern (D,) of ones.
 
-    Only patterns of at least two observed channels: one channel is a test of its own.
+    Of quantities that segments have, at all loads together. Only patterns of at least two observed
+    channels: one channel is a test of its own.
     """
-    outputs, seen = observations.outputs, observations.present.any(0)
+    channels, seen = observations.channels, observations.present.any(0)
+    segmental = dict.fromkeys(c.quantity for c in channels if c.segment is not None)
     segments = {"all": [s.number for s in aha.SEGMENTS]}
     families = {"direction": segments, "level": aha.LEVELS, "wall": WALLS}
     found: dict[str, dict[str, torch.Tensor]] = {}
     for family, places in families.items():
         found[family] = {}
         for place, numbers in places.items():
-            for direction in aha.DIRECTIONS:
-                mask = channels_of(outputs, direction, numbers) & seen
+            inside = np.isin(channels.segments, list(numbers))
+            for quantity in segmental:
+                mask = torch.as_tensor(channels.of_quantity(quantity) & inside) & seen
                 if mask.sum() >= 2:
-                    name = direction if place == "all" else f"{place} {direction}"
+                    name = quantity if place == "all" else f"{place} {quantity}"
                     found[family][name] = mask.double()
     return {family: patterns for family, patterns in found.items() if patterns}

@@ -1,15 +1,19 @@
 """Ventricles with a known fault: simulated in full with it, measured with noise, truth apart."""
 
 import logging
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
-from regional_lv import aha
-from regional_lv.criticism.hypotheses import REGISTRY, Hypothesis
+from regional_lv.channels import Channel, Channels
+from regional_lv.criticism.hypotheses import REGISTRY, Hypothesis, asked
+from regional_lv.criticism.hypotheses.base import with_value
+from regional_lv.measured import synthetic_subject
 from regional_lv.mechanics.continuation import Runner
+from regional_lv.parameters import Parameterisation
 from regional_lv.progress import Progress
 from regional_lv.seeds import derive
 from regional_lv.simulations import make_runner
@@ -49,37 +53,39 @@ class Ventricles:
     Parameters
     ----------
     mesh, physics, predictor: the study's.
+
+    Attributes: `channels`, those of the study.
     """
 
-    def __init__(self, mesh: Path, physics: dict, predictor: Path):
+    def __init__(self, mesh: str | Path, physics: Mapping, predictor: str | Path):
         self._files, self._physics = (mesh, predictor), physics
         self._base: Runner | None = None
+        self.channels = Channels.from_config(physics)
 
     def outputs(self, theta: np.ndarray, effects: list[Effect]) -> np.ndarray:
-        """The 52 outputs (without noise) at `theta` (10,).
+        """The channels' values (D,), without noise, at `theta` (P,).
 
         Raises ArithmeticError, with the reason, for a ventricle that cannot be inflated.
         """
-        physics, fraction = self._physics, 1.0
+        physics, seen = self._physics, list(self.channels)
         for effect in effects:
-            physics = effect.hypothesis.extend(physics, effect.value, effect.component)
-            fraction *= effect.hypothesis.strain_fraction(effect.value)
-        if fraction < 1:
-            physics = physics | {"loading": physics["loading"] | {"frames": [fraction]}}
-        result = self._runner(physics).run(theta)
+            h = effect.hypothesis
+            physics = h.extend(physics, effect.value, effect.component)
+            seen = [Channel(c.quantity, c.place, h.load_fraction(c, effect.value)) for c in seen]
+        frames = sorted({c.load_fraction for c in seen} - {1.0})
+        if frames != sorted(physics["loading"]["frames"]):
+            physics = with_value(physics, ("loading", "frames"), frames)
+        runner = self._runner(physics)
+        result = runner.run(theta)
         if result.status != "converged":
             raise ArithmeticError(result.reason)
-        outputs = result.observables
-        if fraction < 1:
-            if fraction not in result.frames:
-                raise ArithmeticError(f"no state at {fraction:g} of the pressure")
-            early = result.frames[fraction]
-            outputs = np.where([name == "volume_ml" for name in aha.OUTPUTS], outputs, early)
+        at = {name: i for i, name in enumerate(runner.channels.names)}
+        outputs = result.observables[[at[channel.name] for channel in seen]]
         for effect in effects:
-            outputs = effect.hypothesis.measure(outputs, aha.OUTPUTS, effect.value)
+            outputs = effect.hypothesis.measure(outputs, self.channels, effect.value)
         return outputs
 
-    def _runner(self, physics: dict) -> Runner:
+    def _runner(self, physics: Mapping) -> Runner:
         mesh, predictor = self._files
         if physics is not self._physics:
             return make_runner(mesh, physics, predictor)
@@ -104,28 +110,29 @@ def random_subjects(
     planted: int,
     null: int,
     seed: int,
-    hypotheses: dict[str, Hypothesis],
-    bounds: tuple[float, float],
+    hypotheses: Mapping[str, Hypothesis],
+    parameters: Parameterisation,
 ) -> list[dict]:
     """Entries as in `synthetic_subjects` (`theta`, `effects`, `seed`) with a name, `subject`.
 
     planted: how many have one effect, each hypothesis in turn after a shuffle, its value uniform in
     the plausible range but for what is close to the base (`LEAST_SHARE`); null: how many have none.
-    Theta is log-uniform in `PHYSIOLOGICAL`, as far as `bounds` allow. Their order tells nothing.
+    Theta is log-uniform in `PHYSIOLOGICAL`, as far as its bounds allow. Their order tells nothing.
     """
     rng = np.random.default_rng(derive(seed, "benchmark"))
-    low, high = max(PHYSIOLOGICAL[0], bounds[0]), min(PHYSIOLOGICAL[1], bounds[1])
+    low = np.log(np.maximum(PHYSIOLOGICAL[0], parameters.lower))
+    high = np.log(np.minimum(PHYSIOLOGICAL[1], parameters.upper))
     names = [
         name for _ in range(-(-planted // len(hypotheses))) for name in _shuffled(hypotheses, rng)
     ]
     effects = [_random_effect(hypotheses[name], rng) for name in names[:planted]] + [{}] * null
     entries = []
     for number, place in enumerate(rng.permutation(planted + null)):
-        theta = np.exp(rng.uniform(np.log(low), np.log(high), len(aha.PARAMETERS)))
+        theta = np.exp(rng.uniform(low, high))
         entries.append(
             {
                 "subject": f"subject-{number:04d}",
-                "theta": dict(zip(aha.PARAMETERS, theta.tolist(), strict=True)),
+                "theta": dict(zip(parameters.names, theta.tolist(), strict=True)),
                 "effects": effects[place],
                 "seed": derive(seed, "benchmark", number),
             }
@@ -149,20 +156,50 @@ def _random_effect(hypothesis: Hypothesis, rng: np.random.Generator) -> dict:
 
 
 def plant_batch(
-    mesh: Path, physics: dict, predictor: Path, entries: list[dict], noise: dict, name: str
-) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Simulate and measure entries of `random_subjects`; return the subjects and the truth.
+    mesh: str | Path,
+    predictor: str | Path,
+    physics: Mapping,
+    parameters: Parameterisation,
+    hypotheses: str | list[str],
+    benchmark: Mapping,
+    seed: int,
+    batch: str,
+    batch_size: int,
+    subjects: str | Path,
+    truth: str | Path,
+) -> None:
+    """Simulate and measure one batch of `random_subjects`; write the subjects and the truth.
 
-    Subjects: `subject`, the 52 outputs with noise, their `sd_<output>`. Truth, for a file that no
-    inference reads: `subject`, theta, `effect` (empty if none), `component`, `value`, `status` and
-    `reason`; a ventricle that cannot be inflated is in the truth alone.
+    hypotheses: names, or `all`, as in the configuration; benchmark: its section
+    `criticism.benchmark`; seed: the study's. Subjects (Parquet): `subject`, the D outputs with
+    noise, their `sd_<output>`. Truth, which no inference reads: `subject`, theta, `effect` (empty
+    if none), `component`, `value`, `status` and `reason`; a ventricle that cannot be inflated is in
+    the truth alone.
     """
+    catalogue = asked(hypotheses, physics)
+    counts = benchmark["planted"], benchmark["null"]
+    entries = random_subjects(*counts, seed, catalogue, parameters)
+    first = int(batch) * batch_size
     ventricles = Ventricles(mesh, physics, predictor)
-    sd = np.array([noise["volume" if o == "volume_ml" else "strain"] for o in aha.OUTPUTS])
+    tables = _planted(
+        ventricles,
+        entries[first : first + batch_size],
+        benchmark["noise"],
+        f"hidden effects batch {batch}",
+    )
+    for table, path in zip(tables, (subjects, truth), strict=True):
+        table.to_parquet(path, index=False)
+
+
+def _planted(
+    ventricles: Ventricles, entries: list[dict], noise: Mapping[str, float], name: str
+) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Subjects and truth of some entries, as `plant_batch` writes them."""
+    channels = ventricles.channels
     progress, subjects, truths = Progress(name, len(entries)), [], []
     for entry in entries:
         effects = read_effects(entry["effects"])
-        theta = np.array([entry["theta"][parameter] for parameter in aha.PARAMETERS])
+        theta = np.array([*entry["theta"].values()])
         truth = {"subject": entry["subject"]} | entry["theta"]
         truth |= {
             "effect": "",
@@ -181,9 +218,10 @@ def plant_batch(
             log.warning("%s: %s failed: %s", name, entry["subject"], error)
         else:
             rng = np.random.default_rng(entry["seed"])
-            values = outputs + sd * unit_noise(effects, len(sd), rng)
-            row = {"subject": entry["subject"]} | dict(zip(aha.OUTPUTS, values, strict=True))
-            subjects.append(row | {f"sd_{o}": s for o, s in zip(aha.OUTPUTS, sd, strict=True)})
+            unit = unit_noise(effects, len(channels), rng)
+            table = synthetic_subject(outputs, channels, noise, unit).set_index("output")
+            row = {"subject": entry["subject"]} | table["value"].to_dict()
+            subjects.append(row | table["sd"].add_prefix("sd_").to_dict())
         truths.append(truth)
         progress.step(failed=truth["status"] == "failed")
     return pd.DataFrame(subjects), pd.DataFrame(truths)

@@ -7,7 +7,7 @@ from pathlib import Path
 import jinja2
 
 from regional_lv.criticism import words
-from regional_lv.figures import criticism as figures
+from regional_lv.plots import criticism as figures
 
 PAGE = """<!doctype html>
 <html lang="en"><head><meta charset="utf-8"><title>Criticism of {{ f.subject }}</title>
@@ -106,17 +106,21 @@ FAMILIES = {
 }
 
 
-def write_report(findings: str | Path, page: str | Path, folder: str | Path) -> None:
-    """Draw the figures into `folder` (PNG and CSV) and write the page.
+def write_report(
+    findings: str | Path, page: str | Path, residuals: str | Path, table: str | Path
+) -> None:
+    """Draw the figures and write the page.
 
-    findings: findings.json. Every number of the page stands there.
+    findings: findings.json. Every number of the page stands there. residuals, table: figure (PNG)
+    of the residuals and its data (CSV); the other figures with theirs stand beside them.
     """
-    content, folder = json.loads(Path(findings).read_text()), Path(folder)
+    content, folder = json.loads(Path(findings).read_text()), Path(residuals).parent
     folder.mkdir(parents=True, exist_ok=True)
     drawn = {}
     for name in ("residuals", "causes", "parameters", "theta"):
-        png = folder / f"{name}.png"
-        getattr(figures, f"draw_{name}")(content, png, png.with_suffix(".csv"))
+        png = Path(residuals) if name == "residuals" else folder / f"{name}.png"
+        csv = Path(table) if name == "residuals" else png.with_suffix(".csv")
+        getattr(figures, f"draw_{name}")(content, png, csv)
         drawn[name] = _embedded(png) if png.exists() else ""
     kept = {content["named_cause"], *content["indistinguishable"], *content["partly"]}
     ruled_out = [

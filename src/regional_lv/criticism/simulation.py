@@ -2,15 +2,14 @@
 
 import logging
 import time
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
-from regional_lv import aha
-from regional_lv.criticism.hypotheses.base import SimulatorHypothesis
+from regional_lv.criticism.hypotheses.base import REGISTRY, SimulatorHypothesis
 from regional_lv.criticism.polynomial import lagrange
-from regional_lv.mechanics import effects
 from regional_lv.mechanics.continuation import Effort, NotConverged, Simulation, Solver
 from regional_lv.mechanics.predictor import read_anchors
 from regional_lv.mechanics.simulator import Simulator, State
@@ -23,7 +22,8 @@ HALVINGS = 3
 """How often a step in psi that fails is halved."""
 
 SLOPE_STEP = 1e-5
-"""Of the range of psi: half the step of the central difference of residual and observables."""
+"""Of the range of psi: the step on either side of the base value, as far as the range goes, between
+which residual and observables are compared."""
 
 
 class Extended:
@@ -38,78 +38,89 @@ class Extended:
     def __init__(
         self,
         mesh: Path,
-        physics: dict,
+        physics: Mapping,
         hypothesis: SimulatorHypothesis,
         component: str = "",
         base: Solver | None = None,
     ):
         self.hypothesis, self.component = hypothesis, component
-        self.pressure = physics["loading"]["pressure_mmhg"]
         self._mesh, self._physics = mesh, physics
-        # One set of forms from the base value on, or the tangent of one is not that of the other.
-        self._in_the_form = (hypothesis.section, hypothesis.key) in effects.BASE
         self._solvers = {} if base is None else {hypothesis.base: base}
 
     def solver(self, psi: float) -> Solver:
         """The solver at `psi`, made when it is first asked for."""
         if psi not in self._solvers:
             physics = self.hypothesis.extend(self._physics, psi, self.component)
-            simulator = make_simulator(self._mesh, physics, self._in_the_form)
+            # One set of forms from the base value on, or the tangent of one is not that of the
+            # other.
+            simulator = make_simulator(self._mesh, physics, self.hypothesis.in_the_form)
             self._solvers[psi] = Solver(simulator, physics["solver"])
         return self._solvers[psi]
 
     def simulator(self, psi: float) -> Simulator:
         return self.solver(psi).simulator
 
-    def solve(self, w: np.ndarray, theta: np.ndarray, psi: float, effort: Effort) -> State:
-        """Equilibrium at (theta, psi) from the field `w`. Raises `NotConverged`."""
-        return self.solver(psi).newton(w, theta, self.pressure, effort)
+    def solve(self, w: np.ndarray, theta: np.ndarray, psi: float, fraction: float, effort: Effort):
+        """Equilibrium (`State`) at (theta, psi) and a load fraction from the field `w`.
 
-    def slope(self, state: State) -> tuple[np.ndarray, np.ndarray]:
-        """d(w)/d(psi) (size,) and d(outputs)/d(psi) (52,) at the base value, exactly.
+        Raises `NotConverged`.
+        """
+        solver = self.solver(psi)
+        return solver.newton(w, theta, fraction * solver.simulator.full_pressure, effort)
+
+    def slope(self, state: State, fraction: float) -> tuple[np.ndarray, np.ndarray]:
+        """d(w)/d(psi) (size,) and d(outputs)/d(psi) (d,) at the base value, of one load's channels.
 
         `state` is the base model's, whose factorised tangent is at hand: -K^-1 dR/dpsi, with the
-        residual's change by central difference, and what the outputs change by themselves. Where
-        psi moves the circles on which nodes of the base stay, the field moves with them.
+        residual's change by difference, and what the outputs change by themselves. Where psi moves
+        the circles on which nodes of the base stay, the field moves with them.
         """
-        base, h = self.hypothesis, SLOPE_STEP * (self.hypothesis.high - self.hypothesis.low)
+        h = self.hypothesis
+        step = SLOPE_STEP * (h.high - h.low)
+        ahead, behind = min(h.base + step, h.high), max(h.base - step, h.low)
         sides = []
-        for psi in (base.base + h, base.base - h):
+        for psi in (ahead, behind):
             simulator = self.simulator(psi)
             simulator.set(state.theta, state.pressure)
             w = simulator.retract(state.w)
-            sides.append((w, simulator.residual(w), simulator.observables(w)))
-        carried, residual, outputs = ((a - b) / (2 * h) for a, b in zip(*sides, strict=True))
-        simulator = self.simulator(base.base)
+            sides.append((w, simulator.residual(w), simulator.observables(w, None, fraction)[0]))
+        carried, residual, outputs = (
+            (a - b) / (ahead - behind) for a, b in zip(*sides, strict=True)
+        )
+        simulator = self.simulator(h.base)
         field = -simulator.solve(residual)
-        along = simulator.directional_derivatives(state.w, field[None])[0]
+        along = simulator.observables(state.w, field[None], fraction)[1][0]
         return field + carried, along + outputs
 
-    def nodes(self, start: State, along: np.ndarray | None, tangents: np.ndarray, effort: Effort):
-        """Yield (psi, Simulation) at every node, from the base model's state.
+    def nodes(
+        self,
+        start: State,
+        along: np.ndarray | None,
+        tangents: np.ndarray,
+        fraction: float,
+        effort: Effort,
+    ):
+        """Yield (psi, values (d,) and sensitivities (d, P) of one load's channels, or the error) at
+        every node, from the base model's state at that load.
 
         `along` (size,) is its d(w)/d(psi), if there is one, `tangents` its d(w)/d(log theta).
         """
         if not self.hypothesis.needs_solving:
             for psi in self.hypothesis.nodes:
-                yield psi, self.observed(start, psi, tangents)
+                yield psi, self.observed(start, psi, tangents, fraction)
             return
-        for psi, found in self.follow(start, along, effort):
-            if isinstance(found, NotConverged):
-                yield psi, Simulation(start.theta, "failed", str(found))
-            else:
+        for psi, found in self.follow(start, along, fraction, effort):
+            if not isinstance(found, NotConverged):
                 tangents = self.simulator(psi).field_sensitivities(found.w)
-                yield psi, self.observed(found, psi, tangents)
+                found = self.observed(found, psi, tangents, fraction)
+            yield psi, found
 
-    def observed(self, state: State, psi: float, tangents: np.ndarray) -> Simulation:
-        simulator = self.simulator(psi)
-        result = Simulation(state.theta, "converged", last_pressure=state.pressure)
-        result.observables = simulator.observables(state.w)
-        per_log = simulator.directional_derivatives(state.w, tangents)
-        result.sensitivity = (per_log / state.theta[:, None]).T
-        return result
+    def observed(self, state: State, psi: float, tangents: np.ndarray, fraction: float):
+        """Values (d,) and d(values)/d(theta) (d, P) of the channels at one load."""
+        values, per_log = self.simulator(psi).observables(state.w, tangents, fraction)
+        return values, (per_log / state.theta[:, None]).T
 
-    def follow(self, start: State, along: np.ndarray | None, effort: Effort):
+    def follow(self, start: State, along: np.ndarray | None, fraction: float, effort: Effort):
         """Yield (psi, State or the error) for every node, outwards from the base on either side.
 
         A step that fails is halved; beyond a node that cannot be reached nothing is tried.
@@ -129,7 +140,7 @@ class Extended:
                 while goals and error is None:
                     guess = self._foretell(known[-3:], goals[-1])
                     try:
-                        state = self.solve(guess, start.theta, goals[-1], effort)
+                        state = self.solve(guess, start.theta, goals[-1], fraction, effort)
                     except NotConverged as failure:
                         halvings += 1
                         error = failure if halvings > HALVINGS else None
@@ -146,75 +157,111 @@ class Extended:
 
 
 def simulate_extension(
-    mesh: Path,
-    physics: dict,
-    anchors: Path,
-    hypothesis: SimulatorHypothesis,
+    mesh: str | Path,
+    anchors: str | Path,
+    physics: Mapping,
+    hypothesis: str,
+    batch: str,
     most: int | None,
-    name: str,
-) -> pd.DataFrame:
+    simulations: str | Path,
+) -> None:
     """Simulate the anchors of one file at every node of a hypothesis, and at the base.
 
-    most: how many of the anchors, spread over the file; None takes all. Returns one row per
-    component, anchor and psi: `component`, `anchor` (file and row), `psi`, theta, what
-    `simulations.tabulate` gives of a simulation, and `slope`: in rows at the base, the 52
-    derivatives d(outputs)/d(psi) from the tangent; empty elsewhere, and where the effect has none.
-    A simulation that fails is a row with its reason; it never raises.
+    hypothesis: its name. batch: of the anchors, for messages. most: how many of the anchors, spread
+    over the file; None takes all. Writes (Parquet) one row per component, anchor and psi:
+    `component`, `anchor` (file and row), `psi`, theta, what `simulations.tabulate` gives of a
+    simulation, and `slope`: in rows at the base, the D derivatives d(outputs)/d(psi) from the
+    tangent; empty elsewhere, and where the effect has none. A simulation that fails is a row with
+    its reason; it never raises.
     """
-    theta, fields, _ = read_anchors([anchors])
-    count = len(theta) if most is None else min(most, len(theta))
-    rows = np.unique(np.linspace(0, len(theta) - 1, count).round().astype(int))
-    progress = Progress(name, len(rows) * len(hypothesis.components))
-    every = [Extended(mesh, physics, hypothesis, hypothesis.components[0])]
-    base = every[0].solver(hypothesis.base)
-    every += [Extended(mesh, physics, hypothesis, c, base) for c in hypothesis.components[1:]]
-    table = _Table()
-    for row in rows:
-        anchor = {"anchor": f"{Path(anchors).stem}/{row}"}
-        anchor |= dict(zip(aha.PARAMETERS, theta[row], strict=True))
-        effort = Effort()
-        table.start(effort)
-        try:
-            start = every[0].solve(fields[row], theta[row], hypothesis.base, effort)
-        except NotConverged as error:
-            log.warning("%s: no start at anchor %d: %s", name, row, error)
-            for extended in every:
-                for psi in (hypothesis.base, *hypothesis.nodes):
-                    at = {"component": extended.component, "psi": psi, "slope": []} | anchor
-                    table.add(at, Simulation(theta[row], "failed", str(error)))
-            progress.step(failed=True, count=len(every))
-            continue
-        tangents = base.simulator.field_sensitivities(start.w)
+    asked = REGISTRY[hypothesis].for_study(physics)
+    every = [Extended(mesh, physics, asked, asked.components[0])]
+    base = every[0].solver(asked.base)
+    every += [Extended(mesh, physics, asked, c, base) for c in asked.components[1:]]
+    names, channels = base.simulator.parameters.names, base.simulator.channels
+    fields = {load: read_anchors([anchors], load)[1] for load in channels.load_fractions}
+    thetas = read_anchors([anchors])[0]
+    count = len(thetas) if most is None else min(most, len(thetas))
+    progress = Progress(f"{hypothesis} batch {batch}", count * len(every))
+    design, results = [], []
+    for row in np.unique(np.linspace(0, len(thetas) - 1, count).round().astype(int)):
+        at = {"anchor": f"{Path(anchors).stem}/{row}"}
+        at |= dict(zip(names, thetas[row], strict=True))
+        guesses = {load: known[row] for load, known in fields.items()}
+        found = _at_anchor(every, thetas[row], guesses)
+        for (component, psi), (result, slope) in found.items():
+            design.append({"component": component, "psi": psi, "slope": slope} | at)
+            results.append(result)
+            if result.status != "converged":
+                log.warning(
+                    "%s: psi %g at anchor %d failed: %s", hypothesis, psi, row, result.reason
+                )
         for extended in every:
-            along, slope = extended.slope(start) if hypothesis.slope_at_base else (None, ())
-            at = {"component": extended.component} | anchor
-            result = extended.observed(start, hypothesis.base, tangents)
-            table.add(at | {"psi": hypothesis.base, "slope": list(slope)}, result)
-            failed = False
-            for psi, result in extended.nodes(start, along, tangents, effort):
-                table.add(at | {"psi": psi, "slope": []}, result)
-                if result.status != "converged":
-                    failed = True
-                    log.warning("%s: psi %g at anchor %d failed: %s", name, psi, row, result.reason)
-            progress.step(failed=failed)
-    return table.finished()
+            mine = [found[extended.component, psi][0] for psi in (asked.base, *asked.nodes)]
+            progress.step(failed=any(result.status != "converged" for result in mine))
+    table = tabulate(pd.DataFrame(design), results, channels)
+    table.to_parquet(simulations, index=False)
 
 
-class _Table:
-    """Rows of results, each with the effort since the one before."""
+def _at_anchor(every: list[Extended], theta: np.ndarray, guesses: dict[float, np.ndarray]) -> dict:
+    """Of one anchor: (component, psi) -> Simulation, and d(outputs)/d(psi) as a list.
+
+    every: components of one hypothesis, which share the solver at the base. guesses: fields of the
+    base model by load fraction.
+    """
+    h, base = every[0].hypothesis, every[0].simulator(every[0].hypothesis.base)
+    shape = len(base.channels), len(theta)
+    found = {
+        (extended.component, psi): Simulation(
+            theta,
+            "converged",
+            last_pressure=base.full_pressure,
+            observables=np.full(shape[0], np.nan),
+            sensitivity=np.full(shape, np.nan),
+        )
+        for extended in every
+        for psi in (h.base, *h.nodes)
+    }
+    slopes = {extended.component: np.full(shape[0], np.nan) for extended in every}
+    clock = _Clock()
+    for fraction, w in guesses.items():
+        at = base.places_of(fraction)
+        try:
+            start = every[0].solve(w, theta, h.base, fraction, clock.effort)
+        except NotConverged as error:
+            for result in found.values():
+                clock.charge(result, fraction, at, error)
+            break
+        tangents = base.field_sensitivities(start.w)
+        for extended in every:
+            along = None
+            if h.slope_at_base:
+                along, slopes[extended.component][at] = extended.slope(start, fraction)
+            observed = extended.observed(start, h.base, tangents, fraction)
+            clock.charge(found[extended.component, h.base], fraction, at, observed)
+            for psi, observed in extended.nodes(start, along, tangents, fraction, clock.effort):
+                clock.charge(found[extended.component, psi], fraction, at, observed)
+    complete = {c: np.isfinite(slope).all() for c, slope in slopes.items()}
+    return {
+        (c, psi): (result, slopes[c].tolist() if psi == h.base and complete[c] else [])
+        for (c, psi), result in found.items()
+    }
+
+
+class _Clock:
+    """Gives every result the effort since the one before."""
 
     def __init__(self):
-        self._design, self._results = [], []
+        self.effort = Effort()
+        self._steps, self._since = 0, time.process_time()
 
-    def start(self, effort: Effort) -> None:
-        self._effort, self._steps, self._since = effort, 0, time.process_time()
-
-    def add(self, design: dict, result: Simulation) -> None:
-        result.newton_steps = self._effort.newton_steps - self._steps
-        result.cpu_s = time.process_time() - self._since
-        self._steps, self._since = self._effort.newton_steps, time.process_time()
-        self._design.append(design)
-        self._results.append(result)
-
-    def finished(self) -> pd.DataFrame:
-        return tabulate(pd.DataFrame(self._design), self._results)
+    def charge(self, result: Simulation, fraction: float, at: np.ndarray, observed) -> None:
+        """Put what was `observed` at one load, or the error, into its places `at` of a result."""
+        result.newton_steps += self.effort.newton_steps - self._steps
+        result.cpu_s += time.process_time() - self._since
+        self._steps, self._since = self.effort.newton_steps, time.process_time()
+        if isinstance(observed, NotConverged):
+            result.status, result.reason = "failed", f"load {fraction:g}: {observed}"
+            result.observables = result.sensitivity = None
+        elif result.status == "converged":
+            result.observables[at], result.sensitivity[at] = observed

@@ -7,7 +7,7 @@ from pathlib import Path
 import pandas as pd
 import torch
 
-from regional_lv import aha, emulators
+from regional_lv import emulators
 from regional_lv.criticism.extension import read_extensions
 from regional_lv.criticism.findings import findings_of, write_findings
 from regional_lv.criticism.hypotheses import NoiseHypothesis
@@ -21,32 +21,39 @@ log = logging.getLogger(__name__)
 
 
 def criticise_files(
-    name: str,
-    emulator_file: str | Path,
-    extension_files,
-    measured: dict[str, str | Path],
-    known_theta: Sequence[str | Path],
+    subject: str,
+    emulator: str | Path,
+    extensions: Sequence[str | Path],
+    subjects: Sequence[str],
+    measured: Sequence[str | Path],
     settings: dict,
+    strain_exponent: float,
     noise_prior_scale: float,
     seed: int,
     findings: str | Path,
+    known_theta: Sequence[str | Path] = (),
 ) -> None:
     """Criticise the base model on one measured file, or on several together; write the findings.
 
-    name: of the subject, or of the joint criticism. measured: files by subject. known_theta: tables
-    (CSV) with `subject` and the ten parameters, for hearts whose theta is known up to two common
-    factors on the reference material, else empty. settings: section `criticism` of the config.
+    subject: name of the subject, or of the joint criticism. subjects, measured: whose files they
+    are, and the files. settings: section `criticism` of the config. strain_exponent: of the study's
+    strain measure. known_theta: tables (CSV) with `subject` and the parameters, for hearts whose
+    theta is known up to a common number for each factor of the material.
 
     Raises InputError for files that cannot be used, before anything is fitted.
     """
-    tables = {subject: read_measured(path) for subject, path in measured.items()}
-    theta = read_known_theta(known_theta, list(measured)) if known_theta else None
-    emulator = emulators.load(emulator_file)
-    extensions, noises = split(read_extensions(extension_files))
+    tables = {
+        name: read_measured(path, strain_exponent=strain_exponent)
+        for name, path in zip(subjects, measured, strict=True)
+    }
+    trained = emulators.load(emulator)
+    names = trained.parameters.names
+    theta = read_known_theta(known_theta, list(subjects), names) if known_theta else None
+    changing, noises = split(read_extensions(extensions))
     content, _ = criticise_tables(
-        *(name, tables, emulator, extensions, noises),
+        *(subject, tables, trained, changing, noises),
         Settings.from_config(settings),
-        *(noise_prior_scale, derive(seed, "criticism", name), theta),
+        *(noise_prior_scale, derive(seed, "criticism", subject), theta),
     )
     write_findings(content, findings)
     for sentence in content["words"]:
@@ -77,8 +84,10 @@ def split(extensions) -> tuple[list, list]:
     return changing, noises
 
 
-def read_known_theta(paths: Sequence[str | Path], subjects: list[str]) -> torch.Tensor:
-    """Theta (S, 10) of `subjects`, from tables with `subject` and the ten parameters.
+def read_known_theta(
+    paths: Sequence[str | Path], subjects: list[str], parameters: Sequence[str]
+) -> torch.Tensor:
+    """Theta (S, P) of `subjects`, from tables with `subject` and the `parameters` (P names).
 
     Raises InputError for a missing column or subject, or for a value that is no positive number.
     """
@@ -88,10 +97,10 @@ def read_known_theta(paths: Sequence[str | Path], subjects: list[str]) -> torch.
             table = pd.read_csv(path, dtype={"subject": str})
         except (OSError, ValueError) as error:
             raise InputError(f"{path}: cannot be read ({error}); check the path") from error
-        missing = [c for c in ("subject", *aha.PARAMETERS) if c not in table]
+        missing = [c for c in ("subject", *parameters) if c not in table]
         if missing:
             raise InputError(f"{path}: no column {', '.join(missing)}; add what is missing")
-        tables.append(table.set_index("subject")[list(aha.PARAMETERS)])
+        tables.append(table.set_index("subject")[list(parameters)])
     values = pd.concat(tables)
     where = ", ".join(map(str, paths[:3]))
     absent = [s for s in subjects if s not in values.index]

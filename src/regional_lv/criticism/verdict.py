@@ -179,16 +179,15 @@ def criticise(
     """Find out what is wrong with `emulator` as a model of the observations.
 
     extensions: of all causes that change the outputs, for the emulator's outputs; noises:
-    hypotheses that change the noise. known_theta: (S, 10), for hearts whose theta is known up to
-    two common factors.
+    hypotheses that change the noise. known_theta: (S, P), for hearts whose theta is known up to
+    a common number for each factor of the material.
     """
     outputs, subjects = observations.outputs, observations.subjects
     extensions = [extension.select(outputs) for extension in extensions]
-    bounds = (emulator.lower, emulator.upper)
     if known_theta is None:
-        layout = Layout.inferred(subjects, *bounds)
+        layout = Layout.inferred(subjects, emulator.parameters)
     else:
-        layout = Layout.known(known_theta, *bounds)
+        layout = Layout.known(known_theta, emulator.parameters)
     extended = ExtendedEmulator(emulator.select(outputs))
     model = Model(observations, extended, layout)
     best = fit_from_nothing(model, derive(seed, "starts"))

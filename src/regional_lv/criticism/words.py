@@ -1,16 +1,28 @@
 """Findings in plain words."""
 
 from regional_lv import aha
+from regional_lv.channels import Channel
+from regional_lv.quantities import QUANTITIES
 
 SEGMENT_NAMES = {s.number: s.name for s in aha.SEGMENTS}
 
 
 def channel(output: str) -> str:
     """`radial_07` as "radial strain of segment 7 (mid anterior)"."""
-    if output == "volume_ml":
-        return "the volume"
-    quantity, number = output.split("_")
-    return f"{quantity} strain of segment {int(number)} ({SEGMENT_NAMES[int(number)]})"
+    found = Channel.parse(output)
+    text = f"{found.quantity} strain" if found.kind.is_strain else found.quantity
+    if found.segment is not None:
+        text += f" of segment {found.segment} ({SEGMENT_NAMES[found.segment]})"
+    elif found.place:
+        text += f" {found.place}"
+    else:
+        text = f"the {text}"
+    return text + at_load(found.load_fraction)
+
+
+def at_load(fraction: float) -> str:
+    """` at 50 % of the end-diastolic pressure`; nothing at the full one."""
+    return "" if fraction == 1 else f" at {100 * fraction:.0f} % of the end-diastolic pressure"
 
 
 def cause(name: str, component: str | None = "") -> str:
@@ -21,6 +33,10 @@ def cause(name: str, component: str | None = "") -> str:
 
 def number(value: float | None, digits: int = 3) -> str:
     return "unknown" if value is None else f"{value:.{digits}g}"
+
+
+def _with_unit(value: float, unit: str) -> str:
+    return number(value) if unit == "1" else f"{number(value)} {unit}"
 
 
 def p_value(p: float) -> str:
@@ -47,7 +63,7 @@ def misfit(part: dict) -> str:
     text = f"The model misses the measurements by more than their noise ({p})."
     if groups:
         names = "; ".join(
-            f"{g['what']} strains are {'above' if g['z'] > 0 else 'below'} the prediction (z = "
+            f"{_plural(g['what'])} are {'above' if g['z'] > 0 else 'below'} the prediction (z = "
             f"{g['z']:+.1f})"
             for g in groups[:3]
         )
@@ -69,6 +85,12 @@ def misfit(part: dict) -> str:
                 )
         text += f" Single channels: {'; '.join(said)}."
     return text
+
+
+def _plural(what: str) -> str:
+    """`basal radial` as "basal radial strains"."""
+    is_strain = QUANTITIES[what.rpartition(" ")[2]].is_strain
+    return f"{what} {'strains' if is_strain else 'values'}"
 
 
 def gain(part: dict) -> str:
@@ -114,12 +136,11 @@ def verdict(content: dict) -> list[str]:
         for pair in content["separating"]:
             best = pair["channels"][0]
             a, b = (cause(n) for n in pair["pair"])
-            load = best["load_fraction"]
-            at = "" if load == 1 else f" at {100 * load:.0f} % of the end-diastolic pressure"
+            at = at_load(best["load_fraction"])
             said.append(
                 f"{channel(best['output']).capitalize()}{at} would separate {a} and {b} best: they "
-                f"differ there by {abs(best['difference_in_noise_sd']):.1f} sd of a noise of 0.01 "
-                "in strain (1 mL)."
+                f"differ there by {abs(best['difference_in_noise_sd']):.1f} sd of a noise of "
+                f"{_with_unit(best['noise'], Channel.parse(best['output']).unit)}."
             )
         said.append(gain(content["gain"]))
     elif not content["explained"]:

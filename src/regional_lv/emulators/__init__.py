@@ -1,13 +1,15 @@
 """Emulators by name, and what the workflow does with them.
 
 A new emulator is one file in this folder, one entry in `REGISTRY` (the test suite then covers it),
-and its settings in the schema of the configuration.
+and its settings in the schema of the configuration. A plugin adds one with `REGISTRY.add` and says
+its settings itself (`base.Emulator`).
 """
 
 import json
 import logging
 import resource
 import time
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +17,7 @@ import pandas as pd
 import pyarrow.parquet as pq
 import torch
 
-from regional_lv import aha
+from regional_lv.channels import Channels
 from regional_lv.emulators.base import Emulator, Prediction, SeparablePrediction
 from regional_lv.emulators.dgp import DGP
 from regional_lv.emulators.dnn import DNN
@@ -28,15 +30,18 @@ from regional_lv.emulators.local_mgp import LocalMultiGP
 from regional_lv.emulators.mvgp import MVGP
 from regional_lv.emulators.vgp import VGP
 from regional_lv.errors import InputError
+from regional_lv.parameters import Parameterisation
+from regional_lv.registry import Registry
 from regional_lv.seeds import derive
 
 __all__ = ["REGISTRY", "Emulator", "Prediction", "SeparablePrediction", "create", "load"]
 
 log = logging.getLogger(__name__)
 
-REGISTRY: dict[str, type[Emulator]] = {
-    cls.name: cls
-    for cls in (
+REGISTRY = Registry(
+    "emulator",
+    "emulators.names",
+    (
         ExactGP,
         GradientGP,
         LocalSingleGP,
@@ -47,54 +52,52 @@ REGISTRY: dict[str, type[Emulator]] = {
         MVGP,
         DGP,
         DNN,
-    )
-}
-"""Name in the config -> class."""
+    ),
+)
+"""Name in the configuration -> class."""
 
 
 def create(name: str, settings: dict | None = None) -> Emulator:
     """A new emulator. Raises InputError for a name that is not registered."""
-    return _lookup(name)(**(settings or {}))
+    return REGISTRY[name](**(settings or {}))
 
 
 def load(path: str | Path) -> Emulator:
     """Whichever emulator a file holds."""
-    return _lookup(torch.load(path, weights_only=True)["emulator"]).load(path)
+    content = torch.load(path, weights_only=True)
+    return REGISTRY[content["emulator"]].from_content(content, path)
 
 
 def label_of(name: str) -> str:
     """What an emulator is called in figures and tables."""
-    return _lookup(name).architecture.label
+    return REGISTRY[name].architecture.label
 
 
-def _lookup(name: str) -> type[Emulator]:
-    if name not in REGISTRY:
-        raise InputError(
-            f"emulators.names: {name!r} is not an emulator; choose among {', '.join(REGISTRY)}"
-        )
-    return REGISTRY[name]
-
-
-def read_simulations(path: str | Path) -> tuple[np.ndarray, np.ndarray, pd.Index]:
-    """Theta (N, 10), outputs (N, 52) and sample names of a screened table of simulations.
+def read_simulations(
+    path: str | Path, parameters: Parameterisation, outputs: Sequence[str]
+) -> tuple[np.ndarray, np.ndarray, pd.Index]:
+    """Theta (N, P), outputs (N, D) and sample names of a screened table of simulations.
 
     Raises InputError if a column is missing.
     """
     table = pd.read_parquet(path)
-    wanted = ["sample", *aha.PARAMETERS, *aha.OUTPUTS]
+    wanted = ["sample", *parameters.names, *outputs]
     missing = [name for name in wanted if name not in table]
     if missing:
         raise InputError(
             f"{path}: no column {', '.join(missing[:5])}; give a screened table of simulations"
         )
-    theta, y = (table[list(names)].to_numpy(float) for names in (aha.PARAMETERS, aha.OUTPUTS))
+    theta, y = (table[list(names)].to_numpy(float) for names in (parameters.names, outputs))
     return theta, y, pd.Index(table["sample"].astype(str))
 
 
-def read_sensitivities(path: str | Path) -> np.ndarray:
-    """d(outputs)/d(theta) (N, 52, 10) of a screened table of simulations, in its order.
+def read_sensitivities(
+    path: str | Path, parameters: Parameterisation, outputs: Sequence[str]
+) -> np.ndarray:
+    """d(outputs)/d(theta) (N, D, P) of a screened table of simulations, in its order.
 
-    Raises InputError if there are none, or if a row has another number of them.
+    outputs: all those of the table, at all loads. Raises InputError if there are none, or if a row
+    has another number of them.
     """
     if "sensitivity" not in pq.read_schema(path).names:
         raise InputError(
@@ -102,7 +105,7 @@ def read_sensitivities(path: str | Path) -> np.ndarray:
             "dolfinx, or choose an emulator that does without"
         )
     rows = pd.read_parquet(path, columns=["sensitivity"])["sensitivity"]
-    shape = (len(aha.OUTPUTS), len(aha.PARAMETERS))
+    shape = (len(outputs), len(parameters))
     for i, row in enumerate(rows):
         if np.size(row) != shape[0] * shape[1]:
             raise InputError(
@@ -116,8 +119,8 @@ def train_emulator(
     name: str,
     settings: dict,
     train: str | Path,
-    lower: float,
-    upper: float,
+    parameters: Parameterisation,
+    channels: Channels,
     seed: int,
     emulator_file: str | Path,
     report: str | Path,
@@ -126,11 +129,17 @@ def train_emulator(
 
     seed: the study's master seed. Raises InputError for an unknown name or an unusable table.
     """
-    theta, y, _ = read_simulations(train)
+    columns = parameters, channels.names
+    theta, y, _ = read_simulations(train, *columns)
     started = time.monotonic()
     emulator = create(name, settings)
-    slopes = read_sensitivities(train) if emulator.learns_from_sensitivities else None
-    emulator.fit(theta, y, slopes, lower=lower, upper=upper, seed=derive(seed, "emulators", name))
+    slopes = read_sensitivities(train, *columns) if emulator.learns_from_sensitivities else None
+    emulator.fit(
+        *(theta, y, slopes),
+        parameters=parameters,
+        outputs=channels.names,
+        seed=derive(seed, "emulators", name),
+    )
     seconds = time.monotonic() - started
     emulator.save(emulator_file)
     content = {
@@ -155,7 +164,7 @@ def predict_test_set(
     mean square, largest) over all outputs.
     """
     emulator = load(emulator_file)
-    theta, y, samples = read_simulations(test)
+    theta, y, samples = read_simulations(test, emulator.parameters, emulator.outputs)
     truth = torch.as_tensor(y)
     # One by one: a local emulator differs from case to case, and covariances of all take room.
     means, sds = [], []

@@ -5,14 +5,16 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import ClassVar, NamedTuple
 
 import numpy as np
 import torch
 
-from regional_lv import aha
+from regional_lv.channels import Channels
 from regional_lv.errors import InputError
+from regional_lv.parameters import Parameterisation
 from regional_lv.schema import load_schema
 
 OUTSIDE_QUANTILE = 0.99
@@ -101,8 +103,8 @@ def join(predictions: Sequence[Prediction]) -> Prediction:
 
 @dataclass(frozen=True)
 class TrainingSet:
-    """What an emulator learns from, standardised: inputs `x` (N, 10), outputs `y` (N, D), and
-    `slopes` (N, D, 10) = dy/dx for emulators that learn from sensitivities."""
+    """What an emulator learns from, standardised: inputs `x` (N, P), outputs `y` (N, D), and
+    `slopes` (N, D, P) = dy/dx for emulators that learn from sensitivities."""
 
     x: torch.Tensor
     y: torch.Tensor
@@ -122,31 +124,50 @@ class Architecture(NamedTuple):
 class Emulator(ABC):
     """A statistical stand-in for the simulator.
 
-    After `fit` (or `load`): `outputs` (names of the D outputs), `lower` and `upper` (box that the
-    training design covers, the same for every parameter), `output_mean` and `output_sd` (D,) of
-    the training outputs in natural units, and `info`, what the fit has to say about itself.
+    After `fit` (or `load`): `parameters` (the P parameters theta), `outputs` (names of the D
+    outputs), `channels` (the same as objects), `lower` and `upper` (P,), the bounds of the
+    parameters, `output_mean` and `output_sd` (D,) of the training outputs in natural units, and
+    `info`, what the fit has to say about itself.
 
-    A new emulator is one file with a subclass that says its `name` and `architecture`, one entry
-    in `emulators.REGISTRY`, and its settings in the schema of the configuration, where their
-    defaults stand. It has to implement `_fit`, `_predict`, `_state`, `_restore` and `_select`, or
-    less with `reduced.ReducedEmulator` as its base.
+    A new emulator is one file with a subclass that says its `name` and `architecture`, and one
+    entry in `emulators.REGISTRY`, which a plugin may make as well (`emulators.REGISTRY.add`). Its
+    settings and their defaults are those of the configuration's schema, section
+    `emulators.<name>`; one that has no section there, such as a plugin's, names them with their
+    defaults in the class attribute `defaults`, to which those of its base classes are added. It has
+    to implement `_fit`, `_predict`, `_state`, `_restore` and `_select`, or less with
+    `reduced.ReducedEmulator` as its base.
 
-    Raises InputError for a setting that the schema does not have or allow.
+    Raises InputError for a setting that the schema, or `defaults`, does not have or allow.
     """
 
     name: ClassVar[str]
     architecture: ClassVar[Architecture]
     learns_from_sensitivities: ClassVar[bool] = False
+    defaults: ClassVar[dict] = {"input_transform": "log"}
+    """Settings and their default values, for an emulator without a section in the schema."""
     error_prior_scale: float | None = None
     """Scale of the half-normal prior on one unknown scale of the errors of all outputs, in training
     sd, for an emulator that leaves it to the likelihood; None: its covariance says it all."""
 
-    def __init__(self, input_transform: str | None = None, **settings):
-        if input_transform is not None:
-            settings["input_transform"] = input_transform
-        self.settings = _complete(self.name, settings)
+    def __init__(self, **settings):
+        self.settings = _complete(type(self), settings)
         self.outputs: tuple[str, ...] = ()
         self.info: dict = {}
+
+    @property
+    def channels(self) -> Channels:
+        """The outputs as channels. Raises InputError for outputs that are none."""
+        return Channels.parse(self.outputs)
+
+    @cached_property
+    def lower(self) -> torch.Tensor:
+        """Lower bounds (P,) of the parameters."""
+        return torch.tensor(self.parameters.lower)
+
+    @cached_property
+    def upper(self) -> torch.Tensor:
+        """Upper bounds (P,) of the parameters."""
+        return torch.tensor(self.parameters.upper)
 
     # --------------------------------------------------------------------------- interface
 
@@ -156,21 +177,21 @@ class Emulator(ABC):
         y: np.ndarray,
         sensitivities: np.ndarray | None = None,
         *,
-        lower: float,
-        upper: float,
-        outputs: Sequence[str] = aha.OUTPUTS,
+        parameters: Parameterisation,
+        outputs: Sequence[str],
         seed: int = 0,
     ) -> "Emulator":
-        """Learn from `theta` (N, 10) and outputs `y` (N, D) in natural units; return self.
+        """Learn from `theta` (N, P) and outputs `y` (N, D) in natural units; return self.
 
-        sensitivities: d(outputs)/d(theta) (N, D, 10), for emulators that learn from them.
+        sensitivities: d(outputs)/d(theta) (N, D, P), for emulators that learn from them.
+        parameters: what the columns of theta are. outputs: names of the columns of `y`.
 
         Raises InputError for too few rows, numbers that are not finite, shapes that do not fit,
         an output that does not vary, or sensitivities that are needed and missing.
         """
         theta, y = np.asarray(theta, dtype=float), np.asarray(y, dtype=float)
-        _check_training_set(theta, y, outputs)
-        self.outputs, self.lower, self.upper = tuple(outputs), float(lower), float(upper)
+        _check_training_set(theta, y, parameters, outputs)
+        self.parameters, self.outputs = parameters, tuple(outputs)
         theta, y = torch.as_tensor(theta), torch.as_tensor(y)
         self.output_mean, self.output_sd = y.mean(0), y.std(0)
         transformed = torch.log(theta) if self._log else theta
@@ -205,7 +226,7 @@ class Emulator(ABC):
         raise TypeError(f"{self.name}: its error is its own, and cannot be left to the likelihood")
 
     def outside(self, theta: torch.Tensor) -> torch.Tensor:
-        """Whether each row of `theta` (..., 10) lies where no simulation is near, bool (...).
+        """Whether each row of `theta` (..., P) lies where no simulation is near, bool (...).
 
         On the emulator's own scale of the inputs: outside the box of the training inputs, or
         farther from the nearest of them than 99 % of them are from theirs. Predictions there are
@@ -218,7 +239,7 @@ class Emulator(ABC):
         return beyond | (torch.cdist(flat, self.inputs).amin(1) > self.reach).reshape(beyond.shape)
 
     def predict(self, theta: torch.Tensor) -> Prediction:
-        """Predict at `theta` (..., 10), float64; differentiable."""
+        """Predict at `theta` (..., P), float64; differentiable."""
         return self._predict(theta)
 
     def predict_mean(self, theta: torch.Tensor) -> torch.Tensor:
@@ -226,12 +247,12 @@ class Emulator(ABC):
         return self.predict(theta).mean
 
     def with_variance(self, theta: torch.Tensor, variance: torch.Tensor) -> Prediction:
-        """Predict at `theta` (..., 10) with a `variance` (...) that is given, if the covariance is
+        """Predict at `theta` (..., P) with a `variance` (...) that is given, if the covariance is
         separable; cheaper for an emulator whose mean costs less than its variance."""
         return self.predict(theta).at_variance(variance)
 
     def jacobian(self, theta: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor | None]:
-        """d(mean)/d(theta) (..., D, 10); d(variance)/d(theta) (..., 10) if separable, else None.
+        """d(mean)/d(theta) (..., D, P); d(variance)/d(theta) (..., P) if separable, else None.
 
         One backward pass per output; emulators that know their derivatives override this.
         """
@@ -248,7 +269,7 @@ class Emulator(ABC):
         return torch.stack(rows, dim=-2), slope
 
     def linearise(self, theta: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Mean (..., D) and d(mean)/d(theta) (..., D, 10) alone, without a graph.
+        """Mean (..., D) and d(mean)/d(theta) (..., D, P) alone, without a graph.
 
         For thousands of fits at once; emulators whose variance costs more override this.
         """
@@ -279,11 +300,13 @@ class Emulator(ABC):
 
     def content(self) -> dict:
         """Everything that `from_content` needs, in tensors and plain values."""
-        common = {
-            key: getattr(self, key)
-            for key in ("outputs", "lower", "upper", "settings", "info", *_TENSORS)
+        common = {key: getattr(self, key) for key in ("outputs", "settings", "info", *_TENSORS)}
+        return {
+            "emulator": self.name,
+            "parameters": self.parameters.spec(),
+            "common": common,
+            "state": self._state(),
         }
-        return {"emulator": self.name, "common": common, "state": self._state()}
 
     @classmethod
     def load(cls, path: str | Path) -> "Emulator":
@@ -299,6 +322,7 @@ class Emulator(ABC):
                 "emulators.load"
             )
         emulator = cls(**content["common"]["settings"])
+        emulator.parameters = Parameterisation.from_spec(content["parameters"])
         for key, value in content["common"].items():
             setattr(emulator, key, value)
         emulator._restore(content["state"])
@@ -341,7 +365,7 @@ class Emulator(ABC):
         return torch.exp(transformed) if self._log else transformed
 
     def standardise_slope(self, theta: torch.Tensor) -> torch.Tensor:
-        """d(standardised input)/d(theta), (..., 10): the transform acts on each parameter alone."""
+        """d(standardised input)/d(theta), (..., P): the transform acts on each parameter alone."""
         slope = 1 / self.input_sd
         return slope / theta if self._log else slope.expand_as(theta)
 
@@ -349,27 +373,33 @@ class Emulator(ABC):
 _TENSORS = ("inputs", "reach", "input_mean", "input_sd", "output_mean", "output_sd")
 
 
-def _complete(name: str, settings: dict) -> dict:
-    """`settings` with the schema's defaults; as they are for an emulator without a section there.
+def _complete(cls: type[Emulator], settings: dict) -> dict:
+    """`settings` with the defaults of the schema, or of the class where that has no section for it.
 
     The schema's limits are checked where configurations are read (`config`)."""
-    section = load_schema()["properties"]["emulators"]["properties"].get(name)
-    if section is None:
-        return settings
-    entries = section["properties"]
+    section = load_schema()["properties"]["emulators"]["properties"].get(cls.name)
+    if section is not None:
+        entries = section["properties"]
+        defaults = {key: entry["default"] for key, entry in entries.items()}
+    else:
+        entries, defaults = {}, {}
+        for base in reversed(cls.__mro__):
+            defaults |= vars(base).get("defaults", {})
     for key, value in settings.items():
-        if key not in entries:
-            raise InputError(f"{name}.{key}: unknown setting; choose among {', '.join(entries)}")
-        choices = entries[key].get("enum", [value])
+        if key not in defaults:
+            raise InputError(
+                f"{cls.name}.{key}: unknown setting; choose among {', '.join(defaults)}"
+            )
+        choices = entries.get(key, {}).get("enum", [value])
         if value not in choices:
             raise InputError(
-                f"{name}.{key}: {value!r} is not offered; choose one of {', '.join(choices)}"
+                f"{cls.name}.{key}: {value!r} is not offered; choose one of {', '.join(choices)}"
             )
-    return {key: entry["default"] for key, entry in entries.items()} | settings
+    return defaults | settings
 
 
 def _check_sensitivities(name: str, sensitivities, shape: tuple[int, ...]) -> torch.Tensor:
-    """Sensitivities as a tensor of `shape` (N, D, 10); InputError if they are anything else."""
+    """Sensitivities as a tensor of `shape` (N, D, P); InputError if they are anything else."""
     if sensitivities is None:
         raise InputError(
             f"{name}: learns from sensitivities, and there are none; give simulations with the "
@@ -390,16 +420,19 @@ def _check_sensitivities(name: str, sensitivities, shape: tuple[int, ...]) -> to
     return torch.as_tensor(sensitivities)
 
 
-def _check_training_set(theta: np.ndarray, y: np.ndarray, outputs: Sequence[str]) -> None:
-    parameters, needed = len(aha.PARAMETERS), len(aha.PARAMETERS) + 2
-    if theta.ndim != 2 or theta.shape[1] != parameters or y.shape != (len(theta), len(outputs)):
+def _check_training_set(
+    theta: np.ndarray, y: np.ndarray, parameters: Parameterisation, outputs: Sequence[str]
+) -> None:
+    inputs = len(parameters)
+    if theta.ndim != 2 or theta.shape[1] != inputs or y.shape != (len(theta), len(outputs)):
         raise InputError(
             f"training set: theta {theta.shape} and outputs {y.shape} do not fit; expected "
-            f"(N, {parameters}) and (N, {len(outputs)})"
+            f"(N, {inputs}) and (N, {len(outputs)})"
         )
+    needed = inputs + 2
     if len(theta) < needed:
         raise InputError(
-            f"training set: {len(theta)} simulations are too few for an emulator of {parameters} "
+            f"training set: {len(theta)} simulations are too few for an emulator of {inputs} "
             f"parameters; simulate at least {needed} (design.natural, design.log)"
         )
     bad = np.flatnonzero(~(np.isfinite(theta).all(axis=1) & np.isfinite(y).all(axis=1)))
@@ -409,7 +442,7 @@ def _check_training_set(theta: np.ndarray, y: np.ndarray, outputs: Sequence[str]
             "finite; remove failed simulations first (the screening does it)"
         )
     if theta.min() <= 0:
-        raise InputError("training set: a scaling factor is not above zero; correct the design")
+        raise InputError("training set: a factor is not above zero; correct the design")
     still = [name for name, column in zip(outputs, y.T, strict=True) if np.ptp(column) == 0]
     if still:
         raise InputError(

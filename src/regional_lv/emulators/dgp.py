@@ -29,7 +29,7 @@ HIDDEN_BOUNDS = {
 
 
 class DGP(VariationalGP):
-    """Deep GP of the paper: scores are independent GPs of ten hidden variables, and these are GPs
+    """Deep GP of the paper: scores are independent GPs of P hidden variables, and these are GPs
     of the inputs, around the inputs themselves (Salimbeni and Deisenroth 2017, arXiv:1705.08933).
 
     The first layer's q(u) is Gaussian, independent between whitened inducing values, the second's
@@ -67,37 +67,37 @@ class DGP(VariationalGP):
 
         found, bound = lbfgs(
             loss,
-            [*(self.parameters[k] for k in BOUNDS), *first.values()],
+            [*(self.variational[k] for k in BOUNDS), *first.values()],
             [*BOUNDS.values(), *HIDDEN_BOUNDS.values()],
             self.settings["deep_iterations"],
         )
-        self.parameters, self.hidden = split(found)
+        self.variational, self.hidden = split(found)
         places = self._hide(self.hidden, x, draws)
-        self.solution = self._solve(self.parameters, places, z.repeat(COPIES, 1), COPIES)
+        self.solution = self._solve(self.variational, places, z.repeat(COPIES, 1), COPIES)
         half = torch.randn(DRAWS // 2, 1, x.shape[1], generator=generator, dtype=x.dtype)
         self.draws = torch.cat([half, -half])
         self.info |= {
             "bound_per_number": -bound,
             "hidden_sd": self.hidden["hidden_sd"].exp().tolist(),
-            "noise": self.parameters["noise"].exp().tolist(),
+            "noise": self.variational["noise"].exp().tolist(),
         }
 
     def _first_layer(self, width: int) -> dict[str, torch.Tensor]:
         """Hidden variables that are the inputs, but for a little."""
-        points = self.parameters["points"]
-        scales = self.parameters["length_scales"].mean(0)
+        points = self.variational["points"]
+        scales = self.variational["length_scales"].mean(0)
         full = torch.full((width, len(points)), 0.0, dtype=points.dtype)
         return {
             "hidden_points": points.clone(),
             "hidden_length_scales": scales.repeat(width, 1),
-            "hidden_alpha": self.parameters["alpha"].mean().repeat(width),
+            "hidden_alpha": self.variational["alpha"].mean().repeat(width),
             "hidden_sd": torch.full((width,), math.log(0.1), dtype=points.dtype),
             "hidden_mean": full,
             "hidden_spread": full - 4.0,
         }
 
     def _hide(self, p, x, draws) -> torch.Tensor:
-        """Hidden variables (S N, 10) of `x` (N, 10) at standard normal `draws` (S, N or 1, 10)."""
+        """Hidden variables (S N, P) of `x` (N, P) at standard normal `draws` (S, N or 1, P)."""
         mean, sd = self._hidden_moments(p, x)
         return (mean + sd * draws).reshape(-1, x.shape[1])
 

@@ -23,7 +23,7 @@ from regional_lv.emulators.base import (
     SeparablePrediction,
     TrainingSet,
 )
-from regional_lv.emulators.kernels import KERNELS, parts_of
+from regional_lv.emulators.kernels import KERNELS, Blocks, blocks_of, parts_of
 from regional_lv.emulators.shared_kernel import (
     cholesky,
     condition,
@@ -110,7 +110,7 @@ class ExactGP(Emulator):
         h = fit_hyperparameters(
             training.x[rows],
             training.y[rows],
-            *(s["kernel"], s["nugget"], s["iterations"], RESTARTS, seed),
+            *(s["kernel"], s["nugget"], s["iterations"], RESTARTS, seed, self._blocks),
         )
         self.length_scales, self.alpha, self.nugget = h.length_scales, h.alpha, h.nugget
         return {"hyperparameter_rows": len(rows), "log_marginal_likelihood": -h.value}
@@ -133,16 +133,16 @@ class ExactGP(Emulator):
         self._total = (self._ones**2).sum()
 
     def _rows_at(self, x: torch.Tensor) -> torch.Tensor:
-        """Correlations (M, n) of the values at `x` (M, 10) with the observations."""
+        """Correlations (M, n) of the values at `x` (M, P) with the observations."""
         return torch.cat([self._rows(self._near(part)) for part in x.split(ROWS_AT_ONCE)])
 
     @property
     def kernel(self) -> str:
         return self.settings["kernel"]
 
-    @property
-    def _blocks(self) -> list[slice]:
-        return KERNELS[self.kernel].blocks(self.inputs.shape[1])
+    @cached_property
+    def _blocks(self) -> Blocks:
+        return blocks_of(self.kernel, self.parameters)
 
     def _leave_one_out(self, precision, targets) -> tuple[torch.Tensor, torch.Tensor]:
         """Errors (N, D) and variances (N,) of predicting each simulation from all others."""
@@ -194,7 +194,7 @@ class ExactGP(Emulator):
         }
 
     def _trend(self, theta: torch.Tensor) -> torch.Tensor:
-        """What the variance is multiplied by at `theta` (M, 10) before `variance_factor`, (M,)."""
+        """What the variance is multiplied by at `theta` (M, P) before `variance_factor`, (M,)."""
         level, power = self.variance_trend
         return torch.exp(level + power * theta.log().mean(-1))
 
@@ -249,7 +249,7 @@ class ExactGP(Emulator):
         return self._separable(self.predict_mean(theta), variance)
 
     def _forward(self, theta: torch.Tensor) -> dict:
-        """Everything about predictions at `theta` (M, 10) that values and derivatives need."""
+        """Everything about predictions at `theta` (M, P) that values and derivatives need."""
         context = self._near(self.standardise(theta))
         k = self._rows(context)
         half = torch.linalg.solve_triangular(self.cholesky, k.T, upper=False)
@@ -266,10 +266,10 @@ class ExactGP(Emulator):
         }
 
     def _near(self, x: torch.Tensor) -> tuple[torch.Tensor, ...]:
-        """The context of predictions at `x` (M, 10), of which their values and derivatives are
+        """The context of predictions at `x` (M, P), of which their values and derivatives are
         made: `x` scaled, its correlations k (M, N) with the simulations, and the kernel's parts."""
         scaled = x / self.length_scales
-        parts = parts_of(self.kernel, scaled, self._scaled, self.alpha)
+        parts = parts_of(self.kernel, scaled, self._scaled, self.alpha, self._blocks)
         return scaled, KERNELS[self.kernel].value(parts, self.alpha), *parts
 
     def _rows(self, context) -> torch.Tensor:
@@ -281,7 +281,7 @@ class ExactGP(Emulator):
         return zip(self._blocks, KERNELS[self.kernel].slopes(k, parts), strict=True)
 
     def _pull_back(self, by_k, scaled, k, *parts) -> torch.Tensor:
-        """Gradient (M, 10) about x of a function whose gradient about k is `by_k` (M, n)."""
+        """Gradient (M, P) about x of a function whose gradient about k is `by_k` (M, n)."""
         # d k_n / d scaled_p = 2 slope_n (scaled_p - scaled_np), the slope that of p's block
         by_scaled = torch.empty_like(scaled)
         for part, slope in self._slopes(k, parts):
@@ -291,7 +291,7 @@ class ExactGP(Emulator):
         return by_scaled / self.length_scales
 
     def _mean_slopes(self, scaled, k, *parts) -> torch.Tensor:
-        """d(k weights)/dx, (M, D, 10), of the values among the observations: they come first."""
+        """d(k weights)/dx, (M, D, P), of the values among the observations: they come first."""
         weights = self.weights[: k.shape[1]]
         by_x = k.new_empty(len(scaled), weights.shape[1], scaled.shape[1])
         for part, slope in self._slopes(k, parts):
@@ -308,7 +308,7 @@ class ExactGP(Emulator):
         return -2 * scale[:, None] * solved
 
     def _trend_slope(self, theta, variance) -> torch.Tensor:
-        """d(variance)/d(theta) (M, 10) by the trend alone."""
+        """d(variance)/d(theta) (M, P) by the trend alone."""
         return (self.variance_trend[1] / theta.shape[-1]) * variance[:, None] / theta
 
     def jacobian(self, theta: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:

@@ -1,20 +1,26 @@
 """Exact Gaussian process that learns from sensitivities as well as from outputs."""
 
-import torch
+from dataclasses import dataclass
 
-from regional_lv import gradient_gp, kernel
+import numpy as np
+import torch
+from scipy.optimize import minimize
+
+from regional_lv import derivative_kernel
 from regional_lv.emulators.base import Architecture, TrainingSet
 from regional_lv.emulators.exact_gp import ExactGP
-from regional_lv.emulators.kernels import KERNELS, ZONAL, parts_of
+from regional_lv.emulators.kernels import KERNELS, ZONAL, Blocks, parts_of
 from regional_lv.emulators.shared_kernel import subset
 from regional_lv.seeds import derive
+
+LEAST_NUGGET = 1e-8
 
 
 class GradientGP(ExactGP):
     """The exact GP with the kernel `zonal_rq` on values and derivatives.
 
-    Derivatives are further observations (`regional_lv.kernel`), ten per simulation: values of
-    all simulations come first, then derivatives of as many of them (at random) as fit into
+    Derivatives are further observations (`regional_lv.derivative_kernel`), P per simulation: values
+    of all simulations come first, then derivatives of as many of them (at random) as fit into
     `max_observations`. Sensitivities become derivatives about the standardised inputs by the chain
     rule. Settings: max_observations; hyperparameter_rows, the simulations that the hyperparameters
     are fitted to; iterations; calibration as for the exact GP.
@@ -28,13 +34,13 @@ class GradientGP(ExactGP):
     def _learn_hyperparameters(self, training: TrainingSet, seed: int) -> dict:
         rows = subset(len(training.x), self.settings["hyperparameter_rows"], seed)
         y = training.y[rows]
-        h = gradient_gp.fit(
-            training.x[rows].numpy(),
-            (y - y.mean(0)).numpy(),
-            training.slopes[rows].mT.numpy(),
-            iterations=self.settings["iterations"],
+        h = fit_hyperparameters(
+            training.x[rows],
+            _observations(y - y.mean(0), training.slopes[rows]),
+            self._blocks,
+            self.settings["iterations"],
         )
-        self.length_scales, self.alpha = torch.as_tensor(h.lengthscales), h.alpha
+        self.length_scales, self.alpha = torch.as_tensor(h.length_scales), h.alpha
         self.nugget, self.gradient_nugget = h.value_nugget, h.gradient_nugget
         n, p = training.x.shape
         room = max(0, (self.settings["max_observations"] - n) // p)
@@ -42,17 +48,17 @@ class GradientGP(ExactGP):
         return {"hyperparameter_rows": len(rows), "rows_with_derivatives": len(self.sloped)}
 
     def _targets(self, training):
-        slopes = training.slopes[self.sloped]
-        return torch.cat([training.y, slopes.permute(2, 0, 1).reshape(-1, slopes.shape[1])])
+        return _observations(training.y, training.slopes[self.sloped])
 
     def _training_covariance(self):
-        x, sloped, common = self.inputs, self.inputs[self.sloped], (self.length_scales, self.alpha)
+        x, sloped = self.inputs, self.inputs[self.sloped]
+        common = self.length_scales, self.alpha, self._blocks
         self._scaled = x / self.length_scales
         n, count = len(x), len(sloped)
         upper = self._rows_at(x)
         lower = [
-            kernel.covariance_with_values(sloped, x, *common)[count:],
-            kernel.covariance_with_gradients(sloped, sloped, *common)[count:],
+            derivative_kernel.covariance_with_values(sloped, x, *common)[count:],
+            derivative_kernel.covariance_with_gradients(sloped, sloped, *common)[count:],
         ]
         noise = (self.gradient_nugget - self.nugget * self.length_scales**2).clamp(min=0.0)
         matrix = torch.cat([upper, torch.cat(lower, dim=1)])
@@ -66,7 +72,7 @@ class GradientGP(ExactGP):
     # the covariance of the value at x with the derivative of a simulation along p is
     # -2 k f_b (u_p - v_p) / l_p. Its derivative about u_i is -4 k f_b (f_c + f_b / alpha [b = c])
     # (u_i - v_i) (u_p - v_p) / l_p, and for i = p -2 k f_b / l_p more. The sums over p are products
-    # of matrices: nothing of size M x N x 10 is made.
+    # of matrices: nothing of size M x N x P is made.
 
     def _rows(self, context):
         u, k, *_ = context
@@ -81,8 +87,8 @@ class GradientGP(ExactGP):
         """v, k f_b and f_b of the simulations that give derivatives; made anew, which takes less
         than picking their columns."""
         v = self._scaled[self.sloped]
-        parts = parts_of(self.kernel, u, v, self.alpha)
-        k, rates = KERNELS[self.kernel].value(parts, self.alpha), kernel.rates(parts)
+        parts = parts_of(self.kernel, u, v, self.alpha, self._blocks)
+        k, rates = KERNELS[self.kernel].value(parts, self.alpha), derivative_kernel.rates(parts)
         return v, [k * rate for rate in rates], rates
 
     def _weighted(self, u, k, *parts):
@@ -98,7 +104,7 @@ class GradientGP(ExactGP):
 
     @property
     def _slope_weights(self):
-        """Weights (10, n, D) of the derivatives, over the length scales."""
+        """Weights (P, n, D) of the derivatives, over the length scales."""
         weights = self.weights[len(self.inputs) :].reshape(
             len(self.length_scales), -1, self.weights.shape[1]
         )
@@ -160,3 +166,64 @@ class GradientGP(ExactGP):
         for key in ("gradient_nugget", "sloped"):
             setattr(self, key, state.pop(key))
         super()._restore(state)
+
+
+def _observations(values: torch.Tensor, slopes: torch.Tensor) -> torch.Tensor:
+    """Values (N, D) and derivatives (n, D, P) in the covariance's order: (N + P n, D)."""
+    return torch.cat([values, slopes.permute(2, 0, 1).reshape(-1, slopes.shape[1])])
+
+
+@dataclass(frozen=True)
+class Hyperparameters:
+    """Length scales (P,), exponent `alpha`, and the noise variances of values and derivatives.
+
+    Noise is relative to the process's variance; that of a derivative is for inputs scaled by their
+    length scale.
+    """
+
+    length_scales: np.ndarray
+    alpha: float
+    value_nugget: float
+    gradient_nugget: float
+
+
+def fit_hyperparameters(
+    x: torch.Tensor, y: torch.Tensor, blocks: Blocks, iterations: int
+) -> Hyperparameters:
+    """Hyperparameters of largest likelihood, each output with its own variance (profiled out).
+
+    x: (n, P). y: (n + P n, D), values with mean zero and derivatives of all of them. The cost grows
+    with the cube of (1 + P) n: pass a subset of the rows when they are many.
+    """
+    n, p = x.shape
+    first = np.log([*(2.0 * x.numpy().std(axis=0) + 1e-3), 2.0, 1e-6, 1e-5])
+    rows = len(y)
+
+    def loss(vector):
+        free = torch.tensor(vector, requires_grad=True)
+        scales, alpha, *nuggets = torch.exp(free).split([p, 1, 1, 1])
+        value_nugget, gradient_nugget = (nugget + LEAST_NUGGET for nugget in nuggets)
+        covariance = derivative_kernel.joint_covariance(x, x, scales, alpha, blocks)
+        of_gradients = (gradient_nugget / scales**2).repeat_interleave(n)
+        noise = torch.cat([value_nugget.expand(n), of_gradients])
+        factor, failed = torch.linalg.cholesky_ex(covariance + torch.diag(noise))
+        if failed:
+            return 1e10, np.zeros_like(vector)
+        white = torch.linalg.solve_triangular(factor, y, upper=False)
+        variance = (white**2).sum(0) / rows
+        nll = torch.log(factor.diagonal()).sum() / rows + 0.5 * torch.log(variance).mean()
+        nll.backward()
+        return nll.item(), free.grad.numpy()
+
+    bounds = [(np.log(0.05), np.log(100.0))] * p
+    bounds += [(np.log(0.1), np.log(100.0)), (np.log(1e-12), 0.0), (np.log(1e-10), 0.0)]
+    found = minimize(
+        loss, first, jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": iterations}
+    )
+    best = np.exp(found.x)
+    return Hyperparameters(
+        best[:p],
+        float(best[p]),
+        float(best[p + 1]) + LEAST_NUGGET,
+        float(best[p + 2]) + LEAST_NUGGET,
+    )

@@ -1,6 +1,6 @@
 """Stationary kernels of unit variance, as functions of squared scaled distances.
 
-A kernel sees the distances within its blocks of inputs: all inputs together, or the two of each
+A kernel sees the distances within its blocks of inputs: all inputs together, or the factors of each
 zone. Correlations are made for thousands of points at a time and their slopes only where they are
 needed, so that the ones do not wait for the others.
 """
@@ -10,7 +10,8 @@ from typing import NamedTuple
 
 import torch
 
-from regional_lv import kernel as blockwise
+from regional_lv import derivative_kernel
+from regional_lv.parameters import Parameterisation
 
 Parts = Sequence[torch.Tensor]
 """What a kernel is a function of (..., M, N), for each block: the squared scaled distance d2, or
@@ -18,15 +19,15 @@ for the rational quadratic ones 1 + d2 / (2 alpha)."""
 
 
 class Kernel(NamedTuple):
-    """blocks: slices of the inputs, by their number. parts: from a block's scaled inputs
-    (..., M, P) and (..., N, P) and from `alpha`, the exponent of the rational quadratic kernels,
-    which others ignore. value: correlations at the parts. slopes: from these correlations and the
-    parts, the slope about each d2."""
+    """parts: from a block's scaled inputs (..., M, P) and (..., N, P) and from `alpha`, the
+    exponent of the rational quadratic kernels, which others ignore. value: correlations at the
+    parts. slopes: from these correlations and the parts, the slope about each d2. zonal: whether
+    every zone is a block of its own; otherwise all inputs are one."""
 
-    blocks: Callable[[int], list[slice]]
     parts: Callable[[torch.Tensor, torch.Tensor, torch.Tensor], torch.Tensor]
     value: Callable[[Parts, torch.Tensor], torch.Tensor]
     slopes: Callable[[torch.Tensor, Parts], list[torch.Tensor]]
+    zonal: bool = False
 
 
 def _squared_distance(a, b, alpha):
@@ -47,7 +48,7 @@ def _rq_part(a, b, alpha):
 
 
 def _rq_slopes(k, parts):
-    return [k * rate for rate in blockwise.rates(parts)]
+    return [k * rate for rate in derivative_kernel.rates(parts)]
 
 
 def _rbf(parts, alpha):
@@ -74,37 +75,54 @@ def _matern_distance(parts):
 
 
 ZONAL = "zonal_rq"
-"""The product over the zones of rational quadratic kernels of their two parameters, one alpha."""
+"""The product over the zones of rational quadratic kernels of their factors, one alpha."""
 
 KERNELS = {
-    "rq": Kernel(blockwise.one_block, _rq_part, blockwise.rational_quadratic, _rq_slopes),
-    "rbf": Kernel(blockwise.one_block, _squared_distance, _rbf, _rbf_slopes),
-    "matern52": Kernel(blockwise.one_block, _squared_distance, _matern52, _matern52_slopes),
-    ZONAL: Kernel(blockwise.zone_blocks, _rq_part, blockwise.rational_quadratic, _rq_slopes),
+    "rq": Kernel(_rq_part, derivative_kernel.rational_quadratic, _rq_slopes),
+    "rbf": Kernel(_squared_distance, _rbf, _rbf_slopes),
+    "matern52": Kernel(_squared_distance, _matern52, _matern52_slopes),
+    ZONAL: Kernel(_rq_part, derivative_kernel.rational_quadratic, _rq_slopes, zonal=True),
 }
 
+Blocks = Sequence[slice]
+"""Slices that share out the P inputs, in their order."""
 
-def parts_of(kernel: str, a: torch.Tensor, b: torch.Tensor, alpha) -> list[torch.Tensor]:
+
+def blocks_of(kernel: str, parameters: Parameterisation) -> Blocks:
+    """The blocks that a kernel of the parameters has."""
+    return parameters.blocks if KERNELS[kernel].zonal else one_block(len(parameters))
+
+
+def one_block(inputs: int) -> Blocks:
+    """All inputs together."""
+    return [slice(0, inputs)]
+
+
+def parts_of(
+    kernel: str, a: torch.Tensor, b: torch.Tensor, alpha, blocks: Blocks
+) -> list[torch.Tensor]:
     """What the kernel is a function of, between the rows of scaled inputs `a` (..., M, P) and `b`
     (..., N, P)."""
     of = KERNELS[kernel]
-    return [of.parts(a[..., part], b[..., part], alpha) for part in of.blocks(a.shape[-1])]
+    return [of.parts(a[..., part], b[..., part], alpha) for part in blocks]
 
 
-def correlation(kernel: str, a, b, length_scales, alpha) -> torch.Tensor:
+def correlation(kernel: str, a, b, length_scales, alpha, blocks: Blocks | None = None):
     """(G, M, N) correlations of `a` (M, P) or (G, M, P) with `b`, one kernel of each of G: length
-    scales (G, P), alpha (G,)."""
+    scales (G, P), alpha (G,). blocks: None for all inputs together."""
     scales, alpha = length_scales[:, None, :], alpha[:, None, None]
-    return KERNELS[kernel].value(parts_of(kernel, a / scales, b / scales, alpha), alpha)
+    blocks = blocks or one_block(a.shape[-1])
+    return KERNELS[kernel].value(parts_of(kernel, a / scales, b / scales, alpha, blocks), alpha)
 
 
-def mean_slopes(kernel: str, a, b, length_scales, alpha, weights) -> torch.Tensor:
+def mean_slopes(kernel: str, a, b, length_scales, alpha, weights, blocks: Blocks | None = None):
     """d(k weights)/d(a), (G, M, P), of k = `correlation(a, b)` with `weights` (G, N)."""
     of, scales, alpha = KERNELS[kernel], length_scales[:, None, :], alpha[:, None, None]
+    blocks = blocks or one_block(a.shape[-1])
     a, b = a / scales, b / scales
-    parts = parts_of(kernel, a, b, alpha)
+    parts = parts_of(kernel, a, b, alpha, blocks)
     slopes, found = of.slopes(of.value(parts, alpha), parts), []
-    for part, slope in zip(of.blocks(a.shape[-1]), slopes, strict=True):
+    for part, slope in zip(blocks, slopes, strict=True):
         weighted = slope * weights[:, None, :]
         # d k_n / d a_p = 2 slope_n (a_p - b_np), both scaled
         own = weighted.sum(-1, keepdim=True) * a[..., part] - weighted @ b[..., part]

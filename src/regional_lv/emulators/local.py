@@ -183,7 +183,7 @@ class LocalGP(ReducedEmulator):
         return matrix + nugget[:, None, None] * torch.eye(len(x), dtype=x.dtype), nugget
 
     def _features(self, parameters, x):
-        """h(x), (G, M, 10), or the inputs themselves."""
+        """h(x), (G, M, P), or the inputs themselves."""
         layered = parameters[len(BOUNDS) :]
         if not layered:
             return x

@@ -2,6 +2,7 @@
 
 from abc import abstractmethod
 from collections.abc import Callable
+from typing import ClassVar
 
 import numpy as np
 import torch
@@ -18,7 +19,7 @@ LEAST_VARIANCE = 1e-10
 class ReducedEmulator(Emulator):
     """An emulator of K scores, of unit variance and uncorrelated over the training set.
 
-    The scores are principal components of the standardised strains, and the volume
+    The scores are principal components of the standardised outputs but the volumes, and these
     (`reduction.Reduction`); predictions are mapped back, and the variance of the components left
     out (setting `explained_variance`) is added to their covariance.
 
@@ -26,15 +27,16 @@ class ReducedEmulator(Emulator):
     make up its state, tensors and plain values.
     """
 
+    defaults: ClassVar[dict] = {"explained_variance": 0.999, "kernel": "auto"}
     _KEYS: tuple[str, ...] = ()
 
     @abstractmethod
     def _fit_scores(self, x: torch.Tensor, z: torch.Tensor, seed: int) -> None:
-        """Learn from standardised inputs (N, 10) and scores (N, K)."""
+        """Learn from standardised inputs (N, P) and scores (N, K)."""
 
     @abstractmethod
     def _mean(self, x: torch.Tensor) -> torch.Tensor:
-        """Mean scores (M, K) at standardised inputs (M, 10), row by row."""
+        """Mean scores (M, K) at standardised inputs (M, P), row by row."""
 
     @abstractmethod
     def _covariance(self, x: torch.Tensor) -> torch.Tensor:
@@ -44,7 +46,7 @@ class ReducedEmulator(Emulator):
 
     def _fit(self, training: TrainingSet, seed: int) -> None:
         reduction = Reduction.fit(
-            training.y.numpy(), self.settings["explained_variance"], self.outputs
+            training.y.numpy(), self.settings["explained_variance"], self.channels
         )
         scores = reduction.transform(training.y.numpy())
         self.score_sd = torch.as_tensor(scores.std(axis=0, ddof=1))
@@ -95,7 +97,7 @@ class ReducedEmulator(Emulator):
         return by_theta.reshape(*shape, *by_theta.shape[1:]), None
 
     def _mean_jacobian(self, x: torch.Tensor) -> torch.Tensor:
-        """d(mean scores)/dx (M, K, 10); emulators that know their derivatives override this."""
+        """d(mean scores)/dx (M, K, P); emulators that know their derivatives override this."""
         return row_jacobian(self._mean, x)
 
     # --------------------------------------------------------------------------- keeping

@@ -13,7 +13,7 @@ import numpy as np
 import torch
 from scipy.optimize import minimize
 
-from regional_lv.emulators.kernels import KERNELS, parts_of
+from regional_lv.emulators.kernels import KERNELS, Blocks, one_block, parts_of
 from regional_lv.seeds import derive
 
 log = logging.getLogger(__name__)
@@ -56,11 +56,14 @@ def fit_hyperparameters(
     iterations: int,
     restarts: int,
     seed: int,
+    blocks: Blocks | None = None,
 ) -> Hyperparameters:
     """Most likely of `restarts` seeded starts, for inputs (N, P) and outputs (N, D) of unit scale.
 
-    nugget: the least; more is learnt where the data ask for it.
+    nugget: the least; more is learnt where the data ask for it. blocks: of the kernel, None for all
+    inputs together.
     """
+    blocks = blocks or one_block(x.shape[1])
     rng = np.random.default_rng(derive(seed, "hyperparameters"))
     first = np.concatenate([np.full(x.shape[1], math.log(5.0)), [0.0, math.log(1e-6)]])
     bounds = [(-2.0, 6.0)] * x.shape[1] + [(-3.0, 5.0), (-30.0, 0.0)]
@@ -70,7 +73,7 @@ def fit_hyperparameters(
         result = minimize(
             negative_log_likelihood,
             np.clip(guess, *np.transpose(bounds)),
-            args=(x, y, kernel, nugget),
+            args=(x, y, kernel, nugget, blocks),
             jac=True,
             method="L-BFGS-B",
             bounds=bounds,
@@ -88,7 +91,9 @@ def fit_hyperparameters(
     )
 
 
-def negative_log_likelihood(p, x, y, kernel: str, nugget: float) -> tuple[float, np.ndarray]:
+def negative_log_likelihood(
+    p, x, y, kernel: str, nugget: float, blocks: Blocks
+) -> tuple[float, np.ndarray]:
     """Restricted log likelihood with B at its maximum, and its gradient.
 
     (N - 1)/2 log|B| + D/2 (log|K| + log(1' K^-1 1)), B = Y' Q Y / (N - 1), Q the precision
@@ -100,7 +105,7 @@ def negative_log_likelihood(p, x, y, kernel: str, nugget: float) -> tuple[float,
     learnt = torch.exp(p[-1])
     scaled = x / scales
     of = KERNELS[kernel]
-    parts = parts_of(kernel, scaled, scaled, alpha)
+    parts = parts_of(kernel, scaled, scaled, alpha, blocks)
     correlation = of.value(parts, alpha)
     n, d = y.shape
     matrix = correlation.clone()
@@ -123,7 +128,7 @@ def negative_log_likelihood(p, x, y, kernel: str, nugget: float) -> tuple[float,
     # sum_ij W_ij (a_i - a_j)^2 for every parameter of a block from one product, W symmetric
     gradient = []
     slopes = of.slopes(correlation, parts)
-    for part, slope in zip(of.blocks(x.shape[1]), slopes, strict=True):
+    for part, slope in zip(blocks, slopes, strict=True):
         w, own = sensitivity * slope, scaled[:, part]
         gradient.append(-4 * ((own**2).T @ w.sum(1) - ((w @ own) * own).sum(0)))
     if "rq" in kernel:
@@ -146,6 +151,7 @@ def choose_kernel(x: torch.Tensor, y: torch.Tensor, nugget: float, seed: int) ->
     """
     rows = subset(len(x), CHOICE_ROWS, derive(seed, "choice"))
     x, y = x[rows], y[rows]
+    blocks = one_block(x.shape[1])
     order = np.random.default_rng(derive(seed, "folds")).permutation(len(x))
     fold = torch.as_tensor(order % CHOICE_FOLDS)
     errors = {}
@@ -158,10 +164,10 @@ def choose_kernel(x: torch.Tensor, y: torch.Tensor, nugget: float, seed: int) ->
             )
             a, b = x[inside] / h.length_scales, x[outside] / h.length_scales
             alpha = torch.tensor(h.alpha, dtype=x.dtype)
-            matrix = value(parts_of(kernel, a, a, alpha), alpha)
+            matrix = value(parts_of(kernel, a, a, alpha, blocks), alpha)
             factor, _ = cholesky(matrix, h.nugget, "choice of the kernel")
             mean, weights = condition(factor, y[inside], torch.ones(len(a), 1, dtype=x.dtype))
-            predicted = mean + value(parts_of(kernel, b, a, alpha), alpha) @ weights
+            predicted = mean + value(parts_of(kernel, b, a, alpha, blocks), alpha) @ weights
             total += float((predicted - y[outside]).square().sum())
         errors[kernel] = math.sqrt(total / y.numel())
     best = min(errors, key=errors.get)

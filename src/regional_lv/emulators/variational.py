@@ -56,7 +56,7 @@ class VariationalGP(ReducedEmulator):
     """
 
     mixed: bool
-    _KEYS = ("kernel", "parameters", "solution")
+    _KEYS = ("kernel", "variational", "solution")
 
     def _fit_scores(self, x, z, seed):
         s = self.settings
@@ -70,13 +70,13 @@ class VariationalGP(ReducedEmulator):
             list(BOUNDS.values()),
             s["iterations"],
         )
-        self.parameters = dict(zip(keys, found, strict=True))
-        self.solution = self._solve(self.parameters, x, z)
+        self.variational = dict(zip(keys, found, strict=True))
+        self.solution = self._solve(self.variational, x, z)
         self.info |= {
             "hyperparameter_rows": len(rows),
-            "inducing": len(self.parameters["points"]),
+            "inducing": len(self.variational["points"]),
             "bound_per_number": -bound,
-            "noise": self.parameters["noise"].exp().tolist(),
+            "noise": self.variational["noise"].exp().tolist(),
         }
 
     def _start(self, x, z, seed) -> dict[str, torch.Tensor]:
@@ -95,11 +95,10 @@ class VariationalGP(ReducedEmulator):
             points = points * h.length_scales
         # A process may vary more than its N values do: the exact GP knows by how much.
         signal = self._signal(x[rows], z[rows], h)
-        # With fewer processes than scores, the last ones have none at the start. The volume stands
-        # last and is no small component: without one, L-BFGS has to find it in those of others.
-        order = list(range(z.shape[1]))
-        if VOLUME in self.outputs:
-            order = [order[-1], *order[:-1]]
+        # With fewer processes than scores, the last ones have none at the start. Volumes stand last
+        # and are no small components: without one, L-BFGS has to find them in those of others.
+        components = z.shape[1] - int(self.channels.of_quantity(VOLUME).sum())
+        order = [*range(components, z.shape[1]), *range(components)]
         mixing = torch.diag(signal)[:, order[:latents]] if self.mixed else signal.log()
         scales = h.length_scales.log().clamp(*BOUNDS["length_scales"])
         return {
@@ -204,16 +203,16 @@ class VariationalGP(ReducedEmulator):
 
     def _cross(self, x) -> torch.Tensor:
         """(Q, N, M) correlations with the inducing points."""
-        p = self.parameters
+        p = self.variational
         return correlation(self.kernel, x, p["points"], p["length_scales"].exp(), p["alpha"].exp())
 
     def _mean(self, x):
         latent = (self._cross(x) @ self.solution["weights"][..., None])[..., 0]
-        mixing = self.parameters["mixing"]
+        mixing = self.variational["mixing"]
         return latent.T @ mixing.T if self.mixed else latent.T * mixing.exp()
 
     def _mean_jacobian(self, x):
-        p = self.parameters
+        p = self.variational
         scales, alpha = p["length_scales"].exp(), p["alpha"].exp()
         weights = self.solution["weights"]
         latent = mean_slopes(self.kernel, x, p["points"], scales, alpha, weights).permute(1, 0, 2)
@@ -224,7 +223,7 @@ class VariationalGP(ReducedEmulator):
         known = (k @ self.solution["whiten"].mT).square().sum(-1)
         uncertain = (k @ self.solution["learnt"].mT).square().sum(-1)
         variance = (1 - known + uncertain).clamp(min=JITTER).T
-        mixing, noise = self.parameters["mixing"], self.parameters["noise"].exp()
+        mixing, noise = self.variational["mixing"], self.variational["noise"].exp()
         if not self.mixed:
             return variance * mixing.exp().square() + noise
         return (mixing * variance[:, None, :]) @ mixing.T + torch.diag(noise)

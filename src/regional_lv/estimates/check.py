@@ -1,11 +1,11 @@
 """Estimates passed back through the simulator: do they give the outputs they were made from?"""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
-from regional_lv import aha
 from regional_lv.progress import Progress
 from regional_lv.simulations import make_runner
 
@@ -15,20 +15,21 @@ def simulate_estimates(
 ) -> None:
     """Simulate the estimates of the first `cases` samples (all if None); write a table (Parquet).
 
-    Columns: sample, estimator, status, checked_by (`simulator`), the 52 outputs (NaN where the
+    Columns: sample, estimator, status, checked_by (`simulator`), the outputs (NaN where the
     simulation did not converge).
     """
     table = first_cases(pd.read_parquet(estimates), cases)
     runner = make_runner(mesh, physics, predictor, sensitivities=False)
     progress = Progress("simulations of estimates", len(table))
     status, values = [], []
-    for theta in table[list(aha.PARAMETERS)].to_numpy():
+    outputs = runner.channels.names
+    for theta in table[list(runner.parameters.names)].to_numpy():
         result = runner.run(theta)
         status.append(result.status)
         converged = result.status == "converged"
-        values.append(result.observables if converged else np.full(len(aha.OUTPUTS), np.nan))
+        values.append(result.observables if converged else np.full(len(outputs), np.nan))
         progress.step(failed=not converged)
-    write_checked(table, status, "simulator", np.stack(values), checked)
+    write_checked(table, status, "simulator", np.stack(values), outputs, checked)
 
 
 def first_cases(estimates: pd.DataFrame, cases: int | None) -> pd.DataFrame:
@@ -38,9 +39,14 @@ def first_cases(estimates: pd.DataFrame, cases: int | None) -> pd.DataFrame:
 
 
 def write_checked(
-    estimates: pd.DataFrame, status, checked_by: str, outputs: np.ndarray, path: Path
+    estimates: pd.DataFrame,
+    status: str | Sequence[str],
+    checked_by: str,
+    values: np.ndarray,
+    outputs: Sequence[str],
+    path: Path,
 ) -> None:
-    """The table that `simulate_estimates` describes."""
+    """Write the table that `simulate_estimates` describes; `values` (rows, D) of the `outputs`."""
     table = estimates[["sample", "estimator"]].reset_index(drop=True)
     table["status"], table["checked_by"] = status, checked_by
-    table.join(pd.DataFrame(outputs, columns=list(aha.OUTPUTS))).to_parquet(path, index=False)
+    table.join(pd.DataFrame(values, columns=list(outputs))).to_parquet(path, index=False)

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 import torch
 
-from regional_lv import aha, emulators
+from regional_lv import emulators
 from regional_lv.emulators.base import Emulator
 from regional_lv.estimates.least_squares import find_least_squares
 from regional_lv.inference.likelihood import Likelihood, Noise
@@ -35,8 +35,7 @@ def true_column(parameter: str) -> str:
 def estimate_parameters(
     emulator_file: str | Path,
     test: str | Path,
-    starts: int,
-    iterations: int,
+    point: dict,
     adam_steps: int,
     hops: int,
     seed: int,
@@ -46,13 +45,15 @@ def estimate_parameters(
 
     Two rows per simulation: estimator `least_squares` (on the predictive mean, outputs in training
     sd) and `weighted` (by the predictive covariance, its determinant included: the MAP under the
-    uniform prior). Columns: sample, estimator, the ten estimates (named like the parameters), their
-    true values (`true_...`), mse (over the ten), objective (sum of squares in training sd, or minus
-    the log density), outside (the estimate lies where no training simulation is near), seconds
-    (training for the case included, where an emulator is local).
+    uniform prior). Columns: sample, estimator, the P estimates (named like the parameters), their
+    true values (`true_...`), mse (over the parameters), objective (sum of squares in training sd,
+    or minus the log density), outside (the estimate lies where no training simulation is near),
+    seconds (training for the case included, where an emulator is local). point: section `map` of
+    the config.
     """
     emulator = emulators.load(emulator_file)
-    theta, y, samples = emulators.read_simulations(test)
+    parameters = list(emulator.parameters.names)
+    theta, y, samples = emulators.read_simulations(test, emulator.parameters, emulator.outputs)
     name, done, tables = emulator.name, 0, []
     progress = Progress(f"{name}: point estimates", len(samples))
     started = time.monotonic()
@@ -61,20 +62,24 @@ def estimate_parameters(
         training = time.monotonic() - started
         found = {}
         found["least_squares"] = find_least_squares(
-            *(local, observed, starts, iterations, adam_steps, hops),
-            derive(seed, "least squares", name),
+            local,
+            observed,
+            **point,
+            adam_steps=adam_steps,
+            hops=hops,
+            seed=derive(seed, "least squares", name),
         )
         halfway = time.monotonic()
         likelihood = Likelihood(local, observed, Noise.none(local))
-        point = find_map(likelihood, starts, iterations, derive(seed, "map", name, "test"))
-        found["weighted"] = point.theta, -point.log_density
+        maximum = find_map(likelihood, **point, seed=derive(seed, "map", name, "test"))
+        found["weighted"] = maximum.theta, -maximum.log_density
         ended = time.monotonic()
         seconds = {"least_squares": halfway - started, "weighted": ended - halfway + training}
         for estimator in ESTIMATORS:
             estimate, objective = found[estimator]
             table = pd.DataFrame({"sample": samples[rows], "estimator": estimator})
-            table[list(aha.PARAMETERS)] = estimate.numpy()
-            table[[true_column(p) for p in aha.PARAMETERS]] = theta[rows]
+            table[parameters] = estimate.numpy()
+            table[[true_column(p) for p in parameters]] = theta[rows]
             table["mse"] = np.square(estimate.numpy() - theta[rows]).mean(axis=1)
             table["objective"] = objective.numpy()
             table["outside"] = emulator.outside(estimate).numpy()
@@ -113,7 +118,7 @@ def measure_cost(emulator_file: str | Path, test: str | Path, cost: str | Path) 
     file_mb: size of the emulator's file.
     """
     emulator = emulators.load(emulator_file)
-    theta, y, _ = emulators.read_simulations(test)
+    theta, y, _ = emulators.read_simulations(test, emulator.parameters, emulator.outputs)
     at, observed = torch.as_tensor(theta[:1]), torch.as_tensor(y[0])
     localise, local = _milliseconds(lambda: emulator.localise(observed), repeats=3)
     likelihood = Likelihood(local, observed, Noise.none(local))

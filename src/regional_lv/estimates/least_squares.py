@@ -5,16 +5,17 @@ observations together, Levenberg-Marquardt steps with exact Jacobians (`inferenc
 to its minimum, and the best is perturbed and taken down again, `hops` times.
 """
 
-import math
-
-import numpy as np
 import torch
 
-from regional_lv import aha
-from regional_lv.design import sobol
 from regional_lv.emulators.base import Emulator, SeparablePrediction
 from regional_lv.inference.likelihood import Likelihood, Noise
-from regional_lv.inference.point import CHUNK, SCREENED_PER_START, climb
+from regional_lv.inference.point import (
+    CHUNK,
+    SCREENED_PER_START,
+    climb,
+    log_bounds,
+    starting_points,
+)
 from regional_lv.seeds import derive
 
 HOP = 0.3
@@ -54,18 +55,15 @@ def find_least_squares(
     hops: int,
     seed: int,
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """Theta (C, 10) within the bounds with the least sum of squared differences (C,), in training
+    """Theta (C, P) within the bounds with the least sum of squared differences (C,), in training
     sd, between the predictive mean and each row of `y` (C, D).
 
     starts: Sobol points kept per row; iterations: Levenberg-Marquardt steps at most, each time.
     """
     flat = MeanOnly(emulator)
     likelihood = Likelihood(flat, y, Noise.none(flat))
-    first = starting_points(emulator, y, starts, seed).log()
-    low, high = (
-        torch.full((len(aha.PARAMETERS),), math.log(bound), dtype=y.dtype)
-        for bound in (emulator.lower, emulator.upper)
-    )
+    first = _nearest_points(emulator, y, starts, seed).log()
+    low, high = log_bounds(emulator)
     owner = torch.arange(len(y)).repeat_interleave(first.shape[1])
     position = _adam(likelihood, y[owner], first.flatten(0, 1), low, high, adam_steps)
     position, value = climb(likelihood, y[owner], position, low, high, iterations)
@@ -76,7 +74,7 @@ def find_least_squares(
     generator = torch.Generator().manual_seed(derive(seed, "hops"))
     for _ in range(hops):
         # One perturbation for all rows: a row does not depend on those beside it.
-        step = HOP * torch.randn(len(aha.PARAMETERS), generator=generator, dtype=y.dtype)
+        step = HOP * torch.randn(len(low), generator=generator, dtype=y.dtype)
         trial = torch.minimum(torch.maximum(position + step, low), high)
         trial, reached = climb(likelihood, y, trial, low, high, iterations)
         better = reached > value
@@ -88,18 +86,10 @@ def find_least_squares(
     return theta, (residual / emulator.output_sd).square().sum(1)
 
 
-def starting_points(emulator: Emulator, y: torch.Tensor, starts: int, seed: int) -> torch.Tensor:
-    """Theta (C, starts, 10): the Sobol points (half natural, half log scale) whose predictive means
+def _nearest_points(emulator: Emulator, y: torch.Tensor, starts: int, seed: int) -> torch.Tensor:
+    """Theta (C, starts, P): the Sobol points (half natural, half log scale) whose predictive means
     are nearest to each row of `y` (C, D)."""
-    count = max(1, SCREENED_PER_START * starts // 2)
-    points = torch.as_tensor(
-        np.concatenate(
-            [
-                sobol(count, emulator.lower, emulator.upper, scale, derive(seed, "starts", scale))
-                for scale in ("natural", "log")
-            ]
-        )
-    )
+    points = starting_points(emulator, max(1, SCREENED_PER_START * starts // 2), seed)
     with torch.no_grad():
         means = torch.cat([emulator.predict_mean(part) for part in points.split(CHUNK)])
     distance = torch.cdist(y / emulator.output_sd, means / emulator.output_sd)
@@ -107,7 +97,7 @@ def starting_points(emulator: Emulator, y: torch.Tensor, starts: int, seed: int)
 
 
 def _adam(likelihood, y, position, low, high, steps: int) -> torch.Tensor:
-    """`position` (M, 10) after `steps` of Adam, kept within the bounds."""
+    """`position` (M, P) after `steps` of Adam, kept within the bounds."""
     position = position.clone().requires_grad_(True)
     optimiser = torch.optim.Adam([position], lr=ADAM_RATE)
     for _ in range(steps):

@@ -9,9 +9,10 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
-from regional_lv import aha
+from regional_lv.channels import Channels
 from regional_lv.emulators import label_of
 from regional_lv.estimates.estimate import ESTIMATORS
+from regional_lv.inference.multiple_tests import holm
 
 log = logging.getLogger(__name__)
 
@@ -24,8 +25,12 @@ Z95 = stats.norm.ppf(0.975)
 
 def rank_emulators(
     names: Sequence[str],
-    folder: Path,
-    fits: Path,
+    estimates: Sequence[Path],
+    checked: Sequence[Path],
+    costs: Sequence[Path],
+    fits: Sequence[Path],
+    predictions: Sequence[Path],
+    channels: Channels,
     train: Path,
     test: Path,
     paper: Path,
@@ -38,38 +43,35 @@ def rank_emulators(
     """Rank emulators by the parameter MSE of one `estimator`; write what `rank`, `compare_pairs`
     and `choose` describe (CSV, CSV, JSON).
 
-    folder: with `<name>/test.parquet`, `<name>/checked.parquet`, `<name>/cost.json`. fits: with
-    `<name>/fit.json`, `<name>/test_predictions.parquet`. train, test: the screened tables. paper:
-    the numbers that the paper prints.
+    names: of the emulators, in the order of their files: `estimates` (`estimate_parameters`),
+    `checked` (`simulate_estimates`), `costs` (`measure_cost`), `fits` and `predictions`
+    (`train_emulator` and `predict_test_set`). train, test: the screened tables. paper: the numbers
+    that the paper prints.
     """
-    y_train = pd.read_parquet(train, columns=list(aha.OUTPUTS))
-    truth = pd.read_parquet(test, columns=["sample", *aha.OUTPUTS])
+    sd = pd.read_parquet(train, columns=list(channels.names)).std()
+    truth = pd.read_parquet(test, columns=["sample", *channels.names])
     truth = truth.assign(sample=truth["sample"].astype(str)).set_index("sample")
-    rows, estimates = [], {}
-    for name in names:
-        estimates[name] = pd.read_parquet(Path(folder) / name / "test.parquet")
-        fit = json.loads((Path(fits) / name / "fit.json").read_text())
+    rows, estimated = [], {}
+    for name, own, back, cost, report, predicted in zip(
+        *(names, estimates, checked, costs, fits, predictions), strict=True
+    ):
+        estimated[name], fit = pd.read_parquet(own), json.loads(Path(report).read_text())
         rows.append(
             {
                 "emulator": name,
                 "label": label_of(name),
                 "input_transform": fit["settings"]["input_transform"],
-                **parameter_errors(estimates[name]),
-                **output_errors(
-                    pd.read_parquet(Path(folder) / name / "checked.parquet"),
-                    *(truth, y_train.std(), estimator),
-                ),
-                **predictive_scores(
-                    pd.read_parquet(Path(fits) / name / "test_predictions.parquet"), y_train.std()
-                ),
+                **parameter_errors(estimated[name]),
+                **output_errors(pd.read_parquet(back), truth, sd, estimator),
+                **predictive_scores(pd.read_parquet(predicted), sd),
                 "training_seconds": fit["seconds"],
                 "peak_memory_mb": fit["peak_memory_mb"],
-                **json.loads((Path(folder) / name / "cost.json").read_text()),
+                **json.loads(Path(cost).read_text()),
             }
         )
     table = rank(pd.DataFrame(rows), estimator, pd.read_csv(paper))
     table.to_csv(ranking, index=False)
-    compare_pairs(estimates).to_csv(pairs, index=False)
+    compare_pairs(estimated).to_csv(pairs, index=False)
     chosen = choose(table, size, estimator)
     Path(shortlist).write_text(json.dumps(chosen, indent=2) + "\n")
     log.info("shortlist: %s", ", ".join(chosen["shortlist"]))
@@ -94,13 +96,15 @@ def output_errors(
 ) -> dict:
     """How far one estimator's estimates lie from the data when passed back: output_mse (strains,
     the paper's), output_mse_standardised (all outputs, in squared training sd), checked_by,
-    checked_cases, checked_failed (did not converge; left out)."""
-    part = checked[checked["estimator"] == estimator]
-    values = part[list(aha.OUTPUTS)].to_numpy()
-    error = values - truth.loc[part["sample"], list(aha.OUTPUTS)].to_numpy()
+    checked_cases, checked_failed (did not converge; left out).
+
+    truth: outputs by sample; sd: by output."""
+    part, outputs = checked[checked["estimator"] == estimator], list(truth.columns)
+    error = part[outputs].to_numpy() - truth.loc[part["sample"]].to_numpy()
     kept = np.isfinite(error).all(axis=1)
+    strains = error[kept][:, Channels.parse(outputs).is_strain]
     return {
-        "output_mse": np.square(error[kept, 1:]).mean() if kept.any() else np.nan,
+        "output_mse": np.square(strains).mean() if strains.size else np.nan,
         "output_mse_standardised": np.square(error[kept] / sd.to_numpy()).mean()
         if kept.any()
         else np.nan,
@@ -180,16 +184,6 @@ def compare_pairs(estimates: dict[str, pd.DataFrame]) -> pd.DataFrame:
             [*row[:8], p, bool(p < LEVEL), row[8]] for row, p in zip(family, adjusted, strict=True)
         ]
     return pd.DataFrame(rows, columns=columns)
-
-
-def holm(p_values: Sequence[float]) -> np.ndarray:
-    """Holm's step-down adjusted p-values, in the order given (Holm 1979)."""
-    p = np.asarray(p_values, dtype=float)
-    order = np.argsort(p)
-    stepped = np.maximum.accumulate(p[order] * (len(p) - np.arange(len(p))))
-    adjusted = np.empty_like(p)
-    adjusted[order] = np.minimum(stepped, 1.0)
-    return adjusted
 
 
 def choose(table: pd.DataFrame, size: int, estimator: str) -> dict:

@@ -10,21 +10,34 @@ import numpy as np
 import pandas as pd
 import torch
 
-from regional_lv import aha, emulators
+from regional_lv import emulators
+from regional_lv.channels import Channels
 from regional_lv.estimates.check import first_cases, write_checked
+from regional_lv.parameters import Parameterisation
 from regional_lv.seeds import derive
 
 CHECKED_BY = "exact GP on training and test simulations"
 
 
 def fit_stand_in(
-    train: Path, test: Path, lower: float, upper: float, seed: int, stand_in: Path
+    train: Path,
+    test: Path,
+    parameters: Parameterisation,
+    channels: Channels,
+    seed: int,
+    stand_in: Path,
 ) -> None:
     """Fit the exact GP on log inputs to two screened tables; write it."""
-    parts = [emulators.read_simulations(path)[:2] for path in (train, test)]
+    columns = parameters, channels.names
+    parts = [emulators.read_simulations(path, *columns)[:2] for path in (train, test)]
     theta, y = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
     emulator = emulators.create("exact_gp", {"input_transform": "log", "calibration": "none"})
-    emulator.fit(theta, y, lower=lower, upper=upper, seed=derive(seed, "estimates", "stand-in"))
+    emulator.fit(
+        *(theta, y),
+        parameters=parameters,
+        outputs=channels.names,
+        seed=derive(seed, "estimates", "stand-in"),
+    )
     emulator.save(stand_in)
 
 
@@ -34,5 +47,6 @@ def predict_estimates(stand_in: Path, estimates: Path, cases: int | None, checke
     table = first_cases(pd.read_parquet(estimates), cases)
     emulator = emulators.load(stand_in)
     with torch.no_grad():
-        values = emulator.predict_mean(torch.as_tensor(table[list(aha.PARAMETERS)].to_numpy()))
-    write_checked(table, "predicted", CHECKED_BY, values.numpy(), checked)
+        theta = table[list(emulator.parameters.names)].to_numpy()
+        values = emulator.predict_mean(torch.as_tensor(theta))
+    write_checked(table, "predicted", CHECKED_BY, values.numpy(), emulator.outputs, checked)

@@ -1,10 +1,11 @@
 """What the input transform alone does to an emulator: the same settings, natural and log theta."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import pandas as pd
 
-from regional_lv import aha
+from regional_lv.channels import Channels
 from regional_lv.estimates.ranking import parameter_errors, predictive_scores
 
 TRANSFORMS = ("identity", "log")
@@ -13,31 +14,32 @@ QUANTITIES = ("param_mse_least_squares", "param_mse_weighted", "predictive_mse")
 
 def compare_transforms(
     transforms: dict[str, dict[str, str]],
-    folder: Path,
-    predictions: Path,
+    files: Sequence[str],
+    estimates: Sequence[Path],
+    predictions: Sequence[Path],
+    channels: Channels,
     train: Path,
     paper: Path,
     comparison: Path,
 ) -> None:
     """Compare every emulator with itself on the other input transform; write a table (CSV).
 
-    transforms: by emulator and transform, the name of the folder of its files. folder: with
-    `<name>/test.parquet`; predictions: with `<name>/test_predictions.parquet`; train: the screened
-    table; paper: the numbers that the paper prints. Columns: emulator, and for each of
-    param_mse_least_squares, param_mse_weighted and predictive_mse (outputs in training sd)
-    `..._identity`, `..._log` and `..._gain`, the first over the second; paper_param_mse (natural
-    inputs, least squares), ratio_to_paper.
+    transforms: by emulator and transform, the name of its files. files: all these names, in the
+    order of their `estimates` and `predictions` of the test set. train: the screened table; paper:
+    the numbers that the paper prints. Columns: emulator, and for each of param_mse_least_squares,
+    param_mse_weighted and predictive_mse (outputs in training sd) `..._identity`, `..._log` and
+    `..._gain`, the first over the second; paper_param_mse (natural inputs, least squares),
+    ratio_to_paper.
     """
-    sd = pd.read_parquet(train, columns=list(aha.OUTPUTS)).std()
+    sd = pd.read_parquet(train, columns=list(channels.names)).std()
+    paths = dict(zip(files, zip(estimates, predictions, strict=True), strict=True))
     printed = pd.read_csv(paper).query("quantity == 'parameter_mse'").set_index("emulator")
     rows = []
     for name, parts in transforms.items():
         row = {"emulator": name}
         for transform, part in parts.items():
-            errors = parameter_errors(pd.read_parquet(Path(folder) / part / "test.parquet"))
-            scores = predictive_scores(
-                pd.read_parquet(Path(predictions) / part / "test_predictions.parquet"), sd
-            )
+            estimated, predicted = (pd.read_parquet(path) for path in paths[part])
+            errors, scores = parameter_errors(estimated), predictive_scores(predicted, sd)
             for quantity in QUANTITIES:
                 row[f"{quantity}_{transform}"] = (errors | scores)[quantity]
         for quantity in QUANTITIES:

@@ -24,75 +24,76 @@ log = logging.getLogger(__name__)
 NOTABLE_MM = 0.5
 
 
-def write_imported(mesh_path, segments_path, unit, fibres_cfg, vtu_path):
-    """Check a mesh from elsewhere and write it with surfaces, coordinates and directions (.vtu)."""
-    mesh = import_mesh(mesh_path, segments_path, unit)
-    write_mesh(mesh, vtu_path, nodal_directions(mesh, fibres_cfg))
+def write_imported(mesh, unit, fibres, vtu, segments=None, zones=None):
+    """Check a mesh from elsewhere and write it with surfaces, coordinates and directions (.vtu).
+
+    `mesh` and `segments` are what `import_mesh` reads; `zones` as in `write_mesh`.
+    """
+    imported = import_mesh(mesh, segments, unit)
+    write_mesh(imported, vtu, nodal_directions(imported, fibres), zones=zones)
 
 
-def keep_mesh(imported_vtu, fibres_cfg, vtu_path, segments_csv, summary_json):
-    """Take the imported mesh as it is: linear hexahedra, segment table, summary."""
-    mesh = read_mesh(imported_vtu)
-    write_mesh(mesh, vtu_path, nodal_directions(mesh, fibres_cfg))
-    _write(segment_table(mesh), segments_csv)
-    _write_summary(summarise_mesh(mesh), summary_json)
+def keep_mesh(imported, fibres, vtu, segments, summary, zones=None):
+    """Take the imported mesh (.vtu) as it is: linear hexahedra, segment table, summary."""
+    mesh = read_mesh(imported)
+    write_mesh(mesh, vtu, nodal_directions(mesh, fibres), zones=zones)
+    _write(segment_table(mesh), segments)
+    _write_summary(summarise_mesh(mesh), summary)
 
 
-def remesh(
-    imported_vtu, mesh_cfg, fibres_cfg, msh_path, vtu_path, segments_csv, summary_json, fit_csv
-):
-    """Mesh the imported ventricle anew: quadratic hexahedra between fitted smooth surfaces.
+def remesh(imported, mesh, fibres, msh, vtu, segments, summary, fit, zones=None):
+    """Mesh the imported ventricle (.vtu) anew: quadratic hexahedra between fitted smooth surfaces.
 
     Mesh lines follow the borders of the imported segments (see `fitted`). Segment table and
-    summary say how far each segment's volume is from the imported one; `fit_csv` holds the whole
+    summary say how far each segment's volume is from the imported one; `fit` (CSV) holds the whole
     comparison.
     """
-    check_mesh_config(mesh_cfg)
-    imported = read_mesh(imported_vtu)
-    surfaces = FittedSurfaces(imported)
-    table = sector_table(imported, surfaces, mesh_cfg["circumferential"])
-    write_gmsh(table, surfaces, mesh_cfg, msh_path)
-    mesh = convert_mesh(msh_path)
-    summary = summarise_mesh(mesh)
-    if summary["scaled_jacobian_min"] <= 0:
+    check_mesh_config(mesh)
+    given = read_mesh(imported)
+    surfaces = FittedSurfaces(given)
+    sectors = sector_table(given, surfaces, mesh["circumferential"])
+    write_gmsh(sectors, surfaces, mesh, msh)
+    made = convert_mesh(msh)
+    numbers = summarise_mesh(made)
+    if numbers["scaled_jacobian_min"] <= 0:
         raise InputError(
-            f"{imported_vtu}: re-meshed, the wall folds in segment {summary['worst_segment']}; "
+            f"{imported}: re-meshed, the wall folds in segment {numbers['worst_segment']}; "
             "raise mesh.circumferential or the rows of mesh, or set geometry.imported.remesh to "
             "false"
         )
-    write_mesh(mesh, vtu_path, nodal_directions(mesh, fibres_cfg))
-    fit = compare(imported, mesh)
-    _write(fit, fit_csv)
-    segments = segment_table(mesh)
-    given = segment_volumes(imported)
-    segments["volume_imported_ml"] = given
-    segments["volume_deviation_percent"] = 100 * (segments["volume_ml"] / given - 1)
-    _write(segments.merge(table, on="aha_segment"), segments_csv)
-    worst = segments["volume_deviation_percent"].abs().idxmax()
-    distance = fit[fit["quantity"].str.startswith("distance")]
+    write_mesh(made, vtu, nodal_directions(made, fibres), zones=zones)
+    comparison = compare(given, made)
+    _write(comparison, fit)
+    by_segment = segment_table(made)
+    volumes = segment_volumes(given)
+    by_segment["volume_imported_ml"] = volumes
+    by_segment["volume_deviation_percent"] = 100 * (by_segment["volume_ml"] / volumes - 1)
+    _write(by_segment.merge(sectors, on="aha_segment"), segments)
+    worst = by_segment["volume_deviation_percent"].abs().idxmax()
+    distance = comparison[comparison["quantity"].str.startswith("distance")]
     if distance["difference"].max() > NOTABLE_MM:
         log.warning(
             "The fitted surfaces are up to %.2f mm from the imported ones; a finer imported mesh "
             "or more elements (section mesh) bring them closer",
             distance["difference"].max(),
         )
-    summary["imported"] = summarise_mesh(imported)
-    summary["fit_mm"] = {
+    numbers["imported"] = summarise_mesh(given)
+    numbers["fit_mm"] = {
         f"{row.part}_{row.quantity.removeprefix('distance_')}": row.difference
         for row in distance.itertuples()
     }
-    summary["segment_volume_deviation_percent"] = dict(
+    numbers["segment_volume_deviation_percent"] = dict(
         zip(
-            segments["aha_segment"].astype(str),
-            segments["volume_deviation_percent"].round(2),
+            by_segment["aha_segment"].astype(str),
+            by_segment["volume_deviation_percent"].round(2),
             strict=True,
         )
     )
-    summary["largest_segment_volume_deviation"] = {
-        "segment": int(segments["aha_segment"][worst]),
-        "percent": float(segments["volume_deviation_percent"][worst]),
+    numbers["largest_segment_volume_deviation"] = {
+        "segment": int(by_segment["aha_segment"][worst]),
+        "percent": float(by_segment["volume_deviation_percent"][worst]),
     }
-    _write_summary(summary, summary_json)
+    _write_summary(numbers, summary)
 
 
 def segment_table(mesh):
@@ -107,7 +108,6 @@ def segment_table(mesh):
             {
                 "aha_segment": segment.number,
                 "name": segment.name,
-                "zone": segment.zone,
                 "volume_ml": volume[mine].sum(),
                 "thickness_mm": np.average(thickness[mine], weights=volume[mine]),
                 "elements": int(mine.sum()),

@@ -43,37 +43,40 @@ def check_mesh_config(mesh):
 
 
 def make_mesh(
-    segments_csv,
+    table,
     endo_apex_z_mm,
     epi_apex_z_mm,
-    mesh_cfg,
-    fibres_cfg,
-    msh_path,
-    vtu_path,
-    segments_out_csv,
-    summary_json,
+    mesh,
+    fibres,
+    msh,
+    vtu,
+    segments,
+    summary,
+    zones=None,
 ):
-    """Make the parametric left ventricle: gmsh file, .vtu for ParaView, segment table, summary.
+    """Make the parametric left ventricle from a segment table (CSV).
 
-    `mesh_cfg` holds circumferential (16, 24, 32, 40 or 48 elements), basal, mid, apical, apex
-    (rows of elements per level) and transmural (layers); `fibres_cfg` the angles of
-    `fibre_directions`. The .vtu carries `segment`, `zone` (1-5), `surface` per cell and per point
+    `table` is its path, or the word `volunteer`; `mesh` holds circumferential (16, 24, 32, 40 or 48
+    elements), basal, mid, apical, apex (rows of elements per level) and transmural (layers);
+    `fibres` the angles of `fibre_directions`; `zones`, if given, AHA segments by name. Files that
+    are written: `msh` for gmsh, `vtu` for ParaView, `segments` (CSV: what each segment became) and
+    `summary` (JSON). The .vtu carries `segment`, `zone`, `surface` per cell and per point
     `transmural`, `longitudinal` (0 apex to 1 base) and the direction fields. Same input, same
     bytes. Raises InputError for a table that cannot be used, or whose surfaces cross.
     """
-    table = read_segments(segments_csv)
-    _check_apices(segments_csv, table, endo_apex_z_mm, epi_apex_z_mm)
-    check_mesh_config(mesh_cfg)
-    surfaces = Surfaces(table, endo_apex_z_mm, epi_apex_z_mm)
-    write_gmsh(table, surfaces, mesh_cfg, msh_path)
-    mesh = convert_mesh(msh_path)
-    segments, summary = summarise(mesh, table)
-    if summary["scaled_jacobian_min"] <= 0:
+    given = read_segments(table)
+    _check_apices(table, given, endo_apex_z_mm, epi_apex_z_mm)
+    check_mesh_config(mesh)
+    surfaces = Surfaces(given, endo_apex_z_mm, epi_apex_z_mm)
+    write_gmsh(given, surfaces, mesh, msh)
+    made = convert_mesh(msh)
+    by_segment, numbers = summarise(made, given)
+    if numbers["scaled_jacobian_min"] <= 0:
         raise InputError(
-            f"{segments_csv}: the wall folds in segment {summary['worst_segment']}; its thickness "
+            f"{table}: the wall folds in segment {numbers['worst_segment']}; its thickness "
             "or radius differs too much from its neighbours', or two sector borders nearly "
             "coincide; check the row, or raise mesh.circumferential"
         )
-    write_mesh(mesh, vtu_path, nodal_directions(mesh, fibres_cfg))
-    segments.to_csv(segments_out_csv, index=False, float_format="%.6g")
-    Path(summary_json).write_text(json.dumps(summary, indent=2) + "\n")
+    write_mesh(made, vtu, nodal_directions(made, fibres), zones=zones)
+    by_segment.to_csv(segments, index=False, float_format="%.6g")
+    Path(summary).write_text(json.dumps(numbers, indent=2) + "\n")

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 import meshio
 import numpy as np
 
-from regional_lv.aha import SEGMENT_ZONE
 from regional_lv.errors import InputError
 
 ENDOCARDIUM, EPICARDIUM, BASE = 1, 2, 3
@@ -55,14 +54,14 @@ def read_mesh(vtu_path):
     )
 
 
-def write_mesh(mesh, vtu_path, point_data, cell_data=None):
+def write_mesh(mesh, vtu_path, point_data, cell_data=None, zones=None):
     """Write a Mesh as one .vtu for ParaView.
 
     `point_data` adds fields of shape (n,) or (n, 3), `cell_data` values (m,) of the hexahedra,
-    which are NaN on the facets.
+    which are NaN on the facets. `zones`, AHA segments by name, adds the field `zone`, numbered from
+    1 in their order.
     """
     solid, skin = len(mesh.cells), len(mesh.facets)
-    zone = SEGMENT_ZONE[mesh.segment - 1] + 1
     none = [np.zeros(k, dtype=np.int32) for k in (solid, skin)]
     meshio.Mesh(
         mesh.points,
@@ -74,8 +73,13 @@ def write_mesh(mesh, vtu_path, point_data, cell_data=None):
         },
         cell_data={
             "segment": [mesh.segment.astype(np.int32), none[1]],
-            "zone": [zone.astype(np.int32), none[1]],
+            **({"zone": [_zone_numbers(mesh.segment, zones), none[1]]} if zones else {}),
             "surface": [none[0], mesh.surface.astype(np.int32)],
             **{name: [values, np.full(skin, np.nan)] for name, values in (cell_data or {}).items()},
         },
     ).write(vtu_path)
+
+
+def _zone_numbers(segment, zones):
+    number = {s: k for k, segments in enumerate(zones.values(), start=1) for s in segments}
+    return np.array([number[s] for s in segment.tolist()], dtype=np.int32)

@@ -41,7 +41,6 @@ def summarise(mesh, table):
             {
                 "aha_segment": segment.number,
                 "name": segment.name,
-                "zone": segment.zone,
                 "volume_ml": volume[segment.number - 1],
                 "thickness_mm": mean["thickness"],
                 "thickness_table_mm": given.wall_thickness_mm,

@@ -1,17 +1,15 @@
 """The segment table: read, checked, and in AHA order."""
 
-from pathlib import Path
-
 import numpy as np
 import pandas as pd
 
 from regional_lv.aha import LEVELS, SEGMENTS
+from regional_lv.data import segment_table
 from regional_lv.errors import InputError
 
 COLUMNS = (
     "aha_segment",
     "name",
-    "zone",
     "wall_thickness_mm",
     "endo_radius_mm",
     "angle_from_deg",
@@ -26,12 +24,13 @@ PLAUSIBLE_MM = {"wall_thickness_mm": (2.0, 30.0), "endo_radius_mm": (3.0, 80.0)}
 def read_segments(path):
     """Read and check a segment table (CSV); one row per AHA segment, returned in AHA order.
 
-    Columns: aha_segment (1-17), name, zone, wall_thickness_mm, endo_radius_mm (both as the module
+    `path` may be the word `volunteer`, the table that comes with the package. Columns: aha_segment
+    (1-17), name, wall_thickness_mm, endo_radius_mm (both as the module
     defines them), angle_from_deg, angle_to_deg (sector, counter-clockwise seen from the base),
     z_top_mm, z_bottom_mm (level, base plane at 0). Further columns are kept and not used. Raises
     InputError that names the file, the row and the remedy.
     """
-    path = Path(path)
+    path = segment_table(path)
     try:
         table = pd.read_csv(path, skipinitialspace=True)
     except FileNotFoundError:
@@ -44,7 +43,7 @@ def read_segments(path):
 
     # A row is named by its line in the file, the header being line 1.
     table.index += 2
-    for column in [c for c in COLUMNS if c not in ("name", "zone")]:
+    for column in [c for c in COLUMNS if c != "name"]:
         numbers = pd.to_numeric(table[column], errors="coerce")
         for line in table.index[~np.isfinite(numbers)]:
             raise InputError(
@@ -69,12 +68,11 @@ def read_segments(path):
 
     for line, row in table.iterrows():
         segment = SEGMENTS[row["aha_segment"] - 1]
-        for column in ("name", "zone"):
-            if str(row[column]).strip() != getattr(segment, column):
-                raise InputError(
-                    f"{path}, line {line}: {column} of segment {segment.number} is "
-                    f"{row[column]!r}; it must be {getattr(segment, column)!r}"
-                )
+        if str(row["name"]).strip() != segment.name:
+            raise InputError(
+                f"{path}, line {line}: name of segment {segment.number} is {row['name']!r}; it "
+                f"must be {segment.name!r}"
+            )
     _check_sizes(path, table)
     _check_levels(path, table)
     _check_sectors(path, table)

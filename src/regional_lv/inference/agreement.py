@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 import torch
 
-from regional_lv import aha, emulators
+from regional_lv import emulators
 from regional_lv.inference.sampling import Sampling, error_model, make_likelihoods
 from regional_lv.seeds import derive
 
@@ -54,7 +54,7 @@ def compare_samplers(
         reference = how.by_nuts(likelihoods, how.find_maxima(likelihoods), chosen)
         for case, (one, label), draws in zip(chosen, data, reference, strict=True):
             ours = one.posterior["theta"].sel(case=label).transpose("chain", "draw", "parameter")
-            rows += compare(case, ours.to_numpy(), draws.theta)
+            rows += compare(case, ours.to_numpy(), draws.theta, emulator.parameters.names)
     pd.DataFrame(rows, columns=COLUMNS).to_csv(table, index=False)
 
 
@@ -64,10 +64,13 @@ COLUMNS = (
 )
 
 
-def compare(case: str, fast: np.ndarray, reference: np.ndarray) -> list[dict]:
-    """Rows of the table for draws (chain, draw, 10) of one case by both samplers."""
+def compare(
+    case: str, fast: np.ndarray, reference: np.ndarray, parameters: Sequence[str]
+) -> list[dict]:
+    """Rows of the table for draws (chain, draw, P) of one case and of `parameters` by both
+    samplers."""
     rows = []
-    for i, name in enumerate(aha.PARAMETERS):
+    for i, name in enumerate(parameters):
         a, b = fast[..., i], reference[..., i]
         difference = (a.mean() - b.mean()) / b.std()
         ratio = a.std() / b.std()

@@ -11,7 +11,7 @@ nothing then has nearly Gaussian tails."""
 POWER = 0.5
 """Of theta in the space without bounds. Posteriors of noisy hearts are nearly Gaussian there: their
 skewness (the sum of squares of all third cumulants, whitened) is 6 with 4 for that of the sample,
-and 23 about log theta, where the ridges between C_a and C_b bend."""
+and 23 about log theta, where the ridges between the two factors of a zone bend."""
 
 BEYOND = 2.5
 """Where a value on a bound is put, in widths beyond it: it comes back to within a hundredth."""
@@ -32,17 +32,16 @@ class Box:
     unevenly, so that the curvature of a narrow posterior there changes by factors within its own
     width, and trajectories of one step size diverge.
 
-    lower, upper: bounds of theta. width: w per parameter (..., 10), that of s.
+    lower, upper: bounds (P,) of theta. width: w per parameter (..., P), that of s.
     """
 
-    def __init__(self, lower: float, upper: float, width: torch.Tensor):
+    def __init__(self, lower: torch.Tensor, upper: torch.Tensor, width: torch.Tensor):
         self.lower, self.upper = lower, upper
-        ends = torch.tensor([lower, upper], dtype=torch.float64)
-        self.low, self.high = _scaled(ends).tolist()
-        self.width = width.clamp(max=WIDEST * (self.high - self.low))
+        self.low, self.high = _scaled(lower), _scaled(upper)
+        self.width = torch.minimum(width, WIDEST * (self.high - self.low))
 
     def theta(self, v: torch.Tensor) -> torch.Tensor:
-        """Theta (..., 10), within the bounds."""
+        """Theta (..., P), within the bounds."""
         return torch.exp(self._log_theta(v)).clamp(self.lower, self.upper)
 
     def _log_theta(self, v: torch.Tensor) -> torch.Tensor:
@@ -56,10 +55,10 @@ class Box:
         return torch.where(sign > 0, self.low + inside, self.high - inside)
 
     def open(self, v: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Theta (..., 10), and log |d theta / dv| (...), summed over the parameters."""
+        """Theta (..., P), and log |d theta / dv| (...), summed over the parameters."""
         log_theta = self._log_theta(v)
         near = torch.minimum(v - self.low, self.high - v) / self.width
-        far = near - (self.high - self.low) / self.width
+        far = near - (self.high - self.low) * self.width.reciprocal()
         first, second = torch.special.log_ndtr(near), torch.special.log_ndtr(far)
         slope = first + torch.log1p(-torch.exp(second - first))
         theta = torch.exp(log_theta).clamp(self.lower, self.upper)
@@ -70,10 +69,9 @@ class Box:
         return self.open(v)[1]
 
     def position(self, theta: torch.Tensor) -> torch.Tensor:
-        """v (..., 10) of `theta`; on a bound, the place `BEYOND` widths beyond it."""
+        """v (..., P) of `theta`; on a bound, the place `BEYOND` widths beyond it."""
         target = _scaled(theta)
-        left = torch.full_like(target, self.low) - BEYOND * self.width
-        right = torch.full_like(target, self.high) + BEYOND * self.width
+        left, right = self.low - BEYOND * self.width, self.high + BEYOND * self.width
         for _ in range(_ROUNDS):  # bisection: the map rises
             middle = 0.5 * (left + right)
             below = self._inside(middle) < target

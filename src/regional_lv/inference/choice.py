@@ -19,19 +19,18 @@ RULE = (
 
 
 def choose_final(
-    candidates: Sequence[str],
-    emulator_files: Sequence[str | Path],
+    candidates: Sequence[str | Path],
     coverages: Sequence[str | Path],
     wanted: str,
-    emulator: str | Path,
+    emulator_file: str | Path,
     report: str | Path,
-) -> str:
-    """Copy the final emulator to `emulator`, say why in `report` (JSON); return its name.
+) -> None:
+    """Copy the final emulator to `emulator_file`, say why in `report` (JSON).
 
-    candidates: names, with their files and their `coverage.csv` on the test set in the same order.
-    wanted: `auto`, or a name to take instead of the rule's. report: final, rule, candidates (each
-    emulator, coverage95 with its interval, crps, mse, variance_ratio, failed, cases, eligible,
-    why).
+    candidates: the emulators' files, named like them; coverages: their `coverage.csv` on the test
+    set in the same order. wanted: `auto`, or a name to take instead of the rule's. report: final,
+    rule, candidates (each emulator, coverage95 with its interval, crps, mse, variance_ratio,
+    failed, cases, eligible, why).
 
     Raises InputError if there is no candidate, or if `wanted` is none.
     """
@@ -40,17 +39,18 @@ def choose_final(
             "emulators.shortlist: it is empty, so that there is no emulator to choose; name one in "
             "emulators.shortlist.names"
         )
+    files = {Path(path).stem: path for path in candidates}
     table = pd.DataFrame(
         [
             pd.read_csv(path).set_index("parameter").loc["all"].rename(name)
-            for name, path in zip(candidates, coverages, strict=True)
+            for name, path in zip(files, coverages, strict=True)
         ]
     )
     eligible = table["coverage95_upper"] >= NOMINAL
     if wanted != "auto":
-        if wanted not in candidates:
+        if wanted not in files:
             raise InputError(
-                f"emulators.final: {wanted} is not on the shortlist ({', '.join(candidates)}); "
+                f"emulators.final: {wanted} is not on the shortlist ({', '.join(files)}); "
                 "choose one of these, or write `auto`"
             )
         final, rule = wanted, "emulators.final of the config"
@@ -66,20 +66,21 @@ def choose_final(
         | {"eligible": bool(eligible[name]), "why": _why(row, bool(eligible[name]))}
         for name, row in table.iterrows()
     ]
-    shutil.copyfile(emulator_files[list(candidates).index(final)], emulator)
+    shutil.copyfile(files[final], emulator_file)
     content = {"final": final, "rule": rule, "candidates": described}
     Path(report).write_text(json.dumps(content, indent=2) + "\n")
-    return final
 
 
-def adopt(report: str | Path, files: Sequence[str | Path], targets: Sequence[str | Path]) -> None:
-    """Copy the files of the chosen emulator to `targets` of the same names.
+def adopt(
+    report: str | Path, candidates: Sequence[str | Path], adopted: Sequence[str | Path]
+) -> None:
+    """Copy the files of the chosen emulator to `adopted`, files of the same names.
 
-    report: what `choose_final` wrote. files: of all candidates, <emulator>/<set>/<name>.
+    report: what `choose_final` wrote. candidates: files of all candidates, <emulator>/<set>/<name>.
     """
     final = json.loads(Path(report).read_text())["final"]
-    own = {path.name: path for path in map(Path, files) if path.parent.parent.name == final}
-    for target in map(Path, targets):
+    own = {path.name: path for path in map(Path, candidates) if path.parent.parent.name == final}
+    for target in map(Path, adopted):
         shutil.copyfile(own[target.name], target)
 
 

@@ -3,23 +3,22 @@
 import numpy as np
 import pandas as pd
 
-from regional_lv import aha
-
-PAIR = np.array([[2 * i, 2 * i + 1] for i in range(len(aha.ZONES))])
-"""Places of C_a and C_b of every zone in `aha.PARAMETERS`."""
+from regional_lv.parameters import Parameterisation
 
 
-def zone_correlation(correlation: np.ndarray) -> np.ndarray:
-    """Correlations (5, 5) between the zones' first principal components, as in the paper.
+def zone_correlation(correlation: np.ndarray, parameters: Parameterisation) -> np.ndarray:
+    """Correlations (Z, Z) between the zones' first principal components, as in the paper.
 
-    correlation: (10, 10). Within a zone, C_a and C_b are replaced by the direction in which,
-    standardised, they vary most: (1, -1) where they compensate (the rule), (1, 1) elsewhere; C_a
-    counts positive.
+    correlation: (P, P). Within a zone, the factors are replaced by the direction in which,
+    standardised, they vary most: of two (1, -1) where they compensate (the rule), (1, 1) elsewhere;
+    the first factor counts positive.
     """
-    weights = np.zeros((len(aha.ZONES), len(aha.PARAMETERS)))
-    for zone, (a, b) in enumerate(PAIR):
-        weights[zone, a] = 1.0
-        weights[zone, b] = 1.0 if correlation[a, b] > 0 else -1.0
+    weights = np.zeros((len(parameters.zones), len(parameters)))
+    for row, block in zip(weights, parameters.blocks, strict=True):
+        component = np.linalg.eigh(correlation[block, block])[1][:, -1]
+        # Its length does not matter; rounded, that of two factors is exact.
+        row[block] = (component / component[np.abs(component).argmax()]).round(12)
+        row[block] *= np.sign(row[block.start]) or 1.0
     covariance = weights @ correlation @ weights.T
     sd = np.sqrt(covariance.diagonal())
     return covariance / np.outer(sd, sd)
@@ -46,11 +45,14 @@ def average(matrices: np.ndarray, names: tuple[str, ...], kind: str) -> pd.DataF
     )
 
 
-def correlate(draws: np.ndarray) -> tuple[pd.DataFrame, pd.DataFrame]:
+def correlate(draws: np.ndarray, parameters: Parameterisation) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Tables of `average` between the parameters and between the zones.
 
-    draws: (C, M, 10) posterior draws of theta. Posteriors that failed their gate count.
+    draws: (C, M, P) posterior draws of theta. Posteriors that failed their gate count.
     """
-    each = np.stack([np.corrcoef(case, rowvar=False) for case in draws])
-    zones = np.stack([zone_correlation(matrix) for matrix in each])
-    return average(each, aha.PARAMETERS, "parameter"), average(zones, aha.ZONES, "zone")
+    each = np.stack([np.atleast_2d(np.corrcoef(case, rowvar=False)) for case in draws])
+    zones = np.stack([zone_correlation(matrix, parameters) for matrix in each])
+    return (
+        average(each, parameters.names, "parameter"),
+        average(zones, parameters.zone_names, "zone"),
+    )

@@ -1,5 +1,6 @@
 """Did the chains converge, and does the posterior find the truth?"""
 
+import json
 from collections.abc import Sequence
 
 import arviz as az
@@ -7,7 +8,7 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
-from regional_lv import aha
+from regional_lv.parameters import Parameterisation
 
 LEVELS = (50, 80, 95)
 """Central credible intervals whose coverage is counted, in per cent."""
@@ -59,7 +60,7 @@ def diagnose(data: az.InferenceData) -> pd.DataFrame:
 
     Columns: case, parameter, rhat, ess_bulk, ess_tail, divergences, passed, verdict, outside (share
     of the draws that lie where no simulation of the training set is near), seconds, sampler.
-    Inferred noise scales appear as `sigma_<direction>`. The gate is the one that the sampler
+    Inferred noise scales appear as `sigma_<quantity>`. The gate is the one that the sampler
     worked with, kept in the file.
     """
     posterior = data.posterior
@@ -82,8 +83,13 @@ def diagnose(data: az.InferenceData) -> pd.DataFrame:
     return pd.concat(tables, ignore_index=True)
 
 
+def parameters_of(data: az.InferenceData) -> Parameterisation:
+    """The parameters that a file of posteriors is of."""
+    return Parameterisation.from_spec(json.loads(data.posterior.attrs["parameters"]))
+
+
 def chains_of(posterior) -> tuple[np.ndarray, list[str]]:
-    """(chain, draw, P) and names of one case: the ten parameters, then the noise scales."""
+    """(chain, draw, P + G) and names of one case: the parameters, then the noise scales."""
     parts = [posterior["theta"].transpose("chain", "draw", "parameter").to_numpy()]
     names = [str(name) for name in posterior["parameter"].to_numpy()]
     if "sigma" in posterior:
@@ -107,7 +113,7 @@ def crps(draws: np.ndarray, truth: float) -> float:
     return float(np.abs(x - truth).mean() - (weights @ x) / m**2)
 
 
-def recovery(data: az.InferenceData, verdicts: pd.DataFrame, lower: float, upper: float):
+def recovery(data: az.InferenceData, verdicts: pd.DataFrame) -> pd.DataFrame:
     """How every posterior of a file with `theta_true` compares with the truth.
 
     Columns: case, parameter, truth, map, mean, sd, median, lower95, upper95 (central interval),
@@ -116,12 +122,13 @@ def recovery(data: az.InferenceData, verdicts: pd.DataFrame, lower: float, upper
     the truth), draws, verdict, zone (the stiffened one of a scenario, else empty).
     """
     verdict = dict(zip(verdicts["case"], verdicts["verdict"], strict=True))
-    prior_variance = (upper - lower) ** 2 / 12
+    parameters = parameters_of(data)
+    prior_variance = (parameters.upper - parameters.lower) ** 2 / 12
     theta = data.posterior["theta"].transpose("case", "parameter", "chain", "draw")
     constant = data.constant_data
     rows = []
     for case in theta["case"].to_numpy():
-        for name in theta["parameter"].to_numpy():
+        for i, name in enumerate(theta["parameter"].to_numpy()):
             draws = theta.sel(case=case, parameter=name).to_numpy().ravel()
             truth = float(constant["theta_true"].sel(case=case, parameter=name))
             hpd = az.hdi(draws, hdi_prob=0.95)
@@ -144,7 +151,7 @@ def recovery(data: az.InferenceData, verdicts: pd.DataFrame, lower: float, upper
                 "hpd_upper95": hpd[1],
                 "hpd_width95": hpd[1] - hpd[0],
                 "crps": crps(draws, truth),
-                "variance_ratio": row["sd"] ** 2 / prior_variance,
+                "variance_ratio": row["sd"] ** 2 / prior_variance[i],
                 "rank": int((draws < truth).sum()),
                 "draws": len(draws),
                 "verdict": verdict[str(case)],
@@ -165,7 +172,7 @@ def binomial_interval(hits: float, trials: float, level: float = 0.95) -> tuple[
 def clustered_interval(hits: np.ndarray) -> tuple[float, float]:
     """Interval of the overall proportion of `hits` (cases, parameters), 0 or 1.
 
-    The ten parameters of a case share its emulator error, so that they are worth fewer than ten
+    The P parameters of a case share its emulator error, so that they are worth fewer than P
     independent trials: Clopper-Pearson with the effective number (Korn and Graubard 1998).
     """
     cases, each = hits.shape
@@ -178,7 +185,7 @@ def clustered_interval(hits: np.ndarray) -> tuple[float, float]:
 
 
 SOFT = 0.5
-"""A stiffness factor below which emulators err most: outputs change fastest with it there."""
+"""A factor below which emulators err most: outputs change fastest with it there."""
 
 ANY_SOFT = f"any below {SOFT:g}"
 """Row of `coverage` over the cases that have such a factor."""
@@ -193,7 +200,8 @@ def coverage(table: pd.DataFrame) -> pd.DataFrame:
     80 and 95 %, bias and mse of the MAP, mean_mse (of the posterior mean), crps, variance_ratio
     (posterior to prior), hpd_width95 (means).
     """
-    groups = {name: table[table["parameter"] == name] for name in aha.PARAMETERS} | {"all": table}
+    single = dict(iter(table.groupby("parameter", sort=False)))
+    groups = single | {"all": table}
     soft = table.loc[table["truth"] < SOFT, "case"]
     if len(soft):
         groups[ANY_SOFT] = table[table["case"].isin(soft)]
@@ -204,7 +212,7 @@ def coverage(table: pd.DataFrame) -> pd.DataFrame:
         row = {"parameter": name, "cases": cases, "failed": failed}
         for level in LEVELS:
             hits = part[f"covered{level}"].to_numpy(float)
-            if name in aha.PARAMETERS:
+            if name in single:
                 ends = binomial_interval(hits.sum(), cases)
             else:
                 ends = clustered_interval(hits.reshape(cases, -1))
@@ -219,7 +227,7 @@ def coverage(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def map_errors(table: pd.DataFrame) -> pd.DataFrame:
-    """Mean squared error over the ten parameters of each case's MAP: case, mse, crps, verdict."""
+    """Mean squared error over the parameters of each case's MAP: case, mse, crps, verdict."""
     squared = table.assign(mse=(table["map"] - table["truth"]) ** 2)
     return (
         squared.groupby("case", sort=False)

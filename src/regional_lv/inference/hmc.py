@@ -63,7 +63,7 @@ def sample_batch(
     """Sample the posteriors of several cases.
 
     likelihoods: one per case, of one observation (D,) each, all with the same outputs and the same
-    kind of noise. theta_map (C, 10), log_sigma_map (C, G): their maxima. seeds: one per case.
+    kind of noise. theta_map (C, P), log_sigma_map (C, G): their maxima. seeds: one per case.
     attempt: one of `ATTEMPTS`. The same batch gives the same draws.
     """
     started = time.monotonic()

@@ -7,8 +7,8 @@ import pandas as pd
 import torch
 from scipy import stats
 
-from regional_lv import aha
 from regional_lv.emulators.base import Emulator, Prediction, SeparablePrediction
+from regional_lv.reduction import VOLUME
 
 LOG_2PI = math.log(2 * math.pi)
 
@@ -18,8 +18,9 @@ class Noise:
     """Measurement noise, independent between outputs.
 
     sd: (D,) known standard deviations in natural units, 0 where an output counts as exact.
-    groups: direction -> (D,) unit of the noise that is unknown there, 0 elsewhere: the noise of
-    an output is sigma (one per direction, inferred) times its unit, the training sd.
+    groups: quantity -> (D,) unit of the noise that is unknown there, 0 elsewhere: the noise of an
+    output is sigma (one per quantity, the same at all loads, inferred) times its unit, the training
+    sd.
     prior_scale: scale of the half-normal prior on each sigma.
     """
 
@@ -41,29 +42,30 @@ class Noise:
     def inferred(
         cls, emulator: Emulator, prior_scale: float, sd: torch.Tensor | None = None
     ) -> "Noise":
-        """One unknown scale per strain direction that `emulator` has; the volume has its own `sd`.
+        """One unknown scale for each quantity that `emulator` has; volumes have their own `sd`.
 
-        Without `sd` the volume is exact up to the emulator's error, as in the paper.
+        sd: (D,), of which that of volumes counts. Without it, volumes are exact up to the
+        emulator's error, as in the paper.
         """
-        groups = {}
-        for direction in aha.DIRECTIONS:
-            here = torch.tensor([name.startswith(direction) for name in emulator.outputs])
-            if here.any():
-                groups[direction] = torch.where(here, emulator.output_sd, 0.0)
+        groups, channels = {}, emulator.channels
+        for quantity in channels.quantities:
+            if quantity != VOLUME:
+                here = torch.as_tensor(channels.of_quantity(quantity))
+                groups[quantity] = torch.where(here, emulator.output_sd, 0.0)
         known = torch.zeros_like(emulator.output_sd)
         if sd is not None:
-            strain = sum(groups.values()) > 0
-            known = torch.where(strain, known, torch.nan_to_num(sd))
+            volumes = torch.as_tensor(channels.of_quantity(VOLUME))
+            known = torch.where(volumes, torch.nan_to_num(sd), known)
         return cls(known, groups, float(prior_scale))
 
     @classmethod
     def of_subject(cls, emulator: Emulator, sd: pd.Series, prior_scale: float) -> "Noise":
-        """Known noise if the strains have an `sd`, inferred noise if they have none.
+        """Known noise if all but the volumes have an `sd`, inferred noise if they have none.
 
         sd: by output, natural units, NaN where not given; `read_measured` allows no mixture.
         """
         values = torch.as_tensor(sd.to_numpy(float))
-        if sd[sd.index != "volume_ml"].notna().all():
+        if sd[~emulator.channels.of_quantity(VOLUME)].notna().all():
             return cls.known(values)
         return cls.inferred(emulator, prior_scale, values)
 
@@ -75,10 +77,6 @@ class Noise:
             {"all": emulator.output_sd.clone()},
             float(prior_scale),
         )
-
-    @property
-    def directions(self) -> tuple[str, ...]:
-        return tuple(self.groups)
 
     @property
     def present(self) -> bool:
@@ -122,10 +120,8 @@ class Likelihood:
 
     def __init__(self, emulator: Emulator, y: torch.Tensor, noise: Noise):
         self.emulator, self.y, self.noise = emulator, y, noise
-        middle = math.sqrt(emulator.lower * emulator.upper)
-        theta = torch.full((len(aha.PARAMETERS),), middle, dtype=torch.float64)
         with torch.no_grad():
-            prediction = emulator.predict(theta)
+            prediction = emulator.predict((emulator.lower * emulator.upper).sqrt())
         self.separable = isinstance(prediction, SeparablePrediction)
         self._whiten, self._freedom = None, math.inf
         # The sd of R, to be multiplied by the one unknown scale if there is one.
@@ -142,6 +138,11 @@ class Likelihood:
             self._weight = prediction.determinant_weight
             self._freedom = noise.freedom_beside(prediction)
             self._constant = -factor.diagonal().log().sum() - 0.5 * len(rho) * LOG_2PI
+
+    @property
+    def inputs(self) -> int:
+        """Number P of parameters."""
+        return len(self.emulator.lower)
 
     @property
     def one_scale(self) -> bool:
@@ -203,7 +204,7 @@ class Likelihood:
     def log_density(
         self, theta: torch.Tensor, log_sigma: torch.Tensor | None = None
     ) -> torch.Tensor:
-        """Log p(y | theta, sigma), (...), at `theta` (..., 10) and `log_sigma` (..., G)."""
+        """Log p(y | theta, sigma), (...), at `theta` (..., P) and `log_sigma` (..., G)."""
         return self.of_prediction(self.emulator.predict(theta), log_sigma)
 
     def of_prediction(
@@ -338,7 +339,7 @@ def draw_observations(
     log_sigma: torch.Tensor,
     generator: torch.Generator,
 ) -> torch.Tensor:
-    """One draw of the outputs (S, D), natural units, per row of `theta` (S, 10): posterior
+    """One draw of the outputs (S, D), natural units, per row of `theta` (S, P): posterior
     predictive with the emulator's error and the measurement noise."""
     with torch.no_grad():
         prediction = emulator.predict(theta)

@@ -16,7 +16,7 @@ def compare_noise_priors(
     """Posterior of noise and stiffness for several prior scales, and the fit (CSV).
 
     posteriors: files of `sample_subject`, in the order of `scales`. Columns: prior_scale (of the
-    half-normal priors, training sd), parameter (sigma_<direction>, then the ten), median, lower95,
+    half-normal priors, training sd), parameter (sigma_<quantity>, then theta's), median, lower95,
     upper95 (HPD), outside (observations outside the central 95 % interval of the posterior
     predictive), outputs (their number), verdict.
     """
@@ -30,8 +30,8 @@ def compare_noise_priors(
         )
         verdict = diagnose(data)["verdict"].iloc[0]
         chains, names = chains_of(data.posterior.sel(case=case))
-        order = sorted(range(len(names)), key=lambda i: not names[i].startswith("sigma"))
-        for i in order:
+        inputs = data.posterior.sizes["parameter"]
+        for i in (*range(inputs, len(names)), *range(inputs)):
             low, high = az.hdi(chains[..., i].ravel(), hdi_prob=0.95)
             rows.append(
                 {

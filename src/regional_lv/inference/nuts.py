@@ -1,16 +1,16 @@
 """Posteriors by the No-U-Turn Sampler (Hoffman and Gelman 2014) of Pyro.
 
 The sampler works in a space without bounds: `box.Box` bends a power of theta near the bounds, and
-sigma is exp(s). In it the ridges along which C_a and C_b compensate are nearly straight. There the
-space is moved and whitened, (v, s) = centre + M z, by the Laplace approximation at the mode,
-made better by a few rounds of importance sampling: those are batches, for which emulators are fast.
-The parameters of one case differ in scale by a factor of a hundred and are strongly correlated;
-warm-up would spend its few hundred draws on finding that out with tiny steps. In z the posterior
-is close to a standard normal, M M' is the dense mass matrix, and warm-up is left with the step
-size: a dense matrix estimated from a hundred correlated draws serves less well (18,700 to 20,500
-gradients per posterior instead of 13,200 for the same effective sample size, mean of six
-posteriors on published simulations). Where the gate shows that this was not good enough, the
-second attempt adapts the dense matrix too.
+sigma is exp(s). In it the ridges along which the factors of a zone compensate are nearly straight.
+There the space is moved and whitened, (v, s) = centre + M z, by the Laplace approximation at the
+mode, made better by a few rounds of importance sampling: those are batches, for which emulators are
+fast. The parameters of one case differ in scale by a factor of a hundred and are strongly
+correlated; warm-up would spend its few hundred draws on finding that out with tiny steps. In z the
+posterior is close to a standard normal, M M' is the dense mass matrix, and warm-up is left with the
+step size: a dense matrix estimated from a hundred correlated draws serves less well (18,700 to
+20,500 gradients per posterior instead of 13,200 for the same effective sample size, mean of six
+posteriors on published simulations). Where the gate shows that this was not good enough, the second
+attempt adapts the dense matrix too.
 """
 
 import logging
@@ -25,7 +25,6 @@ import torch
 from pyro.infer import NUTS
 from scipy.optimize import minimize
 
-from regional_lv import aha
 from regional_lv.emulators.base import Prediction
 from regional_lv.inference.box import POWER, Box
 from regional_lv.inference.diagnostics import gate
@@ -38,7 +37,6 @@ from regional_lv.seeds import derive
 
 log = logging.getLogger(__name__)
 
-P = len(aha.PARAMETERS)
 DISPERSION = 1.5
 """Chains start from draws this many times as wide as the Laplace approximation."""
 
@@ -83,7 +81,7 @@ class Settings:
 
 @dataclass(frozen=True)
 class Draws:
-    """One case: theta (chain, draw, 10), sigma (chain, draw, G), sampler statistics
+    """One case: theta (chain, draw, P), sigma (chain, draw, G), sampler statistics
     (chain, draw), seconds, and whether the case was sampled a second time."""
 
     theta: np.ndarray
@@ -104,7 +102,8 @@ class Target:
 
     def __init__(self, likelihood: Likelihood, box: Box | Shell):
         self.likelihood, self.box = likelihood, box
-        self.size = P + len(likelihood.noise.groups)
+        self.inputs = likelihood.inputs
+        self.size = self.inputs + len(likelihood.noise.groups)
 
     @classmethod
     def together(cls, targets: Sequence["Target"]) -> "Target":
@@ -119,20 +118,22 @@ class Target:
 
     @classmethod
     def near(cls, likelihood: Likelihood, theta: torch.Tensor, log_sigma: torch.Tensor) -> "Target":
-        """With soft bounds as wide as the posterior around `theta` (10,), `log_sigma` (G,) is."""
+        """With soft bounds as wide as the posterior around `theta` (P,), `log_sigma` (G,) is."""
         emulator = likelihood.emulator
         information = likelihood.information(theta, log_sigma)
-        span = math.log(emulator.upper / emulator.lower)
-        # A parameter of which the data say nothing has the variance of the box.
-        weak = torch.full((len(information),), 12 / span**2, dtype=torch.float64)
-        covariance = torch.linalg.inv(information + torch.diag(weak))
-        width = covariance.diagonal()[:P].sqrt() * theta**POWER
+        # A parameter of which the data say nothing has the variance of the box; a scale of the
+        # noise has about as wide a prior.
+        span = np.log((emulator.upper / emulator.lower).numpy())
+        spans = np.concatenate([span, np.full(len(log_sigma), span.max())])
+        covariance = torch.linalg.inv(information + torch.diag(torch.as_tensor(12 / spans**2)))
+        width = covariance.diagonal()[: len(theta)].sqrt() * theta**POWER
         return cls(likelihood, Box(emulator.lower, emulator.upper, width))
 
     def broadened(self, theta: torch.Tensor) -> "Target":
-        """Itself, or, if it is a thin shell at `theta` (10,), that which is `blurred`."""
+        """Itself, or, if it is a thin shell at `theta` (P,), that which is `blurred`."""
         likelihood = self.likelihood
-        if not likelihood.exact.any():
+        # Of one parameter the shell is a short interval: there is nothing to make flat.
+        if self.inputs == 1 or not likelihood.exact.any():
             return self
         with torch.no_grad():
             prediction = likelihood.emulator.predict(theta)
@@ -159,8 +160,8 @@ class Target:
         return torch.cat([self.box.position(theta), log_sigma], dim=-1)
 
     def constrain(self, position: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Theta (..., 10) and log sigma (..., G)."""
-        return self.box.theta(position[..., :P]), position[..., P:]
+        """Theta (..., P) and log sigma (..., G)."""
+        return self.box.theta(position[..., : self.inputs]), position[..., self.inputs :]
 
     def potential(
         self, position: torch.Tensor, variance: torch.Tensor | None = None
@@ -180,8 +181,8 @@ class Target:
         return self._value(position, self.likelihood.emulator.predict)
 
     def _value(self, position, predict) -> tuple[torch.Tensor, Prediction]:
-        log_sigma = position[..., P:]
-        theta, jacobian = self.box.open(position[..., :P])
+        log_sigma = position[..., self.inputs :]
+        theta, jacobian = self.box.open(position[..., : self.inputs])
         prediction = predict(theta)
         if log_sigma.shape[-1]:
             jacobian = jacobian + log_sigma.sum(-1) + self.likelihood.noise.log_prior(log_sigma)
@@ -192,15 +193,15 @@ class Target:
     ) -> tuple[torch.Tensor, torch.Tensor]:
         """Position (P + G,) of the maximum of the density of theta, and a whitening M from the
         expected information there and from the curvature of the soft bounds."""
-        position = self.unconstrain(theta, log_sigma)
+        position, p = self.unconstrain(theta, log_sigma), self.inputs
         here = position.clone().requires_grad_(True)
 
         def jacobian(v):
-            return self.box.log_jacobian(v[:P])
+            return self.box.log_jacobian(v[:p])
 
         bounds = -torch.autograd.functional.hessian(jacobian, here.detach())
         slope = torch.autograd.functional.jacobian(
-            lambda v: torch.cat([torch.log(self.box.theta(v[:P])), v[P:]]), position
+            lambda v: torch.cat([torch.log(self.box.theta(v[:p])), v[p:]]), position
         )
         precision = slope.T @ self.likelihood.information(theta, log_sigma) @ slope
         precision = precision + torch.diag(bounds.diagonal().clamp(min=0))
@@ -237,7 +238,7 @@ class Target:
         """Where a search for the mode has to stay, per coordinate."""
         margin = 6 * self.box.width
         low, high = (self.box.low - margin).tolist(), (self.box.high + margin).tolist()
-        return [*zip(low, high, strict=True), *[(-8.0, 8.0)] * (self.size - P)]
+        return [*zip(low, high, strict=True), *[(-8.0, 8.0)] * (self.size - self.inputs)]
 
 
 class _Separate:
@@ -316,7 +317,7 @@ def sample_in_step(
     steps and twice the thinning.
 
     likelihoods: one per case, of one observation (D,) each, all with the same kind of noise.
-    theta_map (C, 10), log_sigma_map (C, G): where to start. All chains of all cases go on in step,
+    theta_map (C, P), log_sigma_map (C, G): where to start. All chains of all cases go on in step,
     their gradients made in one batch. The same seeds give the same draws; the last digits depend
     on which cases are sampled together.
     """
@@ -352,7 +353,7 @@ def sample_in_step(
 def verdict(draws: Draws, settings: Settings) -> str:
     """`passed`, or `failed:` and what of R-hat, ESS and divergences misses the gate."""
     chains = np.concatenate([draws.theta, draws.sigma], axis=-1)
-    names = [*aha.PARAMETERS, *(f"sigma {i + 1}" for i in range(draws.sigma.shape[-1]))]
+    names = range(chains.shape[-1])
     return gate(chains, names, draws.diverging, settings.rhat_max, settings.ess_min)[1]
 
 
@@ -369,7 +370,7 @@ class Place:
 
     @classmethod
     def find(cls, target: Target, theta, log_sigma, seed: int) -> "Place":
-        """From the density itself; theta (10,), log_sigma (G,): its maximum. A thin shell is made
+        """From the density itself; theta (P,), log_sigma (G,): its maximum. A thin shell is made
         flat on the way."""
         broad = target.broadened(theta)
         mode, whitening = broad.laplace(target.unconstrain(theta, log_sigma))

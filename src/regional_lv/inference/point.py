@@ -12,7 +12,6 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from regional_lv import aha
 from regional_lv.design import sobol
 from regional_lv.emulators.base import Emulator, Prediction, join
 from regional_lv.inference.likelihood import Likelihood
@@ -44,7 +43,7 @@ CHUNK = 256
 
 @dataclass(frozen=True)
 class PointEstimate:
-    """Maxima of C cases: theta (C, 10), log_sigma (C, G), log density (C,), and the share (C,) of
+    """Maxima of C cases: theta (C, P), log_sigma (C, G), log density (C,), and the share (C,) of
     the starts followed to the end that came within 0.01 of the best log density."""
 
     theta: torch.Tensor
@@ -60,7 +59,7 @@ class PointEstimate:
 
 @dataclass(frozen=True)
 class Candidates:
-    """Places (M, 10) from which starts are chosen, and what a global emulator predicts there."""
+    """Places (M, P) from which starts are chosen, and what a global emulator predicts there."""
 
     theta: torch.Tensor
     prediction: Prediction
@@ -69,17 +68,29 @@ class Candidates:
     def of(cls, emulator: Emulator, starts: int, seed: int) -> "Candidates":
         """`SCREENED_PER_START` Sobol points for each start, half of them on the natural, half on
         the log scale."""
-        bounds, count = (emulator.lower, emulator.upper), SCREENED_PER_START * starts
-        theta = torch.as_tensor(
-            np.concatenate(
-                [
-                    sobol(count // 2, *bounds, scale, derive(seed, "starts", scale))
-                    for scale in ("natural", "log")
-                ]
-            )
-        )
+        theta = starting_points(emulator, SCREENED_PER_START * starts // 2, seed)
         with torch.no_grad():
             return cls(theta, join([emulator.predict(part) for part in theta.split(CHUNK)]))
+
+
+def starting_points(emulator: Emulator, count: int, seed: int) -> torch.Tensor:
+    """Sobol points (2 count, P) between the bounds: `count` on the natural scale, then as many on
+    the log scale."""
+    bounds = emulator.lower.numpy(), emulator.upper.numpy()
+    return torch.as_tensor(
+        np.concatenate(
+            [
+                sobol(count, *bounds, scale, derive(seed, "starts", scale))
+                for scale in ("natural", "log")
+            ]
+        )
+    )
+
+
+def log_bounds(emulator: Emulator) -> tuple[torch.Tensor, torch.Tensor]:
+    """Lower and upper bounds (P,) of log theta."""
+    # NumPy's logarithm is that of the standard library to the last digit, torch's is not.
+    return tuple(torch.as_tensor(np.log(b.numpy())) for b in (emulator.lower, emulator.upper))
 
 
 def find_map(
@@ -98,7 +109,6 @@ def find_map(
     emulator, noise = likelihood.emulator, likelihood.noise
     y = likelihood.y
     cases, groups = len(y), len(noise.groups)
-    bounds = (emulator.lower, emulator.upper)
     if candidates is None:
         candidates = Candidates.of(emulator, starts, seed)
     points = candidates.theta
@@ -114,8 +124,8 @@ def find_map(
     flat = first.reshape(-1, first.shape[-1])
     owner = torch.arange(cases).repeat_interleave(chosen.shape[1])
     low, high = (
-        torch.tensor([np.log(b)] * len(aha.PARAMETERS) + [s] * groups, dtype=torch.float64)
-        for b, s in zip(bounds, LOG_SIGMA_BOUNDS, strict=True)
+        torch.cat([bound, torch.full((groups,), of_sigma, dtype=torch.float64)])
+        for bound, of_sigma in zip(log_bounds(emulator), LOG_SIGMA_BOUNDS, strict=True)
     )
     for level in (*TEMPERING, 0.0):
         stage = likelihood.tempered(level) if level else likelihood
@@ -132,11 +142,11 @@ def find_map(
     ends, values = flat.reshape(cases, -1, flat.shape[-1]), values.reshape(cases, -1)
     best = values.argmax(dim=1)
     row = torch.arange(cases)
-    p = len(aha.PARAMETERS)
+    p = likelihood.inputs
     place = ends[row, best, :p]
     # exp(log(bound)) misses the bound by round-off
-    theta = torch.where(place <= low[:p], bounds[0], place.exp())
-    theta = torch.where(place >= high[:p], bounds[1], theta)
+    theta = torch.where(place <= low[:p], emulator.lower, place.exp())
+    theta = torch.where(place >= high[:p], emulator.upper, theta)
     return PointEstimate(
         theta,
         ends[row, best, p:],
@@ -197,7 +207,7 @@ def _density(likelihood, y, position) -> torch.Tensor:
     """Log posterior density (M,) at (log theta, log sigma), in chunks."""
     parts = []
     for i in range(0, len(position), CHUNK):
-        theta, log_sigma = _split(position[i : i + CHUNK])
+        theta, log_sigma = _split(likelihood, position[i : i + CHUNK])
         part = likelihood.at(y[i : i + CHUNK]).log_density(theta, log_sigma)
         parts.append(part + likelihood.noise.log_prior(log_sigma))
     return torch.cat(parts)
@@ -211,7 +221,7 @@ def _evaluate(likelihood, y, position):
         value = _density(likelihood, y[i : i + CHUNK], here)
         gradients.append(torch.autograd.grad(value.sum(), here)[0])
         values.append(value.detach())
-        theta, log_sigma = _split(here.detach())
+        theta, log_sigma = _split(likelihood, here.detach())
         curvature = likelihood.at(y[i : i + CHUNK]).information(theta, log_sigma)
         p = theta.shape[-1]
         for k in range(log_sigma.shape[-1]):
@@ -221,6 +231,6 @@ def _evaluate(likelihood, y, position):
     return torch.cat(values), torch.cat(gradients), torch.cat(curvatures)
 
 
-def _split(position) -> tuple[torch.Tensor, torch.Tensor]:
-    p = len(aha.PARAMETERS)
+def _split(likelihood, position) -> tuple[torch.Tensor, torch.Tensor]:
+    p = likelihood.inputs
     return position[..., :p].exp(), position[..., p:]

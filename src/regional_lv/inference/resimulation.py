@@ -8,7 +8,8 @@ import numpy as np
 import pandas as pd
 import torch
 
-from regional_lv import aha, emulators
+from regional_lv import emulators
+from regional_lv.channels import Channel
 from regional_lv.seeds import derive
 
 
@@ -19,18 +20,19 @@ def pick_draws(
 
     posteriors: batches of a set. `cases` of them, evenly over the set, `draws` random draws each.
     """
-    theta, names = [], []
+    theta, names, parameters = [], [], []
     for path in posteriors:
         posterior = az.from_netcdf(path).posterior
+        parameters = list(posterior["parameter"].to_numpy())
         theta += list(posterior["theta"].transpose("case", "chain", "draw", "parameter").to_numpy())
         names += [str(case) for case in posterior["case"].to_numpy()]
     chosen = np.unique(np.linspace(0, len(names) - 1, min(cases, len(names))).round().astype(int))
     tables = []
     for i in chosen:
-        flat = theta[i].reshape(-1, len(aha.PARAMETERS))
+        flat = theta[i].reshape(-1, len(parameters))
         rng = np.random.default_rng(derive(seed, "resimulated", names[i]))
         rows = np.sort(rng.choice(len(flat), draws, replace=False))
-        table = pd.DataFrame(flat[rows], columns=list(aha.PARAMETERS))
+        table = pd.DataFrame(flat[rows], columns=parameters)
         tables.append(table.assign(case=names[i], draw=rows))
     table = pd.concat(tables, ignore_index=True)
     table.insert(0, "sample", np.arange(len(table)))
@@ -49,13 +51,14 @@ def compare_resimulated(
 
     simulations: screened table of the design of `pick_draws`. test: screened table of the set,
     whose outputs a local emulator trains around. table: case, draw, output, mean, sd (emulator),
-    simulator, z, outside (bool: no simulation of the training set is near). summary: output (`all`,
-    `volume_ml`, each direction), draws, rmse_standardised (over the training sd), z_sd, coverage95.
+    simulator, z, outside (bool: no simulation of the training set is near). summary: that of
+    `summarise`.
     """
     emulator = emulators.load(emulator_file)
-    theta, truth, _ = emulators.read_simulations(simulations)
+    columns = emulator.parameters, emulator.outputs
+    theta, truth, _ = emulators.read_simulations(simulations, *columns)
     labels = pd.read_parquet(simulations, columns=["case", "draw"])
-    _, observed, cases = emulators.read_simulations(test)
+    _, observed, cases = emulators.read_simulations(test, *columns)
     places = {case: i for i, case in enumerate(cases)}
     tables = []
     for case, rows in labels.groupby("case", sort=False):
@@ -87,14 +90,17 @@ def compare_resimulated(
 
 
 def summarise(long: pd.DataFrame, scale: dict[str, float]) -> pd.DataFrame:
-    """Errors over all outputs, of the volume and of each direction of strain.
+    """Errors over all outputs and over those of each quantity.
 
-    long: columns output, mean, simulator, z, case, draw. scale: training sd by output.
+    long: columns output, mean, simulator, z, case, draw. scale: training sd by output. Columns:
+    output (`all`, then quantities as they begin a column: `volume_ml`, `circumferential`), draws,
+    rmse_standardised (over the training sd), z_sd, coverage95.
     """
     error = (long["simulator"] - long["mean"]) / long["output"].map(scale)
-    kind = long["output"].where(long["output"] == "volume_ml", long["output"].str[:-3])
+    stem = {name: Channel.parse(name).kind.column_of("") for name in long["output"].unique()}
+    kind = long["output"].map(stem)
     rows = []
-    for name in ("all", "volume_ml", *aha.DIRECTIONS):
+    for name in ("all", *dict.fromkeys(stem.values())):
         here = (kind == name) | (name == "all")
         rows.append(
             {

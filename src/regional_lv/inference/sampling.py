@@ -1,5 +1,6 @@
 """From observations to posteriors: of sets of simulated cases in batches, and of subjects."""
 
+import json
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -12,7 +13,8 @@ import pyarrow.parquet as pq
 import torch
 import xarray as xr
 
-from regional_lv import aha, emulators
+from regional_lv import emulators
+from regional_lv.channels import Channels
 from regional_lv.emulators.base import Emulator
 from regional_lv.errors import InputError
 from regional_lv.inference.diagnostics import diagnose
@@ -31,7 +33,7 @@ log = logging.getLogger(__name__)
 class Sampled:
     """Posteriors of some cases with the same outputs and the same kind of noise.
 
-    likelihoods: one per case, of one observation (D,). theta_map: (C, 10). truth: (C, 10) or None.
+    likelihoods: one per case, of one observation (D,). theta_map: (C, P). truth: (C, P) or None.
     zones: the stiffened zone of each case of a scenario, or None. samplers: `hmc` or `nuts`.
     """
 
@@ -178,7 +180,7 @@ def sample_set_batch(
     emulator_file: str | Path,
     simulations: str | Path,
     set_name: str,
-    batch: int,
+    batch: int | str,
     batches: int,
     cases: int,
     noise: dict | None,
@@ -191,28 +193,29 @@ def sample_set_batch(
     """Sample one of `batches` equal parts of the first `cases` rows of a screened table; write it
     (NetCDF).
 
-    noise: section `scenarios.noise`, to be added to the simulated outputs and known to the
-    likelihood; None: the emulator's error is all there is. point: section `map` of the config.
-    Raises InputError if there are fewer rows than batches.
+    batch: its number, from 0; digits will do. noise: section `scenarios.noise`, to be added to the
+    simulated outputs and known to the likelihood; None: the emulator's error is all there is.
+    point: section `map` of the config. Raises InputError if there are fewer rows than batches.
     """
     emulator = emulators.load(emulator_file)
-    theta, y, samples = emulators.read_simulations(simulations)
-    count = min(cases, len(samples))
-    chosen = slice(batch * count // batches, (batch + 1) * count // batches)
+    theta, y, samples = emulators.read_simulations(
+        simulations, emulator.parameters, emulator.outputs
+    )
+    count, number = min(cases, len(samples)), int(batch)
+    chosen = slice(number * count // batches, (number + 1) * count // batches)
     if chosen.start == chosen.stop:
         raise InputError(
             f"{simulations}: {count} simulations converged, too few for {batches} batches of "
             "posteriors; simulate more, or raise nuts.cases_per_batch"
         )
-    if noise is not None:
-        y, sd = add_noise(y, samples, noise, seed, set_name)
-        emulator = emulator.select([name for name in emulator.outputs if name in sd])
-    at = [aha.OUTPUTS.index(name) for name in emulator.outputs]
-    observed = torch.as_tensor(y[chosen][:, at])
     if noise is None:
         emulator, kind = error_model(emulator)
     else:
-        kind = Noise.known(torch.tensor([sd[name] for name in emulator.outputs]))
+        y, sd = add_noise(y, emulator.channels, samples, noise, seed, set_name)
+        measured = ~np.isnan(sd)
+        emulator = emulator.select(list(np.array(emulator.outputs)[measured]))
+        y, kind = y[:, measured], Noise.known(torch.tensor(sd[measured].tolist()))
+    observed = torch.as_tensor(y[chosen])
     how = Sampling(nuts, point, seed, set_name)
     sampled = SAMPLERS[sampler](make_likelihoods(emulator, observed, kind), samples[chosen], how)
     zones = read_zones(simulations)
@@ -240,20 +243,26 @@ def error_model(emulator: Emulator) -> tuple[Emulator, Noise]:
 
 
 def add_noise(
-    y: np.ndarray, samples: Sequence[str], noise: dict, seed: int, set_name: str
-) -> tuple[np.ndarray, dict[str, float]]:
-    """Outputs (N, 52) with Gaussian noise, and its sd by output; outputs that are not measured
-    (noise null) keep their values and have no sd. Each sample has its own random numbers."""
-    kinds = {name: "volume" if name == "volume_ml" else name[:-3] for name in aha.OUTPUTS}
-    sd = {name: noise[kind] for name, kind in kinds.items() if noise[kind] is not None}
-    scale = np.array([sd.get(name, 0.0) for name in aha.OUTPUTS])
+    y: np.ndarray,
+    channels: Channels,
+    samples: Sequence[str],
+    noise: dict,
+    seed: int,
+    set_name: str,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Outputs (N, D) with Gaussian noise, and its sd (D,), NaN for what is not measured.
+
+    noise: sd by quantity. A quantity that has none, or null, is not measured and keeps its values.
+    Each sample has its own random numbers.
+    """
+    sd = np.array([noise.get(channel.quantity) for channel in channels], dtype=float)
     deviates = np.stack(
         [
-            np.random.default_rng(derive(seed, "noise", set_name, sample)).normal(size=len(scale))
+            np.random.default_rng(derive(seed, "noise", set_name, sample)).normal(size=len(sd))
             for sample in samples
         ]
     )
-    return y + scale * deviates, sd
+    return y + np.nan_to_num(sd) * deviates, sd
 
 
 def sample_subject(
@@ -270,9 +279,9 @@ def sample_subject(
 ) -> None:
     """Sample the posterior of a measured file; write it (NetCDF) and its diagnostics (CSV).
 
-    The emulator is reduced to the outputs that were measured. Where the strains come with a
-    standard deviation, that is the noise; where they do not, one scale per direction is inferred
-    with a half-normal prior of scale `noise_prior_scale` (in training sd).
+    The emulator is reduced to the outputs that were measured. Where they come with a standard
+    deviation, that is the noise; where they do not, one scale per quantity but the volume is
+    inferred with a half-normal prior of scale `noise_prior_scale` (in training sd).
 
     Raises InputError if the measured file cannot be used.
     """
@@ -298,13 +307,13 @@ def subject_likelihood(
 ) -> Likelihood:
     """The likelihood of a measured file: the emulator for its channels, and their noise.
 
-    What the file cannot tell (no volume, fewer channels than parameters) is said as a warning.
-    Raises InputError if the measured file cannot be used.
+    That the file has no volume is said as a warning. Raises InputError if it cannot be used, or has
+    a channel that the study does not observe.
     """
-    table = read_measured(measured).set_index("output")
-    names = [name for name in aha.OUTPUTS if name in table.index]
-    table = table.loc[names]
-    emulator = emulators.load(emulator_file).select(names)
+    emulator = emulators.load(emulator_file)
+    table = read_measured(measured, emulator.channels).set_index("output")
+    names = [name for name in emulator.outputs if name in table.index]
+    table, emulator = table.loc[names], emulator.select(names)
     y = torch.as_tensor(table["value"].to_numpy(float))
     emulator = emulator.localise(y)
     return Likelihood(emulator, y, Noise.of_subject(emulator, table["sd"], noise_prior_scale))
@@ -341,35 +350,35 @@ def to_inference_data(sampled: Sampled, nuts: dict) -> az.InferenceData:
     """ArviZ groups posterior, sample_stats, observed_data and constant_data.
 
     posterior: theta (chain, draw, case, parameter) and, if noise scales were inferred, sigma
-    (chain, draw, case, direction) in training sd; attributes emulator, lower, upper, rhat_max,
-    ess_min. sample_stats: diverging, acceptance_rate, energy (potential), outside (no simulation
-    of the training set is near; `Emulator.outside`) (chain, draw, case).
+    (chain, draw, case, direction) in training sd, a direction being a quantity; attributes
+    emulator, parameters (JSON, `Parameterisation.spec`), rhat_max, ess_min. sample_stats:
+    diverging, acceptance_rate, energy (potential), outside (no simulation of the training set is
+    near; `Emulator.outside`) (chain, draw, case).
     observed_data: y (case, output). constant_data: theta_map, theta_true (if known), y_obs, zone
     (the stiffened one, of a scenario), and what the sampling took: sampler, seconds (the one number
     that differs between runs) and repeated.
     """
     base, likelihood = _coordinates(sampled), sampled.likelihoods[0]
     sampling = {key: base[key] for key in ("chain", "draw", "case")}
-    parameter, directions = {"parameter": list(aha.PARAMETERS)}, likelihood.noise.directions
+    emulator, directions = likelihood.emulator, list(likelihood.noise.groups)
+    parameter = {"parameter": list(emulator.parameters.names)}
 
     def stack(key: str) -> np.ndarray:
         return np.stack([getattr(draws, key) for draws in sampled.draws], axis=2)
 
     each = ("chain", "draw", "case")
-    emulator = likelihood.emulator
     posterior = xr.Dataset(
         {"theta": ((*each, "parameter"), stack("theta"))},
         coords=sampling | parameter,
         attrs={
             "emulator": emulator.name,
-            "lower": emulator.lower,
-            "upper": emulator.upper,
+            "parameters": json.dumps(emulator.parameters.spec()),
             "rhat_max": float(nuts["rhat_max"]),
             "ess_min": float(nuts["ess_min"]),
         },
     )
     if directions:
-        posterior = posterior.assign_coords(direction=list(directions))
+        posterior = posterior.assign_coords(direction=directions)
         posterior["sigma"] = ((*each, "direction"), stack("sigma"))
     stats = xr.Dataset(
         {key: (each, stack(key)) for key in ("diverging", "acceptance_rate", "energy")},

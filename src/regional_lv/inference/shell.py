@@ -29,7 +29,8 @@ STEEPNESS = 1e-12
 
 @dataclass(frozen=True)
 class Shell:
-    """w = (y, u): nine coordinates y across the shell, and how far the output is from the observed.
+    """w = (y, u): P - 1 coordinates y across the shell, and how far the output is from what was
+    observed.
 
     A volume known to a tenth of a mL beside strains with inferred noise leaves a curved shell, a
     hundred times as wide as thick. About w it is the slab u = 0: v, the coordinates of `box`, is
@@ -37,8 +38,8 @@ class Shell:
     `value` + u. Along the axis of a every theta changes towards a larger output, so that there is
     no more than one such height.
 
-    value: observed. origin (10,), frame (10, 10): of v, the axis is the last column.
-    guess (55,): coefficients of a quadratic polynomial of y, where a is looked for first.
+    value: observed. origin (P,), frame (P, P): of v, the axis is the last column.
+    guess (F,): coefficients of a quadratic polynomial of y, where a is looked for first.
     """
 
     box: Box
@@ -50,7 +51,7 @@ class Shell:
     guess: torch.Tensor
 
     def open(self, w: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Theta (..., 10), within the bounds, and log |d theta / dw| (...), at w (..., 10).
+        """Theta (..., P), within the bounds, and log |d theta / dw| (...), at w (..., P).
 
         The latter is -inf where no height within the bounds has such an output, or the output does
         not rise there: these w are no coordinates of any theta.
@@ -70,11 +71,11 @@ class Shell:
         return theta, torch.where(lost, -math.inf, log_jacobian)
 
     def theta(self, w: torch.Tensor) -> torch.Tensor:
-        """Theta (..., 10), within the bounds."""
+        """Theta (..., P), within the bounds."""
         return self.open(w)[0]
 
     def position(self, theta: torch.Tensor) -> torch.Tensor:
-        """w (..., 10) of `theta`."""
+        """w (..., P) of `theta`."""
         across = torch.linalg.solve(self.frame, (self.box.position(theta) - self.origin)[..., None])
         y, height = across[..., :-1, 0], across[..., -1, 0]
         return torch.cat([y, self._excess(y, height)[..., None]], dim=-1)
@@ -140,7 +141,7 @@ def flatten(
     """
     emulator, output = likelihood.emulator, int(likelihood.exact.nonzero()[0])
     covariance = whitening @ whitening.T
-    p = len(centre) - len(likelihood.noise.groups)
+    p = likelihood.inputs
     origin, spread = centre[:p], torch.linalg.cholesky(covariance[:p, :p])
     v = origin.clone().requires_grad_()
     (slope,) = torch.autograd.grad(emulator.predict_mean(box.theta(v))[output], v)

@@ -231,7 +231,7 @@ class Prepared(Place):
 def prepare(
     target: Target, theta: torch.Tensor, log_sigma: torch.Tensor, seed: int, careful: bool = False
 ) -> Prepared:
-    """Centre, whitening and surrogate of one case; theta (10,), log_sigma (G,): its maximum.
+    """Centre, whitening and surrogate of one case; theta (P,), log_sigma (G,): its maximum.
 
     careful: no polynomial of the mean. Nothing stands in for the exact potential where the mean is
     needed and the emulator's covariance is not separable, or where the emulator leaves the scale of

@@ -7,25 +7,26 @@ import arviz as az
 import numpy as np
 import pandas as pd
 
-from regional_lv import aha
-from regional_lv.inference.correlations import PAIR
-from regional_lv.inference.diagnostics import diagnose
+from regional_lv.inference.diagnostics import diagnose, parameters_of
+from regional_lv.parameters import Parameterisation
 from regional_lv.seeds import derive
 
-QUANTITIES = ("C_a", "C_b", "both")
+BOTH = "both"
+"""Name of the geometric mean of a zone's factors, beside the factors' own."""
+
 RESAMPLES = 500
 EDGE = 1.96
 """Standard deviations of healthy zones above their mean at which stiffness begins."""
 
 
-def stiffness(theta: np.ndarray) -> np.ndarray:
-    """C_a, C_b and `both`, their geometric mean, of every zone: (..., 10) -> (..., 5, 3).
+def stiffness(theta: np.ndarray, parameters: Parameterisation) -> np.ndarray:
+    """The F factors and `BOTH`, their geometric mean, of every zone: (..., P) -> (..., Z, F + 1).
 
-    C_a and C_b compensate; their geometric mean lies across that ridge.
+    The factors of a zone compensate; their geometric mean lies across that ridge.
     """
-    pairs = theta[..., PAIR]
-    both = np.sqrt(pairs.prod(axis=-1, keepdims=True))
-    return np.concatenate([pairs, both], axis=-1)
+    factors = parameters.table(theta)
+    both = factors.prod(axis=-1, keepdims=True) ** (1 / factors.shape[-1])
+    return np.concatenate([factors, both], axis=-1)
 
 
 def tell_zones_apart(
@@ -34,26 +35,26 @@ def tell_zones_apart(
     """Probability that each zone of each case is stiffer than baseline, and errors of the MAP.
 
     healthy: `mean` and `sd` of the factors of healthy zones. Baseline ends at mean + 1.96 sd: a
-    zone above it is no ordinary one. told_apart: case, stiff_zone, zone, quantity (C_a, C_b, both),
-    stiffened (bool), probability, truth, verdict. by_zone: of `map_errors_by_zone`.
+    zone above it is no ordinary one. told_apart: case, stiff_zone, zone, quantity (a factor, or
+    `BOTH`), stiffened (bool), probability, truth, verdict. by_zone: of `map_errors_by_zone`.
     """
     edge = healthy["mean"] + EDGE * healthy["sd"]
     rows, errors = [], []
     for path in posteriors:
         data = az.from_netcdf(path)
-        checks = diagnose(data)
+        checks, parameters = diagnose(data), parameters_of(data)
         verdicts = dict(zip(checks["case"], checks["verdict"], strict=True))
         theta = data.posterior["theta"].transpose("case", "chain", "draw", "parameter").to_numpy()
         constant = data.constant_data
         maxima, truths = (constant[key].to_numpy() for key in ("theta_map", "theta_true"))
-        shares = (stiffness(theta) > edge).mean(axis=(1, 2))
+        shares = (stiffness(theta, parameters) > edge).mean(axis=(1, 2))
         cases, zones = (constant[key].to_numpy().astype(str) for key in ("case", "zone"))
-        true = stiffness(truths)
+        true, found = stiffness(truths, parameters), stiffness(maxima, parameters)
         for i, (case, stiff) in enumerate(zip(cases, zones, strict=True)):
-            for z, zone in enumerate(aha.ZONES):
+            for z, zone in enumerate(parameters.zones):
                 common = {"case": case, "stiff_zone": stiff, "zone": zone}
                 common["stiffened"] = stiff in (zone, "all")
-                for q, quantity in enumerate(QUANTITIES):
+                for q, quantity in enumerate((*parameters.factors, BOTH)):
                     rows.append(
                         common
                         | {
@@ -63,9 +64,9 @@ def tell_zones_apart(
                             "verdict": verdicts[case],
                         }
                     )
-                for q, at in enumerate(PAIR[z]):
-                    pair = {"quantity": QUANTITIES[q], "truth": truths[i, at], "map": maxima[i, at]}
-                    errors.append(common | pair)
+                for q, factor in enumerate(parameters.factors):
+                    pair = {"truth": true[i, z, q], "map": found[i, z, q]}
+                    errors.append(common | {"quantity": factor} | pair)
     columns = ["case", "stiff_zone", "zone", "quantity", "stiffened", "probability", "truth"]
     pd.DataFrame(rows)[[*columns, "verdict"]].to_csv(told_apart, index=False)
     map_errors_by_zone(pd.DataFrame(errors)).to_csv(by_zone, index=False)
@@ -110,8 +111,8 @@ def measure_separation(
         table = table.assign(origin="own")
     table["group"] = table["origin"] + "/" + table["case"]
     curves, areas = [], []
-    for quantity in QUANTITIES:
-        for zone in ("all", *aha.ZONES):
+    for quantity in table["quantity"].unique():
+        for zone in ("all", *table["zone"].unique()):
             part = table[table["quantity"] == quantity]
             part = part if zone == "all" else part[part["zone"] == zone]
             label, score = part["stiffened"].to_numpy(bool), part["probability"].to_numpy()

@@ -5,13 +5,15 @@ converged pressure), because a configuration that cannot be solved is a result o
 """
 
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from regional_lv import aha
+from regional_lv.channels import Channels
 from regional_lv.mechanics.equilibrium import LinearSolveError
 from regional_lv.mechanics.simulator import Simulator, State
+from regional_lv.parameters import Parameterisation
 
 # How far the residual may grow in a step, and the smallest share of a step that is tried.
 MOST_GROWTH = 2.0
@@ -33,13 +35,20 @@ class Effort:
     newton_steps: int = 0
 
 
+@dataclass(frozen=True)
+class Solution:
+    """The state at one load, and its `tangents` (P, size), d(w)/d(log theta), if wanted."""
+
+    state: State
+    tangents: np.ndarray | None = None
+
+
 @dataclass
 class Simulation:
-    """One finished run: `observables` (52,), `sensitivity` (52, 10) and what it took.
+    """One finished run: `observables` (D,), `sensitivity` (D, P) and what it took.
 
-    `frames` holds the observables at the asked load fractions, `last_pressure` (mmHg) how far the
-    inflation got, `reason` why it failed (empty if it converged), `state` the solution with its
-    `tangents` (10, size), d(w)/d(log theta).
+    `last_pressure` (mmHg) how far the inflation got, `reason` why it failed (empty if it
+    converged), `solutions` by load fraction.
     """
 
     theta: np.ndarray
@@ -48,11 +57,14 @@ class Simulation:
     last_pressure: float = 0.0
     newton_steps: int = 0
     cpu_s: float = 0.0
-    observables: np.ndarray = field(default_factory=lambda: np.full(52, np.nan))
+    observables: np.ndarray | None = None
     sensitivity: np.ndarray | None = None
-    frames: dict[float, np.ndarray] = field(default_factory=dict)
-    state: State | None = field(default=None, repr=False)
-    tangents: np.ndarray | None = field(default=None, repr=False)
+    solutions: dict[float, Solution] = field(default_factory=dict, repr=False)
+
+    @property
+    def state(self) -> State | None:
+        """The end-diastolic one, None if the run failed."""
+        return self.solutions[1.0].state if self.status == "converged" else None
 
 
 class Mixing:
@@ -219,110 +231,127 @@ class Solver:
 
 
 class Runner:
-    """Runs simulations one by one, each from a guessed field.
+    """Runs simulations one by one, each from guessed fields.
 
-    `guess` has a method `field(theta)`, as `Known` and `Predictor` in `predictor` have; `pressure`
-    (mmHg) is the end-diastolic one, `frames` the further load fractions to observe;
+    `guesses` has, by load fraction, an object with a method `field(theta)`, as `Known` and
+    `Predictor` in `predictor` have; a load without one is guessed from the full load's.
     `sensitivities` tells whether derivatives are wanted.
     """
 
-    def __init__(self, solver: Solver, guess, pressure: float, frames=(), sensitivities=True):
-        self.solver = solver
-        self.guess = guess
-        self.pressure = pressure
-        self.frames = sorted(frames, reverse=True)
+    def __init__(self, solver: Solver, guesses: Mapping, sensitivities: bool = True):
+        self.solver, self.guesses = solver, guesses
         self.sensitivities = sensitivities
 
+    @property
+    def parameters(self) -> Parameterisation:
+        return self.solver.simulator.parameters
+
+    @property
+    def channels(self) -> Channels:
+        return self.solver.simulator.channels
+
     def run(self, theta: np.ndarray) -> Simulation:
-        """Simulate `theta` (10,), whatever comes of it."""
+        """Simulate `theta` (P,), whatever comes of it."""
         theta = np.asarray(theta, dtype=float)
         started, effort = time.process_time(), Effort()
-        result = Simulation(theta, "converged", last_pressure=self.pressure)
+        result = Simulation(theta, "converged", observables=np.full(len(self.channels), np.nan))
+        pressure = self.solver.simulator.full_pressure
+        if self.sensitivities:
+            result.sensitivity = np.full((len(self.channels), len(theta)), np.nan)
         try:
-            result.state = self._reach(theta, effort)
+            for fraction in self.channels.load_fractions:
+                state = self._reach(theta, fraction, effort, result.solutions)
+                result.solutions[fraction] = self._observe(state, fraction, result)
         except NotConverged as error:
-            result.status, result.reason = "failed", str(error)
+            result.status = "failed"
+            result.reason = str(error) if not result.solutions else f"load {fraction:g}: {error}"
             result.last_pressure = getattr(error, "last_pressure", 0.0)
+            result.sensitivity = None
         else:
-            self._observe(result, effort)
+            result.last_pressure = pressure
         result.newton_steps = effort.newton_steps
         result.cpu_s = time.process_time() - started
         return result
 
-    def _reach(self, theta: np.ndarray, effort: Effort) -> State:
+    def _reach(self, theta, fraction: float, effort: Effort, known: dict) -> State:
+        """The state at a load; `known` holds the solutions at larger ones."""
+        pressure = fraction * self.solver.simulator.full_pressure
         try:
-            return self._try(theta, effort)
+            guess = self._guess(theta, fraction, known)
+            return self.solver.newton(guess, theta, pressure, effort, tangent=self.sensitivities)
         except NotConverged:
-            return self.solver.inflate(theta, self.pressure, effort)
+            return self.solver.inflate(theta, pressure, effort)
 
-    def _try(self, theta: np.ndarray, effort: Effort) -> State:
-        guess = self.guess.field(theta)
-        return self.solver.newton(guess, theta, self.pressure, effort, tangent=self.sensitivities)
+    def _guess(self, theta: np.ndarray, fraction: float, known: dict) -> np.ndarray:
+        """Guessed field, with what the guess at the next larger load missed, as much smaller."""
+        guess = self._guess_alone(theta, fraction)
+        if not known:
+            return guess
+        above = min(known)
+        missed = known[above].state.w - self._guess_alone(theta, above)
+        return guess + fraction / above * missed
 
-    def _observe(self, result: Simulation, effort: Effort) -> None:
-        simulator, state = self.solver.simulator, result.state
-        result.observables = simulator.observables(state.w)
-        if self.sensitivities:
-            result.tangents = simulator.field_sensitivities(state.w)
-            per_log = simulator.directional_derivatives(state.w, result.tangents)
-            result.sensitivity = (per_log / state.theta[:, None]).T
-        if self.frames:
-            self._lower(state, result, effort)
-
-    def _lower(self, state: State, result: Simulation, effort: Effort) -> None:
-        """Observables at the load fractions, each from a guess as the full load's was."""
-        here = state
-        for fraction in self.frames:
-            target = fraction * self.pressure
-            missed = here.w - self._guess_at(state.theta, here.pressure / self.pressure)
-            guess = self._guess_at(state.theta, fraction) + target / here.pressure * missed
-            try:
-                here = self.solver.newton(guess, state.theta, target, effort, tangent=False)
-            except NotConverged:
-                try:
-                    here = self.solver.inflate(state.theta, target, effort)
-                except NotConverged:
-                    return
-            result.frames[fraction] = self.solver.simulator.observables(here.w)
-
-    def _guess_at(self, theta: np.ndarray, fraction: float) -> np.ndarray:
-        """Guessed field at a `fraction` of the load: stresses are proportional to C_a, so that the
-        displacement is that of a wall as many times stiffer at the full load, and the pressures in
-        the wall are as many times smaller. Springs and other loads make it a worse guess only."""
-        stiffer = np.where(aha.IS_C_A, theta / fraction, theta)
-        guess = fraction * self.guess.field(stiffer)
+    def _guess_alone(self, theta: np.ndarray, fraction: float) -> np.ndarray:
+        """The field at a load, from the guesses for that load or else for the full one: stresses
+        are proportional to one factor of the law, so that the displacement is that of a wall as
+        many times stiffer at the full load, and the pressures in the wall are as many times
+        smaller. Springs make it a worse guess only."""
+        if fraction in self.guesses:
+            return self.guesses[fraction].field(theta)
+        stiffer = np.where(self.parameters.scales_stress, theta / fraction, theta)
+        guess = fraction * self.guesses[1.0].field(stiffer)
         guess[self.solver.simulator.displacement_dofs] /= fraction
         return guess
 
+    def _observe(self, state: State, fraction: float, result: Simulation) -> Solution:
+        simulator = self.solver.simulator
+        at, tangents = simulator.places_of(fraction), None
+        if self.sensitivities:
+            tangents = simulator.field_sensitivities(state.w)
+        values, per_log = simulator.observables(state.w, tangents, fraction)
+        result.observables[at] = values
+        if self.sensitivities:
+            result.sensitivity[at] = (per_log / state.theta[:, None]).T
+        return Solution(state, tangents)
+
 
 class GrowingRunner(Runner):
-    """A runner whose guess, a `predictor.Known` with a solution at least, learns from every run."""
+    """A runner whose guesses, a `predictor.Known` with a solution for every load, learn from every
+    run."""
 
     def run(self, theta: np.ndarray) -> Simulation:
-        """Simulate `theta` (10,), whatever comes of it, and make it known."""
+        """Simulate `theta` (P,), whatever comes of it, and make it known."""
         result = super().run(theta)
-        if result.state is not None:
-            self.guess.add(result.theta, result.state.w, result.tangents)
+        for fraction, found in result.solutions.items():
+            self.guesses[fraction].add(result.theta, found.state.w, found.tangents)
         return result
 
     def run_all(self, thetas: np.ndarray):
-        """Simulate the rows of `thetas` (n, 10); yield (row, Simulation).
+        """Simulate the rows of `thetas` (n, P); yield (row, Simulation).
 
         Always the row closest in log theta to what is known comes next: the solved region grows in
         short steps.
         """
-        waiting = list(range(len(thetas)))
+        waiting, known = list(range(len(thetas))), self.guesses[1.0]
         while waiting:
-            row = waiting.pop(int(np.argmin(self.guess.distance(thetas[waiting]))))
+            row = waiting.pop(int(np.argmin(known.distance(thetas[waiting]))))
             yield row, self.run(thetas[row])
 
-    def _reach(self, theta: np.ndarray, effort: Effort, halvings: int = 3) -> State:
+    def _reach(self, theta, fraction: float, effort: Effort, known: dict) -> State:
+        if known:
+            return super()._reach(theta, fraction, effort, known)
+        return self._by_halves(theta, effort, halvings=3)
+
+    def _by_halves(self, theta: np.ndarray, effort: Effort, halvings: int) -> State:
+        """The end-diastolic state, by way of points in between where the guess is too far."""
         if not halvings:
-            return super()._reach(theta, effort)
+            return super()._reach(theta, 1.0, effort, {})
+        solver, guess = self.solver, self.guesses[1.0]
+        pressure = solver.simulator.full_pressure
         try:
-            return self._try(theta, effort)
+            return solver.newton(guess.field(theta), theta, pressure, effort)
         except NotConverged:
-            halfway = np.sqrt(theta * self.guess.nearest(theta))
-        state = self._reach(halfway, effort, halvings - 1)
-        self.guess.add(halfway, state.w, self.solver.simulator.field_sensitivities(state.w))
-        return self._reach(theta, effort, halvings - 1)
+            halfway = np.sqrt(theta * guess.nearest(theta))
+        state = self._by_halves(halfway, effort, halvings - 1)
+        guess.add(halfway, state.w, solver.simulator.field_sensitivities(state.w))
+        return self._by_halves(theta, effort, halvings - 1)

@@ -1,9 +1,9 @@
 """The left ventricle's inflation as a finite element problem: residual, tangent, observables.
 
 Hexahedra for displacement and pressure (u-p, incompressible), quadratic with linear pressure or
-linear with piecewise constant pressure as the mesh is; follower pressure on the endocardium,
-supported base. This module knows one equilibrium problem; how a solution is reached is the business
-of `continuation`. What a study can add to this base model stands in `effects`.
+linear with piecewise constant pressure as the mesh is; follower pressure on the endocardium. It is
+made of objects: a material law, supports, loads, a parameterisation, and an observer. This module
+knows one equilibrium problem; how a solution is reached is the business of `continuation`.
 """
 
 from dataclasses import dataclass
@@ -12,39 +12,29 @@ import numpy as np
 import ufl
 from scipy.spatial import cKDTree
 
-from regional_lv import aha
-from regional_lv.geometry.mesh import BASE, ENDOCARDIUM, Mesh
+from regional_lv.channels import Channels
+from regional_lv.geometry.mesh import Mesh
 from regional_lv.mechanics import dolfinx_api as api
-from regional_lv.mechanics import effects
-from regional_lv.mechanics.effects import radial_displacement
 from regional_lv.mechanics.equilibrium import (
     Equilibrium,
-    Rotation,
     deformation_gradient,
-    deformed_normal,
     displacement_nodes,
     virtual_work,
 )
-from regional_lv.mechanics.material import HolzapfelOgden, strain_energy
-from regional_lv.mechanics.segments import Averages
+from regional_lv.mechanics.fibres import fibre_directions
+from regional_lv.mechanics.loads import LOADS, cavity_work, valve_plane_potential
+from regional_lv.mechanics.materials import material_from_config
+from regional_lv.mechanics.observables.observer import Observer
+from regional_lv.mechanics.supports import Base, Surroundings, supports_from_config
+from regional_lv.parameters import Parameterisation
 from regional_lv.units import KPA_PER_MMHG
 
 QUADRATURE_DEGREE = 5  # three Gauss points per direction
 
-ROOT_STEPS = 8  # of the square root's invariants: errors below 1e-9
-
-LAYERS = {
-    "wall": (0.0, 1.0),
-    "endocardium": (0.0, 1 / 3),
-    "midwall": (1 / 3, 2 / 3),
-    "epicardium": (2 / 3, 1.0),
-}
-"""Transmural bounds (0 endocardium, 1 epicardium) over which strains are averaged."""
-
 
 @dataclass(frozen=True)
 class State:
-    """A solution: degrees of freedom `w`, parameters `theta` (10,) and `pressure` (mmHg)."""
+    """A solution: degrees of freedom `w`, parameters `theta` (P,) and `pressure` (mmHg)."""
 
     w: np.ndarray
     theta: np.ndarray
@@ -54,256 +44,199 @@ class State:
 class Simulator(Equilibrium):
     """Equilibrium of one left ventricle for any theta and pressure.
 
+    Attributes: `parameters` (Parameterisation), `channels` (Channels) that are observed,
+    `full_pressure` (mmHg) to which load fractions refer.
+
     Parameters
     ----------
     mesh: geometry with segments, surfaces and the transmural coordinate (mm).
-    config: the study's config; reads `material`, `fibres`, `loading`, `observables`.
-    extended: whether the terms of all effects are there (`effects`) although all of them are off;
-        what follows an effect from its base value on needs them. They add a tenth to a Newton step.
+    physics: sections `material`, `fibres`, `loading`, `supports`, `observables` of the
+        configuration, and `parameters`, the `spec` of the parameterisation.
+    extended: whether all optional terms (springs, dead loads, compressibility) are in the forms
+        although they are off; what follows one of them from nothing needs that. They add a tenth to
+        a Newton step.
     """
 
-    def __init__(self, mesh: Mesh, config: dict, extended: bool = False):
-        self._extended = extended or effects.any_on(config)
+    def __init__(self, mesh: Mesh, physics: dict, extended: bool = False):
+        loading = physics["loading"]
+        self.parameters = Parameterisation.from_spec(physics["parameters"])
+        self.channels = Channels.from_config(physics)
+        self.full_pressure = loading["pressure_mmhg"]
+        self.material = material_from_config(physics["material"])
+        supports = supports_from_config(physics["supports"])
+        bulk = physics["material"]["bulk_modulus_kpa"]
+        self._compressibility = 0.0 if bulk is None else 1 / bulk
+        self._extended = extended
         self.domain, origin = api.hexahedral_mesh(mesh.points, mesh.cells)
         self.segment = mesh.segment[origin] - 1
-        self.zone = aha.SEGMENT_ZONE[self.segment]
-        self._segment_factor = effects.segment_factors(config)[self.segment]
+        self._stress_factor = _segment_factors(physics["material"])[self.segment]
         api.require_cellwise_order(self.domain)
         space = api.mixed_space(self.domain, api.element_order(mesh.cells))
-        residual, tangent = self._build_forms(space, mesh, config)
+        base = next((s for s in supports if isinstance(s, Base)), None)
+        held_axially = base is not None and base.holds("axial")
+        loads = {name: loading[name] for name in LOADS if name in loading}
+        residual, tangent = self._build_forms(
+            space, mesh, physics["fibres"], supports, loads, held_axially
+        )
         self.displacement_dofs, self.displacement_nodes = displacement_nodes(space)
         self.pressure_dofs, self.pressure_nodes = api.tabulated_dofs(space.sub(1))
-        # Every support holds the base in its plane: a uniform pressure then has a potential, the
-        # cavity's volume, and the tangent is symmetric.
-        compliant = config["loading"].get("basal_compliance_mm_per_kpa", 0.0) > 0
-        fixed, rotation = self._supports(
-            "radial_spring" if compliant else config["loading"]["base"]
-        )
-        # Cell-wise constant pressures leave so many zeros on the diagonal that their symmetric
-        # factorisation takes three times as long as the general one.
-        symmetric = api.element_order(mesh.cells) == 2
-        super().__init__(self.w, residual, tangent, fixed, rotation, symmetric)
+        self._build_observer(mesh, physics["observables"])
+        # With the base in its plane a uniform pressure has a potential, the cavity's volume, and
+        # the tangent is symmetric. Cell-wise constant pressures leave so many zeros on the diagonal
+        # that their symmetric factorisation takes three times as long as the general one.
+        symmetric = held_axially and api.element_order(mesh.cells) == 2
+        held = () if base is None else base.held(self.displacement_dofs, self.displacement_nodes)
+        super().__init__(self.w, residual, tangent, *held, symmetric=symmetric)
 
     # ---------------------------------------------------------------- the weak form
 
-    def _build_forms(self, space, mesh: Mesh, config: dict):
+    def _constant(self, value: float):
+        return api.fem.Constant(self.domain, float(value))
+
+    def _build_forms(self, space, mesh: Mesh, fibres, supports, loads, held_axially: bool):
         """Compile all forms but residual and tangent, which are returned."""
         self.w = api.fem.Function(space)
-        domain, loading = self.domain, config["loading"]
+        domain = self.domain
         quadrature = {"quadrature_degree": QUADRATURE_DEGREE}
         tags = api.facet_tags(domain, mesh.facets[:, :4], mesh.surface)
         dx = ufl.Measure("dx", domain, metadata=quadrature)
         ds = ufl.Measure("ds", domain, subdomain_data=tags, metadata=quadrature)
         u, p = ufl.split(self.w)
         F = deformation_gradient(u)
-        effect = effects.Constants(domain, config) if self._extended else None
 
-        self.c_a, self.c_b = (api.fem.Function(api.space(domain, "DG", 0)) for _ in range(2))
-        self.pressure_kpa = api.fem.Constant(domain, 0.0)
+        cellwise = api.space(domain, "DG", 0)
+        self._factors = {name: api.fem.Function(cellwise) for name in self.material.references}
+        self.pressure_kpa = self._constant(0.0)
         transmural = api.fem.Function(api.space(domain, "Lagrange", api.element_order(mesh.cells)))
         transmural.x.array[:] = _nodal_values(transmural, mesh)
-        fibre, sheet = fibre_directions(
-            transmural, config["fibres"], effect.rotation if effect else None
-        )
-
-        reference = HolzapfelOgden.from_config(config["material"])
-        if effect:
-            reference = reference._replace(a_f=effect.anisotropy * reference.a_f)
-        energy = strain_energy(F, fibre, sheet, reference, self.c_a, self.c_b)
-        if effect:
-            energy -= effect.compressibility * p**2 / 2
+        fibre, sheet = fibre_directions(transmural, fibres, self._constant)
+        constants = self.material.scaled(self._factors, self._constant)
+        energy = self.material.energy(F, fibre, sheet, constants)
+        if self._extended or self._compressibility:
+            energy -= self._constant(self._compressibility) * p**2 / 2
         test = ufl.TestFunction(space)
         v, _ = ufl.split(test)
-        load = ufl.inner(deformed_normal(F, domain), v) * ds(ENDOCARDIUM)
-        residual = virtual_work(energy, self.w, test, dx) + self.pressure_kpa * load
-        if loading["base"] == "radial_spring":
-            stiffness = loading["base_spring_kpa_per_mm"] / 2
-            spring = stiffness * radial_displacement(domain, u) ** 2 * ds(BASE)
-            residual += ufl.derivative(spring, self.w, test)
-        if effect:
-            outside = effects.surface_energy(domain, u, effect, self.segment, ds)
-            residual += ufl.derivative(outside, self.w, test)
+        residual = virtual_work(energy, self.w, test, dx)
+        residual += self.pressure_kpa * cavity_work(u, v, domain, ds)
+        surroundings = Surroundings(domain, u, ds, self.segment)
+        for potential in self._potentials(surroundings, supports, loads, held_axially):
+            residual += ufl.derivative(potential, self.w, test)
 
-        # d(residual)/d(log C) of one zone: the same kernel on that zone's cells only.
+        # d(residual)/d(log factor) of one zone: the same kernel on that zone's cells only.
         self._parameter_forms = []
-        for zone in range(len(aha.ZONES)):
-            cells = api.cell_tags(domain, np.flatnonzero(self.zone == zone))
+        zones = self.parameters.segment_zone[self.segment]
+        for zone in range(len(self.parameters.zones)):
+            cells = api.cell_tags(domain, np.flatnonzero(zones == zone))
             dz = ufl.Measure("dx", domain, subdomain_data=cells, metadata=quadrature)
             in_zone = virtual_work(energy, self.w, test, dz(1))
-            for factor in (self.c_a, self.c_b):
+            for name in self.parameters.factors:
+                factor = self._factors[name]
                 form = ufl.derivative(in_zone, factor, factor)
                 self._parameter_forms.append(api.compile_form(form))
-
-        dilation = 1 + effect.compressibility * p if effect else 1.0
-        self._build_observables(space, transmural, dx, ds, config["observables"], dilation)
+        self._dilation = api.compile_form(abs(ufl.det(F) - 1) * dx)
         return residual, ufl.derivative(residual, self.w, ufl.TrialFunction(space))
 
-    def _build_observables(self, space, transmural, dx, ds, observed: dict, dilation) -> None:
-        domain = self.domain
-        u, _ = ufl.split(self.w)
-        F = deformation_gradient(u)
-        J = ufl.det(F)
-        # Strains look back from the end-diastolic configuration, E = (F^-T F^-1 - I) / 2, along
-        # directions of that configuration: the wall's normal there, the horizontal tangent, and
-        # the tangent across it.
-        # The wall keeps its volume, so the adjugate J F^-1 is the inverse; where the discrete
-        # J strays from 1, next to the held edge of the base, it does not blow the error up. In a
-        # compressible wall J is `dilation`.
-        back = J * ufl.inv(F) if isinstance(dilation, float) else J / dilation * ufl.inv(F)
-        directions = local_directions(back.T * ufl.grad(transmural))
-        strains = [(ufl.dot(back * q, back * q) - 1) / 2 for q in directions]
-        if observed.get("nominal_share", 0.0):
-            share = api.fem.Constant(domain, float(observed["nominal_share"]))
-            stretch = square_root(back.T * back)
-            nominal = [ufl.dot(q, stretch * q) - 1 for q in directions]
-            strains = [g + share * (n - g) for g, n in zip(strains, nominal, strict=True)]
-        self._direction = api.fem.Function(space)
+    def _potentials(self, surroundings, supports, loads, held_axially: bool):
+        """Potentials of springs and dead loads: those that are on, or all of them."""
+        for support in supports:
+            springs = support.springs
+            if not self._extended:
+                springs = {name: stiffness for name, stiffness in springs.items() if stiffness}
+            if springs:
+                sizes = {name: self._constant(value) for name, value in springs.items()}
+                yield support.energy(surroundings, sizes)
+        # Dead loads grow with the cavity's pressure up to their own size.
+        for name, size in loads.items():
+            if size or self._extended:
+                share = self._constant(size / self.full_pressure)
+                yield LOADS[name]().potential(surroundings, share * self.pressure_kpa)
+        if not held_axially:
+            yield valve_plane_potential(surroundings, self.pressure_kpa)
 
-        def averages(region):
-            lower, upper = LAYERS[region]
-            inside = ufl.And(ufl.ge(transmural, lower), ufl.le(transmural, upper))
-            return Averages(
-                domain,
-                self.segment,
-                strains,
-                ufl.conditional(inside, 1.0, 0.0),
-                dx,
-                (self.w, self._direction),
-                observed.get("segment_rotation_deg", 0.0),
+    def _build_observer(self, mesh: Mesh, observed: dict) -> None:
+        self.observer = Observer(mesh, observed)
+        self._channels_at = {
+            fraction: (
+                np.flatnonzero(self.channels.at(fraction)),
+                [c for c in self.channels if c.load_fraction == fraction],
             )
-
-        share = observed.get("endocardial_share", 0.0)
-        self._averages = [(1 - share, averages(observed["region"]))]
-        if share:
-            self._averages.append((share, averages("endocardium")))
-        self.segment_volume = self._averages[0][1].volume
-
-        # Divergence theorem with the field (0, 0, z): the lid at the base, z = 0, adds nothing.
-        z = ufl.SpatialCoordinate(domain)[2] + u[2]
-        cavity = -z * deformed_normal(F, domain)[2] * ds(ENDOCARDIUM)
-        self._cavity = api.compile_form(cavity)
-        self._cavity_gradient = api.compile_form(
-            ufl.derivative(cavity, self.w, ufl.TestFunction(space))
-        )
-        self._dilation = api.compile_form(abs(J - 1) * dx)
-
-    def _supports(self, base: str) -> tuple[np.ndarray, Rotation]:
-        """Degrees of freedom that the base holds, in cylindrical components of its nodes."""
-        dofs, nodes = self.displacement_dofs, self.displacement_nodes
-        on_base = np.flatnonzero(np.abs(nodes[:, 2] - nodes[:, 2].max()) < 1e-6)
-        angle = np.arctan2(nodes[on_base, 1], nodes[on_base, 0])
-        radial, around, axial = dofs[on_base].T
-        fixed = [axial]
-        if base in ("u_r_u_z_fixed", "fixed"):
-            fixed.append(radial)
-        if base in ("u_z_u_theta_fixed", "fixed"):
-            fixed.append(around)
-        if base in ("u_r_u_z_fixed", "radial_spring"):
-            # Equilibrium leaves the rotation about the long axis free, and no load turns: holding
-            # one node removes it without any reaction. A spring leaves translation to the springs.
-            fixed.append(around[:1])
-        circle = nodes[on_base, :2] if base == "u_r_u_z_fixed" else None
-        return np.concatenate(fixed), Rotation(radial, around, angle, circle)
+            for fraction in self.channels.load_fractions
+        }
+        # Nodes of the mesh among those of the displacement, and of the linear pressure.
+        distance, node = cKDTree(self.displacement_nodes).query(mesh.points)
+        if distance.max() > 1e-6:
+            raise ValueError("the mesh's nodes are not those of the displacement")
+        self._node_dofs = self.displacement_dofs[node]
+        self._wall_volume = self.observer.wall.volume.sum()
+        # Degrees of freedom (cells, 8) of the pressure at the corners of the mesh's cells.
+        self._pressure_at = None
+        if self._extended or self._compressibility:
+            corners = mesh.points[mesh.cells[:, :8]]
+            if api.element_order(mesh.cells) == 1:
+                # One pressure in each cell: that of its centre.
+                corners = np.broadcast_to(corners.mean(axis=1, keepdims=True), corners.shape)
+            self._pressure_at = self.pressure_dofs[cKDTree(self.pressure_nodes).query(corners)[1]]
 
     # --------------------------------------------------------------------- the problem
 
     def set(self, theta: np.ndarray, pressure: float) -> None:
-        """Set the scaling factors theta (10,) and the cavity pressure (mmHg)."""
-        theta = np.asarray(theta, dtype=float).reshape(5, 2)
-        self.c_a.x.array[:] = theta[self.zone, 0] * self._segment_factor
-        self.c_b.x.array[:] = theta[self.zone, 1]
+        """Set theta (P,) and the cavity pressure (mmHg), with which the dead loads grow."""
+        table = self.parameters.table(np.asarray(theta, dtype=float))
+        zones = self.parameters.segment_zone[self.segment]
+        for name, function in self._factors.items():
+            inferred = name in self.parameters.factors
+            values = table[zones, self.parameters.factors.index(name)] if inferred else 1.0
+            if name == self.material.stress_factor():
+                values = values * self._stress_factor
+            function.x.array[:] = values
         self.pressure_kpa.value = pressure * KPA_PER_MMHG
 
     # -------------------------------------------------------------- what is observed
 
-    def observables(self, w: np.ndarray) -> np.ndarray:
-        """The 52 outputs of `aha.OUTPUTS` (volume in mL, Green strains) at `w`."""
-        self.w.x.array[:] = w
-        volume = api.fem.assemble_scalar(self._cavity) / 1000.0
-        return np.concatenate([[volume], self._mixed([a.means() for _, a in self._averages])])
+    def displacement(self, w: np.ndarray) -> np.ndarray:
+        """Displacement (..., n, 3), mm, at the nodes of the mesh, of fields `w` (..., size)."""
+        return w[..., self._node_dofs]
+
+    def observables(
+        self, w: np.ndarray, directions: np.ndarray | None = None, fraction: float = 1.0
+    ) -> tuple[np.ndarray, np.ndarray | None]:
+        """Values (d,) of the channels at a load `fraction`, of whose load `w` is a solution, and
+        their derivatives (k, d) along fields `directions` (k, size), None without any."""
+        channels = self._channels_at[fraction][1]
+        moves = None if directions is None else self.displacement(directions)
+        dilation = dilation_moves = None
+        if self._pressure_at is not None:
+            dilation = 1 + self._compressibility * w[self._pressure_at]
+            if directions is not None:
+                dilation_moves = self._compressibility * directions[:, self._pressure_at]
+        return self.observer.observe(
+            channels, self.displacement(w), dilation, moves, dilation_moves
+        )
+
+    def places_of(self, fraction: float) -> np.ndarray:
+        """Where in `channels` those at a load fraction stand."""
+        return self._channels_at[fraction][0]
 
     def field_sensitivities(self, w: np.ndarray) -> np.ndarray:
-        """d(w)/d(log theta), (10, size), by back-substitution with the factor at hand."""
+        """d(w)/d(log theta), (P, size), by back-substitution with the factor at hand."""
         self._place(w)
         rows = []
         for form in self._parameter_forms:
             rows.append(-self.solve(self._assembled(form)))
         return np.stack(rows)
 
-    def directional_derivatives(self, w: np.ndarray, directions: np.ndarray) -> np.ndarray:
-        """Derivatives (k, 52) of the outputs at `w` along fields `directions` (k, size)."""
-        self.w.x.array[:] = w
-        gradient = api.assemble_vector(np.zeros(self.size), self._cavity_gradient) / 1000.0
-        rows = []
-        for direction in directions:
-            self._direction.x.array[:] = direction
-            strains = self._mixed([a.derivatives() for _, a in self._averages])
-            rows.append(np.concatenate([[gradient @ direction], strains]))
-        return np.stack(rows)
-
     def dilation(self, w: np.ndarray) -> float:
         """Volume average of |det F - 1|, zero for an incompressible wall."""
         self.w.x.array[:] = w
-        return api.fem.assemble_scalar(self._dilation) / self.segment_volume.sum()
-
-    def _mixed(self, strains: list[np.ndarray]) -> np.ndarray:
-        return sum(share * e for (share, _), e in zip(self._averages, strains, strict=True))
+        return api.fem.assemble_scalar(self._dilation) / self._wall_volume
 
 
-def square_root(c):
-    """The square root of a symmetric positive definite 3 x 3 tensor.
-
-    By its invariants I, II, III, from the theorem of Cayley and Hamilton: (I c + III 1) times the
-    inverse of c + II 1 (Hoger and Carlson 1984, doi 10.1090/qam/736511). Those satisfy
-    I^2 = tr c + 2 II and II^2 = II_c + 2 III I. Solving the two in turn divides the error by nine
-    or more where det c = 1, and needs no eigenvalues, whose derivatives fail where two are equal.
-    """
-    trace, second = ufl.tr(c), (ufl.tr(c) ** 2 - ufl.tr(c * c)) / 2
-    third = ufl.sqrt(ufl.det(c))
-    first = ufl.sqrt(trace + 6 * ufl.det(c) ** (1 / 3))
-    for _ in range(ROOT_STEPS):
-        other = ufl.sqrt(second + 2 * third * first)
-        first = ufl.sqrt(trace + 2 * other)
-    other = ufl.sqrt(second + 2 * third * first)
-    eye = ufl.Identity(3)
-    return (first * c + third * eye) * ufl.inv(c + other * eye)
-
-
-def local_directions(transmural_gradient):
-    """Circumferential, radial and longitudinal unit vectors of a configuration.
-
-    The radial direction is the normal of the surfaces of equal depth, pointing outwards; the
-    circumferential one is horizontal and counter-clockwise seen from the base; the longitudinal
-    one points to the base. Only where the normal is exactly vertical, a single point near the
-    apex, is the circumferential direction not defined; the tiny number keeps it finite there.
-    """
-    radial = transmural_gradient / ufl.sqrt(ufl.dot(transmural_gradient, transmural_gradient))
-    horizontal = ufl.as_vector([-radial[1], radial[0], 0.0])
-    circumferential = horizontal / ufl.sqrt(ufl.dot(horizontal, horizontal) + 1e-16)
-    longitudinal = ufl.cross(radial, circumferential)
-    return circumferential, radial, longitudinal
-
-
-def fibre_directions(transmural, fibres: dict, rotation=None):
-    """Fibre and sheet unit vectors: angles linear through the wall (UFL expressions).
-
-    The helix angle turns the fibre from circumferential towards the base, the sheet angle turns
-    the sheet from radial towards the in-wall normal of the fibre. `rotation` (rad) is added to the
-    helix angle at the endocardium and taken from that at the epicardium.
-    """
-    circumferential, radial, longitudinal = local_directions(ufl.grad(transmural))
-
-    def angle(kind):
-        endo, epi = (np.deg2rad(fibres[f"{kind}_{side}_deg"]) for side in ("endo", "epi"))
-        return endo + (epi - endo) * transmural
-
-    helix, tilt = angle("helix"), angle("sheet")
-    if rotation is not None:
-        helix += rotation * (1 - 2 * transmural)
-    fibre = ufl.cos(helix) * circumferential + ufl.sin(helix) * longitudinal
-    across = ufl.cross(radial, fibre)
-    sheet = ufl.cos(tilt) * radial + ufl.sin(tilt) * across
-    return fibre, sheet
+def _segment_factors(material: dict) -> np.ndarray:
+    """Multipliers (17,) of the wall's stiffness by AHA segment, 1 where none is named."""
+    factors = np.ones(17)
+    for segment, factor in material["segment_factors"].items():
+        factors[int(segment) - 1] = factor
+    return factors
 
 
 def _nodal_values(function, mesh: Mesh) -> np.ndarray:

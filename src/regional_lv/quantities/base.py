@@ -1,7 +1,8 @@
 """What every observed quantity is: its name, unit and places, and how it follows from a motion.
 
-Values are computed with torch operations from the motion of the wall, so that derivatives need no
-code of their own: the observer differentiates. Torch is imported by whoever computes.
+Values are computed with torch operations from the motion of the wall
+(`mechanics.observables.motion`), so that derivatives need no code of their own: the observer
+differentiates. Torch is imported by whoever computes.
 """
 
 from abc import ABC, abstractmethod
@@ -47,9 +48,15 @@ class Quantity(ABC):
         stem = cls.column or cls.name
         return f"{stem}_{place}" if place else stem
 
+    def densities(self, point) -> dict:
+        """What is averaged over the wall: name -> (M,), torch, of a `PointMotion`; nothing if the
+        quantity does not need averages. Those of wall strains are averaged over the layer and the
+        turned segments of the study, others over the whole wall."""
+        return {}
+
     @abstractmethod
     def values(self, motion, places: tuple[str, ...]):
-        """Values (len(places),), a torch tensor, of a `mechanics.observables.Motion`."""
+        """Values (len(places),), torch, of a `Motion`, which has the averages of `densities`."""
 
 
 def levels_of(place: str) -> tuple[str, str]:

@@ -10,9 +10,11 @@ class Strain(Quantity):
     places = SEGMENT_PLACES
     is_strain = True
 
+    def densities(self, point):
+        return {self.name: point.strains[self.name]}
+
     def values(self, motion, places):
-        numbers = [int(place) for place in places]
-        return motion.segment_means(motion.strains[self.name])[[n - 1 for n in numbers]]
+        return motion.segment_means(self.name)[[int(place) - 1 for place in places]]
 
 
 class Circumferential(Strain):

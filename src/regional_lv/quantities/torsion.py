@@ -1,6 +1,7 @@
 """Torsion: how far one level of the wall turns against another, per distance between them."""
 
-from regional_lv.aha import LEVELS
+from typing import ClassVar
+
 from regional_lv.quantities.base import LEVEL_PAIRS, Quantity, levels_of
 
 
@@ -15,22 +16,25 @@ class Torsion(Quantity):
     """
 
     name, column, unit = "torsion", "torsion", "deg/mm"
-    units = {"deg/mm": 1.0}
+    units: ClassVar = {"deg/mm": 1.0}
     limits = (-2.0, 2.0)
     noise = "torsion"
     places = LEVEL_PAIRS
     default_places = ("basal-apical",)
+
+    def densities(self, point):
+        return {"rotation": point.rotation, "height": point.height}
 
     def values(self, motion, places):
         import torch
 
         found = []
         for upper, lower in map(levels_of, places):
-            angles, heights = zip(
-                *(motion.rotation_and_height(LEVELS[level]) for level in (upper, lower)),
-                strict=True,
+            turn, down = (
+                motion.level_mean(name, lower) - motion.level_mean(name, upper)
+                for name in ("rotation", "height")
             )
             # Counter-clockwise seen from the base is clockwise seen from the apex, and looking
             # back turns the other way: both signs cancel.
-            found.append((angles[1] - angles[0]) / (heights[0] - heights[1]))
+            found.append(turn / -down)
         return torch.rad2deg(torch.stack(found))

@@ -1,11 +1,14 @@
 """The volume of the left ventricle's cavity."""
 
+from typing import ClassVar
+
 from regional_lv.quantities.base import Quantity
 
 
 class Volume(Quantity):
     name, column = "volume", "volume_ml"
-    unit, units = "mL", {"mL": 1.0}
+    unit = "mL"
+    units: ClassVar = {"mL": 1.0}
     limits = (20.0, 600.0)
     noise = "volume"
 

@@ -41,6 +41,11 @@ def costs(folder: str | Path) -> pd.DataFrame:
     return table.astype({"jobs": int})
 
 
+def tabulate_costs(table: str | Path) -> None:
+    """Write `costs` of the folder in which the table is to lie (CSV)."""
+    costs(Path(table).parent).to_csv(table, index=False, float_format="%.1f")
+
+
 def _step(file: Path) -> str:
     """`emulators/dnn` of emulators/dnn.tsv, `simulations/train` of its batches."""
     name = file.parent if file.name.startswith("batch-") else file.with_suffix("")

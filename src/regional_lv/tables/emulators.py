@@ -6,8 +6,10 @@ from pathlib import Path
 import pandas as pd
 
 from regional_lv.emulators import REGISTRY, label_of
+from regional_lv.tables.writing import written
 
 
+@written
 def architectures(fits: list[Path]) -> pd.DataFrame:
     """The paper's Table 1 with what each emulator was fitted with.
 
@@ -32,7 +34,8 @@ def architectures(fits: list[Path]) -> pd.DataFrame:
     return pd.DataFrame(rows).rename(columns={"label": "emulator"})
 
 
-def ranking(path: Path) -> pd.DataFrame:
+@written
+def ranking(ranking: Path) -> pd.DataFrame:
     """The paper's Table S1 and what else the screening measured, of a ranking (CSV)."""
     columns = {
         "rank": "rank",
@@ -54,24 +57,27 @@ def ranking(path: Path) -> pd.DataFrame:
         "paper_param_mse": "paper_param_mse",
         "paper_output_mse": "paper_output_mse",
     }
-    return pd.read_csv(path)[list(columns)].rename(columns=columns)
+    return pd.read_csv(ranking)[list(columns)].rename(columns=columns)
 
 
-def pairs(path: Path) -> pd.DataFrame:
+@written
+def pairs(pairs: Path) -> pd.DataFrame:
     """Wilcoxon-Holm tests of single- against multi-output emulators, by their labels."""
-    table = pd.read_csv(path)
+    table = pd.read_csv(pairs)
     for column in ("single", "multi", "better"):
         table[column] = [label_of(name) for name in table[column]]
     return table
 
 
-def transforms(path: Path) -> pd.DataFrame:
+@written
+def transforms(transforms: Path) -> pd.DataFrame:
     """What the input transform does to each emulator (`estimates.transforms`), by its label."""
-    table = pd.read_csv(path)
+    table = pd.read_csv(transforms)
     table["emulator"] = [label_of(name) for name in table["emulator"]]
     return table
 
 
+@written
 def sample_efficiency(curves: list[Path]) -> pd.DataFrame:
     """Errors against the number of simulations (`estimates.efficiency`), all curves."""
     return pd.concat([pd.read_csv(path) for path in curves], ignore_index=True)

@@ -5,9 +5,11 @@ from pathlib import Path
 import arviz as az
 import pandas as pd
 
-from regional_lv.figures import posterior
+from regional_lv.plots.case_posterior import SOURCES, read
+from regional_lv.tables.writing import written
 
 
+@written
 def subjects(posteriors: list[Path], diagnostics: list[Path], sources: list[str]) -> pd.DataFrame:
     """Stiffness and noise of every subject: posterior median and 95 % HPD interval.
 
@@ -16,24 +18,25 @@ def subjects(posteriors: list[Path], diagnostics: list[Path], sources: list[str]
     parameter, median, lower95, upper95, verdict. Noise scales are in standardised units.
     """
     tables = []
-    for nc, check, source in zip(posteriors, diagnostics, sources, strict=True):
-        one = posterior.read(nc, check)
+    for path, check, source in zip(posteriors, diagnostics, sources, strict=True):
+        one = read(path, check)
         table = one.summary().reset_index()
         table.insert(0, "subject", one.case)
-        table.insert(1, "data", posterior.SOURCES[source])
+        table.insert(1, "data", SOURCES[source])
         table["verdict"] = one.verdict
         tables.append(table)
     columns = ["subject", "data", "parameter", "median", "lower95", "upper95", "verdict"]
     return pd.concat(tables, ignore_index=True) if tables else pd.DataFrame(columns=columns)
 
 
-def convergence(nc: Path, diagnostics: Path) -> pd.DataFrame:
+@written
+def convergence(posterior: Path, diagnostics: Path) -> pd.DataFrame:
     """Convergence of one subject as the paper reports it (Table S6), beside this study's gate.
 
     Columns: parameter, rhat (conventional), split_rhat, ess (bulk), rhat_rank (rank-normalised
     and split: what the gate looks at), ess_tail, verdict.
     """
-    one = posterior.read(nc, diagnostics)
+    one = read(posterior, diagnostics)
     checks = pd.read_csv(diagnostics).set_index("parameter")
     rows = [
         {
@@ -50,14 +53,15 @@ def convergence(nc: Path, diagnostics: Path) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def noise_prior(path: Path) -> pd.DataFrame:
+@written
+def noise_prior(noise_prior: Path) -> pd.DataFrame:
     """Noise of one subject by its prior's scale: a row per scale.
 
-    path: `<subject>_noise_prior.csv`. Columns: prior_scale, median and 95 % HPD ends of each
+    noise_prior: `<subject>_noise_prior.csv`. Columns: prior_scale, median and 95 % HPD ends of each
     direction's noise, outside (observations outside the 95 % predictive interval), outputs,
     verdict.
     """
-    table = pd.read_csv(path)
+    table = pd.read_csv(noise_prior)
     rows = []
     for scale, part in table.groupby("prior_scale"):
         row = {"prior_scale": scale}

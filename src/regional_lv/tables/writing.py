@@ -1,11 +1,25 @@
 """How a table is written: CSV and LaTeX, or Markdown."""
 
+import re
+from collections.abc import Callable
+from functools import wraps
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
-from regional_lv import aha
+FACTOR = re.compile(r"([A-Z])_([a-z]+)_(?=\w)")
+"""How the name of a parameter begins, `C_a_`: mathematics, where names of columns are words."""
+
+
+def written(make: Callable[..., pd.DataFrame]) -> Callable[..., None]:
+    """Decorator of a function that makes a table: it takes `csv` and `tex` also, and writes it."""
+
+    @wraps(make)
+    def write(*arguments, csv: Path, tex: Path, **named) -> None:
+        save(make(*arguments, **named), csv, tex)
+
+    return write
 
 
 def save(table: pd.DataFrame, csv: Path, tex: Path) -> None:
@@ -38,11 +52,15 @@ def _plain(value: object) -> str:
     return str(value).replace("|", "\\|")
 
 
+def _escaped(text: str) -> str:
+    return text.replace("_", r"\_").replace("%", r"\%")
+
+
 def _tex(value: object) -> str:
     if isinstance(value, str):
-        if value in aha.PARAMETERS:
-            return f"$C_{value[2]}$ {value[4:]}"
-        return value.replace("_", r"\_").replace("%", r"\%")
+        factor = FACTOR.match(value)
+        zone = value[factor.end() :] if factor else value
+        return (f"${factor[1]}_{{{factor[2]}}}$ " if factor else "") + _escaped(zone)
     if isinstance(value, float):
         return "" if np.isnan(value) else f"{value:.4g}"
     return str(value)

@@ -16,10 +16,11 @@ import ufl
 from numpy.polynomial import legendre
 from scipy.optimize import brentq
 
-from regional_lv import aha
+from regional_lv.channels import Channels
 from regional_lv.mechanics.equilibrium import Rotation
-from regional_lv.mechanics.material import HolzapfelOgden, strain_energy
-from regional_lv.mechanics.simulator import KPA_PER_MMHG, fibre_directions
+from regional_lv.mechanics.fibres import fibre_directions
+from regional_lv.mechanics.materials import material_from_config
+from regional_lv.units import KPA_PER_MMHG
 from regional_lv.verification.body import Body, block
 
 INNER, OUTER = 20.0, 30.0
@@ -45,11 +46,12 @@ its gradient, twice the gradient's order for smooth functionals such as volume a
 class Tube:
     """The exact solution; lengths in mm, pressure in mmHg, strains look back as the heart's do.
 
-    `physics` holds the config sections `material`, `fibres` and `loading`.
+    `physics` holds the config sections `material` (Holzapfel-Ogden), `fibres` and `loading`.
     """
 
     def __init__(self, physics: dict):
-        self.reference = HolzapfelOgden.from_config(physics["material"])
+        self.material = material_from_config(physics["material"])
+        self.constants = self.material.scaled(dict.fromkeys(self.material.references, 1.0))
         self.fibres = physics["fibres"] | {"sheet_endo_deg": 0.0, "sheet_epi_deg": 0.0}
         self.pressure = physics["loading"]["pressure_mmhg"]
         nodes, weights = legendre.leggauss(80)
@@ -64,14 +66,15 @@ class Tube:
         Equilibrium across the wall, d(s_rr) / dr = (s_tt - s_rr) / r; sheets shorten and carry
         nothing.
         """
-        m, R = self.reference, self._R
+        k, R = self.constants, self._R
         depth = (R - INNER) / (OUTER - INNER)
         endo, epi = (np.deg2rad(self.fibres[f"helix_{side}_deg"]) for side in ("endo", "epi"))
         around = np.cos(endo + (epi - endo) * depth) ** 2
         stretch = 1 + (radius**2 - INNER**2) / R**2  # (r / R)^2
-        matrix = m.a * np.exp(m.b * (stretch + 1 / stretch - 2)) * (stretch - 1 / stretch)
+        matrix = k["a_kpa"] * np.exp(k["b"] * (stretch + 1 / stretch - 2))
+        matrix *= stretch - 1 / stretch
         tension = (stretch - 1) * around
-        fibre = 2 * m.a_f * tension * np.exp(m.b_f * tension**2) * stretch * around
+        fibre = 2 * k["a_f_kpa"] * tension * np.exp(k["b_f"] * tension**2) * stretch * around
         return ((matrix + fibre) / (R * stretch)) @ self._dR / KPA_PER_MMHG
 
     @property
@@ -101,8 +104,8 @@ class Tube:
         inside = np.hypot(points[:, 0], points[:, 1]) < INNER + 1e-6
 
         def energy(F, domain):
-            fibre, sheet = fibre_directions(depth(domain), self.fibres)
-            return strain_energy(F, fibre, sheet, self.reference, 1.0, 1.0)
+            fibre, sheet = fibre_directions(depth(domain), self.fibres, float)
+            return self.material.energy(F, fibre, sheet, self.constants)
 
         return Body(points, cells, inside, energy, _cut_planes)
 
@@ -133,6 +136,15 @@ def run(physics: dict, hearts: list[Path]) -> tuple[pd.DataFrame, pd.DataFrame]:
     tube = run_tube(physics)
     heart, heart_orders = _refined_heart([json.loads(Path(p).read_text()) for p in hearts])
     return pd.concat([tube, heart]), pd.concat([tube_orders(tube), heart_orders])
+
+
+def verify_convergence(
+    hearts: list[str | Path], physics: dict, errors: str | Path, orders: str | Path
+) -> None:
+    """Write the tables that `run` returns (CSV)."""
+    found, fitted = run(physics, hearts)
+    found.to_csv(errors, index=False)
+    fitted.to_csv(orders, index=False)
 
 
 def run_tube(physics: dict, meshes=TUBE_MESHES) -> pd.DataFrame:
@@ -191,10 +203,11 @@ def _refined_heart(summaries: list[dict]) -> tuple[pd.DataFrame, pd.DataFrame]:
     With Q(k) = Q + c k^-p for k times the elements, the steps between meshes give p, and p the
     limit Q that errors are measured from. Strains are vectors of 17 segments.
     """
-    names = {"cavity volume": ["volume_ml"]} | {
-        f"segments' {direction} strain": [o for o in aha.OUTPUTS if o.startswith(direction)]
-        for direction in aha.DIRECTIONS
-    }
+    channels = Channels.parse(summaries[0]["observables_theta_1"])
+    names = {}
+    for kind in dict.fromkeys(channel.kind for channel in channels):
+        what = f"segments' {kind.name} strain" if kind.is_strain else f"cavity {kind.name}"
+        names[what] = [c.name for c in channels if c.kind is kind]
     errors, orders = [], []
     for quantity, outputs in names.items():
         values = np.array([[s["observables_theta_1"][o] for o in outputs] for s in summaries])

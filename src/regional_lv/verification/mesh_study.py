@@ -1,11 +1,12 @@
-"""How far the 52 observables are from those of a finer mesh, across the box of parameters."""
+"""How far the observables are from those of a finer mesh, across the box of parameters."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
-from regional_lv import aha
+from regional_lv.channels import Channels
 from regional_lv.design import further_points
 from regional_lv.mechanics.continuation import Effort, GrowingRunner, Solver
 from regional_lv.mechanics.predictor import Known
@@ -15,50 +16,73 @@ from regional_lv.simulations import make_simulator
 NATURAL, LOG = 15, 6  # points, in about the proportion of the study
 
 
-def observe(mesh: Path, physics: dict, design: dict, seed: int, name: str) -> pd.DataFrame:
-    """Observables of one mesh at points of the box and, last, at theta = 1.
+def observe_mesh(
+    mesh_file: str | Path, physics: dict, seed: int, mesh: str, observables: str | Path
+) -> None:
+    """Write the observables of the mesh called `mesh` at points of the box and, last, at theta = 1.
 
-    Columns: unknowns, mean_dilation, newton_steps, the parameters, `aha.OUTPUTS`; outputs are NaN
-    where a run failed.
+    Columns (Parquet): unknowns, mean_dilation, newton_steps, the parameters, the channels; the
+    channels are NaN where a run failed.
     """
-    simulator = make_simulator(mesh, physics)
-    solver, pressure = Solver(simulator, physics["solver"]), physics["loading"]["pressure_mmhg"]
-    centre = np.full(len(aha.PARAMETERS), np.sqrt(design["lower"] * design["upper"]))
-    state, known = solver.inflate(centre, pressure, Effort()), Known(simulator.size)
-    known.add(centre, state.w, simulator.field_sensitivities(state.w))
-    points = further_points(design, seed, "mesh study", NATURAL, LOG)
-    thetas = np.vstack([points, np.ones(len(centre))])
-    progress = Progress(f"mesh {name}", len(thetas))
+    simulator = make_simulator(mesh_file, physics)
+    solver, parameters = Solver(simulator, physics["solver"]), simulator.parameters
+    guesses = {}
+    for load in simulator.channels.load_fractions:
+        state = solver.inflate(parameters.middle, load * simulator.full_pressure, Effort())
+        guesses[load] = Known(simulator.size, parameters.blocks)
+        guesses[load].add(parameters.middle, state.w, simulator.field_sensitivities(state.w))
+    points = further_points(parameters, seed, "mesh study", NATURAL, LOG)
+    thetas = np.vstack([points, np.ones(len(parameters))])
+    progress = Progress(f"mesh {mesh}", len(thetas))
     rows = [None] * len(thetas)
-    for row, result in GrowingRunner(solver, known, pressure).run_all(thetas):
+    for row, result in GrowingRunner(solver, guesses).run_all(thetas):
         dilation = np.nan if result.state is None else simulator.dilation(result.state.w)
         rows[row] = [simulator.size, dilation, result.newton_steps, *result.theta]
         rows[row] += result.observables.tolist()
         progress.step(failed=result.state is None)
-    columns = ["unknowns", "mean_dilation", "newton_steps", *aha.PARAMETERS, *aha.OUTPUTS]
-    return pd.DataFrame(rows, columns=columns)
+    columns = ["unknowns", "mean_dilation", "newton_steps", *parameters.names]
+    table = pd.DataFrame(rows, columns=[*columns, *simulator.channels.names])
+    table.to_parquet(observables, index=False)
 
 
-def compare(meshes: dict[str, pd.DataFrame], reference: str) -> pd.DataFrame:
+def compare_meshes(
+    tables: Sequence[str | Path],
+    meshes: Sequence[str],
+    channels: Channels,
+    errors: str | Path,
+    summary: str | Path,
+) -> None:
+    """Write the errors (CSV) of meshes against the last of them, and their summary (CSV).
+
+    tables: as `observe_mesh` writes them, of `meshes`.
+    """
+    observed = dict(zip(meshes, map(pd.read_parquet, tables), strict=True))
+    found = compare(observed, meshes[-1], channels)
+    found.to_csv(errors, index=False)
+    summarise(found).to_csv(summary, index=False)
+
+
+def compare(meshes: dict[str, pd.DataFrame], reference: str, channels: Channels) -> pd.DataFrame:
     """Errors of each mesh against the mesh `reference`, one row per mesh and point.
 
-    Columns: mesh, unknowns, point (0, 1, ..., the last is theta = 1), volume_percent,
-    max_strain (the largest error of the 51 strains) with its `channel`, mean_dilation.
+    Columns: mesh, unknowns, point (0, 1, ..., the last is theta = 1), volume_percent (at end
+    diastole), max_strain (the largest error of the strains) with its `channel`, mean_dilation.
     """
-    exact = meshes[reference][list(aha.OUTPUTS)].to_numpy()
-    parts = []
+    volume = [c.name for c in channels if c.quantity == "volume" and c.load_fraction == 1]
+    strains = [c.name for c in channels if c.kind.is_strain]
+    exact, parts = meshes[reference], []
     for name, table in meshes.items():
-        error = np.abs(table[list(aha.OUTPUTS)].to_numpy() - exact)
-        strains = np.nan_to_num(error[:, 1:], nan=-1.0)
+        error = (table[strains] - exact[strains]).abs().to_numpy()
+        percent = 100 * (table[volume] - exact[volume]).abs() / exact[volume]
         parts.append(
             pd.DataFrame(
                 {
                     "mesh": name,
                     "unknowns": table["unknowns"],
                     "point": np.arange(len(table)),
-                    "volume_percent": 100 * error[:, 0] / exact[:, 0],
-                    "max_strain": error[:, 1:].max(axis=1),
-                    "channel": np.array(aha.OUTPUTS[1:])[strains.argmax(axis=1)],
+                    "volume_percent": percent.max(axis=1),
+                    "max_strain": error.max(axis=1),
+                    "channel": np.array(strains)[np.nan_to_num(error, nan=-1.0).argmax(axis=1)],
                     "mean_dilation": table["mean_dilation"],
                 }
             )
@@ -66,7 +90,7 @@ def compare(meshes: dict[str, pd.DataFrame], reference: str) -> pd.DataFrame:
     return pd.concat(parts, ignore_index=True)
 
 
-def summary(errors: pd.DataFrame) -> pd.DataFrame:
+def summarise(errors: pd.DataFrame) -> pd.DataFrame:
     """Per mesh: unknowns, points solved, median and worst error over the points, dilation."""
     solved = errors.dropna(subset=["max_strain"])
     groups = solved.groupby("mesh", sort=False)

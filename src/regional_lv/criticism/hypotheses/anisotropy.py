@@ -1,14 +1,14 @@
 """Fibres stiffer or softer against the matrix than in the reference material."""
 
-from regional_lv.criticism.hypotheses.base import SimulatorHypothesis, logarithm
+from regional_lv.criticism.hypotheses.base import ScaledConstant
 
 
-class Anisotropy(SimulatorHypothesis):
+class Anisotropy(ScaledConstant):
     name = "anisotropy"
+    constant = "a_f_kpa"
     parameter = "factor on a_f"
     unit = "1"
-    base, low, high = 1.0, 0.25, 4.0
-    section, key = "material", "anisotropy"
+    low, high = 0.25, 4.0
     nodes = (0.25, 4.0)
     description = (
         "C_a scales matrix, fibres, sheets and shear together: their ratios are those of one "
@@ -20,6 +20,3 @@ class Anisotropy(SimulatorHypothesis):
         "Wang et al. 2013, Int J Numer Method Biomed Eng 29:83-103, doi 10.1002/cnm.2497; "
         "Holzapfel and Ogden 2009, doi 10.1098/rsta.2009.0091"
     )
-
-    def coordinate(self, psi):
-        return logarithm(psi)

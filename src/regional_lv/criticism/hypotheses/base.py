@@ -6,11 +6,20 @@ Torch is imported where it is needed: every job of a run reads the catalogue.
 import copy
 import math
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from functools import cache
 from typing import ClassVar
 
 import numpy as np
 
-from regional_lv import aha
+from regional_lv.channels import Channel, Channels
+from regional_lv.mechanics.materials import MATERIALS, material_from_config
+from regional_lv.mechanics.supports import supports_from_config
+from regional_lv.quantities import QUANTITIES
+from regional_lv.registry import Registry
+
+REGISTRY = Registry("hypothesis", "criticism.hypotheses")
+"""Name (part of the contract with the findings) -> hypothesis. The package fills it."""
 
 
 class Hypothesis(ABC):
@@ -21,8 +30,8 @@ class Hypothesis(ABC):
     one without a name. description: the physics, and which way psi works; source: the literature
     that the range and the physics come from.
 
-    A new hypothesis is one file in this folder, one entry in `REGISTRY`, and its name among the
-    effects in the schema of the configuration.
+    A new hypothesis is one file and one entry in `REGISTRY`: in the package's own list, or by
+    `REGISTRY.add` of a plugin.
     """
 
     name: ClassVar[str]
@@ -38,18 +47,18 @@ class Hypothesis(ABC):
     """Psi up to which the signature is a secant from the base value, for effects that begin unlike
     they go on; None for the derivative at the base value."""
 
-    def why_not(self, physics: dict) -> str:
+    def why_not(self, physics: Mapping) -> str:
         """Why it cannot be asked of a study with these physics; empty if it can."""
         return ""
 
-    def for_study(self, physics: dict) -> "Hypothesis":
+    def for_study(self, physics: Mapping) -> "Hypothesis":
         """The same with base and range as this study has them."""
         return self
 
     # What a ventricle with this effect does differently, for planting it. The default of each is
     # to leave things as they are.
 
-    def extend(self, physics: dict, value: float, component: str = "") -> dict:
+    def extend(self, physics: Mapping, value: float, component: str = "") -> Mapping:
         """The physics of the simulator with the effect."""
         return physics
 
@@ -58,12 +67,12 @@ class Hypothesis(ABC):
         `fraction` of the load: springs are as many times stiffer as all other stresses."""
         return psi
 
-    def strain_fraction(self, value: float) -> float:
-        """Share of the end-diastolic pressure at which the strains are observed."""
-        return 1.0
+    def load_fraction(self, channel: Channel, value: float) -> float:
+        """Share of the end-diastolic pressure at which `channel` is observed in truth."""
+        return channel.load_fraction
 
-    def measure(self, outputs: np.ndarray, names: tuple[str, ...], value: float) -> np.ndarray:
-        """What is measured of `outputs` (..., D), called `names`."""
+    def measure(self, outputs: np.ndarray, channels: Channels, value: float) -> np.ndarray:
+        """What is measured of `outputs` (..., D) of `channels`."""
         return outputs
 
     def noise(self, shape, value: float, rng: np.random.Generator) -> np.ndarray | None:
@@ -72,43 +81,165 @@ class Hypothesis(ABC):
 
 
 class SimulatorHypothesis(Hypothesis):
-    """One key of the physics, `section` and `key`; `nodes` are the values that are simulated.
+    """One key of the physics, at `path`; `nodes` are the values of psi that are simulated.
 
     Between the base and the nodes, differences from the base model are interpolated by the
     polynomial in `coordinate`, the scale on which the effect is smooth.
 
-    needs_solving: whether the effect changes the solution, or only what is observed of it.
-    anchors: how many anchors are simulated at most, None for all of them.
+    path: the section of the physics and the keys below it. in_the_form: whether psi is the size of
+    an optional term of the weak form (a spring, a dead load, compressibility), so that the base
+    model needs the term, too, to be followed from there. needs_solving: whether the effect changes
+    the solution, or only what is observed of it. slope_at_base: whether outputs have a derivative
+    about psi at the base value. anchors: how many anchors are simulated at most, None for all of
+    them.
     """
 
-    section: ClassVar[str]
-    key: ClassVar[str]
-    nodes: ClassVar[tuple[float, ...]]
+    path: ClassVar[tuple[str, ...]]
+    nodes: tuple[float, ...]
+    in_the_form: ClassVar[bool] = False
     needs_solving: ClassVar[bool] = True
     slope_at_base: ClassVar[bool] = True
     anchors: ClassVar[int | None] = None
 
-    def extend(self, physics: dict, value: float, component: str = "") -> dict:
-        return with_value(physics, self.section, self.key, float(value))
+    def extend(self, physics, value, component=""):
+        return with_value(physics, self.path, float(value))
 
     def coordinate(self, psi):
         """A smooth growing function of psi (float or tensor)."""
         return psi
 
-    def why_not(self, physics: dict) -> str:
-        found = self._found(physics)
-        if found != self._found(self.extend(physics, self.base)):
-            return f"{self.section}.{self.key} is {found} already, part of the base model"
+    def strain_exponent(self, psi, own: float):
+        """Exponent (float, or a tensor as psi is) of the measure of the strains with the effect;
+        `own` is the study's."""
+        return own
+
+    def why_not(self, physics):
+        found = value_at(physics, self.path)
+        if found != value_at(self.extend(physics, self.base), self.path):
+            return f"{'.'.join(self.path)} is {found} already, part of the base model"
         return ""
 
-    def _found(self, physics: dict):
-        return physics[self.section][self.key]
+
+class ChangedValue(SimulatorHypothesis):
+    """Psi is added to the study's own values.
+
+    path: as of `SimulatorHypothesis`. signs: of all keys that change, below `path`, the sign with
+    which psi is added to each.
+    """
+
+    signs: ClassVar[tuple[tuple[str, int], ...]]
+    base = 0.0
+
+    def extend(self, physics, value, component=""):
+        for key, sign in self.signs:
+            path = (*self.path, key)
+            physics = with_value(physics, path, value_at(physics, path) + sign * float(value))
+        return physics
+
+    def why_not(self, physics):
+        return ""
+
+
+class ScaledConstant(SimulatorHypothesis):
+    """Psi multiplies one `constant` of the material law, as the study has it."""
+
+    path = ("material", "constants")
+    constant: ClassVar[str]
+    base = 1.0
+
+    def extend(self, physics, value, component=""):
+        if value == self.base:
+            return physics
+        own = material_from_config(physics["material"]).values[self.constant]
+        return with_value(physics, (*self.path, self.constant), own * float(value))
+
+    def coordinate(self, psi):
+        return logarithm(psi)
+
+    def why_not(self, physics):
+        law = physics["material"]["law"]
+        if self.constant not in {constant.name for constant in MATERIALS[law].constants}:
+            return f"the law {law} has no constant {self.constant}"
+        return ""
+
+
+class BaseSupport(SimulatorHypothesis):
+    """One `component` of the base's displacement that is held in the base model, on a spring.
+
+    Psi is the compliance, from 0 where the base is held.
+    """
+
+    component: ClassVar[str]
+    unit = "mm/kPa"
+    base, low, high = 0.0, 0.0, 10.0
+    nodes = (1.0, 10.0)
+    in_the_form = True
+    slope_at_base = False
+    signature_at = 3.0  # a hardly loosened base only gives at its edge; then all of it moves
+    half_way = 1.0
+    """Compliance (mm/kPa) about which the base is as stiff as the spring."""
+
+    def __init_subclass__(cls):
+        cls.path = ("supports", "base", cls.component)
+
+    def at_load(self, psi, fraction):
+        return psi * fraction
+
+    def coordinate(self, psi):
+        """Share of the free motion, that of two springs in series."""
+        return psi / (psi + self.half_way)
+
+    def extend(self, physics, value, component=""):
+        return physics if value == self.base else with_value(physics, self.path, float(value))
+
+    def why_not(self, physics):
+        found = value_at(physics, self.path)
+        if found not in ("held", 0):
+            return f"{'.'.join(self.path)} is {found}: the base is not held there"
+        return ""
 
 
 class ObservationHypothesis(SimulatorHypothesis):
-    """The base model's solution, observed otherwise."""
+    """The base model's solution, observed otherwise: of the wall strains."""
 
     needs_solving = False
+
+    def why_not(self, physics):
+        if not any(QUANTITIES[name].is_strain for name in physics["observables"]["quantities"]):
+            return "no strain is observed (observables.quantities)"
+        return super().why_not(physics)
+
+
+class MeasureHypothesis(ObservationHypothesis):
+    """Another value of a key that says which strain is reported; its base value is the study's.
+
+    values: those of psi that are simulated, but for the base value.
+    """
+
+    values: ClassVar[tuple[float, ...]]
+
+    def for_study(self, physics):
+        found = copy.copy(self)
+        found.base = float(value_at(physics, self.path))
+        found.nodes = tuple(value for value in self.values if value != found.base)
+        found.low, found.high = min(self.low, found.base), max(self.high, found.base)
+        return found
+
+    def why_not(self, physics):
+        return super(MeasureHypothesis, self.for_study(physics)).why_not(physics)
+
+
+class LayerHypothesis(ObservationHypothesis):
+    """Strains of a part of the wall's depth, where the base model's are means over all of it.
+
+    Psi is the share of the wall that is not seen.
+    """
+
+    path = ("observables", "layer")
+    parameter = "share of the wall that is not seen"
+    unit = "1"
+    base, low, high = 0.0, 0.0, 1.0
+    nodes = (0.5, 1.0)
 
 
 class TransformHypothesis(Hypothesis):
@@ -116,13 +247,16 @@ class TransformHypothesis(Hypothesis):
 
     @abstractmethod
     def predict(self, emulator, theta, psi):
-        """Mean (..., D) of the outputs at tensors `theta` (..., 10) and `psi` (...).
+        """Mean (..., D) of the outputs at tensors `theta` (..., P) and `psi` (...).
 
         `emulator` is the base model's. Differentiable.
         """
 
-    def emulated_at(self, theta, psi):
-        """Where (..., 10) `predict` asks the emulator; outside its box it extrapolates."""
+    def emulated_at(self, parameters, theta, psi):
+        """Where (..., P) `predict` asks the emulator; outside its box it extrapolates.
+
+        parameters: the study's `Parameterisation`.
+        """
         return theta
 
 
@@ -130,44 +264,60 @@ class NoiseHypothesis(Hypothesis):
     """Another distribution of the noise about the base model's outputs."""
 
 
+@cache  # a fit asks thousands of times
+def mask_of(outputs: tuple[str, ...], quantity: str) -> np.ndarray:
+    """Mask (D,) of one quantity's channels among `outputs`."""
+    return Channels.parse(outputs).of_quantity(quantity)
+
+
 def logarithm(psi):
     """Of a float or a tensor."""
     return math.log(psi) if isinstance(psi, float | int) else psi.log()
 
 
+# ----------------------------------------------------------------------- keys of the physics
+
+
+def value_at(physics: Mapping, path: tuple[str, ...]):
+    """What the physics say at `path`, a section and the keys below it."""
+    for key in path:
+        physics = physics[key]
+    return physics
+
+
+def with_value(physics: Mapping, path: tuple[str, ...], value) -> dict:
+    """`physics` with one key set, the rest shared. path: a section and the keys below it."""
+    first, *rest = path
+    return {**physics, first: with_value(physics[first], tuple(rest), value) if rest else value}
+
+
 # --------------------------------------------------------------------- scaling of stresses
 
-UNSCALED = (
-    ("material", "bulk_modulus_kpa"),
-    ("loading", "septal_pressure_mmhg"),
-    ("loading", "epicardial_spring_kpa_per_mm"),
-    ("loading", "basal_compliance_mm_per_kpa"),
-)
 
+def pressure_scaled(parameters, theta, factor):
+    """Theta (..., P) at which the pressure p does what `factor` (...) times p does at `theta`.
 
-def pressure_scaled(theta, factor):
-    """Theta (..., 10) at which the pressure p does what `factor` (...) times p does at `theta`.
-
-    All stresses of the base model are proportional to the a-type constants, so that pressure and
-    C_a times one number change no displacement: f(C_a, C_b; factor p) = f(C_a / factor, C_b; p).
+    parameters: the `Parameterisation` of theta. All stresses of the base model are proportional to
+    some of them, which multiplied by one number together with the pressure change no displacement:
+    f(theta; factor p) = f(theta with these over the factor; p).
     """
     import torch
 
-    return torch.where(torch.as_tensor(aha.IS_C_A), theta / factor[..., None], theta)
+    return torch.where(torch.as_tensor(parameters.scales_stress), theta / factor[..., None], theta)
 
 
-def why_not_scaling(physics: dict) -> str:
-    """Why stresses of this study do not scale with C_a and pressure alone; empty if they do."""
-    if physics["loading"]["base"] == "radial_spring":
-        return "the springs of loading.base do not scale with the pressure"
-    for section, key in UNSCALED:
-        if physics[section].get(key):
-            return f"{section}.{key} does not scale with the pressure"
+def why_not_scaling(physics: Mapping) -> str:
+    """Why stresses of this study do not scale with theta and pressure alone; empty if they do."""
+    law, factors = physics["material"]["law"], physics["parameters"]["factors"]
+    stress = MATERIALS[law].stress_factor()
+    if factors and stress not in factors:
+        return f"{stress}, to which all stresses are proportional, is not among the parameters"
+    if physics["material"]["bulk_modulus_kpa"]:
+        return "material.bulk_modulus_kpa does not scale with the pressure"
+    for support in supports_from_config(physics["supports"]):
+        if not support.scales_with_pressure:
+            return f"the springs of supports.{support.name} do not scale with the pressure"
+    for key, size in physics["loading"].items():
+        if key not in ("pressure_mmhg", "frames") and size:
+            return f"loading.{key} does not scale with the pressure"
     return ""
-
-
-def with_value(physics: dict, section: str, key: str, value) -> dict:
-    """`physics` with one key set, the rest shared."""
-    changed = copy.copy(physics)
-    changed[section] = physics[section] | {key: value}
-    return changed

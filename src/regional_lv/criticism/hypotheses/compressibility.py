@@ -8,7 +8,8 @@ class Compressibility(SimulatorHypothesis):
     parameter = "compressibility of the wall"
     unit = "1/kPa"
     base, low, high = 0.0, 0.0, 0.05
-    section, key = "material", "bulk_modulus_kpa"
+    path = ("material", "bulk_modulus_kpa")
+    in_the_form = True
     nodes = (0.02, 0.05)
     description = (
         "Muscle is nearly incompressible, but blood leaves the wall as pressure squeezes it: its "
@@ -27,4 +28,4 @@ class Compressibility(SimulatorHypothesis):
 
     def extend(self, physics, value, component=""):
         bulk = None if value == 0 else 1 / float(value)
-        return with_value(physics, self.section, self.key, bulk)
+        return with_value(physics, self.path, bulk)

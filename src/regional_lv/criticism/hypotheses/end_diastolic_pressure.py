@@ -19,7 +19,7 @@ class EndDiastolicPressure(TransformHypothesis):
         "The pressure that fills the ventricle is rarely measured together with the images; a "
         "healthy heart's is between 4 and 12 mmHg, a failing one's above 16. A higher pressure "
         "strains the wall more. It hides in the stiffness without remainder: all stresses are "
-        "proportional to the a-type constants, so that the pressure p with C_a does what the "
+        "proportional to one factor of the material, so that the pressure p with C_a does what the "
         "assumed pressure p0 does with C_a p0 / p in every zone."
     )
     source = (
@@ -38,10 +38,10 @@ class EndDiastolicPressure(TransformHypothesis):
         return why_not_scaling(physics)
 
     def extend(self, physics, value, component=""):
-        return with_value(physics, "loading", "pressure_mmhg", float(value))
+        return with_value(physics, ("loading", "pressure_mmhg"), float(value))
 
-    def emulated_at(self, theta, psi):
-        return pressure_scaled(theta, psi / self.base)
+    def emulated_at(self, parameters, theta, psi):
+        return pressure_scaled(parameters, theta, psi / self.base)
 
     def predict(self, emulator, theta, psi):
-        return emulator.predict(self.emulated_at(theta, psi)).mean
+        return emulator.predict(self.emulated_at(emulator.parameters, theta, psi)).mean

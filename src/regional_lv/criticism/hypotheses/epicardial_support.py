@@ -8,7 +8,8 @@ class EpicardialSupport(SimulatorHypothesis):
     parameter = "stiffness of the epicardial springs"
     unit = "kPa/mm"
     base, low, high = 0.0, 0.0, 0.1
-    section, key = "loading", "epicardial_spring_kpa_per_mm"
+    path = ("supports", "epicardium_kpa_per_mm")
+    in_the_form = True
     nodes = (0.04, 0.1)
     description = (
         "Pericardium and what lies around it resist the outward motion of the epicardium; the "

@@ -8,7 +8,7 @@ class FibreRotation(SimulatorHypothesis):
     parameter = "rotation of the helix angle"
     unit = "deg"
     base, low, high = 0.0, -15.0, 15.0
-    section, key = "fibres", "rotation_deg"
+    path = ("fibres", "rotation_deg")
     nodes = (-15.0, -6.0, 15.0)
     description = (
         "Fibres of a living ventricle are not imaged; a rule gives them one helix angle at the "

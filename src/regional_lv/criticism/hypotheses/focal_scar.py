@@ -1,26 +1,22 @@
 """One segment stiffer, or softer, than the zone it belongs to."""
 
 from regional_lv import aha
-from regional_lv.criticism.hypotheses.base import (
-    SimulatorHypothesis,
-    logarithm,
-    with_value,
-)
+from regional_lv.criticism.hypotheses.base import SimulatorHypothesis, logarithm, with_value
 
 
 class FocalScar(SimulatorHypothesis):
     name = "focal_scar"
-    parameter = "multiplier of C_a in one segment"
+    parameter = "multiplier of the stiffness in one segment"
     unit = "1"
     base, low, high = 1.0, 0.3, 5.0
     components = tuple(str(segment.number) for segment in aha.SEGMENTS)
-    section, key = "material", "segment_factors"
+    path = ("material", "segment_factors")
     nodes = (0.3, 5.0)
     anchors = 16
     description = (
         "Zones follow the coronary supply only roughly, and an infarct keeps to part of one. A "
         "scar is several times stiffer than the muscle around it; freshly damaged muscle is "
-        "softer. Psi multiplies C_a of one AHA segment, which is not known beforehand; the zone's "
+        "softer. Psi multiplies all stresses of one AHA segment, not known beforehand; the zone's "
         "factors take up the mean, and what is left is the contrast within the zone."
     )
     source = (
@@ -31,7 +27,7 @@ class FocalScar(SimulatorHypothesis):
 
     def extend(self, physics, value, component=""):
         factors = {component: float(value)} if component else {}
-        return with_value(physics, self.section, self.key, factors)
+        return with_value(physics, self.path, factors)
 
     def coordinate(self, psi):
         return logarithm(psi)

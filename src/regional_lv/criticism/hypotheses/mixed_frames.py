@@ -2,9 +2,13 @@
 
 from regional_lv.criticism.hypotheses.base import (
     TransformHypothesis,
+    mask_of,
     pressure_scaled,
     why_not_scaling,
 )
+
+LATE = "volume"
+"""The quantity that is end-diastolic in any case."""
 
 
 class MixedFrames(TransformHypothesis):
@@ -25,17 +29,21 @@ class MixedFrames(TransformHypothesis):
     )
 
     def why_not(self, physics):
+        quantities = physics["observables"]["quantities"]
+        if LATE not in quantities or len(quantities) < 2:
+            return f"{LATE} and something else are not both observed (observables.quantities)"
         return why_not_scaling(physics)
 
-    def strain_fraction(self, value):
-        return 1 - value
+    def load_fraction(self, channel, value):
+        late = channel.quantity == LATE
+        return channel.load_fraction * (1 if late else 1 - value)
 
-    def emulated_at(self, theta, psi):
-        return pressure_scaled(theta, 1 - psi)
+    def emulated_at(self, parameters, theta, psi):
+        return pressure_scaled(parameters, theta, 1 - psi)
 
     def predict(self, emulator, theta, psi):
         import torch
 
-        earlier = emulator.predict(self.emulated_at(theta, psi)).mean
-        late = torch.tensor([name == "volume_ml" for name in emulator.outputs])
+        earlier = emulator.predict(self.emulated_at(emulator.parameters, theta, psi)).mean
+        late = torch.as_tensor(mask_of(emulator.outputs, LATE))
         return torch.where(late, emulator.predict(theta).mean, earlier)

@@ -2,7 +2,9 @@
 
 import numpy as np
 
-from regional_lv.criticism.hypotheses.base import TransformHypothesis
+from regional_lv.criticism.hypotheses.base import TransformHypothesis, mask_of
+
+RADIAL = "radial"
 
 
 class RadialScale(TransformHypothesis):
@@ -20,16 +22,17 @@ class RadialScale(TransformHypothesis):
         "10.1093/ehjci/jez041; Claus et al. 2015, doi 10.1016/j.jcmg.2015.11.001"
     )
 
-    def measure(self, outputs, names, value):
-        return np.where(_is_radial(names), value * outputs, outputs)
+    def why_not(self, physics):
+        if RADIAL not in physics["observables"]["quantities"]:
+            return f"{RADIAL} strain is not observed (observables.quantities)"
+        return ""
+
+    def measure(self, outputs, channels, value):
+        return np.where(channels.of_quantity(RADIAL), value * outputs, outputs)
 
     def predict(self, emulator, theta, psi):
         import torch
 
         mean = emulator.predict(theta).mean
-        radial = torch.as_tensor(_is_radial(emulator.outputs))
+        radial = torch.as_tensor(mask_of(emulator.outputs, RADIAL))
         return torch.where(radial, psi[..., None] * mean, mean)
-
-
-def _is_radial(names) -> np.ndarray:
-    return np.array([name.startswith("radial") for name in names])

@@ -8,7 +8,7 @@ class SegmentRotation(ObservationHypothesis):
     parameter = "rotation of the segments"
     unit = "deg"
     base, low, high = 0.0, -15.0, 15.0
-    section, key = "observables", "segment_rotation_deg"
+    path = ("observables", "segment_rotation_deg")
     nodes = (-15.0, -7.5, 7.5, 15.0)
     description = (
         "The sectors of a slice are counted from where the right ventricle meets the septum, a "

@@ -8,7 +8,8 @@ class SeptalLoad(SimulatorHypothesis):
     parameter = "right-ventricular pressure"
     unit = "mmHg"
     base, low, high = 0.0, 0.0, 6.0
-    section, key = "loading", "septal_pressure_mmhg"
+    path = ("loading", "septal_pressure_mmhg")
+    in_the_form = True
     nodes = (2.0, 6.0)
     description = (
         "The septum is filled from both sides: the right ventricle's end-diastolic pressure, a "

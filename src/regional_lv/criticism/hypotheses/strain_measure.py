@@ -1,24 +1,31 @@
-"""Nominal strains taken for Green strains."""
+"""Strains of another measure than the model reports."""
 
-from regional_lv.criticism.hypotheses.base import ObservationHypothesis
+from regional_lv.criticism.hypotheses.base import MeasureHypothesis
 
 
-class StrainMeasure(ObservationHypothesis):
+class StrainMeasure(MeasureHypothesis):
     name = "strain_measure"
-    parameter = "share of nominal strain"
+    parameter = "exponent of the strain measure (Seth-Hill)"
     unit = "1"
-    base, low, high = 0.0, 0.0, 1.0
-    section, key = "observables", "nominal_share"
-    nodes = (1.0,)
+    # Almansi's (-2) and Green's (2) lie at the ends of what is in use. The range goes one further
+    # on either side: an estimate that means one of them is then not at an end.
+    base, low, high = 2.0, -3.0, 3.0
+    path = ("observables", "strain_exponent")
+    values = (-2.0, 0.0, 1.0, 2.0)
+    nodes = (-2.0, 0.0, 1.0)
     description = (
-        "Strain has many measures, which agree while it is small. Green's, (F^-T F^-1 - I) / 2, is "
-        "what the model reports; codes and image software also report the nominal (engineering) "
-        "strain V^-1 - I, the change of length over the length, and do not always say so. Where a "
-        "wall thins by 40 %, Green's radial strain is 0.89 and the nominal one 0.67; shortening "
-        "differs the other way. Psi mixes linearly from Green's (0) to the nominal strain (1)."
+        "Strain has many measures, which agree while it is small: (l^n - 1) / n of the stretch l, "
+        "with n = 2 for Green's, 1 for the nominal (engineering) one, 0 for the logarithmic one "
+        "and -2 for Almansi's. Codes and image software report any of them, and do not always say "
+        "which. Where a wall thins by 40 %, Green's radial strain is 0.89, the nominal one 0.67 "
+        "and the logarithmic one 0.51; shortening differs the other way. Psi is the exponent."
     )
     source = (
-        "Biot 1965, Mechanics of Incremental Deformations; Hill 1968, J Mech Phys Solids "
-        "16:229-242, doi 10.1016/0022-5096(68)90031-8; in imaging: Amzulescu et al. 2019, Eur "
-        "Heart J Cardiovasc Imaging 20:605-619, doi 10.1093/ehjci/jez041"
+        "Seth 1964, in: Second-order effects in elasticity, plasticity and fluid dynamics; Hill "
+        "1968, J Mech Phys Solids 16:229-242, doi 10.1016/0022-5096(68)90031-8; in imaging: "
+        "Amzulescu et al. 2019, Eur Heart J Cardiovasc Imaging 20:605-619, doi "
+        "10.1093/ehjci/jez041"
     )
+
+    def strain_exponent(self, psi, own):
+        return psi

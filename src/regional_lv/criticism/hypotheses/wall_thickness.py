@@ -8,7 +8,7 @@ class WallThickness(SimulatorHypothesis):
     parameter = "scale of the wall thickness"
     unit = "1"
     base, low, high = 1.0, 0.75, 1.25
-    section, key = "geometry", "wall_thickness_scale"
+    path = ("geometry", "wall_thickness_scale")
     nodes = (0.75, 1.25)
     description = (
         "Wall thickness is measured on slices of finite depth, with a border between muscle, fat "

@@ -51,6 +51,8 @@ class Material(ABC):
     """Where law and reference values come from (citation with DOI)."""
     constants: ClassVar[tuple[Constant, ...]]
     factors: ClassVar[tuple[Factor, ...]]
+    has_sheets: ClassVar[bool] = True
+    """Whether the energy depends on the sheet direction."""
 
     def __init__(
         self,

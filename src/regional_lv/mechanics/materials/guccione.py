@@ -12,6 +12,7 @@ class Guccione(Material):
         "Guccione, McCulloch and Waldman 1991, doi 10.1115/1.2894084 (values of its table for the "
         "canine left ventricle); form of Land et al. 2015, doi 10.1098/rspa.2015.0641"
     )
+    has_sheets = False
     factors = (
         Factor("C_c", "scales c", scales_stress=True),
         Factor("C_b", "scales the exponents b_f, b_t and b_fs"),

@@ -1,0 +1,78 @@
+"""The rational quadratic kernel and its derivatives, for NumPy arrays and for torch tensors.
+
+With a length scale per input, and the inputs in blocks b,
+
+    k(x, x') = prod_b (1 + r_b^2 / (2 alpha))^(-alpha),
+    r_b^2 = sum_{d in b} ((x_d - x'_d) / l_d)^2.
+
+One block of all inputs is the usual kernel. With a block for the factors of each of the ventricle's
+zones (`Parameterisation.blocks`), functions of one zone and their products come cheaper: what a
+zone's stiffness does depends on that of the others, but smoothly. The covariances of derivatives
+are derivatives of k (Rasmussen and Williams 2006, section 9.4, ISBN 026218253X). Observations are
+ordered values first, then the derivative along each input in turn: (1 + d) n rows.
+"""
+
+import math
+import sys
+from collections.abc import Sequence
+
+
+def rational_quadratic(bases, alpha):
+    """k (...) of 1 + r_b^2 / (2 alpha) (...), one of `bases` for each block."""
+    library = _library(bases[0])
+    return library.exp(-alpha * library.log(math.prod(bases[1:], start=bases[0])))
+
+
+def rates(bases):
+    """f_b = d(log k)/d(r_b^2) (...) for each of the blocks; its own derivative is f_b^2 / alpha."""
+    return [-0.5 / base for base in bases]
+
+
+def joint_covariance(x, y, lengthscales, alpha, blocks: Sequence[slice]):
+    """Covariance ((1 + d) n, (1 + d) m) of values and gradients at `x` (n, d) with those at `y`.
+
+    `lengthscales` (d,) and `alpha` are positive; `blocks` are slices that share out the d inputs,
+    in their order.
+    """
+    parts = (covariance_with_values, covariance_with_gradients)
+    return _library(x).concatenate([part(x, y, lengthscales, alpha, blocks) for part in parts], 1)
+
+
+def covariance_with_values(x, y, lengthscales, alpha, blocks: Sequence[slice]):
+    """Covariance ((1 + d) n, m) of values and gradients at `x` (n, d) with the values at `y`."""
+    gap, value, rate, block = _derivatives(x, y, lengthscales, alpha, blocks)
+    slopes = [2 * value * rate[block[j]] * gap[..., j] for j in range(x.shape[1])]
+    return _library(x).concatenate([value, *slopes], 0)
+
+
+def covariance_with_gradients(x, y, lengthscales, alpha, blocks: Sequence[slice]):
+    """Covariance ((1 + d) n, d m) of values and gradients at `x` (n, d) with the gradients at
+    `y` (m, d)."""
+    library, d = _library(x), x.shape[1]
+    gap, value, rate, block = _derivatives(x, y, lengthscales, alpha, blocks)
+    # d(log k)/dx_j, and minus d(log k)/dy_j
+    slope = [2 * rate[block[j]] * gap[..., j] for j in range(d)]
+    rows = [library.concatenate([-value * slope[j] for j in range(d)], 1)]
+    for i in range(d):
+        second = [slope[i] * slope[j] for j in range(d)]
+        for j in range(d):
+            if block[j] == block[i]:
+                second[j] = second[j] + slope[i] * slope[j] / alpha
+        second[i] = second[i] + 2 * rate[block[i]] / lengthscales[i] ** 2
+        rows.append(library.concatenate([-value * part for part in second], 1))
+    return library.concatenate(rows, 0)
+
+
+def _derivatives(x, y, lengthscales, alpha, blocks):
+    """Gaps over squared length scales (n, m, d), k (n, m), its rates, the number of each input's
+    block."""
+    gap = (x[:, None, :] - y[None, :, :]) / lengthscales
+    bases = [1 + (gap[..., part] ** 2).sum(-1) / (2 * alpha) for part in blocks]
+    block = [b for b, part in enumerate(blocks) for _ in range(part.start, part.stop)]
+    return gap / lengthscales, rational_quadratic(bases, alpha), rates(bases), block
+
+
+def _library(x):
+    """NumPy or torch: what is needed of both has the same names, and torch stays unloaded where
+    there are arrays only."""
+    return sys.modules[type(x).__module__.split(".")[0]]

@@ -1,0 +1,81 @@
+"""What loads the ventricle: pressures that grow together from nothing to their end-diastolic value.
+
+A load is one class and one entry in `LOADS`, under the key of the section `loading` that gives its
+size. The cavity's pressure is the study's own and always there; the others are dead loads, which
+keep their size per unloaded area: they have a potential, and the tangent stays symmetric.
+"""
+
+from abc import ABC, abstractmethod
+from typing import ClassVar
+
+import numpy as np
+
+from regional_lv.geometry.mesh import BASE, ENDOCARDIUM, EPICARDIUM
+from regional_lv.registry import Registry
+
+# UFL and dolfinx are imported where forms are made: the configuration is checked without them.
+
+SEPTUM = (2, 3, 8, 9)
+"""AHA segments whose epicardium is the right ventricle's wall."""
+
+
+class Load(ABC):
+    """A dead load; `size` is what the configuration says under `loading.<name>` (mmHg)."""
+
+    name: ClassVar[str]
+
+    @abstractmethod
+    def potential(self, surroundings, size):
+        """Potential (kPa mm3), a UFL form, of the load `size` (a constant, kPa) on the wall.
+
+        surroundings: a `supports.Surroundings`.
+        """
+
+
+class SeptalPressure(Load):
+    """The right ventricle's pressure on the septum, along the normal of its unloaded epicardium.
+
+    In cylindrical components: it turns with the material about the long axis only.
+    """
+
+    name = "septal_pressure_mmhg"
+
+    def potential(self, surroundings, size):
+        from regional_lv.mechanics import dolfinx_api as api
+
+        septal = api.fem.Function(api.space(surroundings.domain, "DG", 0))
+        septal.x.array[:] = np.isin(surroundings.segment + 1, SEPTUM)
+        return size * septal * surroundings.along_normal * surroundings.ds(EPICARDIUM)
+
+
+LOADS = Registry("load", "loading", (SeptalPressure,))
+
+
+def cavity_work(u, v, domain, ds):
+    """Virtual work (linear form in `v`) per kPa of the follower pressure on the endocardium."""
+    import ufl
+
+    from regional_lv.mechanics.equilibrium import deformation_gradient, deformed_normal
+
+    return ufl.inner(deformed_normal(deformation_gradient(u), domain), v) * ds(ENDOCARDIUM)
+
+
+def valve_plane_potential(surroundings, pressure):
+    """Potential of the cavity's `pressure` (kPa) on the valves, carried by the base.
+
+    A dead traction along the axis, evenly over the base: the pressure times the unloaded area of
+    the valve plane. Where the base is held along its axis it would do no work; where it is not, the
+    pressure on the endocardium alone would push the heart away.
+    """
+    import ufl
+
+    from regional_lv.mechanics import dolfinx_api as api
+
+    normal, ds = ufl.FacetNormal(surroundings.domain), surroundings.ds
+    one = api.fem.Constant(surroundings.domain, 1.0)
+    # Normals point out of the wall; over the closed surface of the cavity they cancel.
+    lid, base = (
+        api.fem.assemble_scalar(api.compile_form(form))
+        for form in (one * normal[2] * ds(ENDOCARDIUM), one * ds(BASE))
+    )
+    return -pressure * (lid / base) * surroundings.axial * ds(BASE)

@@ -1,0 +1,101 @@
+"""The motion of the wall as quantities see it: at its points, and averaged over its segments."""
+
+from functools import cached_property
+
+import torch
+
+from regional_lv.mechanics.observables.strain_measure import StrainMeasure
+
+DIRECTIONS = ("circumferential", "radial", "longitudinal")
+
+
+class PointMotion:
+    """Motion at M points of the wall; what is computed from it can be differentiated (torch).
+
+    place (M, 3): the points in the unloaded state, mm. displacement (M, 3): mm.
+    deformation_gradient (M, 3, 3): F. dilation (M,) or 1: the change of volume that the wall allows
+    (its multiplier's, not the discrete det F). depth_gradient (M, 3): of the transmural coordinate.
+    """
+
+    def __init__(
+        self, place, displacement, deformation_gradient, dilation, depth_gradient, measure
+    ):
+        self.place, self.displacement = place, displacement
+        self.deformation_gradient, self.dilation = deformation_gradient, dilation
+        self.depth_gradient = depth_gradient
+        self.measure: StrainMeasure = measure
+
+    @cached_property
+    def back(self) -> torch.Tensor:
+        """F^-1 (M, 3, 3), which leads from the loaded to the unloaded state.
+
+        Its adjugate over the dilation: the wall keeps its volume, and where the discrete det F
+        strays from 1, next to a held edge of the base, the inverse would blow the error up.
+        """
+        rows = self.deformation_gradient.unbind(1)
+        columns = [torch.linalg.cross(rows[(i + 1) % 3], rows[(i + 2) % 3]) for i in range(3)]
+        adjugate = torch.stack(columns, dim=-1)
+        if isinstance(self.dilation, torch.Tensor):
+            return adjugate / self.dilation[:, None, None]
+        return adjugate
+
+    @cached_property
+    def directions(self) -> torch.Tensor:
+        """Circumferential, radial and longitudinal unit vectors (3, M, 3) of the loaded state."""
+        return local_directions(torch.einsum("mij,mi->mj", self.back, self.depth_gradient))
+
+    @cached_property
+    def strains(self) -> dict[str, torch.Tensor]:
+        """Strains (M,) by direction, of the motion from the loaded to the unloaded state."""
+        C = self.back.mT @ self.back
+        return dict(zip(DIRECTIONS, self.measure.along(C, self.directions), strict=True))
+
+    @cached_property
+    def rotation(self) -> torch.Tensor:
+        """Angle (M,) by which filling turns each point about the long axis, rad, counter-clockwise
+        seen from the base."""
+        x, y = self.place[:, 0], self.place[:, 1]
+        there = self.place + self.displacement
+        cross = x * there[:, 1] - y * there[:, 0]
+        along = x * there[:, 0] + y * there[:, 1]
+        return torch.atan2(cross, along)
+
+    @cached_property
+    def height(self) -> torch.Tensor:
+        """Height z (M,) in the loaded state, mm."""
+        return self.place[:, 2] + self.displacement[:, 2]
+
+
+def local_directions(normal: torch.Tensor) -> torch.Tensor:
+    """Circumferential, radial and longitudinal unit vectors (3, M, 3) from normals (M, 3).
+
+    The radial direction is the normal of the surfaces of equal depth, pointing outwards; the
+    circumferential one is horizontal and counter-clockwise seen from the base; the longitudinal
+    one points to the base. Only where the normal is exactly vertical, a single point near the
+    apex, is the circumferential direction not defined; the tiny number keeps it finite there.
+    """
+    radial = normal / normal.norm(dim=-1, keepdim=True)
+    x, y = radial[:, 0], radial[:, 1]
+    size = (x * x + y * y + 1e-16).sqrt()
+    circumferential = torch.stack([-y / size, x / size, torch.zeros_like(x)], dim=-1)
+    return torch.stack([circumferential, radial, torch.linalg.cross(radial, circumferential)])
+
+
+class Motion:
+    """What quantities are made of: means over segments and levels, the cavity, the long axis.
+
+    `means` (17,) by name of what a quantity's `densities` gave; cavity_volume_ml; long_axis_mm,
+    loaded and unloaded length; all torch numbers.
+    """
+
+    def __init__(self, means, level_shares, cavity_volume_ml, long_axis_mm):
+        self._means, self._level_shares = means, level_shares
+        self.cavity_volume_ml, self.long_axis_mm = cavity_volume_ml, long_axis_mm
+
+    def segment_means(self, name: str) -> torch.Tensor:
+        """Means (17,) over the segments of a density."""
+        return self._means[name]
+
+    def level_mean(self, name: str, level: str) -> torch.Tensor:
+        """Mean of a density over the wall of a level (`aha.LEVELS`)."""
+        return self._level_shares[level] @ self._means[name]

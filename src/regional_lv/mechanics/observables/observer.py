@@ -1,0 +1,165 @@
+"""Observes a solution: from nodal displacements to the values of channels and their derivatives."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import torch
+
+from regional_lv.channels import Channel
+from regional_lv.geometry.mesh import Mesh
+from regional_lv.mechanics.observables.motion import Motion, PointMotion
+from regional_lv.mechanics.observables.strain_measure import StrainMeasure
+from regional_lv.mechanics.observables.wall import Cavity, Wall
+
+
+class Observer:
+    """Values of channels under a displacement of the mesh's nodes, and derivatives along others.
+
+    Parameters
+    ----------
+    mesh: the unloaded wall.
+    observed: section `observables` of the configuration; read are `layer`, `strain_exponent`,
+        `line_share` and `segment_rotation_deg`, which hold for the wall strains alone.
+    """
+
+    def __init__(self, mesh: Mesh, observed: Mapping):
+        self.wall, self.cavity = Wall(mesh), Cavity(mesh)
+        self.measure = StrainMeasure(observed["strain_exponent"], observed["line_share"])
+        self._whole = self.wall.shares((0.0, 1.0), 0.0)
+        asked = tuple(observed["layer"]), observed["segment_rotation_deg"]
+        whole = asked == ((0.0, 1.0), 0.0)
+        self._sampled = self._whole if whole else self.wall.shares(*asked)
+        self._place = torch.as_tensor(self.wall.place)
+        self._depth_gradient = torch.as_tensor(self.wall.depth_gradient)
+        self._levels = {k: torch.as_tensor(v) for k, v in self.wall.level_shares.items()}
+
+    def values(
+        self, channels: Sequence[Channel], displacement: np.ndarray, dilation=None
+    ) -> np.ndarray:
+        """Values (D,) of `channels`, whose load is that of the motion.
+
+        displacement: (n, 3) mm at the mesh's nodes. dilation: (cells, 8) at the corners of a
+        compressible wall, linear in each cell; None keeps its volume.
+        """
+        return self.observe(channels, displacement, dilation)[0]
+
+    def observe(
+        self,
+        channels: Sequence[Channel],
+        displacement: np.ndarray,
+        dilation: np.ndarray | None = None,
+        moves: np.ndarray | None = None,
+        dilation_moves: np.ndarray | None = None,
+    ) -> tuple[np.ndarray, np.ndarray | None]:
+        """As `values`, and if there are `moves`, the values' derivatives (k, D) along these.
+
+        moves: (k, n, 3) changes of the displacement, dilation_moves (k, cells, 8) those of the
+        dilation that go with them. Derivatives are exact: those of the values that are returned.
+        """
+        kinds: dict = {}
+        for at, channel in enumerate(channels):
+            kinds.setdefault(channel.kind, []).append((at, channel.place))
+        point = self._point_motion(displacement, dilation, moves is not None)
+        with torch.set_grad_enabled(moves is not None):
+            densities = {}
+            for kind in kinds:
+                for name, density in kind().densities(point).items():
+                    densities[name] = density, self._sampled if kind.is_strain else self._whole
+        means = {
+            name: torch.tensor(shares @ density.detach().numpy())
+            for name, (density, shares) in densities.items()
+        }
+        cavity, cavity_gradient = self.cavity.volume_and_gradient(displacement[self.cavity.nodes])
+        axis, axis_gradient = self._long_axis(displacement)
+        loaded, unloaded = (torch.tensor(length, dtype=torch.float64) for length in axis)
+        leaves = [*means.values(), torch.tensor(cavity, dtype=torch.float64), loaded]
+        for leaf in leaves:
+            leaf.requires_grad_(moves is not None)
+        with torch.set_grad_enabled(moves is not None):
+            motion = Motion(
+                dict(zip(means, leaves, strict=False)),
+                self._levels,
+                leaves[-2],
+                (loaded, unloaded),
+            )
+            order, found = [], []
+            for kind, asked in kinds.items():
+                rows, places = zip(*asked, strict=True)
+                order += rows
+                found.append(kind().values(motion, places))
+            found = torch.cat(found)
+        values = np.empty(len(order))
+        values[order] = found.detach().numpy()
+        if moves is None:
+            return values, None
+        slopes = [
+            *self._mean_slopes(point, densities, moves, dilation_moves),
+            np.einsum("mx,kmx->k", cavity_gradient, moves[:, self.cavity.nodes])[:, None],
+            np.einsum("nx,knx->k", axis_gradient, moves[:, self.cavity.nodes])[:, None],
+        ]
+        derivatives = np.zeros((len(moves), len(order)))
+        for column, value in zip(order, found, strict=True):
+            by_leaf = torch.autograd.grad(value, leaves, retain_graph=True, allow_unused=True)
+            for gradient, slope in zip(by_leaf, slopes, strict=True):
+                if gradient is not None:
+                    derivatives[:, column] += slope @ np.atleast_1d(gradient.numpy())
+        return values, derivatives
+
+    def point_motion(self, displacement: np.ndarray) -> PointMotion:
+        """The motion at the wall's points, for fields instead of averages."""
+        return self._point_motion(displacement, None, False)
+
+    def _point_motion(self, displacement, dilation, differentiable: bool) -> PointMotion:
+        gradient = self.wall.gradients(displacement).swapaxes(1, 2)
+        parts = [torch.as_tensor(self.wall.values(displacement))]
+        parts.append(torch.as_tensor(np.eye(3) + gradient))
+        if dilation is not None:
+            parts.append(torch.as_tensor(self.wall.corner_values(dilation[..., None])[:, 0]))
+        for part in parts:
+            part.requires_grad_(differentiable)
+        u, F, *volume = parts
+        kept = volume[0] if volume else 1.0
+        return PointMotion(self._place, u, F, kept, self._depth_gradient, self.measure)
+
+    def _mean_slopes(self, point, densities, moves, dilation_moves) -> list[np.ndarray]:
+        """Derivatives (k, 17) of the segments' means of each density, along the moves."""
+        k, n = moves.shape[:2]
+        side_by_side = np.ascontiguousarray(moves.transpose(1, 0, 2).reshape(n, 3 * k))
+        leaves = [point.displacement, point.deformation_gradient]
+        # (M, k, c) of the displacement, of F row by row, and of the dilation.
+        changes = [
+            lambda: self.wall.values(side_by_side).reshape(-1, k, 3),
+            lambda: self.wall.gradients(side_by_side).reshape(-1, 3, k, 3).transpose(0, 2, 3, 1),
+        ]
+        if isinstance(point.dilation, torch.Tensor):
+            leaves.append(point.dilation)
+            changes.append(
+                lambda: self.wall.corner_values(np.moveaxis(dilation_moves, 0, -1))[..., None]
+            )
+        made: dict[int, np.ndarray] = {}
+        slopes = []
+        for density, shares in densities.values():
+            by_leaf = torch.autograd.grad(
+                density.sum(), leaves, retain_graph=True, allow_unused=True
+            )
+            total = np.zeros((len(density), k))
+            for i, gradient in enumerate(by_leaf):
+                if gradient is None:
+                    continue
+                if i not in made:
+                    made[i] = np.ascontiguousarray(changes[i]().reshape(len(density), k, -1))
+                flat = gradient.numpy().reshape(len(density), -1, 1)
+                total += np.matmul(made[i], flat)[..., 0]
+            slopes.append((shares @ total).T)
+        return slopes
+
+    def _long_axis(self, displacement) -> tuple[tuple[float, float], np.ndarray]:
+        """Loaded and unloaded length (mm) from the mean height of the base's endocardial ring to
+        the endocardial apex, and the gradient (m, 3) of the loaded one about the cavity's nodes."""
+        cavity = self.cavity
+        z, moved = cavity.reference[:, 2], displacement[cavity.nodes, 2]
+        gradient = np.zeros_like(cavity.reference)
+        gradient[cavity.ring, 2] += 1 / len(cavity.ring)
+        gradient[cavity.apex, 2] -= 1
+        unloaded = z[cavity.ring].mean() - z[cavity.apex]
+        return (float(unloaded + gradient[:, 2] @ moved), float(unloaded)), gradient

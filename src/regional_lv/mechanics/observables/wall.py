@@ -1,0 +1,138 @@
+"""The wall at its quadrature points: what of the mesh the motion there and its averages need."""
+
+from functools import cached_property
+
+import numpy as np
+
+from regional_lv import aha
+from regional_lv.geometry.elements import (
+    NODES,
+    QUAD_NODES,
+    gauss,
+    jacobians,
+    lagrange,
+    nodes_of,
+)
+from regional_lv.geometry.mesh import ENDOCARDIUM, Mesh
+from regional_lv.mechanics.observables.layer import window_weights
+from regional_lv.mechanics.observables.segments import membership, turned_membership
+
+POINTS_PER_EDGE = 3
+"""Gauss points along each edge of a cell and of a facet, as many as the simulator integrates with.
+They are exact for the cavity's volume under a quadratic motion."""
+
+
+class Wall:
+    """Quadrature points of a mesh, cell by cell, the last reference coordinate fastest: M of them.
+
+    volume (M,) mm3, the part of the unloaded wall that each stands for; place (M, 3) mm;
+    depth_gradient (M, 3) 1/mm, of the transmural coordinate; segment (cells,) number less one.
+    """
+
+    def __init__(self, mesh: Mesh):
+        self.mesh = mesh
+        points, weights = gauss(3, POINTS_PER_EDGE)
+        self._shape, shape_gradient = lagrange(points, nodes_of(mesh))
+        jacobian = jacobians(mesh, points)
+        # d(shape)/dx as a matrix per cell: (cells, 3 q, nodes), the direction x fastest.
+        local = np.einsum("qnd,eqdx->eqxn", shape_gradient, np.linalg.inv(jacobian), optimize=True)
+        self._local = np.ascontiguousarray(local.reshape(len(local), -1, local.shape[-1]))
+        self._corner_shape = lagrange(points, NODES[:8])[0]
+        self.volume = (np.linalg.det(jacobian) * weights).ravel()
+        self.place = self.values(mesh.points)
+        depth = mesh.transmural[mesh.cells][..., None]
+        self.depth_gradient = (self._local @ depth).reshape(-1, 3)
+        self.segment = mesh.segment - 1
+
+    @property
+    def points_per_cell(self) -> int:
+        return POINTS_PER_EDGE**3
+
+    def values(self, nodal: np.ndarray) -> np.ndarray:
+        """(M, c) of a field (n, c) at the mesh's nodes."""
+        cells = nodal[self.mesh.cells]
+        return np.matmul(self._shape, cells).reshape(-1, nodal.shape[1])
+
+    def corner_values(self, corners: np.ndarray) -> np.ndarray:
+        """(M, c) of a field that is linear in each cell, from its values (cells, 8, c) at the
+        corners."""
+        return np.matmul(self._corner_shape, corners).reshape(-1, corners.shape[-1])
+
+    def gradients(self, nodal: np.ndarray) -> np.ndarray:
+        """d(field)/dx (M, 3, c), derivatives along x first, of a field (n, c) at the nodes."""
+        return (self._local @ nodal[self.mesh.cells]).reshape(-1, 3, nodal.shape[1])
+
+    def shares(self, layer: tuple[float, float], rotation_deg: float):
+        """Sparse (17, M): what each point counts for in the mean over each segment."""
+        depth = self.mesh.transmural[self.mesh.cells[:, :8]]
+        weight = self.volume * window_weights(depth, *layer, POINTS_PER_EDGE).ravel()
+        if rotation_deg:
+            corners = self.mesh.points[self.mesh.cells[:, :8]]
+            part = turned_membership(
+                np.arctan2(self.place[:, 1], self.place[:, 0]),
+                np.repeat(np.arange(len(self.segment)), self.points_per_cell),
+                np.arctan2(corners[..., 1], corners[..., 0]),
+                self.segment,
+                np.deg2rad(rotation_deg),
+            )
+        else:
+            part = membership(self.segment, self.points_per_cell)
+        shares = part.multiply(weight).tocsr()
+        total = np.asarray(shares.sum(axis=1))
+        return shares.multiply(1 / np.where(total > 0, total, 1.0)).tocsr()
+
+    @cached_property
+    def level_shares(self) -> dict[str, np.ndarray]:
+        """Level -> weights (17,) that make the mean over a level's wall of means over segments."""
+        volume = np.bincount(
+            np.repeat(self.segment, self.points_per_cell), self.volume, len(aha.SEGMENTS)
+        )
+        return {
+            level: np.where(np.isin(np.arange(1, 18), numbers), volume, 0.0)
+            / volume[np.array(numbers) - 1].sum()
+            for level, numbers in aha.LEVELS.items()
+        }
+
+
+class Cavity:
+    """The cavity's volume under the endocardium, and how it follows the endocardium's nodes.
+
+    The lid is the cone from the ring where endocardium and base meet to the ring's centre, flat if
+    the ring is.
+    """
+
+    def __init__(self, mesh: Mesh):
+        self._facets = mesh.facets[mesh.surface == ENDOCARDIUM]
+        self.nodes = np.unique(self._facets)
+        self._at = np.searchsorted(self.nodes, self._facets)
+        self.reference = mesh.points[self.nodes]
+        points, self._weights = gauss(2, POINTS_PER_EDGE)
+        reference = QUAD_NODES[: self._facets.shape[1]]
+        self._shape, self._slope = lagrange(points, reference)
+        base = self.reference[:, 2].max()
+        self.ring = np.flatnonzero(self.reference[:, 2] > base - 1e-6)
+        self.apex = int(self.reference[:, 2].argmin())
+
+    def volume_and_gradient(self, displacement: np.ndarray) -> tuple[float, np.ndarray]:
+        """Volume (mL), and its derivatives (m, 3) in mL/mm about the displacement (m, 3) in mm of
+        `nodes`.
+
+        V = -1/3 sum over facets of the integral of (x - c) . n, n pointing into the cavity: on the
+        cone through c, x - c has no component along the normal.
+        """
+        x = self.reference + displacement
+        centre = x[self.ring].mean(axis=0)
+        corners = x[self._at]
+        place = np.einsum("qn,knx->kqx", self._shape, corners) - centre
+        first, second = np.moveaxis(np.einsum("qnd,knx->dkqx", self._slope, corners), 0, 0)
+        normal = np.cross(first, second)
+        weight = -self._weights / 3e3
+        volume = np.einsum("kqx,kqx,q->", place, normal, weight)
+        # d(place . (first x second)) = dplace . normal + dfirst . (second x place) + ...
+        by_corner = np.einsum("kqx,qn,q->knx", normal, self._shape, weight)
+        for index, turned in enumerate((np.cross(second, place), np.cross(place, first))):
+            by_corner += np.einsum("kqx,qn,q->knx", turned, self._slope[..., index], weight)
+        gradient = np.zeros_like(x)
+        np.add.at(gradient, self._at, by_corner)
+        gradient[self.ring] -= np.einsum("kqx,q->x", normal, weight) / len(self.ring)
+        return float(volume), gradient

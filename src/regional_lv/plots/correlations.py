@@ -1,0 +1,90 @@
+"""Posterior correlations, averaged over the cases of a set (the paper's Figures S2-S5)."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.colors import Normalize
+from matplotlib.image import AxesImage
+
+from regional_lv.parameters import Parameterisation
+from regional_lv.plots import scenarios, style
+
+SCALE = {"norm": Normalize(-1, 1), "cmap": "PuOr"}
+"""Orange-brown negative, purple positive, as in the paper."""
+
+
+@style.context
+def draw(
+    correlations: Path,
+    recovery: Path,
+    label: str,
+    parameters: Parameterisation,
+    png: Path,
+    csv: Path,
+) -> None:
+    """Draw the correlations of all parameters in one set, mean and standard error over its cases.
+
+    correlations: `correlations.csv` (parameter_1, parameter_2, mean, se, cases); recovery:
+    `recovery.csv`, for verdicts. Black lines are the borders of the zones.
+    """
+    joined = read([correlations], [label])
+    count, factors = len(parameters), len(parameters.factors)
+    side = max(8.0, 0.52 * count) if count > 4 else 4.5
+    fig = style.figure(side + 1.2, side)
+    ax = fig.subplots()
+    image = matrix(ax, joined, "parameter", parameters.names, style.label)
+    for border in np.arange(factors, count, factors) - 0.5 if factors > 1 else ():
+        ax.axhline(border, color=style.BLACK, linewidth=0.8)
+        ax.axvline(border, color=style.BLACK, linewidth=0.8)
+    fig.colorbar(image, ax=ax, label="posterior correlation", shrink=0.8)
+    cases = joined["cases"].max()
+    warning = scenarios.warning(scenarios.read_sets([recovery], [label], parameters))
+    style.suptitle(
+        fig, f"Posterior correlations, {label}: mean ± standard error, {cases} cases", warning
+    )
+    style.save(fig, joined, png, csv)
+
+
+def read(tables: Sequence[Path], labels: Sequence[str]) -> pd.DataFrame:
+    """The rows of several tables of correlations, with the label of their `set`."""
+    parts = [pd.read_csv(path) for path in tables]
+    for part, label in zip(parts, labels, strict=True):
+        part.insert(0, "set", label)
+    return pd.concat(parts, ignore_index=True)
+
+
+def matrix(
+    ax: Axes,
+    table: pd.DataFrame,
+    what: str,
+    names: Sequence[str],
+    label: Callable[[str], str],
+) -> AxesImage:
+    """Heat map of the means with numbers on it; the diagonal stays empty.
+
+    what: `parameter` or `zone`, the stem of the columns that hold `names`; label: makes a label of
+    a name.
+    """
+    indexed = table.set_index([f"{what}_1", f"{what}_2"])
+    pairs = pd.MultiIndex.from_product([names, names])
+    mean, se = (
+        indexed[column].reindex(pairs).to_numpy(float).reshape(len(names), -1)
+        for column in ("mean", "se")
+    )
+    np.fill_diagonal(mean, np.nan)
+    image = ax.imshow(mean, **SCALE)
+    size = 7 if len(names) <= 12 else 5.5
+    for i, j in np.argwhere(np.isfinite(mean)):
+        error = f"\n±{se[i, j]:.3f}" if np.isfinite(se[i, j]) else ""
+        colour = "white" if abs(mean[i, j]) > 0.65 else "black"
+        ax.text(
+            j, i, f"{mean[i, j]:z.2f}{error}", ha="center", va="center", color=colour, fontsize=size
+        )
+    labels = [label(name) for name in names]
+    ax.set_xticks(range(len(names)), labels, rotation=45, ha="right")
+    ax.set_yticks(range(len(names)), labels)
+    ax.spines[:].set_visible(False)
+    return image

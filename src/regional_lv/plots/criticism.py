@@ -1,0 +1,177 @@
+"""What a criticism found, drawn from its findings: residuals, causes, parameters, stiffness."""
+
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+import pandas as pd
+from matplotlib.colors import Normalize
+
+from regional_lv import aha
+from regional_lv.criticism import words
+from regional_lv.parameters import Parameterisation
+from regional_lv.plots import bullseye, style
+
+SHOWN_Z = 4.0
+"""z at which the residuals' colours saturate."""
+
+SHOWN_CAUSES = 4
+"""Posteriors of psi that are drawn."""
+
+
+@style.context
+def draw_residuals(
+    findings: dict, png: Path, csv: Path, parameters: Parameterisation | None = None
+) -> None:
+    """Bullseyes of the leave-one-segment-out residuals, before and after what was found.
+
+    z = (observed - predicted from all other segments) / sd; of several hearts, the mean. What
+    belongs to no segment is written below. Of several loads the largest is drawn. parameters: whose
+    zones are outlined, if given. The table, of all loads: when, output, quantity, segment,
+    load_fraction, z, observed, predicted, sd (subject by subject).
+    """
+    steps = {"before": findings["misfit"], "after": findings["remaining"]}
+    if len(findings["rounds"]) == 1:
+        steps.pop("after")
+    tables = {when: pd.DataFrame(step["channels"]) for when, step in steps.items()}
+    whole = tables["before"]["segment"].isna()
+    directions = list(dict.fromkeys(tables["before"].loc[~whole, "quantity"]))
+    fig = style.figure(2.9 * len(directions) + 0.9, 3.2 * len(steps) + 0.3)
+    axes = fig.subplots(len(steps), len(directions), squeeze=False)
+    scale = None
+    for row, (when, all_loads) in zip(axes, tables.items(), strict=True):
+        table = all_loads[all_loads["load_fraction"] == all_loads["load_fraction"].max()]
+        for ax, direction in zip(row, directions, strict=True):
+            z = table[table["quantity"] == direction].groupby("segment")["z"].mean()
+            values = z.reindex([s.number for s in aha.SEGMENTS]).to_numpy(float)
+            labels = [f"{v:+.1f}" if np.isfinite(v) else "" for v in values]
+            norm = Normalize(-SHOWN_Z, SHOWN_Z)
+            with matplotlib.rc_context({"font.size": 7.5}):
+                scale = bullseye.paint_values(ax, values, norm, "RdBu_r", labels, parameters)
+            ax.set_title(f"{direction}, {when}")
+        means = table[table["segment"].isna()].groupby("quantity", sort=False)["z"].mean()
+        text = "\n".join(f"{quantity}: {z:+.1f}" for quantity, z in means.items())
+        row[0].text(-1.0, -1.12, text, va="top", fontsize=8)
+    bar = fig.colorbar(scale, ax=axes, shrink=0.6, extend="both")
+    bar.set_label("observed - predicted (sd)")
+    table = pd.concat([t.assign(when=when) for when, t in tables.items()])
+    style.save(fig, table, png, csv)
+
+
+@style.context
+def draw_causes(findings: dict, png: Path, csv: Path) -> None:
+    """All causes of the first round: family-wise p-value of the score test on the left, gain in log
+    predictive density with two standard errors on the right."""
+    table = pd.DataFrame(
+        [
+            {
+                "cause": words.cause(h["name"], h["component"]),
+                **{
+                    k: h[k]
+                    for k in (
+                        *("name", "component", "z", "p_value", "p_value_single", "elpd_gain"),
+                        *("elpd_gain_se", "elpd_gain_se_folds", "probability", "weight"),
+                        *("identifiable", "absorbed", "fitted", "fraction_simulated"),
+                    )
+                },
+            }
+            for h in findings["hypotheses"]
+        ]
+    )
+    table = table.sort_values(["identifiable", "p_value", "p_value_single"], ascending=[0, 1, 1])
+    fig = style.figure(8.4, 0.3 * len(table) + 1.4)
+    left, right = fig.subplots(1, 2, sharey=True, width_ratios=[3, 2])
+    at = np.arange(len(table))[::-1]
+    named = {findings["named_cause"], *findings["indistinguishable"]}
+    colours = [
+        style.VERMILLION if n in named else (style.BLUE if ok else style.LIGHT)
+        for n, ok in zip(table["name"], table["identifiable"], strict=True)
+    ]
+    strength = -np.log10(table["p_value"].to_numpy(float))
+    lengths = np.where(table["identifiable"], strength, 0.0)
+    left.barh(at, lengths, color=colours, height=0.65)
+    for y, length, (_, row) in zip(at, lengths, table.iterrows(), strict=True):
+        text = f"z = {row['z']:+.1f}" if row["identifiable"] else "not identifiable"
+        left.text(length, y, f"  {text}", va="center", fontsize=7.5)
+    left.axvline(-np.log10(0.05), color=style.BLACK, linestyle="--", linewidth=0.8)
+    left.set_yticks(at, table["cause"])
+    least = min(table["p_value"].min(), 0.05)
+    ticks = [p for p in (1, 0.3, 0.1, 0.03, 0.01, 0.003, 0.001) if p >= least / 2]
+    left.set_xlim(0, -1.3 * np.log10(least))
+    left.set_xticks([-np.log10(p) for p in ticks], [f"{p:g}" for p in ticks])
+    left.set_xlabel("family-wise p-value (dashed: 0.05)")
+    fitted = table["elpd_gain"].notna().to_numpy()
+    shown = table[fitted]
+    right.errorbar(
+        *(shown["elpd_gain"], at[fitted]),
+        xerr=2 * shown["elpd_gain_se"],
+        fmt="o",
+        color=style.BLACK,
+        markersize=4,
+    )
+    right.axvline(0, color=style.GREY, linewidth=0.8)
+    right.set_xlabel("gain in log density (± 2 se)")
+    style.save(fig, table, png, csv)
+
+
+@style.context
+def draw_parameters(findings: dict, png: Path, csv: Path) -> bool:
+    """Posterior densities of the parameters of the most probable causes that were fitted.
+
+    Returns whether there was anything to draw.
+    """
+    fitted = [h for h in findings["hypotheses"] if h["posterior"]]
+    fitted = sorted(fitted, key=lambda h: -h["probability"])[:SHOWN_CAUSES]
+    if not fitted:
+        return False
+    fig = style.figure(2.6 * len(fitted) + 0.4, 2.6)
+    rows = []
+    for ax, h in zip(fig.subplots(1, len(fitted), squeeze=False)[0], fitted, strict=True):
+        edges, density = (np.array(h["posterior"][k]) for k in ("edges", "density"))
+        ax.stairs(density, edges, fill=True, color=style.SKY)
+        for bound in h["interval95"]:
+            ax.axvline(bound, color=style.BLUE, linewidth=0.8, linestyle=":")
+        span = edges[-1] - edges[0]
+        if edges[0] - 0.5 * span <= h["base"] <= edges[-1] + 0.5 * span:
+            ax.axvline(h["base"], color=style.VERMILLION)
+        unit = "" if h["unit"] == "1" else f" ({h['unit']})"
+        ax.set_title(words.cause(h["name"], h["component"]), fontsize=8.5, wrap=True)
+        ax.set_xlabel(f"{h['parameter']}{unit}", wrap=True)
+        ax.set_yticks([])
+        centres = (edges[1:] + edges[:-1]) / 2
+        rows += [(h["name"], h["component"], *pair) for pair in zip(centres, density, strict=True)]
+    table = pd.DataFrame(rows, columns=["name", "component", "value", "density"])
+    style.save(fig, table, png, csv)
+    return True
+
+
+@style.context
+def draw_theta(findings: dict, png: Path, csv: Path) -> None:
+    """Stiffness factors before and after: posterior mean and two standard deviations."""
+    table = pd.DataFrame(
+        [
+            {
+                "parameter": row["parameter"],
+                "mean_before": row["before"][0],
+                "sd_before": row["before"][1],
+                "mean_after": row["after"][0],
+                "sd_after": row["after"][1],
+                "shift_sd": row["shift_sd"],
+            }
+            for row in findings["theta"]
+        ]
+    )
+    fig = style.figure(max(4.0, 0.6 * len(table) + 1.5), 2.8)
+    ax = fig.subplots()
+    at = np.arange(len(table))
+    whens = (("before", style.GREY, -0.12), ("after", style.VERMILLION, 0.12))
+    for when, colour, shift in whens if len(findings["rounds"]) > 1 else whens[:1]:
+        mean, sd = table[f"mean_{when}"], table[f"sd_{when}"]
+        ends = np.array([np.minimum(2 * sd, mean), 2 * sd])
+        ax.errorbar(at + shift, mean, yerr=ends, fmt="o", color=colour, markersize=4, label=when)
+    ax.axhline(1, color=style.LIGHT, zorder=0)
+    labels = [style.label(p) for p in table["parameter"]]
+    ax.set_xticks(at, labels, rotation=45, ha="right")
+    ax.set_ylabel("factor (± 2 sd)")
+    ax.legend()
+    style.save(fig, table, png, csv)

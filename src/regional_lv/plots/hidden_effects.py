@@ -1,0 +1,100 @@
+"""What the benchmark of hidden effects found: confusions, and power against the size of effects."""
+
+import itertools
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from matplotlib.ticker import FixedLocator, NullLocator
+
+from regional_lv.criticism.rates import rate
+from regional_lv.plots import style
+
+EDGES = (0, 1, 2, 3, 4, 6, 9, 15, 1000)
+"""Of the bins of expected scores."""
+
+
+@style.context
+def draw(cases_file: Path, png: Path, csv: Path) -> None:
+    """Left: what was answered (columns) to which effect (rows). Middle: every effect by the score
+    expected of it. Right: the share of effects that the answer contains, by bins of that score,
+    with 95 % intervals.
+
+    The table: effect, answer, count of the left; lower, upper, found, of, share, low, high of the
+    right. What the middle shows is the table of cases itself.
+    """
+    cases = pd.read_csv(cases_file)
+    cases["answer"] = cases["answer"].fillna("none")
+    cases["effect"] = cases["effect"].fillna("none")
+    rows = [*sorted(set(cases["effect"]) - {"none"}), "none"]
+    columns = [*rows[:-1], *sorted(set(cases["answer"]) - set(rows)), "none"]
+    counts = pd.crosstab(cases["effect"], cases["answer"])
+    counts = counts.reindex(index=rows, columns=columns, fill_value=0)
+
+    fig = style.figure(14.0, 0.3 * len(rows) + 2.6)
+    left, middle, right = fig.subplots(1, 3, width_ratios=[3, 2, 2])
+    share = counts.to_numpy() / np.maximum(counts.sum(axis=1).to_numpy()[:, None], 1)
+    left.imshow(share, cmap="Blues", vmin=0, vmax=1, aspect="auto")
+    for i, j in np.argwhere(counts.to_numpy() > 0):
+        colour = "white" if share[i, j] > 0.6 else "black"
+        left.text(j, i, counts.iat[i, j], ha="center", va="center", color=colour, fontsize=8)
+    names = [[name.replace("_", " ") for name in labels] for labels in (columns, rows)]
+    left.set_xticks(range(len(columns)), names[0], rotation=45, ha="right")
+    left.set_yticks(range(len(rows)), names[1])
+    left.set(xlabel="named cause", ylabel="planted effect")
+
+    visible = cases[(cases["effect"] != "none") & cases["expected_z"].notna()]
+    visible = visible[visible["identifiable"].astype(str) == "True"]
+    _draw_each(middle, visible)
+    power = _power(visible)
+    at = np.arange(len(power))
+    error = np.array([power["share"] - power["low"], power["high"] - power["share"]])
+    right.errorbar(at, power["share"], yerr=error, fmt="o", color=style.BLUE, capsize=2)
+    labels = [
+        f"{a:g}-{b:g}" if b < EDGES[-1] else f"> {a:g}"
+        for a, b in zip(power["lower"], power["upper"], strict=True)
+    ]
+    right.set_xticks(at, [f"{x}\n{n}" for x, n in zip(labels, power["of"], strict=True)])
+    right.set(ylim=(-0.03, 1.03), ylabel="answers that contain the effect")
+    right.set_xlabel("score expected of the effect (se of psi)\nbelow: number of subjects")
+    right.axhline(0.9, color=style.GREY, linestyle="--", linewidth=0.8)
+
+    long = counts.stack().rename("count").reset_index()
+    long.columns = ["effect", "answer", "count"]
+    style.save(fig, pd.concat([long, power], ignore_index=True), png, csv)
+
+
+def _draw_each(ax, visible: pd.DataFrame) -> None:
+    """Every planted effect by the score expected of it, filled where the answer contains it."""
+    names = sorted(set(visible["effect"]), reverse=True)
+    found = visible["contains"].astype(str) == "True"
+    for hit, label in ((True, "in the answer"), (False, "missed")):
+        chosen = visible[found == hit]
+        ax.plot(
+            chosen["expected_z"].clip(lower=0.1),
+            [names.index(name) for name in chosen["effect"]],
+            "o",
+            color=style.BLUE,
+            markerfacecolor=style.BLUE if hit else "white",
+            markersize=5,
+            label=label,
+        )
+    ax.axvline(3, color=style.GREY, linestyle="--", linewidth=0.8)
+    ax.set_xscale("log")
+    ax.xaxis.set_major_locator(FixedLocator([1, 2, 3, 5, 10, 20, 50]))
+    ax.xaxis.set_major_formatter("{x:g}")
+    ax.xaxis.set_minor_locator(NullLocator())
+    ax.set_yticks(range(len(names)), [name.replace("_", " ") for name in names])
+    ax.set_ylim(-0.7, len(names) - 0.3)
+    ax.set_xlabel("score expected of the effect (se of psi)")
+    ax.legend(loc="upper center", bbox_to_anchor=(0.5, 1.1), ncols=2)
+
+
+def _power(visible: pd.DataFrame) -> pd.DataFrame:
+    rows = []
+    for lower, upper in itertools.pairwise(EDGES):
+        inside = visible[(visible["expected_z"] >= lower) & (visible["expected_z"] < upper)]
+        if len(inside):
+            found = rate(inside["contains"].astype(str) == "True")
+            rows.append({"lower": lower, "upper": upper, "found": found["hits"], **found})
+    return pd.DataFrame(rows, columns=["lower", "upper", "found", "of", "share", "low", "high"])

@@ -1,0 +1,89 @@
+"""How far the MAP is from the truth, by zone and severity, in and outside the stiffened zone."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from matplotlib.lines import Line2D
+
+from regional_lv.parameters import Parameterisation
+from regional_lv.plots import bullseye, scenarios, style
+from regional_lv.plots.bullseye_map import summarise
+
+
+@style.context
+def draw(
+    recoveries: Sequence[Path],
+    noisy: Sequence[Path],
+    labels: Sequence[str],
+    parameters: Parameterisation,
+    png: Path,
+    csv: Path,
+) -> None:
+    """Draw the MAP's root mean square error; a row for each factor, with measurement noise on the
+    right.
+
+    recoveries, noisy: `recovery.csv` of the sets `labels` and of their noisy twins. The table:
+    noise, stiffened, set, quantity, zone, cases, truth, map, rmse, failed.
+    """
+    parts, warnings = [], []
+    for noise, paths in zip(scenarios.NOISE, (recoveries, noisy), strict=True):
+        table = scenarios.read_sets(paths, labels, parameters)
+        warnings.append(scenarios.warning(table))
+        for stiffened, group in table.groupby("stiffened"):
+            parts.append(summarise(group).assign(noise=noise, stiffened=stiffened))
+    summary = pd.concat(parts, ignore_index=True)
+    summary = summary[["noise", "stiffened", *summary.columns[:-2]]]
+
+    factors = parameters.factors
+    many = len(parameters.zones) > bullseye.FEW_ZONES
+    fig = style.figure(18.0 if many else 10.5, 2.6 * len(factors) + 1.2)
+    axes = scenarios.panels(fig, len(factors), 2, sharex=True, sharey=True)
+    for column, noise in zip(axes.T, scenarios.NOISE, strict=True):
+        column[0].set_title(noise)
+        for ax, factor in zip(column, factors, strict=True):
+            chosen = (summary["noise"] == noise) & (summary["quantity"] == factor)
+            _panel(ax, summary[chosen], labels, parameters.zone_names)
+    for ax, factor in zip(axes[:, 0], factors, strict=True):
+        ax.set_ylabel(f"RMSE of the MAP of {style.factor_label(factor)}")
+    for ax in axes[-1] if many else []:
+        ax.tick_params(axis="x", rotation=60)
+    fig.legend(handles=_legend(labels), loc="outside lower center", ncols=len(labels) + 2)
+    style.suptitle(fig, "Error of the MAP by zone and severity", " / ".join(filter(None, warnings)))
+    style.save(fig, summary, png, csv)
+
+
+def _panel(ax, part: pd.DataFrame, labels: Sequence[str], zones: Sequence[str]) -> None:
+    place = np.arange(len(zones))
+    for at, label in enumerate(labels):
+        shift = 0.75 * ((at + 0.5) / len(labels) - 0.5)
+        colour, marker = scenarios.look(at)
+        for stiffened, face in ((True, colour), (False, "white")):
+            mine = part[(part["set"] == label) & (part["stiffened"] == stiffened)]
+            value = mine.set_index("zone")["rmse"].reindex(zones)
+            ax.plot(
+                place + shift, value, marker, color=colour, markerfacecolor=face, markersize=5.5
+            )
+    ax.set_xticks(place, [style.zone_label(zone) for zone in zones])
+    ax.set_yscale("log")
+    ax.yaxis.grid(True, which="both", color=style.LIGHT, linewidth=0.5)
+    for border in place[:-1] + 0.5:
+        ax.axvline(border, color=style.LIGHT, linewidth=0.8)
+
+
+def _legend(labels: Sequence[str]) -> list[Line2D]:
+    def mark(marker, colour, face, label):
+        return Line2D(
+            [], [], linestyle="", marker=marker, color=colour, markerfacecolor=face, label=label
+        )
+
+    sets = []
+    for at, label in enumerate(labels):
+        colour, marker = scenarios.look(at)
+        sets.append(mark(marker, colour, colour, label))
+    kinds = [
+        mark("o", style.GREY, style.GREY, "stiffened zone"),
+        mark("o", style.GREY, "white", "other zones"),
+    ]
+    return sets + kinds

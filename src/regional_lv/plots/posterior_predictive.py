@@ -1,0 +1,178 @@
+"""What the posterior predicts for each channel, with the observations (the paper's Figure 12)."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import arviz as az
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+
+from regional_lv.channels import Channel, Channels
+from regional_lv.errors import InputError
+from regional_lv.plots import style
+from regional_lv.plots.case_posterior import density, read
+from regional_lv.quantities import QUANTITIES
+
+GAP = 1.2
+"""Between quantities, in widths of a violin."""
+
+ROOM = 3.5
+"""For numbers and name of an axis between quantities, in widths of a violin."""
+
+COLUMNS = ["output", "quantity", "segment", "item", "value", "density", "inside"]
+
+
+@style.context
+def draw(posterior: Path, diagnostics: Path, source: str, png: Path, csv: Path) -> None:
+    """Draw violins of the posterior predictive and the observations on them.
+
+    posterior: one subject's NetCDF with `posterior_predictive` (output error and measurement noise
+    included, natural units) and `constant_data.y_obs`; diagnostics: its verdict; source:
+    `subjects.<name>.source` of the config. Strains are read on the left, every other quantity on an
+    axis of its own to its right; each load has a panel, the full one first. The table is long:
+    output, quantity, segment, item (observed, median, lower95, upper95, density), value, density,
+    inside.
+    Raises InputError if the file has no posterior predictive.
+    """
+    found = read(posterior, diagnostics)
+    data = az.from_netcdf(posterior)
+    if "posterior_predictive" not in data.groups():
+        raise InputError(
+            f"{posterior}: no group `posterior_predictive`; rerun the subject's inference"
+        )
+    predicted = data.posterior_predictive["y"].sel(case=found.case)
+    observed = data.constant_data["y_obs"].sel(case=found.case).to_series()
+    channels = Channels.parse(predicted["output"].values.tolist())
+    draws = {name: np.ravel(predicted.sel(output=name)) for name in channels.names}
+    observed = observed.reindex(channels.names)
+
+    loads = {
+        load: [c for c in channels if c.load_fraction == load] for load in channels.load_fractions
+    }
+    widest = max(map(len, loads.values()))
+    fig = style.figure(max(6.0, 0.27 * widest + 2.5), 5.0 * len(loads) ** 0.8)
+    panels = fig.subplots(len(loads), 1, squeeze=False)[:, 0]
+    rows = []
+    for ax, (load, some) in zip(panels, loads.items(), strict=True):
+        rows += _panel(ax, _by_quantity(some), draws, observed)
+        if load != 1:
+            ax.set_title(f"at {100 * load:g} % of the end-diastolic pressure", pad=16)
+
+    table = pd.DataFrame(rows, columns=COLUMNS)
+    table.insert(0, "subject", found.case)
+    table["verdict"] = found.verdict
+    seen = table[table["item"] == "observed"]
+    outside = int((~seen["inside"].astype(bool)).sum())
+    ax = panels[0]
+    ax.plot(
+        [], [], "D", color=style.OBSERVED, markersize=5, label="observed, inside the 95 % interval"
+    )
+    ax.plot([], [], "x", color=style.OBSERVED, markersize=7, mew=2, label="observed, outside")
+    fig.legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncols=2)
+    title = found.title("Posterior predictive", source)
+    style.suptitle(fig, f"{title}: {outside} of {len(seen)} observations outside", found.warning)
+    style.save(fig, table, png, csv)
+
+
+def _by_quantity(channels: list[Channel]) -> dict[str, list[Channel]]:
+    """Channels of one load by quantity, wall strains first, places in order."""
+    known = list(QUANTITIES)
+    ordered = sorted(channels, key=lambda c: (not c.kind.is_strain, known.index(c.quantity)))
+    groups: dict[str, list[Channel]] = {}
+    for channel in ordered:
+        groups.setdefault(channel.quantity, []).append(channel)
+    return {
+        quantity: sorted(some, key=lambda c: c.kind.places.index(c.place))
+        for quantity, some in groups.items()
+    }
+
+
+def _panel(
+    ax: Axes, groups: dict[str, list[Channel]], draws: Mapping[str, np.ndarray], observed: pd.Series
+) -> list[tuple]:
+    """The violins of one load; what is drawn."""
+    colours = style.quantity_colours(groups)
+    rows, ticks, abbreviations = [], {}, []
+    last, at = list(groups)[-1], 0.0
+    for quantity, channels in groups.items():
+        strain, start = channels[0].kind.is_strain, at
+        axis = ax if strain else ax.twinx()
+        mine = []
+        for channel in channels:
+            mine += _violin(
+                axis, at, channel, colours[quantity], draws[channel.name], observed[channel.name]
+            )
+            ticks[at] = _tick(channel)
+            at += 1.0
+        rows += mine
+        ax.text(
+            (start + at - 1) / 2,
+            1.01,
+            quantity,
+            transform=ax.get_xaxis_transform(),
+            ha="center",
+            va="bottom",
+            color=style.BLACK,
+        )
+        if not strain:
+            unit = "" if channels[0].unit == "1" else f" ({channels[0].unit})"
+            axis.spines["right"].set_visible(True)
+            axis.set_ylabel(f"{quantity}{unit}")
+            axis.set_ylim(_padded(mine))
+            if start > 0:
+                ax.axvline(start - 1.1, color=style.LIGHT, linewidth=0.8)
+            if not channels[0].place:
+                abbreviations.append(f"{quantity[0].upper()}: {quantity}")
+            if quantity != last:
+                axis.spines["right"].set_position(("data", at))
+                at += ROOM
+        at += GAP
+    if not any(channels[0].kind.is_strain for channels in groups.values()):
+        ax.set_yticks([])
+        ax.spines["left"].set_visible(False)
+    else:
+        ax.axhline(0, color=style.LIGHT, linewidth=0.8, zorder=0)
+        ax.set_ylabel("strain")
+    ax.set_xticks(list(ticks), list(ticks.values()))
+    for tick, text in zip(ax.get_xticklabels(), ticks.values(), strict=True):
+        tick.set_rotation(90 if len(text) > 2 else 0)
+    words = f" ({', '.join(abbreviations)})" if abbreviations else ""
+    ax.set(xlim=(-1, at - 0.2), xlabel=f"AHA segment{words}")
+    return rows
+
+
+def _tick(channel: Channel) -> str:
+    if channel.segment:
+        return str(channel.segment)
+    return channel.place or channel.quantity[0].upper()
+
+
+def _violin(
+    ax: Axes, at: float, channel: Channel, colour: str, draws: np.ndarray, observed: float
+) -> list[tuple]:
+    lower, median, upper = np.quantile(draws, [0.025, 0.5, 0.975])
+    values, heights = density(draws)
+    width = 0.42 * heights / heights.max()
+    ax.fill_betweenx(values, at - width, at + width, color=colour, alpha=0.55, linewidth=0.6)
+    ax.plot([at, at], [lower, upper], color=style.BLACK, linewidth=0.8)
+    ax.plot([at - 0.16, at + 0.16], [median, median], color=style.BLACK, linewidth=1.2)
+    inside = bool(lower <= observed <= upper)
+    head = (channel.name, channel.quantity, channel.segment)
+    rows = [
+        (*head, item, value, np.nan, None)
+        for item, value in (("median", median), ("lower95", lower), ("upper95", upper))
+    ]
+    rows += [(*head, "density", v, h, None) for v, h in zip(values, heights, strict=True)]
+    if np.isfinite(observed):
+        shape = {"marker": "D", "markersize": 4} if inside else {"marker": "x", "markersize": 7}
+        ax.plot(at, observed, color=style.OBSERVED, mew=1 if inside else 2, zorder=5, **shape)
+        rows.append((*head, "observed", float(observed), np.nan, inside))
+    return rows
+
+
+def _padded(rows: list[tuple]) -> tuple[float, float]:
+    """Limits that leave violins the middle third: few channels on their own axis need no more."""
+    values = [row[4] for row in rows]
+    low, high = min(values), max(values)
+    return low - (high - low), high + (high - low)

@@ -1,0 +1,45 @@
+"""The fast sampler's posteriors against those of NUTS."""
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from regional_lv.parameters import Parameterisation
+from regional_lv.plots import style
+
+MEAN_LIMIT, SD_LIMIT = 0.1, 0.1
+"""What counts as agreement: means within 0.1 posterior sd, sds within 10 %."""
+
+
+@style.context
+def draw(agreement: Path, parameters: Parameterisation, png: Path, csv: Path) -> None:
+    """Draw the fast sampler's posteriors against NUTS: means and standard deviations.
+
+    agreement: CSV with case, parameter, mean_fast, mean_nuts, sd_fast, sd_nuts,
+    mean_difference_in_sd, sd_ratio, agrees; the figure's table. Between the dashed lines the two
+    agree. Without any case that the fast sampler finished, the figure is empty and says so.
+    """
+    table = pd.read_csv(agreement)
+    fig = style.figure(max(12.0, 1.0 * len(parameters)), 4.0)
+    left, right = fig.subplots(1, 2, sharex=True)
+    for at, name in enumerate(parameters.names):
+        part = table[table["parameter"] == name]
+        place = at + np.linspace(-0.3, 0.3, len(part))
+        colour = np.where(part["agrees"].astype(bool), style.BLUE, style.VERMILLION)
+        left.scatter(place, part["mean_difference_in_sd"], c=colour, s=9, linewidths=0)
+        right.scatter(place, part["sd_ratio"], c=colour, s=9, linewidths=0)
+    for limit in (-MEAN_LIMIT, MEAN_LIMIT):
+        left.axhline(limit, color=style.GREY, linestyle="--", linewidth=0.8)
+    for limit in (1 - SD_LIMIT, 1 + SD_LIMIT):
+        right.axhline(limit, color=style.GREY, linestyle="--", linewidth=0.8)
+    left.set(title="Difference of posterior means", ylabel="in posterior sd")
+    right.set(title="Ratio of posterior standard deviations", ylabel="fast sampler / NUTS")
+    names = [style.in_lines(style.label(name)) for name in parameters.names]
+    left.set_xticks(range(len(names)), names)
+    for ax in (left, right):
+        ax.tick_params(axis="x", labelsize=7)
+    cases = table["case"].nunique()
+    outcome = f"{100 * table['agrees'].mean():.0f} % agree" if cases else "none passed its gate"
+    style.suptitle(fig, f"Fast sampler against NUTS, {cases} cases: {outcome}")
+    style.save(fig, table, png, csv)

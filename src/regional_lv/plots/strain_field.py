@@ -1,0 +1,141 @@
+"""Strains through the wall and how they spread within a zone (the paper's Figure 2)."""
+
+from collections.abc import Sequence
+from itertools import cycle
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
+from scipy.stats import gaussian_kde
+
+from regional_lv.parameters import Parameterisation
+from regional_lv.plots import heart, style
+from regional_lv.quantities import QUANTITIES
+
+SHOWN = "radial"
+"""The strain that the pictures show."""
+
+MEASURES = {2: "Green strain", 1: "nominal strain", 0: "logarithmic strain", -2: "Almansi strain"}
+"""Exponent of the Seth-Hill family -> what the strain is called."""
+
+SEGMENT_SHOWN = 12
+"""The second picture is of the wall of this segment's zone: the lateral one."""
+
+LINES = ("-", "--", "-.", ":", (0, (6, 1, 1, 1, 1, 1)))
+COLOURS = (style.BLUE, style.VERMILLION, style.GREEN, style.PINK, style.BLACK)
+GRID = 160
+
+
+@style.context
+def draw(
+    vtu: Path,
+    strains: Path,
+    strain_exponent: float,
+    parameters: Parameterisation,
+    png: Path,
+    csv: Path,
+) -> None:
+    """Draw the radial strain on the deformed heart, and densities of all strains in every segment.
+
+    vtu, strains: mesh with `displacement` and table of strains of `strain_field.map_strains`;
+    strain_exponent: the member of the Seth-Hill family that they are. Densities
+    weight each integration point with its volume; dashes at the foot are the medians. The table is
+    long: zone, segment, direction, item (mean, sd, median, q025, q975, density), value, density.
+    """
+    table = pd.read_parquet(strains)
+    directions = [name for name in QUANTITIES if QUANTITIES[name].is_strain and name in table]
+    zones, per_zone = parameters.zones, len(directions)
+    (lines, columns), _ = style.zone_places(len(zones), per_zone)
+    fig = style.figure(2.1 * max(columns, 3) + 3.0, 2.2 * lines)
+    left, right = fig.subfigures(1, 2, width_ratios=[1, 0.72 * max(columns, 3)])
+    measure = MEASURES.get(strain_exponent, "strain")
+    _pictures(left, vtu, table, measure, parameters)
+    rows = []
+    axes = style.zone_panels(right, len(zones), per_zone)
+    for line, direction in zip(axes, directions, strict=True):
+        for ax, (zone, segments) in zip(line, zones.items(), strict=True):
+            rows += _densities(ax, table, zone, segments, direction)
+        for ax in line[1:]:
+            ax.sharex(line[0])
+        for ax in line[:: style.ZONES_PER_ROW]:
+            ax.set_ylabel(f"{direction}\ndensity")
+    for ax, (zone, segments) in zip(axes[0], zones.items(), strict=True):
+        ax.set_title(style.zone_label(zone))
+        many = len(segments) > len(COLOURS)
+        ax.legend(
+            title="AHA",
+            loc="upper right",
+            handlelength=1.6,
+            labelspacing=0.2,
+            ncols=3 if many else 1,
+            fontsize=6 if many else None,
+        )
+    for ax in axes[-1]:
+        ax.set_xlabel(measure)
+    style.suptitle(fig, r"Strains at end diastole, all factors 1 ($\theta = 1$)")
+    columns = ["zone", "segment", "direction", "item", "value", "density"]
+    style.save(fig, pd.DataFrame(rows, columns=columns), png, csv)
+
+
+def _pictures(
+    fig, vtu: Path, table: pd.DataFrame, measure: str, parameters: Parameterisation
+) -> None:
+    per_edge = round(np.cbrt(table["point"].nunique()))  # a piece of a cell around each point
+    grid = heart.straight_cells(vtu, per_edge, moved=True)
+    values = table.set_index(["cell", "point"])[SHOWN]
+    part = pd.MultiIndex.from_arrays([grid.cell_data["element"], grid.cell_data["part"]])
+    grid.cell_data[SHOWN] = values.loc[part].to_numpy()
+    norm = Normalize(*np.quantile(table[SHOWN], [0.01, 0.99]))
+    scale = ScalarMappable(norm, "cividis")
+    shown = parameters.zone_of(SEGMENT_SHOWN)
+    wall = grid.extract_cells(np.isin(grid.cell_data["segment"], parameters.zones[shown]))
+    middle = np.array(wall.center[:2])
+    facing = np.degrees(np.arctan2(*middle[::-1]))
+    axes = fig.subplots(2, 1)
+    facing_it = {"angle_deg": facing, "axis": tuple(middle)}
+    for ax, part, title, view in (
+        (axes[0], grid, f"{SHOWN} strain", {}),
+        (axes[1], wall, f"{style.zone_label(shown)} wall", facing_it),
+    ):
+        rgb = 255 * scale.to_rgba(part.cell_data[SHOWN])[:, :3]
+        ax.imshow(heart.render(part, rgb, **view))
+        ax.set_title(title)
+        ax.set_axis_off()
+    fig.colorbar(scale, ax=list(axes), location="bottom", shrink=0.8, label=measure)
+
+
+def _densities(
+    ax: Axes, table: pd.DataFrame, zone: str, segments: Sequence[int], direction: str
+) -> list[tuple]:
+    rows = []
+    for number, line, colour in zip(segments, cycle(LINES), cycle(COLOURS), strict=False):
+        part = table[table["segment"] == number]
+        values, weights = part[direction].to_numpy(), part["volume_mm3"].to_numpy()
+        mean = np.average(values, weights=weights)
+        low, median, high = weighted_quantiles(values, weights, [0.025, 0.5, 0.975])
+        sd = np.sqrt(np.average((values - mean) ** 2, weights=weights))
+        for item, value in zip(
+            ("mean", "sd", "median", "q025", "q975"), (mean, sd, median, low, high), strict=True
+        ):
+            rows.append((zone, number, direction, item, value, None))
+        at = np.linspace(values.min() - 0.5 * sd, values.max() + 0.5 * sd, GRID)
+        heights = gaussian_kde(values, weights=weights)(at)
+        rows += [
+            (zone, number, direction, "density", v, h) for v, h in zip(at, heights, strict=True)
+        ]
+        ax.plot(at, heights, color=colour, linestyle=line, label=str(number))
+        ax.axvline(median, ymax=0.12, color=colour, linewidth=1.6)
+    ax.set_ylim(bottom=0)
+    ax.set_yticks([])
+    ax.axvline(0, color=style.LIGHT, linewidth=0.8, zorder=0)
+    return rows
+
+
+def weighted_quantiles(values: np.ndarray, weights: np.ndarray, levels) -> np.ndarray:
+    """Values below which `levels` of the total weight lie."""
+    order = np.argsort(values)
+    reached = np.cumsum(weights[order])
+    return np.interp(np.asarray(levels) * reached[-1], reached - weights[order] / 2, values[order])

@@ -1,0 +1,128 @@
+"""Chains, marginal posteriors and autocorrelation (the paper's Figure S6)."""
+
+from pathlib import Path
+
+import arviz as az
+import numpy as np
+import pandas as pd
+
+from regional_lv.plots import style
+from regional_lv.plots.case_posterior import density, read
+
+MAX_LAG = 40
+
+
+@style.context
+def draw(
+    posterior: Path,
+    diagnostics: Path,
+    source: str,
+    png: Path,
+    csv: Path,
+    truth: Path | None = None,
+    case: str | None = None,
+) -> None:
+    """Draw every parameter and noise scale of one case: trace, marginal, autocorrelation.
+
+    posterior: NetCDF; diagnostics: its verdict; source: `subjects.<name>.source` of the config;
+    truth: JSON of a synthetic subject; case: needed if `posterior` holds several. The truth is
+    dashed green, the 95 % HPD interval dotted vermillion. The table is long: parameter, item (draw,
+    density, autocorrelation, median, lower95, upper95, truth), chain, x (draw, value or lag), y.
+    """
+    found = read(posterior, diagnostics, case=case, truth=truth)
+    summary = found.summary()
+    names = list(found.draws)
+    fig = style.figure(10.5, 1.15 * len(names) + 1.2)
+    axes = fig.subplots(len(names), 3, width_ratios=[2.4, 1.2, 1.0], squeeze=False)
+    _share(axes, len(found.parameters))
+    rows = []
+    for (trace, marginal, memory), name in zip(axes, names, strict=True):
+        draws = found.draws[name]
+        row = summary.loc[name]
+        trace_panel(trace, name, draws, rows)
+        marginal_panel(marginal, name, draws, rows)
+        _autocorrelation(memory, name, draws, rows)
+        for item in summary.columns:
+            rows.append((name, item, None, row[item], None))
+        if name in found.truth:
+            rows.append((name, "truth", None, found.truth[name], None))
+        mark(trace, marginal, row, found.truth.get(name))
+    titles = {"Trace": "draw", "Posterior": "value", "Autocorrelation": "lag"}
+    for (title, label), column in zip(titles.items(), axes.T, strict=True):
+        column[0].set_title(title)
+        column[-1].set_xlabel(label)
+    fig.align_ylabels(axes[:, 0])
+    legend(fig, axes[0, 0], len(draws), bool(found.truth))
+    style.suptitle(
+        fig,
+        found.title(f"Convergence gate {found.verdict.split(':')[0]}", source),
+        found.warning,
+    )
+    table = pd.DataFrame(rows, columns=["parameter", "item", "chain", "x", "y"])
+    table.insert(0, "case", found.case)
+    table["verdict"] = found.verdict
+    style.save(fig, table, png, csv)
+
+
+def _share(axes: np.ndarray, parameters: int) -> None:
+    """One axis of draws, one of lags, one of values for the parameters; noise scales apart."""
+    for column, rows in ((0, len(axes)), (1, parameters), (2, len(axes))):
+        for ax in axes[1:rows, column]:
+            ax.sharex(axes[0, column])
+        for ax in axes[: rows - 1, column]:
+            ax.tick_params(labelbottom=False)
+
+
+def trace_panel(ax, name: str, draws: np.ndarray, rows: list) -> None:
+    """Draw the chains of one parameter into `ax`; append what is drawn to `rows`."""
+    for chain, values in enumerate(draws):
+        colour = style.CHAIN_COLOURS[chain % len(style.CHAIN_COLOURS)]
+        ax.plot(values, color=colour, linewidth=0.5, alpha=0.8)
+        rows += [(name, "draw", chain, i, v) for i, v in enumerate(values)]
+    ax.set_ylabel(style.in_lines(style.label(name)), rotation=0, ha="right", va="center")
+    ax.margins(x=0.01)
+
+
+def marginal_panel(ax, name: str, draws: np.ndarray, rows: list) -> None:
+    """Draw histogram and density of one parameter into `ax`; append the density to `rows`."""
+    ax.hist(draws.ravel(), bins=40, density=True, color=style.LIGHT)
+    values, heights = density(draws)
+    ax.plot(values, heights, color=style.BLUE)
+    rows += [(name, "density", None, v, h) for v, h in zip(values, heights, strict=True)]
+    ax.set_yticks([])
+    ax.spines["left"].set_visible(False)
+
+
+def _autocorrelation(ax, name: str, draws: np.ndarray, rows: list) -> None:
+    lags = min(MAX_LAG, draws.shape[1] - 1)
+    # About zero, 95 % of an uncorrelated sequence of this length.
+    ax.axhspan(*(np.array([-1, 1]) * 1.96 / np.sqrt(draws.shape[1])), color=style.LIGHT, zorder=0)
+    for chain, values in enumerate(draws):
+        colour = style.CHAIN_COLOURS[chain % len(style.CHAIN_COLOURS)]
+        correlation = az.autocorr(values)[: lags + 1]
+        ax.plot(correlation, color=colour, linewidth=1)
+        rows += [(name, "autocorrelation", chain, i, v) for i, v in enumerate(correlation)]
+    ax.set(ylim=(-0.35, 1.05), yticks=[0, 1])
+
+
+def mark(trace, marginal, row: pd.Series, truth: float | None) -> None:
+    """Draw median and 95 % HPD interval of `row`, and the truth if it is known."""
+    marginal.axvline(row["median"], color=style.BLACK, linewidth=0.9)
+    for limit in (row["lower95"], row["upper95"]):
+        trace.axhline(limit, color=style.VERMILLION, linestyle=":", linewidth=1)
+        marginal.axvline(limit, color=style.VERMILLION, linestyle=":", linewidth=1.2)
+    if truth is not None:
+        trace.axhline(truth, color=style.GREEN, linestyle="--", linewidth=1.4, zorder=4)
+        marginal.axvline(truth, color=style.GREEN, linestyle="--", linewidth=1.4)
+
+
+def legend(fig, ax, chains: int, has_truth: bool) -> None:
+    """Name chains, interval and truth below the figure; `ax` lends its handles."""
+    for chain in range(chains):
+        colour = style.CHAIN_COLOURS[chain % len(style.CHAIN_COLOURS)]
+        ax.plot([], [], color=colour, label=f"chain {chain + 1}")
+    ax.plot([], [], color=style.BLACK, linewidth=0.9, label="median")
+    ax.plot([], [], ":", color=style.VERMILLION, label="95 % HPD interval")
+    if has_truth:
+        ax.plot([], [], "--", color=style.GREEN, label="truth")
+    fig.legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncols=chains + 3)

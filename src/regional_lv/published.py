@@ -1,0 +1,210 @@
+"""Files that others published: where they are found, and how they are known to be the right ones.
+
+A file comes from a local mirror, if one is named and has it, or else from the paper's public
+repository at a pinned commit; its SHA-256 decides whether it is accepted.
+"""
+
+import hashlib
+import http.client
+import logging
+import os
+import threading
+import urllib.request
+from pathlib import Path
+from typing import NamedTuple
+
+from regional_lv.errors import InputError
+
+log = logging.getLogger(__name__)
+
+REPOSITORY = "Aether-Ren/MultiR_FixedG_JRSSC"
+COMMIT = "76d81bc30478414e6ee7d841398ba4b83d463b8c"
+MIRROR_VARIABLE = "REGIONAL_LV_PUBLISHED"
+NETWORK_VARIABLE = "REGIONAL_LV_REPOSITORY_ANSWERS"
+"""Set by the first process that asked; the jobs it starts inherit the answer."""
+
+VOLUNTEER = "measured/ACase.csv"
+VOLUNTEER_SLICES = tuple(f"measured/slice{number}.csv" for number in range(1, 6))
+"""Strains over the cine frames, a file per short-axis slice, from base to apex."""
+SLICES_OF_LEVEL = ((1, 2), (3, 4), (5,))
+"""Numbers of these slices at the basal, mid and apical level."""
+HEART_MESH = "mesh/hexheartLVmeshF60S45.inp"
+HEART_SEGMENTS = "mesh/AHALVMeshDivisionPCAReconstructed.mat"
+TRAINING_INPUTS = "simulations/X_train_Final_10.csv"
+TRAINING_OUTPUTS = "simulations/Y_data_train_Final.csv"
+PUBLISHED_HEART = "published_heart"
+"""What a config calls `HEART_MESH` with `HEART_SEGMENTS`."""
+PUBLISHED = "published"
+"""What a config calls `TRAINING_INPUTS` and `TRAINING_OUTPUTS`."""
+TRAINING = {"inputs": TRAINING_INPUTS, "outputs": TRAINING_OUTPUTS}
+PUBLISHED_ROWS = 5661
+"""Rows of both."""
+
+
+class Published(NamedTuple):
+    """A published file: its path in the repository and the SHA-256 of its content."""
+
+    repository_path: str
+    sha256: str
+
+
+FILES = {
+    VOLUNTEER: Published(
+        "ACase/4.3Data/ACase.csv",
+        "62a4c71de9f7608cb22edabb06e9b63aa58c6fa291f887bf7c2856d216e39906",
+    ),
+    **{
+        path: Published(f"ACase/4.3Data/{Path(path).name}", digest)
+        for path, digest in zip(
+            VOLUNTEER_SLICES,
+            (
+                "1b215d983c501e9f5aa871c5a932cb9669b7268773c8edcfcecda492e806c11d",
+                "773fde1d2f4c7a3be8417b560efc1afc69275f307a9688c8d4d6ef2684f03ce4",
+                "ffd3d00811f71f0accc4b906acfe4902e6eec2ecfea6150da61584c9faeac645",
+                "6d1b6e68a56dda6f3facf218e6226f137e1f686609826615a53e0e60ae1bbdcb",
+                "dd2515530bc0868a99b249b9e73e984f960f7304b24bd9c20c3a0402c6fd44f2",
+            ),
+            strict=True,
+        )
+    },
+    HEART_MESH: Published(
+        "LVmeshV/hexheartLVmeshF60S45.inp",
+        "28542da10e407e9544738da2c651ed3152d9fdcb6ba2c66446c9abb070add74a",
+    ),
+    HEART_SEGMENTS: Published(
+        "LVmeshV/AHALVMeshDivisionPCAReconstructed.mat",
+        "9bb1871e650f547ecb7068865ad9993b00de7a389735065f07a7018a18811448",
+    ),
+    TRAINING_INPUTS: Published(
+        "SimulationData/Data20260110/X_train_Final_10.csv",
+        "3b234f39a4d032b5d000e3e29b0c55a4d8fda9417254fd180c81840de5722723",
+    ),
+    TRAINING_OUTPUTS: Published(
+        "SimulationData/Data20260110/Y_data_train_Final.csv",
+        "08c4df7d0431bcfda79689cdb653561e9d2b3fade1fe74bd3058f99dac46b4c5",
+    ),
+}
+"""Published files by their path in a mirror. A mirror may also be a clone of the repository."""
+
+
+def fetch_published(
+    relative_path: str, mirror: str | None, download: bool, destination: str | Path
+) -> Path:
+    """Put a published file at `destination`.
+
+    Parameters
+    ----------
+    relative_path: a key of `FILES`.
+    mirror: folder with the published files, or None; the environment variable
+        REGIONAL_LV_PUBLISHED takes precedence.
+    download: whether to ask the public repository for what the mirror does not have.
+
+    Raises
+    ------
+    InputError: it is found nowhere, or its content is not the published one.
+    """
+    found = find_in_mirror(relative_path, mirror)
+    if found:
+        content, origin = found.read_bytes(), str(found)
+    elif download:
+        origin = repository_url(relative_path)
+        try:
+            with urllib.request.urlopen(origin, timeout=30) as answer:
+                content = answer.read()
+        except (OSError, http.client.HTTPException) as error:
+            raise InputError(f"{origin}: cannot be fetched ({error}); {remedy()}") from error
+    else:
+        raise InputError(f"{relative_path}: the mirror does not have it; {remedy()}")
+    digest = hashlib.sha256(content).hexdigest()
+    if digest != FILES[relative_path].sha256:
+        raise InputError(
+            f"{origin}: SHA-256 {digest} is not that of the published file "
+            f"({FILES[relative_path].sha256}); replace it by the one of {REPOSITORY} at {COMMIT}"
+        )
+    destination = Path(destination)
+    destination.parent.mkdir(parents=True, exist_ok=True)
+    part = destination.with_name(destination.name + ".part")
+    part.write_bytes(content)
+    part.replace(destination)
+    log.info("%s from %s", destination, origin)
+    return destination
+
+
+def find_in_mirror(relative_path: str, mirror: str | None) -> Path | None:
+    """The file's place in the mirror, if there is one and it has the file."""
+    mirror = os.environ.get(MIRROR_VARIABLE) or mirror
+    if mirror is None:
+        return None
+    places = (Path(mirror) / relative_path, Path(mirror) / FILES[relative_path].repository_path)
+    return next((place for place in places if place.is_file()), None)
+
+
+def repository_url(relative_path: str) -> str:
+    """Address of a published file at the pinned commit."""
+    path = FILES[relative_path].repository_path
+    return f"https://raw.githubusercontent.com/{REPOSITORY}/{COMMIT}/{path}"
+
+
+def remedy() -> str:
+    """How a user gets at the published files."""
+    return (
+        f"clone https://github.com/{REPOSITORY} (commit {COMMIT[:7]}) and name the folder in "
+        f"resources.published_mirror or in the environment variable {MIRROR_VARIABLE}"
+    )
+
+
+def fetched_path(study: str, relative_path: str) -> str:
+    """Where a study keeps its copy of a published file."""
+    return f"results/{study}/published/{relative_path}"
+
+
+def volunteer_available(config: dict, timeout: float = 2.5) -> bool:
+    """Whether the published volunteer can be had, so that a study without it still completes.
+
+    Cheap enough for every parsing of the workflow: the study's own copy and the mirror are looked
+    at first. The repository is asked once per run, for at most `timeout` seconds; a copy that was
+    fetched once keeps the answer the same from then on.
+    """
+    resources = config["resources"]
+    if Path(fetched_path(config["study"], VOLUNTEER)).is_file():
+        return True
+    if find_in_mirror(VOLUNTEER, resources["published_mirror"]):
+        return True
+    if not resources["download"]:
+        _notice_once("resources.download is false and there is no mirror that has the file")
+        return False
+    if NETWORK_VARIABLE not in os.environ:
+        answers = _answers(repository_url(VOLUNTEER), timeout)
+        os.environ[NETWORK_VARIABLE] = "yes" if answers else "no"
+        if not answers:
+            _notice_once("neither a mirror nor the public repository can be reached")
+    return os.environ[NETWORK_VARIABLE] == "yes"
+
+
+def _notice_once(reason: str) -> None:
+    """Say it in the process that starts a run, not in each of its jobs again."""
+    variable = "REGIONAL_LV_VOLUNTEER_NOTICE"
+    if variable not in os.environ:
+        os.environ[variable] = "given"
+        log.warning("The published volunteer is left out: %s. To have it, %s.", reason, remedy())
+
+
+def _answers(url: str, timeout: float) -> bool:
+    """Whether `url` answers a HEAD request with 200 in time.
+
+    In a thread of its own, because looking up a host's name knows no timeout.
+    """
+    statuses = []
+
+    def ask() -> None:
+        try:
+            request = urllib.request.Request(url, method="HEAD")
+            with urllib.request.urlopen(request, timeout=timeout) as answer:
+                statuses.append(answer.status)
+        except (OSError, http.client.HTTPException) as error:
+            log.debug("%s: %s", url, error)
+
+    thread = threading.Thread(target=ask, daemon=True)
+    thread.start()
+    thread.join(timeout)
+    return statuses == [200]

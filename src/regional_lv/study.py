@@ -1,0 +1,180 @@
+"""A study in Python: the functions and the files of the workflow's rules, called from a session.
+
+    from regional_lv.study import Study
+
+    study = Study({"study": "mine", "design": {"natural": 120, "log": 30}})
+    study.make_heart()
+    simulations = study.simulate()
+    emulator = study.train("gradient_gp")
+    posterior = study.infer("measured.csv", emulator)
+
+Files lie where the workflow puts them, so that either can go on with what the other made.
+"""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import arviz as az
+import pandas as pd
+
+from regional_lv import config as study_config
+from regional_lv.channels import Channels
+from regional_lv.design import make_design
+from regional_lv.emulators import Emulator, load, train_emulator
+from regional_lv.geometry.make import make_mesh
+from regional_lv.inference.sampling import sample_subject
+from regional_lv.mechanics.predictor import fit_predictor
+from regional_lv.parameters import Parameterisation
+from regional_lv.screening import screen_simulations
+from regional_lv.seeds import derive
+from regional_lv.simulations import make_runner, simulate_batch, solve_anchors, solve_baseline
+from regional_lv.subjects import simulate_subject
+
+
+class Study:
+    """One heart, its simulations, emulators and posteriors.
+
+    Attributes: config (checked, complete), parameters, channels, physics (what simulations depend
+    on), folder.
+
+    Parameters
+    ----------
+    config: path of a configuration, or what such a file holds.
+    folder: where files go, `results/<study>` by default.
+
+    Raises InputError for a configuration that cannot be used.
+    """
+
+    def __init__(self, config: str | Path | Mapping, folder: str | Path | None = None):
+        config = dict(config) if isinstance(config, Mapping) else config
+        self.config = study_config.load(config)
+        self.parameters = Parameterisation.from_config(self.config)
+        self.channels = Channels.from_config(self.config)
+        self.physics = study_config.physics(self.config)
+        self.folder = Path(folder or Path("results") / self.config["study"])
+
+    def _file(self, path: str) -> Path:
+        (self.folder / path).parent.mkdir(parents=True, exist_ok=True)
+        return self.folder / path
+
+    def make_heart(self) -> Path:
+        """Mesh the segment table; the mesh's file (.vtu, opens in ParaView)."""
+        geometry = self.config["geometry"]
+        make_mesh(
+            geometry["segments"],
+            geometry["endo_apex_z_mm"],
+            geometry["epi_apex_z_mm"],
+            self.config["mesh"],
+            self.config["fibres"],
+            msh=self._file("geometry/mesh.msh"),
+            vtu=self._file("geometry/mesh.vtu"),
+            segments=self._file("geometry/segments.csv"),
+            summary=self._file("geometry/summary.json"),
+            zones=self.parameters.zones,
+        )
+        return self._file("geometry/mesh.vtu")
+
+    def simulate(self) -> pd.DataFrame:
+        """Simulate the training design from the heart; the simulations that converged.
+
+        A row each: theta (named as `parameters.names`), the channels (`channels.names`), the
+        `sensitivity` d(channels)/d(theta) and what it took.
+        """
+        mesh, physics = self._file("geometry/mesh.vtu"), self.physics
+        design = make_design(self.config["design"], self.parameters, self.config["seed"])["train"]
+        points = self._file("design/train.parquet")
+        design.to_parquet(points, index=False)
+        start = self._file("mechanics/baseline.npz")
+        solve_baseline(mesh, physics, start, self._file("mechanics/baseline.json"))
+        anchors = self._file("mechanics/anchors/batch-0000.npz")
+        count = min(self.config["simulations"]["anchors"], len(design))
+        solve_anchors(mesh, start, points, physics, count, 1, "0000", anchors)
+        predictor = self._file("mechanics/predictor.npz")
+        fit_predictor([anchors], physics, predictor)
+        batch = self._file("simulations/train/batch-0000.parquet")
+        simulate_batch(
+            mesh, predictor, points, physics, len(design), "0000", set="train", simulations=batch
+        )
+        kept = self._file("screening/train.parquet")
+        screen_simulations(
+            [batch],
+            self.parameters,
+            self.channels,
+            kept,
+            self._file("screening/train_excluded.csv"),
+            self._file("screening/train_summary.csv"),
+        )
+        return pd.read_parquet(kept)
+
+    def outputs(self, **theta: float) -> pd.Series:
+        """The channels of one heart by the full simulator, after `simulate`.
+
+        theta: parameters by name; those that are not given are 1. Raises ArithmeticError for a
+        heart that cannot be inflated.
+        """
+        runner = make_runner(
+            self._file("geometry/mesh.vtu"),
+            self.physics,
+            self._file("mechanics/predictor.npz"),
+            sensitivities=False,
+        )
+        result = runner.run(self.parameters.vector(theta))
+        if result.status != "converged":
+            raise ArithmeticError(result.reason)
+        return pd.Series(result.observables, index=list(self.channels.names))
+
+    def train(self, name: str = "gradient_gp") -> Emulator:
+        """Train the emulator `name` on the simulations, with the configuration's settings."""
+        file = self._file(f"emulators/{name}.pt")
+        train_emulator(
+            name,
+            self.config["emulators"][name],
+            self._file("screening/train.parquet"),
+            self.parameters,
+            self.channels,
+            self.config["seed"],
+            file,
+            self._file(f"emulators/{name}/fit.json"),
+        )
+        return load(file)
+
+    def infer(
+        self, measured: str | Path, emulator: Emulator, subject: str = "subject"
+    ) -> az.InferenceData:
+        """The posterior of theta given a measured file, as ArviZ InferenceData.
+
+        Its diagnostics are in `posteriors/<emulator>/subjects/<subject>.csv`. Raises InputError for
+        a measured file that cannot be used.
+        """
+        clinical, folder = self.config["clinical"], f"posteriors/{emulator.name}/subjects"
+        nuts = self.config["nuts"] | {k: clinical[k] for k in ("chains", "warmup", "draws")}
+        posterior = self._file(f"{folder}/{subject}.nc")
+        sample_subject(
+            self._file(f"emulators/{emulator.name}.pt"),
+            measured,
+            subject,
+            self.config["test_posteriors"]["sampler"],
+            nuts,
+            self.config["map"],
+            clinical["noise_prior_scale"],
+            self.config["seed"],
+            posterior,
+            self._file(f"{folder}/{subject}.csv"),
+        )
+        return az.from_netcdf(posterior)
+
+    def measure(self, name: str) -> Path:
+        """Simulate the entry `name` of `synthetic_subjects`, with its noise; the measured file."""
+        entry, seed = self.config["synthetic_subjects"][name], self.config["seed"]
+        measured = self._file(f"measured/{name}.csv")
+        simulate_subject(
+            name,
+            entry,
+            self._file("geometry/mesh.vtu"),
+            self._file("mechanics/predictor.npz"),
+            self.physics,
+            seed=derive(seed, "subject", name) if entry["seed"] is None else entry["seed"],
+            measured=measured,
+            truth=self._file(f"truth/{name}.json"),
+        )
+        return measured

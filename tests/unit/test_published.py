@@ -1,0 +1,215 @@
+"""Published files: mirror before repository, checksums, and a study that can do without them."""
+
+import hashlib
+import http.server
+import logging
+import threading
+import time
+
+import pytest
+
+from regional_lv import progress, published
+from regional_lv.errors import InputError
+
+PINNED = published.FILES
+CONTENT = b"180.9,-0.1\n"
+NAME = "measured/case.csv"
+
+
+@pytest.fixture(autouse=True)
+def clean_surroundings(monkeypatch, tmp_path):
+    """No mirror, no answer remembered, no copy, and one published file whose content is known."""
+    for variable in (
+        published.MIRROR_VARIABLE,
+        published.NETWORK_VARIABLE,
+        "REGIONAL_LV_VOLUNTEER_NOTICE",
+    ):
+        # setenv first, so that what the tested code sets is taken back as well.
+        monkeypatch.setenv(variable, "")
+        monkeypatch.delenv(variable)
+    digest = hashlib.sha256(CONTENT).hexdigest()
+    known = published.Published("Case/case.csv", digest)
+    monkeypatch.setattr(published, "FILES", {NAME: known, published.VOLUNTEER: known})
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.fixture
+def mirror(tmp_path):
+    folder = tmp_path / "mirror"
+    for name in (NAME, published.VOLUNTEER):
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_bytes(CONTENT)
+    return str(folder)
+
+
+@pytest.fixture
+def repository(monkeypatch):
+    """A server in place of the public repository; yields the list of requests it got."""
+    requests = []
+
+    class Handler(http.server.BaseHTTPRequestHandler):
+        def answer(self):
+            requests.append(self.command)
+            self.send_response(200)
+            self.end_headers()
+            if self.command == "GET":
+                self.wfile.write(CONTENT)
+
+        do_GET = do_HEAD = answer
+
+        def log_message(self, *_):
+            """Keep the output of the tests clean."""
+
+    server = http.server.HTTPServer(("127.0.0.1", 0), Handler)
+    threading.Thread(target=server.serve_forever, args=(0.01,), daemon=True).start()
+    address = f"http://127.0.0.1:{server.server_port}/case.csv"
+    monkeypatch.setattr(published, "repository_url", lambda name: address)
+    yield requests
+    server.shutdown()
+    server.server_close()
+
+
+@pytest.fixture
+def silence(monkeypatch):
+    """A repository that cannot be reached: the port is closed."""
+    monkeypatch.setattr(published, "repository_url", lambda name: "http://127.0.0.1:9/case.csv")
+
+
+def study(mirror=None, download=True):
+    return {"study": "mine", "resources": {"published_mirror": mirror, "download": download}}
+
+
+def test_mirror_comes_first(tmp_path, mirror, repository):
+    copy = published.fetch_published(NAME, mirror, True, tmp_path / "new" / "case.csv")
+    assert copy.read_bytes() == CONTENT
+    assert repository == []
+
+
+def test_variable_takes_precedence(tmp_path, mirror, monkeypatch):
+    monkeypatch.setenv(published.MIRROR_VARIABLE, mirror)
+    copy = published.fetch_published(NAME, str(tmp_path / "elsewhere"), False, tmp_path / "c.csv")
+    assert copy.read_bytes() == CONTENT
+
+
+def test_clone_of_the_repository_serves_as_mirror(tmp_path):
+    (tmp_path / "Case").mkdir()
+    (tmp_path / "Case" / "case.csv").write_bytes(CONTENT)
+    copy = published.fetch_published(NAME, str(tmp_path), False, tmp_path / "c.csv")
+    assert copy.read_bytes() == CONTENT
+
+
+def test_repository_serves_what_the_mirror_does_not_have(tmp_path, repository):
+    copy = published.fetch_published(NAME, str(tmp_path), True, tmp_path / "c.csv")
+    assert copy.read_bytes() == CONTENT
+    assert repository == ["GET"]
+
+
+def test_other_content_is_refused_and_nothing_is_left(tmp_path, mirror):
+    (tmp_path / "mirror" / NAME).write_bytes(b"other")
+    with pytest.raises(InputError, match=r"SHA-256 .* is not that of the published file.*replace"):
+        published.fetch_published(NAME, mirror, True, tmp_path / "c.csv")
+    assert not (tmp_path / "c.csv").exists()
+
+
+@pytest.mark.parametrize("download", [True, False])
+def test_unreachable_file_names_the_remedy(tmp_path, silence, download):
+    with pytest.raises(InputError, match=r"resources\.published_mirror") as error:
+        published.fetch_published(NAME, str(tmp_path / "none"), download, tmp_path / "c.csv")
+    assert published.MIRROR_VARIABLE in str(error.value)
+
+
+def test_volunteer_is_available_from_a_mirror_without_asking(mirror, repository):
+    assert published.volunteer_available(study(mirror))
+    assert repository == []
+
+
+def test_volunteer_is_available_when_the_repository_answers_and_that_is_asked_once(repository):
+    assert published.volunteer_available(study())
+    assert published.volunteer_available(study())
+    assert repository == ["HEAD"]
+
+
+def test_volunteer_once_fetched_stays_available(silence, tmp_path):
+    copy = tmp_path / published.fetched_path("mine", published.VOLUNTEER)
+    copy.parent.mkdir(parents=True)
+    copy.write_bytes(CONTENT)
+    assert published.volunteer_available(study(download=False))
+
+
+def test_volunteer_is_left_out_with_one_notice(silence, caplog):
+    assert not published.volunteer_available(study())
+    assert not published.volunteer_available(study())
+    assert len(caplog.records) == 1
+    assert "left out: neither a mirror nor the public repository" in caplog.text
+    assert "resources.published_mirror" in caplog.text
+
+
+def test_no_download_asks_nobody(repository, caplog):
+    assert not published.volunteer_available(study(download=False))
+    assert repository == []
+    assert "resources.download is false" in caplog.text
+
+
+def test_repository_that_hangs_is_given_up(monkeypatch):
+
+    def slow(*_, **__):
+        time.sleep(5)
+        raise TimeoutError("no answer")
+
+    monkeypatch.setattr(published.urllib.request, "urlopen", slow)
+    start = time.monotonic()
+    assert not published.volunteer_available(study(), timeout=0.2)
+    assert time.monotonic() - start < 1
+
+
+def test_pinned_files_name_a_digest_and_the_pinned_commit(monkeypatch):
+    monkeypatch.setattr(published, "FILES", PINNED)
+    assert published.COMMIT.startswith("76d81bc") and len(published.COMMIT) == 40
+    for name in PINNED:
+        assert len(PINNED[name].sha256) == 64
+        assert published.COMMIT in published.repository_url(name)
+
+
+CLONE = {
+    "ACase/4.3Data/ACase.csv": published.VOLUNTEER,
+    **{f"ACase/4.3Data/slice{n}.csv": f"measured/slice{n}.csv" for n in range(1, 6)},
+    "LVmeshV/hexheartLVmeshF60S45.inp": published.HEART_MESH,
+    "LVmeshV/AHALVMeshDivisionPCAReconstructed.mat": published.HEART_SEGMENTS,
+    "SimulationData/Data20260110/X_train_Final_10.csv": published.TRAINING_INPUTS,
+    "SimulationData/Data20260110/Y_data_train_Final.csv": published.TRAINING_OUTPUTS,
+}
+"""Where files lie in the public repository, looked up there, and what the project calls them."""
+
+
+def test_every_file_is_found_in_a_folder_laid_out_like_the_repository(tmp_path, monkeypatch):
+    known = dict(PINNED)
+    clone = tmp_path / "MultiR_FixedG_JRSSC"
+    for place, name in CLONE.items():
+        content = f"what {place} holds".encode()
+        (clone / place).parent.mkdir(parents=True, exist_ok=True)
+        (clone / place).write_bytes(content)
+        known[name] = known[name]._replace(sha256=hashlib.sha256(content).hexdigest())
+    monkeypatch.setattr(published, "FILES", known)
+    assert set(known) == set(CLONE.values())
+    for place, name in CLONE.items():
+        copy = published.fetch_published(name, str(clone), False, tmp_path / "copy" / name)
+        assert copy.read_bytes() == f"what {place} holds".encode()
+    assert published.volunteer_available(study(str(clone), download=False))
+
+
+def test_progress_tells_how_far_and_how_long(caplog):
+    caplog.set_level(logging.INFO)
+    loop = progress.Progress("train batch 0", 100, interval=3600)
+    for item in range(100):
+        loop.step(failed=item < 2)
+    first, last = [record.getMessage() for record in caplog.records]
+    assert first.startswith("train batch 0: done 1/100, failed 1, elapsed ")
+    assert last.startswith("train batch 0: done 100/100, failed 2, elapsed ")
+    assert last.endswith("left 0.0 s")
+
+
+def test_progress_extrapolates():
+    loop = progress.Progress("x", 10, interval=3600)
+    loop.done = 4
+    assert loop.line(100.0) == "x: done 4/10, failed 0, elapsed 1 min 40 s, left 2 min 30 s"
+    assert progress.duration(7300) == "2 h 01 min"

@@ -1,0 +1,87 @@
+"""The examples of the configuration, each from the mesh to a posterior, as small as it can be."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from regional_lv import config as study_config
+from regional_lv.study import Study
+
+EXAMPLES = Path(__file__).parents[2] / "config" / "examples"
+SMOKE = EXAMPLES.parent / "smoke.yaml"
+
+# Example, emulator, training simulations, parameters and channels that it has.
+CASES = [
+    ("whole", "gradient_gp", 12, 2, 52),
+    ("segments", "exact_gp", 40, 34, 52),
+    ("guccione", "gradient_gp", 24, 10, 52),
+    ("three_loads", "gradient_gp", 24, 10, 156),
+    ("torsion", "exact_gp", 24, 10, 55),
+    ("plugin", "quadratic", 70, 10, 53),
+]
+
+
+def merged(first: dict, second: dict) -> dict:
+    """As Snakemake puts two configuration files together."""
+    both = first | second
+    for key in first.keys() & second.keys():
+        if isinstance(first[key], dict) and isinstance(second[key], dict):
+            both[key] = merged(first[key], second[key])
+    return both
+
+
+def example(name: str, simulations: int) -> dict:
+    smoke, own = (yaml.safe_load(p.read_text()) for p in (SMOKE, EXAMPLES / f"{name}.yaml"))
+    small = {
+        "design": {"natural": simulations - 4, "log": 4},
+        "simulations": {"anchors": 8},
+        "efficiency": {"sizes": [simulations], "most_with_sensitivities": simulations},
+    }
+    return merged(merged(smoke, own), small)
+
+
+@pytest.mark.parametrize(
+    "name, emulator, simulations, parameters, channels", CASES, ids=[case[0] for case in CASES]
+)
+def test_example(root, tmp_path, monkeypatch, name, emulator, simulations, parameters, channels):
+    """Every simulation converges, its numbers are of the size and the names that the example asks
+    for, and the posterior of a measured heart moves from the prior towards the truth."""
+    monkeypatch.chdir(root)
+    study = Study(example(name, simulations), tmp_path)
+    assert (len(study.parameters), len(study.channels)) == (parameters, channels)
+    study.make_heart()
+    table = study.simulate()
+    assert len(table) == simulations
+    sizes = {len(row) for row in table["sensitivity"]}
+    assert sizes == {parameters * channels}
+    trained = study.train(emulator)
+    measured = study.measure("synthetic")
+    posterior = study.infer(measured, trained, "synthetic").posterior["theta"]
+    assert tuple(posterior["parameter"].to_numpy()) == study.parameters.names
+    draws = posterior.to_numpy().reshape(-1, parameters)
+    assert (draws > study.parameters.lower).all() and (draws < study.parameters.upper).all()
+    # What the data tell most of is the stiffness of the whole: the mean of the stress factors.
+    stress = study.parameters.scales_stress
+    truth = study.parameters.vector(study.config["synthetic_subjects"]["synthetic"]["theta"])
+    found = np.log(draws[:, stress]).mean(axis=1)
+    prior = np.log(np.random.default_rng(0).uniform(*_bounds(study, stress))).mean(axis=1)
+    assert found.std() < 0.7 * prior.std()
+    assert abs(found.mean() - np.log(truth[stress]).mean()) < 4 * found.std() + 0.15
+
+
+def _bounds(study, mask):
+    lower, upper = study.parameters.lower[mask], study.parameters.upper[mask]
+    return lower, upper, (4000, mask.sum())
+
+
+@pytest.mark.parametrize("name", [path.stem for path in sorted(EXAMPLES.glob("*.yaml"))])
+def test_examples_are_complete_configurations(root, monkeypatch, name):
+    """On top of the quick study, as their first line says."""
+    monkeypatch.chdir(root)
+    quick, own = (
+        yaml.safe_load(p.read_text())
+        for p in (SMOKE.with_name("quick.yaml"), EXAMPLES / f"{name}.yaml")
+    )
+    assert study_config.load(merged(quick, own))["study"] == name

@@ -1,0 +1,15 @@
+"""The paper's published files."""
+
+
+rule fetch_published:
+    """Where a file was found is no parameter: its content cannot differ (checksum)."""
+    output:
+        fetched_path(config["study"], "{file}"),
+    wildcard_constraints:
+        file="|".join(FILES),
+    log:
+        f"{LOGS}/published/fetch-{{file}}.log",
+    conda:
+        "../../envs/statistics.yaml"
+    script:
+        "../scripts/fetch_published.py"
