@@ -11,6 +11,7 @@ from regional_lv.study import Study
 
 EXAMPLES = Path(__file__).parents[2] / "config" / "examples"
 SMOKE = EXAMPLES.parent / "smoke.yaml"
+SUBJECT = "synthetic_lateral"
 
 # Example, emulator, training simulations, parameters and channels that it has.
 CASES = [
@@ -57,14 +58,14 @@ def test_example(root, tmp_path, monkeypatch, name, emulator, simulations, param
     sizes = {len(row) for row in table["sensitivity"]}
     assert sizes == {parameters * channels}
     trained = study.train(emulator)
-    measured = study.measure("synthetic")
-    posterior = study.infer(measured, trained, "synthetic").posterior["theta"]
+    measured = study.measure(SUBJECT)
+    posterior = study.infer(measured, trained, SUBJECT).posterior["theta"]
     assert tuple(posterior["parameter"].to_numpy()) == study.parameters.names
     draws = posterior.to_numpy().reshape(-1, parameters)
     assert (draws > study.parameters.lower).all() and (draws < study.parameters.upper).all()
     # What the data tell most of is the stiffness of the whole: the mean of the stress factors.
     stress = study.parameters.scales_stress
-    truth = study.parameters.vector(study.config["synthetic_subjects"]["synthetic"]["theta"])
+    truth = study.parameters.vector(study.config["synthetic_subjects"][SUBJECT]["theta"])
     found = np.log(draws[:, stress]).mean(axis=1)
     prior = np.log(np.random.default_rng(0).uniform(*_bounds(study, stress))).mean(axis=1)
     assert found.std() < 0.7 * prior.std()
