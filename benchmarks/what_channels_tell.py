@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 import yaml
 
-from regional_lv.channels import Channels
+from regional_lv.channels import DEFAULT_QUANTITIES, Channels
 from regional_lv.measured import read_measured, synthetic_subject, write_measured
 from regional_lv.parameters import label
 from regional_lv.plots import style
@@ -29,7 +29,14 @@ DESIGN = {"natural": 120, "log": 40}
 CHANGES = {
     "loading": {"frames": [0.33, 0.67]},
     "observables": {
-        "quantities": ["volume", "circumferential", "radial", "longitudinal", "torsion", "shortening"],
+        "quantities": [
+            "volume",
+            "circumferential",
+            "radial",
+            "longitudinal",
+            "torsion",
+            "shortening",
+        ],
         "places": {"torsion": ["basal-mid", "basal-apical"]},
     },
 }

@@ -201,6 +201,6 @@ def _known_place(kind: type[Quantity], place: str) -> str:
     if place not in kind.places:
         offered = ", ".join(kind.places) if kind.places != ("",) else "none"
         raise InputError(
-            f"observables.places.{kind.name}: {place!r} is no place of {kind.name}; it has {offered}"
+            f"observables.places.{kind.name}: {place!r} is no place of it; there are {offered}"
         )
     return place

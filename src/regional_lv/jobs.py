@@ -1,4 +1,4 @@
-"""A job of the workflow: the library function that its rule names, with the rule's files and values.
+"""A job of the workflow: the library function that a rule names, with its files and values.
 
 Every rule says `call="<module>:<function>"` in its `params` and names its files and values as the
 function names its arguments; `workflow/scripts/call.py` hands them over.
