@@ -29,14 +29,7 @@ DESIGN = {"natural": 120, "log": 40}
 CHANGES = {
     "loading": {"frames": [0.33, 0.67]},
     "observables": {
-        "quantities": [
-            "volume",
-            "circumferential",
-            "radial",
-            "longitudinal",
-            "torsion",
-            "shortening",
-        ],
+        "quantities": [*DEFAULT_QUANTITIES, "torsion", "shortening"],
         "places": {"torsion": ["basal-mid", "basal-apical"]},
     },
 }

@@ -51,7 +51,7 @@ def read_measured(
     path: str | Path,
     channels: Channels | None = None,
     pressure_mmhg: float | None = None,
-    strain_exponent: float = 2.0,
+    strain_exponent: float | None = 2.0,
 ) -> pd.DataFrame:
     """Read and check a measured file.
 
@@ -59,7 +59,8 @@ def read_measured(
     ----------
     channels: what the study observes; if given, nothing else may be in the file.
     pressure_mmhg: the study's end-diastolic pressure, of which pressures in the file are fractions.
-    strain_exponent: of the study's strain measure (2: Green's), which bounds strains.
+    strain_exponent: of the study's strain measure (2: Green's), which bounds strains; None for a
+        file that was checked with it already.
 
     Returns
     -------
@@ -108,7 +109,7 @@ def states_noise(path: str | Path, pressure_mmhg: float | None = None) -> bool:
     with warnings.catch_warnings():
         # Whoever uses the file says what it lacks.
         warnings.simplefilter("ignore", MeasuredWarning)
-        table = read_measured(path, pressure_mmhg=pressure_mmhg)
+        table = read_measured(path, pressure_mmhg=pressure_mmhg, strain_exponent=None)
     return bool(table.loc[table["quantity"] != "volume", "sd"].notna().all())
 
 
@@ -348,7 +349,7 @@ def _words(quantity: str) -> str:
     return f"{quantity} strain" if QUANTITIES[quantity].is_strain else quantity
 
 
-def _check_size(table: pd.DataFrame, strain_exponent: float) -> Complaints:
+def _check_size(table: pd.DataFrame, strain_exponent: float | None) -> Complaints:
     for _, row in table.iterrows():
         value, kind = row["value"], QUANTITIES[row["quantity"]]
         low, high = kind.limits
@@ -367,10 +368,11 @@ def _check_size(table: pd.DataFrame, strain_exponent: float) -> Complaints:
             )
 
 
-def _check_strain(row: pd.Series, largest: float, exponent: float) -> Complaints:
+def _check_strain(row: pd.Series, largest: float, exponent: float | None) -> Complaints:
     """A strain (stretch^n - 1) / n lies above -1 / n for n above zero, below it for n below."""
     value, end = row["value"], -1 / exponent if exponent else math.nan
-    if (exponent > 0 and value <= end) or (exponent < 0 and value >= end):
+    # Where the exponent is 0 or not known, nothing is beyond the end.
+    if (value - end) * (exponent or 0) <= 0:
         measure = MEASURES.get(exponent, f"Seth-Hill (n = {exponent:g})")
         yield (
             row["line"],

@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -13,7 +12,6 @@ from regional_lv.channels import Channels, at_load
 from regional_lv.emulators.base import Emulator
 from regional_lv.errors import InputError
 from regional_lv.inference.likelihood import Noise
-from regional_lv.measured import read_measured
 
 REACHED = {"strain": 0.01, "volume": 1.0, "torsion": 0.01, "shortening": 0.005}
 """Noise that good tagged MRI reaches, by a quantity's `noise` and in its unit."""
@@ -133,14 +131,6 @@ def observe(
     return Observations(
         tuple(tables), outputs, y, present, sd, tuple(groups), units, float(prior_scale)
     )
-
-
-def read_observations(
-    paths: dict[str, str | Path], emulator: Emulator, prior_scale: float
-) -> Observations:
-    """Observations of measured files by subject. Raises InputError for a file of no use."""
-    tables = {name: read_measured(path) for name, path in paths.items()}
-    return observe(tables, emulator, prior_scale)
 
 
 WALLS = {

@@ -311,7 +311,7 @@ def subject_likelihood(
     a channel that the study does not observe.
     """
     emulator = emulators.load(emulator_file)
-    table = read_measured(measured, emulator.channels).set_index("output")
+    table = read_measured(measured, emulator.channels, strain_exponent=None).set_index("output")
     names = [name for name in emulator.outputs if name in table.index]
     table, emulator = table.loc[names], emulator.select(names)
     y = torch.as_tensor(table["value"].to_numpy(float))
