@@ -123,19 +123,19 @@ def test_agrees_with_nuts_where_the_bounds_cut_the_posterior(kind):
     sd = torch.full_like(emulator.output_sd, 0.2)
     noise = {"known": Noise.known(sd), "inferred": Noise.shared(emulator, 0.3)}[kind]
     _, truth, likelihoods = cases(0.2, noise)
-    settings = Settings(warmup=80, draws=150, ess_min=60, rhat_max=1.1)
+    settings = Settings(warmup=100, draws=300, ess_min=120, rhat_max=1.05)
     (together,) = run(likelihoods[2:], truth[2:], settings, [3])
     log_sigma = torch.full((len(likelihoods[2].noise.groups),), -1.5, dtype=torch.float64)
     (alone,) = sample_in_step(likelihoods[2:], truth[2:], log_sigma[None], settings, [5], ["third"])
     assert alone.theta.max() > 4.9  # the upper bound is felt
-    # Both means have Monte Carlo errors near 0.05 sd, and the largest of ten is looked at.
+    # Both means have Monte Carlo errors below 0.05 sd, and the largest of ten is looked at.
     means, sds = difference(together, alone)
     assert means < 0.35 and sds < 0.3
     if kind == "inferred":
         assert together.sigma.mean() == pytest.approx(alone.sigma.mean(), rel=0.15)
 
 
-@pytest.mark.parametrize(("sampler", "kept"), [("hmc", 300), ("nuts", 100)])
+@pytest.mark.parametrize(("sampler", "kept"), [("hmc", 300), ("nuts", 250)])
 def test_along_the_shell_of_an_exact_volume(sampler, kept):
     """Inferred noise leaves theta wide; an output that has none makes a thin curved shell of it.
 
