@@ -24,7 +24,7 @@ from regional_lv.study import Study
 
 SUBJECT = "synthetic_lateral"
 NOISE = {"strain": 0.02, "volume": 2.0, "torsion": 0.025, "shortening": 0.01}
-REPEATS = 5
+REPEATS = 3
 DESIGN = {"natural": 120, "log": 40}
 CHANGES = {
     "loading": {"frames": [0.33, 0.67]},

@@ -2,9 +2,6 @@
 
 from pathlib import Path
 
-# Before anything loads dolfinx: its HDF5 and the one in h5py are different versions, and NetCDF
-# files cannot be written once dolfinx's came first. The workflow's scripts never load both.
-import h5py  # noqa: F401
 import pytest
 
 from regional_lv import config as study_config
