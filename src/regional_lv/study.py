@@ -2,7 +2,7 @@
 
     from regional_lv.study import Study
 
-    study = Study({"study": "mine", "design": {"natural": 120, "log": 30}})
+    study = Study("config/quick.yaml")
     study.make_heart()
     simulations = study.simulate()
     emulator = study.train("gradient_gp")

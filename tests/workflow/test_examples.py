@@ -7,6 +7,7 @@ import pytest
 import yaml
 
 from regional_lv import config as study_config
+from regional_lv.criticism.hypotheses import REGISTRY, asked
 from regional_lv.study import Study
 
 EXAMPLES = Path(__file__).parents[2] / "config" / "examples"
@@ -70,6 +71,14 @@ def test_example(root, tmp_path, monkeypatch, name, emulator, simulations, param
     prior = np.log(np.random.default_rng(0).uniform(*_bounds(study, stress))).mean(axis=1)
     assert found.std() < 0.7 * prior.std()
     assert abs(found.mean() - np.log(truth[stress]).mean()) < 4 * found.std() + 0.15
+    if name == "plugin":
+        # The cause from outside, as it is planted: a tethered apex lets the cavity fill less.
+        assert "apical_tether" in asked("all", study.physics)
+        free = study.outputs()
+        study.physics = REGISTRY["apical_tether"].extend(study.physics, 0.1)
+        held = study.outputs()
+        assert held["volume_ml"] < free["volume_ml"] - 0.5
+        assert held["sphericity"] > free["sphericity"]
 
 
 def _bounds(study, mask):
