@@ -10,6 +10,7 @@ from regional_lv.criticism.hypotheses.base import SimulatorHypothesis
 from regional_lv.emulators import REGISTRY as EMULATORS
 from regional_lv.emulators.base import Architecture, Emulator, Prediction
 from regional_lv.geometry.mesh import EPICARDIUM
+from regional_lv.mechanics.loads import LOADS, Load
 from regional_lv.mechanics.materials import MATERIALS, Constant, Factor, Material
 from regional_lv.mechanics.supports import SUPPORTS, Support
 from regional_lv.quantities import QUANTITIES, Quantity
@@ -70,6 +71,16 @@ class ApicalSpring(Support):
     def energy(self, surroundings, stiffness):
         spring = stiffness["apical_spring"]
         return spring / 2 * surroundings.axial**2 * surroundings.ds(EPICARDIUM)
+
+
+@LOADS.add
+class ChestPressure(Load):
+    """A pressure all around the heart, as a breath held in makes it."""
+
+    name = "chest_pressure_mmhg"
+
+    def potential(self, surroundings, size):
+        return size * surroundings.along_normal * surroundings.ds(EPICARDIUM)
 
 
 @EMULATORS.add

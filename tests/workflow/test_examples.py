@@ -83,6 +83,10 @@ def test_example(root, tmp_path, monkeypatch, name, emulator, simulations, param
         held = study.outputs()
         assert held["volume_ml"] < free["volume_ml"] - 0.5
         assert held["sphericity"] > free["sphericity"]
+        # And the load: without it the cavity fills more.
+        loading = study.physics["loading"] | {"chest_pressure_mmhg": 0.0}
+        study.physics = study.physics | {"loading": loading}
+        assert study.outputs()["volume_ml"] > held["volume_ml"] + 0.5
 
 
 @pytest.mark.parametrize("name", [path.stem for path in sorted(EXAMPLES.glob("*.yaml"))])

@@ -1,8 +1,5 @@
 """Point estimates of the test set by every emulator, checked, ranked, and the shortlist."""
 
-from regional_lv.paper import path as papers  # noqa: E402
-
-PAPER_NUMBERS = os.path.relpath(papers("numbers.csv"))
 ESTIMATES = f"{R}/estimates"
 RANKED = config["emulators"]["names"]
 
@@ -121,7 +118,6 @@ checkpoint rank_emulators:
         ),
         train=f"{R}/screening/train.parquet",
         test=f"{R}/screening/test.parquet",
-        paper=PAPER_NUMBERS,
     output:
         ranking=f"{ESTIMATES}/ranking.csv",
         pairs=f"{ESTIMATES}/pairs.csv",
@@ -147,7 +143,6 @@ rule compare_transforms:
             f"{R}/emulators/{{emulator}}/test_predictions.parquet", emulator=EMULATORS
         ),
         train=f"{R}/screening/train.parquet",
-        paper=PAPER_NUMBERS,
     output:
         comparison=f"{ESTIMATES}/transforms.csv",
     params:

@@ -33,7 +33,6 @@ def rank_emulators(
     channels: Channels,
     train: Path,
     test: Path,
-    paper: Path,
     size: int,
     estimator: str,
     ranking: Path,
@@ -45,8 +44,7 @@ def rank_emulators(
 
     names: of the emulators, in the order of their files: `estimates` (`estimate_parameters`),
     `checked` (`simulate_estimates`), `costs` (`measure_cost`), `fits` and `predictions`
-    (`train_emulator` and `predict_test_set`). train, test: the screened tables. paper: the numbers
-    that the paper prints.
+    (`train_emulator` and `predict_test_set`). train, test: the screened tables.
     """
     sd = pd.read_parquet(train, columns=list(channels.names)).std()
     truth = pd.read_parquet(test, columns=["sample", *channels.names])
@@ -69,7 +67,7 @@ def rank_emulators(
                 **json.loads(Path(cost).read_text()),
             }
         )
-    table = rank(pd.DataFrame(rows), estimator, pd.read_csv(paper))
+    table = rank(pd.DataFrame(rows), estimator)
     table.to_csv(ranking, index=False)
     compare_pairs(estimated).to_csv(pairs, index=False)
     chosen = choose(table, size, estimator)
@@ -136,19 +134,10 @@ def gaussian_crps(error: np.ndarray, sd: np.ndarray) -> np.ndarray:
     return sd * (z * (2 * stats.norm.cdf(z) - 1) + 2 * stats.norm.pdf(z) - 1 / np.sqrt(np.pi))
 
 
-def rank(table: pd.DataFrame, estimator: str, paper: pd.DataFrame) -> pd.DataFrame:
-    """`table` with `rank` (1 is best) in front, by the parameter MSE of `estimator`, and the
-    paper's figures behind: paper_param_mse, paper_output_mse, ratio_to_paper (of the parameter MSE
-    by least squares, the paper's estimator)."""
+def rank(table: pd.DataFrame, estimator: str) -> pd.DataFrame:
+    """`table` with `rank` (1 is best) in front, by the parameter MSE of `estimator`."""
     table = table.sort_values(f"param_mse_{estimator}", ignore_index=True)
     table.insert(0, "rank", np.arange(1, len(table) + 1))
-    for column, quantity in (
-        ("paper_param_mse", "parameter_mse"),
-        ("paper_output_mse", "output_mse"),
-    ):
-        printed = paper[paper["quantity"] == quantity].set_index("emulator")["value"]
-        table[column] = table["emulator"].map(printed.astype(float))
-    table["ratio_to_paper"] = table["param_mse_least_squares"] / table["paper_param_mse"]
     return table
 
 

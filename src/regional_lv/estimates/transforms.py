@@ -19,21 +19,18 @@ def compare_transforms(
     predictions: Sequence[Path],
     channels: Channels,
     train: Path,
-    paper: Path,
     comparison: Path,
 ) -> None:
     """Compare every emulator with itself on the other input transform; write a table (CSV).
 
     transforms: by emulator and transform, the name of its files. files: all these names, in the
-    order of their `estimates` and `predictions` of the test set. train: the screened table; paper:
-    the numbers that the paper prints. Columns: emulator, and for each of param_mse_least_squares,
-    param_mse_weighted and predictive_mse (outputs in training sd) `..._identity`, `..._log` and
-    `..._gain`, the first over the second; paper_param_mse (natural inputs, least squares),
-    ratio_to_paper.
+    order of their `estimates` and `predictions` of the test set. train: the screened table.
+    Columns: emulator, and for each of param_mse_least_squares, param_mse_weighted and
+    predictive_mse (outputs in training sd) `..._identity`, `..._log` and `..._gain`, the first over
+    the second.
     """
     sd = pd.read_parquet(train, columns=list(channels.names)).std()
     paths = dict(zip(files, zip(estimates, predictions, strict=True), strict=True))
-    printed = pd.read_csv(paper).query("quantity == 'parameter_mse'").set_index("emulator")
     rows = []
     for name, parts in transforms.items():
         row = {"emulator": name}
@@ -45,9 +42,5 @@ def compare_transforms(
         for quantity in QUANTITIES:
             row[f"{quantity}_gain"] = row[f"{quantity}_identity"] / row[f"{quantity}_log"]
         rows.append(row)
-    table = pd.DataFrame(rows)
     order = [f"{q}_{part}" for q in QUANTITIES for part in (*TRANSFORMS, "gain")]
-    table = table[["emulator", *order]]
-    table["paper_param_mse"] = table["emulator"].map(printed["value"].astype(float))
-    table["ratio_to_paper"] = table["param_mse_least_squares_identity"] / table["paper_param_mse"]
-    table.to_csv(comparison, index=False)
+    pd.DataFrame(rows)[["emulator", *order]].to_csv(comparison, index=False)

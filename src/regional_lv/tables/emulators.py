@@ -54,8 +54,6 @@ def ranking(ranking: Path) -> pd.DataFrame:
         "ms_prediction": "ms_prediction",
         "ms_gradient": "ms_gradient",
         "peak_memory_mb": "peak_memory_mb",
-        "paper_param_mse": "paper_param_mse",
-        "paper_output_mse": "paper_output_mse",
     }
     return pd.read_csv(ranking)[list(columns)].rename(columns=columns)
 
