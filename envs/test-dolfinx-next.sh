@@ -11,7 +11,7 @@ root=$PWD/.dolfinx-next
 packages=(
     python3-dolfinx libopenblas0-pthread gcc libc6-dev python3-dev
     python3-gmsh python3-h5py python3-jsonschema python3-meshio python3-numpy python3-pandas
-    python3-pytest python3-scipy python3-yaml
+    python3-pytest python3-scipy python3-torch python3-yaml
 )
 
 die() {

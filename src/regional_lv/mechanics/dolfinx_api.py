@@ -10,8 +10,8 @@ import fcntl
 import os
 from pathlib import Path
 
-# Before dolfinx: where its HDF5 is another version than h5py's and comes first, a process that
-# simulates cannot write posteriors.
+# Before dolfinx and PETSc: where their HDF5 is another version than h5py's and comes first, a
+# process that simulates cannot write posteriors.
 with contextlib.suppress(ImportError):
     import h5py  # noqa: F401
 
@@ -20,6 +20,7 @@ import numpy as np
 import ufl
 from dolfinx import cpp, fem
 from mpi4py import MPI
+from petsc4py import PETSc  # noqa: F401
 
 VERSION = tuple(int(part) for part in dolfinx.__version__.split(".")[:2])
 _LEGACY = VERSION < (0, 8)

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import ufl
-from petsc4py import PETSc
 
 from regional_lv.mechanics import dolfinx_api as api
 
@@ -133,13 +132,13 @@ class Equilibrium:
 
     def _reset_solver(self) -> None:
         """Build matrix and factorisation anew: after NaN, the old ones no longer work."""
-        self._petsc_matrix = PETSc.Mat().createAIJWithArrays(
-            (self.size, self.size), (*self._pattern, self._data), comm=PETSc.COMM_SELF
+        self._petsc_matrix = api.PETSc.Mat().createAIJWithArrays(
+            (self.size, self.size), (*self._pattern, self._data), comm=api.PETSc.COMM_SELF
         )
-        self._ksp = PETSc.KSP().create(PETSc.COMM_SELF)
+        self._ksp = api.PETSc.KSP().create(api.PETSc.COMM_SELF)
         self._ksp.setOperators(self._petsc_matrix)
         self._ksp.setType("preonly")
-        self._petsc_matrix.setOption(PETSc.Mat.Option.SYMMETRIC, self._symmetric)
+        self._petsc_matrix.setOption(api.PETSc.Mat.Option.SYMMETRIC, self._symmetric)
         self._ksp.getPC().setType("cholesky" if self._symmetric else "lu")
         self._ksp.getPC().setFactorSolverType("mumps")
         self._ksp.setErrorIfNotConverged(False)
@@ -199,7 +198,7 @@ class Equilibrium:
         self._ksp.setOperators(self._petsc_matrix)
         try:
             self._ksp.getPC().setUp()
-        except PETSc.Error as error:
+        except api.PETSc.Error as error:
             self._reset_solver()
             raise LinearSolveError("the tangent could not be factorised") from error
 
