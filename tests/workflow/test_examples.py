@@ -8,8 +8,14 @@ import torch
 import yaml
 
 from regional_lv import config as study_config
+from regional_lv import registry
 from regional_lv.criticism.hypotheses import REGISTRY, asked
+from regional_lv.emulators import REGISTRY as EMULATORS
 from regional_lv.measured import read_measured
+from regional_lv.mechanics.loads import LOADS
+from regional_lv.mechanics.materials import MATERIALS
+from regional_lv.mechanics.supports import SUPPORTS
+from regional_lv.quantities import QUANTITIES
 from regional_lv.study import Study
 
 EXAMPLES = Path(__file__).parents[2] / "config" / "examples"
@@ -25,6 +31,14 @@ CASES = [
     ("torsion", "exact_gp", 24, 10, 55),
     ("plugin", "exact_gp", 70, 10, 53),
 ]
+
+
+@pytest.fixture(autouse=True)
+def nothing_registered_stays(monkeypatch):
+    """What an example registers is gone after it: other tests count what the package has."""
+    for known in (QUANTITIES, MATERIALS, SUPPORTS, LOADS, EMULATORS, REGISTRY):
+        monkeypatch.setattr(known, "_items", dict(known._items))
+    monkeypatch.setattr(registry, "_loaded", set(registry._loaded))
 
 
 def merged(first: dict, second: dict) -> dict:
