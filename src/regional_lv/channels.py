@@ -129,6 +129,12 @@ class Channels(Sequence):
     def from_config(cls, config: Mapping) -> "Channels":
         """From a checked configuration: its sections `observables` and `loading`."""
         observed = config["observables"]
+        for name in observed["scale"]:
+            if name not in observed["quantities"]:
+                raise InputError(
+                    f"observables.scale.{name}: {name} is not observed; add it to "
+                    "observables.quantities or remove it here"
+                )
         return cls.of(observed["quantities"], observed["places"], config["loading"]["frames"])
 
     @classmethod

@@ -10,6 +10,7 @@ job through the environment variable REGIONAL_LV_PLUGINS, or installed with an e
 group `regional_lv`.
 """
 
+import contextlib
 import difflib
 import importlib.metadata
 import importlib.util
@@ -27,6 +28,9 @@ GROUP = "regional_lv"
 """Group of entry points under which installed plugins are found."""
 
 
+_registries: list["Registry"] = []
+
+
 class Registry(Mapping):
     """Name -> thing, where every thing has an attribute `name`.
 
@@ -42,6 +46,7 @@ class Registry(Mapping):
     def __init__(self, kind: str, key: str, items: Iterable = ()):
         self.kind, self.key = kind, key
         self._items = {item.name: item for item in items}
+        _registries.append(self)
 
     def add(self, item):
         """Register `item` under its name; returned, so that `add` can decorate a class.
@@ -102,3 +107,16 @@ def _import(path: Path) -> None:
         spec.loader.exec_module(module)
     except Exception as error:
         raise InputError(f"plugins: {path} fails ({error!r}); correct it or remove it") from error
+
+
+@contextlib.contextmanager
+def temporary() -> Iterator[None]:
+    """What is registered and which plugins are loaded inside is taken back at the end."""
+    before = [(registry, dict(registry._items)) for registry in _registries]
+    loaded = set(_loaded)
+    try:
+        yield
+    finally:
+        for registry, items in before:
+            registry._items = items
+        _loaded.intersection_update(loaded)

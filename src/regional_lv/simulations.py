@@ -2,7 +2,7 @@
 
 import json
 import logging
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -16,10 +16,11 @@ from regional_lv.mechanics.continuation import (
     GrowingRunner,
     Runner,
     Simulation,
+    Solution,
     Solver,
 )
 from regional_lv.mechanics.predictor import Known, load_predictors
-from regional_lv.mechanics.simulator import Simulator
+from regional_lv.mechanics.simulator import Simulator, State
 from regional_lv.parameters import Parameterisation
 from regional_lv.progress import Progress
 
@@ -44,15 +45,11 @@ def solve_baseline(mesh: str | Path, physics: dict, start: str | Path, summary: 
     simulator = make_simulator(mesh, physics)
     solver, effort = Solver(simulator, physics["solver"]), Effort()
     theta = simulator.parameters.middle
-    arrays, guesses = {"theta": theta}, {}
-    for load in simulator.channels.load_fractions:
-        state = solver.inflate(theta, load * simulator.full_pressure, effort)
-        tangents = simulator.field_sensitivities(state.w)
-        arrays |= {f"w@{load:g}": state.w, f"tangents@{load:g}": tangents}
-        guesses[load] = Known(simulator.size, simulator.parameters.blocks)
-        guesses[load].add(theta, state.w, tangents)
+    solutions, arrays = solver.inflate_all(theta, effort), {"theta": theta}
+    for load, found in solutions.items():
+        arrays |= {f"w@{load:g}": found.state.w, f"tangents@{load:g}": found.tangents}
     np.savez_compressed(start, **arrays)
-    reference = Runner(solver, guesses).run(np.ones(len(theta)))
+    reference = Runner(solver, known_from(solutions, simulator)).run(np.ones(len(theta)))
     values = dict(zip(simulator.channels.names, reference.observables.tolist(), strict=True))
     content = {
         "unknowns": simulator.size,
@@ -62,6 +59,15 @@ def solve_baseline(mesh: str | Path, physics: dict, start: str | Path, summary: 
     }
     Path(summary).write_text(json.dumps(content, indent=2) + "\n")
     log.info("%s", content)
+
+
+def known_from(solutions: Mapping[float, Solution], simulator: Simulator) -> dict[float, Known]:
+    """By load fraction, the guesses that solutions at these loads give."""
+    guesses = {}
+    for load, found in solutions.items():
+        guesses[load] = Known(simulator.size, simulator.parameters.blocks)
+        guesses[load].add(found.state.theta, found.state.w, found.tangents)
+    return guesses
 
 
 def anchors_of(design: pd.DataFrame, anchors: int, parameters: Parameterisation) -> np.ndarray:
@@ -95,10 +101,16 @@ def solve_anchors(
     """
     simulator = make_simulator(mesh, physics)
     loads = simulator.channels.load_fractions
-    guesses = {load: Known(simulator.size, simulator.parameters.blocks) for load in loads}
     with np.load(start) as saved:
-        for load, known in guesses.items():
-            known.add(saved["theta"], saved[f"w@{load:g}"], saved[f"tangents@{load:g}"])
+        theta = saved["theta"]
+        solutions = {
+            load: Solution(
+                State(saved[f"w@{load:g}"], theta, load * simulator.full_pressure),
+                saved[f"tangents@{load:g}"],
+            )
+            for load in loads
+        }
+    guesses = known_from(solutions, simulator)
     thetas = anchors_of(pd.read_parquet(design), anchors, simulator.parameters)
     thetas = thetas[int(batch) :: batches]
     runner = GrowingRunner(Solver(simulator, physics["solver"]), guesses)

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from regional_lv.geometry.mesh import read_mesh, write_mesh
+from regional_lv.geometry.mesh import write_mesh
 from regional_lv.mechanics.observables.motion import DIRECTIONS
 from regional_lv.mechanics.observables.observer import Observer
 from regional_lv.simulations import make_runner
@@ -16,20 +16,21 @@ def map_strains(
 ) -> None:
     """Simulate theta = 1 and write its strains.
 
-    table: Parquet of `strain_field`. vtu: the mesh (reference state) with `displacement` (mm) and
-    each cell's mean strains, for ParaView. Raises RuntimeError if the simulation fails.
+    table: Parquet of `strain_field`. vtu: the mesh (unloaded, as thick as simulated) with
+    `displacement` (mm) and each cell's mean strains, for ParaView. Raises RuntimeError if the
+    simulation fails.
     """
     runner = make_runner(mesh, physics, predictor, sensitivities=False)
     result = runner.run(np.ones(len(runner.parameters)))
     if result.state is None:
         raise RuntimeError(f"the simulation at theta = 1 failed: {result.reason}")
-    geometry, simulator = read_mesh(mesh), runner.solver.simulator
+    simulator = runner.solver.simulator
     moved = simulator.displacement(result.state.w)
     field = strain_field(simulator.observer, moved)
     field.to_parquet(table, index=False)
     means = cell_means(field)
     write_mesh(
-        geometry,
+        simulator.observer.wall.mesh,
         vtu,
         {"displacement": moved},
         {q: means[q].to_numpy() for q in means},

@@ -23,7 +23,7 @@ from regional_lv.criticism.planted import read_effects
 from regional_lv.emulators.base import Prediction
 from regional_lv.errors import InputError
 from regional_lv.parameters import Parameterisation
-from regional_lv.registry import load_plugins
+from regional_lv.registry import load_plugins, temporary
 from tests.criticism.stand_in import CHANNELS, OUTPUTS, PARAMETERS
 
 
@@ -453,6 +453,7 @@ def test_a_hypothesis_from_outside(tmp_path, theta, physics):
     plugin.write_text(
         """
 from regional_lv.criticism.hypotheses import REGISTRY, TransformHypothesis
+from regional_lv.criticism.hypotheses.base import with_value
 
 
 class Gain(TransformHypothesis):
@@ -460,8 +461,9 @@ class Gain(TransformHypothesis):
     description, source = "All channels are multiplied by one number.", "made up"
     base, low, high = 1.0, 0.5, 1.5
 
-    def measure(self, outputs, channels, value):
-        return value * outputs
+    def extend(self, physics, value, component=""):
+        scale = {"volume": value, "radial": value}
+        return with_value(physics, ("observables", "scale"), scale)
 
     def predict(self, emulator, theta, psi):
         return psi[..., None] * emulator.predict(theta).mean
@@ -470,14 +472,14 @@ class Gain(TransformHypothesis):
 REGISTRY.add(Gain())
 """
     )
-    load_plugins([plugin])
-    try:
+    with temporary():
+        load_plugins([plugin])
         assert "toy_gain" in asked("all", physics)
         (found,) = train("toy_gain", physics, tmp_path)
         psi = torch.full((6,), 1.2, dtype=theta.dtype)
         difference = found.difference(KnownEmulator(), theta, psi).mean
         torch.testing.assert_close(difference, 0.2 * base_outputs(theta))
         (effect,) = read_effects({"toy_gain": 1.2})
-        assert effect.hypothesis.measure(np.ones(3), None, effect.value).tolist() == [1.2] * 3
-    finally:
-        REGISTRY._items.pop("toy_gain", None)
+        extended = effect.hypothesis.extend(physics, effect.value)
+        assert extended["observables"]["scale"] == {"volume": 1.2, "radial": 1.2}
+    assert "toy_gain" not in REGISTRY

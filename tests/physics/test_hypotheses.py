@@ -19,6 +19,7 @@ from regional_lv.mechanics.continuation import Effort, Solver
 from regional_lv.mechanics.observables.segments import turned_membership
 from regional_lv.mechanics.predictor import Predictor, save_predictors
 from regional_lv.parameters import Parameterisation
+from regional_lv.registry import temporary
 from regional_lv.simulations import make_simulator
 
 from .conftest import PRESSURE, THETA
@@ -342,14 +343,13 @@ def simulate(folder, mesh, physics, name, anchors="batch-0000.npz"):
     return pd.read_parquet(table)
 
 
-def test_anchors_are_simulated_at_every_node(
-    small_mesh, physics, known, simulator, solved, monkeypatch
-):
+def test_anchors_are_simulated_at_every_node(small_mesh, physics, known, simulator, solved):
     """Rows of the base and of each node, for two components that share the base."""
     hypothesis = copy.copy(REGISTRY["focal_scar"])
     hypothesis.components = ("8", "11")
-    monkeypatch.setitem(REGISTRY._items, "focal_scar", hypothesis)
-    table = simulate(known, small_mesh, physics, "focal_scar")
+    with temporary():
+        REGISTRY.add(hypothesis)
+        table = simulate(known, small_mesh, physics, "focal_scar")
     assert len(table) == 2 * (1 + len(hypothesis.nodes))
     assert (table["status"] == "converged").all()
     base = table[table["psi"] == hypothesis.base]

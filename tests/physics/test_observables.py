@@ -177,6 +177,12 @@ def test_impossible_layers_are_refused(mesh, physics, layer):
         Observer(mesh, physics["observables"] | {"layer": layer})
 
 
+def test_scale_multiplies_what_it_names(observe):
+    plain, scaled = observe(), observe(scale={"radial": 0.7})
+    radial = CHANNELS.of_quantity("radial")
+    np.testing.assert_array_equal(scaled, np.where(radial, 0.7 * plain, plain))
+
+
 # ------------------------------------------------------------------------------- derivatives
 
 
@@ -186,8 +192,9 @@ def test_impossible_layers_are_refused(mesh, physics, layer):
         {},
         {"strain_exponent": 0.0, "line_share": 0.4},
         {"strain_exponent": -2.0, "layer": [0.0, 0.3], "segment_rotation_deg": 7.0},
+        {"scale": {"radial": 0.7, "torsion": 1.3}},
     ],
-    ids=["default", "mixed", "layer"],
+    ids=["default", "mixed", "layer", "scale"],
 )
 def test_derivatives_are_those_of_the_values(mesh, moved, physics, changed):
     """All quantities along random motions of the nodes, against central differences."""

@@ -241,6 +241,8 @@ MISTAKES = [
     (changed("observables.layer", [0.5, 0.2]), "observables.layer", "give the inner depth first"),
     (changed("observables.layer", [0.0, 1.2]), "observables.layer.1", "give at most 1"),
     (changed("observables.layer", [0.0]), "observables.layer", "give 2"),
+    (changed("observables.scale", {"radail": 0.8}), "observables.scale.radail", "not observed"),
+    (changed("observables.scale", {"radial": 0}), "scale.radial", "give more than 0"),
     (changed("emulators.nmaes", ["dnn"]), "emulators.nmaes", "did you mean `emulators.names`"),
     (changed("emulators.exact_pg", {}), "emulators.exact_pg", "did you mean `emulators.exact_gp`"),
     (changed("plugins", ["none.py"]), "none.py", "give the path of a Python file"),

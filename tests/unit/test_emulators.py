@@ -41,6 +41,7 @@ from regional_lv.emulators.shared_kernel import (
 )
 from regional_lv.errors import InputError
 from regional_lv.parameters import Parameterisation
+from regional_lv.registry import temporary
 from regional_lv.schema import load_schema
 
 PARAMETERS = Parameterisation()
@@ -758,9 +759,8 @@ class FromOutside(ExactGP):
 
 @pytest.fixture
 def from_outside():
-    emulators.REGISTRY.add(FromOutside)
-    yield FromOutside
-    del emulators.REGISTRY._items[FromOutside.name]
+    with temporary():
+        yield emulators.REGISTRY.add(FromOutside)
 
 
 def test_an_emulator_from_outside_says_its_settings_itself(from_outside, tmp_path):

@@ -1,5 +1,6 @@
 """The examples of the configuration, each from the mesh to a posterior, as small as it can be."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -10,12 +11,7 @@ import yaml
 from regional_lv import config as study_config
 from regional_lv import registry
 from regional_lv.criticism.hypotheses import REGISTRY, asked
-from regional_lv.emulators import REGISTRY as EMULATORS
 from regional_lv.measured import read_measured
-from regional_lv.mechanics.loads import LOADS
-from regional_lv.mechanics.materials import MATERIALS
-from regional_lv.mechanics.supports import SUPPORTS
-from regional_lv.quantities import QUANTITIES
 from regional_lv.study import Study
 
 EXAMPLES = Path(__file__).parents[2] / "config" / "examples"
@@ -34,11 +30,10 @@ CASES = [
 
 
 @pytest.fixture(autouse=True)
-def nothing_registered_stays(monkeypatch):
+def nothing_registered_stays():
     """What an example registers is gone after it: other tests count what the package has."""
-    for known in (QUANTITIES, MATERIALS, SUPPORTS, LOADS, EMULATORS, REGISTRY):
-        monkeypatch.setattr(known, "_items", dict(known._items))
-    monkeypatch.setattr(registry, "_loaded", set(registry._loaded))
+    with registry.temporary():
+        yield
 
 
 def merged(first: dict, second: dict) -> dict:
@@ -116,3 +111,14 @@ def test_examples_are_complete_configurations(root, monkeypatch, name):
         for p in (SMOKE.with_name("quick.yaml"), EXAMPLES / f"{name}.yaml")
     )
     assert study_config.load(merged(quick, own))["study"] == name
+
+
+def test_the_page_on_extensions_shows_the_plugin():
+    """Every line of its code, but for docstrings and what is left out (...), is the example's."""
+    page = (EXAMPLES.parents[1] / "docs" / "extending.md").read_text()
+    plugin = {line.strip() for line in (EXAMPLES / "plugin.py").read_text().splitlines()}
+    blocks = re.findall(r"```python\n(.*?)```", page, flags=re.DOTALL)
+    lines = [line.strip() for block in blocks for line in block.splitlines() if "..." not in line]
+    shown = [line for line in lines if not line.startswith('"""')]
+    assert len(blocks) == 6 and len(shown) > 50
+    assert [line for line in shown if line not in plugin] == []

@@ -80,10 +80,7 @@ class Ventricles:
         if result.status != "converged":
             raise ArithmeticError(result.reason)
         at = {name: i for i, name in enumerate(runner.channels.names)}
-        outputs = result.observables[[at[channel.name] for channel in seen]]
-        for effect in effects:
-            outputs = effect.hypothesis.measure(outputs, self.channels, effect.value)
-        return outputs
+        return result.observables[[at[channel.name] for channel in seen]]
 
     def _runner(self, physics: Mapping) -> Runner:
         mesh, predictor = self._files

@@ -229,6 +229,17 @@ class Solver:
             step = (here.pressure - before.pressure) * (2.0 if spent <= 4 else 1.3)
         return here
 
+    def inflate_all(self, theta: np.ndarray, effort: Effort) -> dict[float, Solution]:
+        """Solutions with tangents at every observed load, by load fraction, each from nothing.
+
+        Raises `NotConverged`.
+        """
+        simulator, found = self.simulator, {}
+        for load in simulator.channels.load_fractions:
+            state = self.inflate(theta, load * simulator.full_pressure, effort)
+            found[load] = Solution(state, simulator.field_sensitivities(state.w))
+        return found
+
 
 class Runner:
     """Runs simulations one by one, each from guessed fields.

@@ -12,6 +12,7 @@ import numpy as np
 import ufl
 from scipy.spatial import cKDTree
 
+from regional_lv.aha import SEGMENTS
 from regional_lv.channels import Channels
 from regional_lv.geometry.mesh import Mesh
 from regional_lv.mechanics import dolfinx_api as api
@@ -233,7 +234,7 @@ class Simulator(Equilibrium):
 
 def _segment_factors(material: dict) -> np.ndarray:
     """Multipliers (17,) of the wall's stiffness by AHA segment, 1 where none is named."""
-    factors = np.ones(17)
+    factors = np.ones(len(SEGMENTS))
     for segment, factor in material["segment_factors"].items():
         factors[int(segment) - 1] = factor
     return factors

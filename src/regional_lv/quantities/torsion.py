@@ -15,7 +15,7 @@ class Torsion(Quantity):
     the loaded state.
     """
 
-    name, column, unit = "torsion", "torsion", "deg/mm"
+    name, unit = "torsion", "deg/mm"
     units: ClassVar = {"deg/mm": 1.0}
     limits = (-2.0, 2.0)
     noise = "torsion"

@@ -9,9 +9,8 @@ import pandas as pd
 from regional_lv.channels import Channels
 from regional_lv.design import further_points
 from regional_lv.mechanics.continuation import Effort, GrowingRunner, Solver
-from regional_lv.mechanics.predictor import Known
 from regional_lv.progress import Progress
-from regional_lv.simulations import make_simulator
+from regional_lv.simulations import known_from, make_simulator
 
 NATURAL, LOG = 15, 6  # points, in about the proportion of the study
 
@@ -26,11 +25,7 @@ def observe_mesh(
     """
     simulator = make_simulator(mesh_file, physics)
     solver, parameters = Solver(simulator, physics["solver"]), simulator.parameters
-    guesses = {}
-    for load in simulator.channels.load_fractions:
-        state = solver.inflate(parameters.middle, load * simulator.full_pressure, Effort())
-        guesses[load] = Known(simulator.size, parameters.blocks)
-        guesses[load].add(parameters.middle, state.w, simulator.field_sensitivities(state.w))
+    guesses = known_from(solver.inflate_all(parameters.middle, Effort()), simulator)
     points = further_points(parameters, seed, "mesh study", NATURAL, LOG)
     thetas = np.vstack([points, np.ones(len(parameters))])
     progress = Progress(f"mesh {mesh}", len(thetas))

@@ -71,10 +71,6 @@ class Hypothesis(ABC):
         """Share of the end-diastolic pressure at which `channel` is observed in truth."""
         return channel.load_fraction
 
-    def measure(self, outputs: np.ndarray, channels: Channels, value: float) -> np.ndarray:
-        """What is measured of `outputs` (..., D) of `channels`."""
-        return outputs
-
     def noise(self, shape, value: float, rng: np.random.Generator) -> np.ndarray | None:
         """Noise of unit scale, or None where it stays Gaussian."""
         return None

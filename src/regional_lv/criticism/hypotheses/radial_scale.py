@@ -1,8 +1,11 @@
 """Radial strains measured with a bias."""
 
-import numpy as np
-
-from regional_lv.criticism.hypotheses.base import TransformHypothesis, mask_of
+from regional_lv.criticism.hypotheses.base import (
+    TransformHypothesis,
+    mask_of,
+    value_at,
+    with_value,
+)
 
 RADIAL = "radial"
 
@@ -12,6 +15,7 @@ class RadialScale(TransformHypothesis):
     parameter = "scale of the radial strains"
     unit = "1"
     base, low, high = 1.0, 0.5, 1.5
+    path = ("observables", "scale")
     description = (
         "Radial strain is the least certain of the three: the wall is only a few pixels wide, "
         "tracking smooths across it, and methods differ by a factor of two in its size while they "
@@ -27,8 +31,12 @@ class RadialScale(TransformHypothesis):
             return f"{RADIAL} strain is not observed (observables.quantities)"
         return ""
 
-    def measure(self, outputs, channels, value):
-        return np.where(channels.of_quantity(RADIAL), value * outputs, outputs)
+    def extend(self, physics, value, component=""):
+        scale = value_at(physics, self.path)
+        if value == self.base:
+            return physics
+        scale = {**scale, RADIAL: float(value) * scale.get(RADIAL, 1.0)}
+        return with_value(physics, self.path, scale)
 
     def predict(self, emulator, theta, psi):
         import torch

@@ -19,7 +19,7 @@ class Observer:
     ----------
     mesh: the unloaded wall.
     observed: section `observables` of the configuration; read are `layer`, `strain_exponent`,
-        `line_share` and `segment_rotation_deg`, which hold for the wall strains alone.
+        `line_share` and `segment_rotation_deg`, which hold for the wall strains alone, and `scale`.
     """
 
     def __init__(self, mesh: Mesh, observed: Mapping):
@@ -32,6 +32,7 @@ class Observer:
         self._place = torch.as_tensor(self.wall.place)
         self._depth_gradient = torch.as_tensor(self.wall.depth_gradient)
         self._levels = {k: torch.as_tensor(v) for k, v in self.wall.level_shares.items()}
+        self._scale = observed["scale"]
 
     def values(
         self, channels: Sequence[Channel], displacement: np.ndarray, dilation=None
@@ -59,7 +60,7 @@ class Observer:
         kinds: dict = {}
         for at, channel in enumerate(channels):
             kinds.setdefault(channel.kind, []).append((at, channel.place))
-        point = self._point_motion(displacement, dilation, moves is not None)
+        point = self.point_motion(displacement, dilation, moves is not None)
         with torch.set_grad_enabled(moves is not None):
             densities = {}
             for kind in kinds:
@@ -86,7 +87,7 @@ class Observer:
             for kind, asked in kinds.items():
                 rows, places = zip(*asked, strict=True)
                 order += rows
-                found.append(kind().values(motion, places))
+                found.append(self._scale.get(kind.name, 1.0) * kind().values(motion, places))
             found = torch.cat(found)
         values = np.empty(len(order))
         values[order] = found.detach().numpy()
@@ -105,11 +106,14 @@ class Observer:
                     derivatives[:, column] += slope @ np.atleast_1d(gradient.numpy())
         return values, derivatives
 
-    def point_motion(self, displacement: np.ndarray) -> PointMotion:
-        """The motion at the wall's points, for fields instead of averages."""
-        return self._point_motion(displacement, None, False)
-
-    def _point_motion(self, displacement, dilation, differentiable: bool) -> PointMotion:
+    def point_motion(
+        self,
+        displacement: np.ndarray,
+        dilation: np.ndarray | None = None,
+        differentiable: bool = False,
+    ) -> PointMotion:
+        """The motion at the wall's points, for fields instead of averages; displacement and
+        dilation as for `values`."""
         gradient = self.wall.gradients(displacement).swapaxes(1, 2)
         parts = [torch.as_tensor(self.wall.values(displacement))]
         parts.append(torch.as_tensor(np.eye(3) + gradient))
