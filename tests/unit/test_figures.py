@@ -3,11 +3,13 @@
 import json
 
 import arviz as az
+import matplotlib
 import meshio
 import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
+from matplotlib import pyplot
 from matplotlib.image import imread
 from matplotlib.path import Path as Outline
 from vtkmodules.vtkCommonDataModel import vtkTriQuadraticHexahedron
@@ -429,6 +431,49 @@ def test_the_same_figure_is_the_same_file(subject, tmp_path):
         draw_subject(bullseye_posterior, files, "file", (tmp_path / f"{name}.png", tmp_path / "c"))
         both.append((tmp_path / f"{name}.png").read_bytes())
     assert both[0] == both[1]
+
+
+def test_drawing_leaves_no_global_state(subject, paths):
+    """seaborn imports pyplot, which would keep figures, and its themes are global."""
+    before = dict(matplotlib.rcParams)
+    draw_subject(posterior_predictive, subject(), "file", paths)
+    assert not pyplot.get_fignums()
+    assert dict(matplotlib.rcParams) == before
+
+
+def test_violins_have_the_density_of_the_table(subject, paths, figures):
+    nc, diagnostics, _ = subject()
+    posterior_predictive.draw(nc, diagnostics, "file", *paths)
+    drawn = read(paths)
+    violins = [c for ax in figures[0].axes for c in ax.collections]
+    assert len(violins) == len(OBSERVED)
+    first = drawn[(drawn["item"] == "density") & (drawn["output"] == "circumferential_01")]
+    x, y = violins[0].get_paths()[0].vertices.T
+    heights = first["density"] / first["density"].max()
+    grid = slice(1, len(first) + 1)
+    assert y[grid] == pytest.approx(first["value"].to_numpy())
+    assert -x[grid] / posterior_predictive.WIDTH * 2 == pytest.approx(heights.to_numpy(), abs=1e-6)
+
+
+@pytest.mark.parametrize("groups", ["a", "ab"])
+def test_intervals_have_the_given_ends(groups):
+    table = pd.DataFrame({"at": list("xy"), "value": [2.0, 5.0], "low": [1.0, 1.5], "high": 6.0})
+    table = pd.concat([table.assign(group=group) for group in groups])
+    ax = style.figure(3, 3).subplots()
+    style.intervals(ax, table, "at", "value", ("low", "high"), hue="group", dodge=0.3)
+    ends = [tuple(line.get_ydata()) for line in ax.lines if len(line.get_xdata()) == 2]
+    assert [e for e in ends if e != (2.0, 5.0)] == [(1.0, 6.0), (1.5, 6.0)] * len(groups)
+    assert ends.count((2.0, 5.0)) == len(groups)
+
+
+def test_a_bullseye_has_one_axis_of_values():
+    shapes = bullseye.zone_shapes(PARAMETERS).values()
+    own = [bullseye_posterior._layout(shape, 2, inches=4.2) for shape in shapes]
+    alike = bullseye_posterior._alike(own, 2)
+    assert len({(place.half, place.height) for place in alike}) == 1
+    for place, before in zip(alike, own, strict=True):
+        assert place.half <= before.half and place.height <= before.height
+        assert place.y - place.height == pytest.approx(before.y - before.height)
 
 
 def test_unknown_case_and_missing_verdict_are_named(subject, tmp_path):

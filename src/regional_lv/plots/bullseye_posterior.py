@@ -15,6 +15,9 @@ from regional_lv.plots.case_posterior import CasePosterior, density, read
 LARGEST = (0.74, 0.60)
 """Width and height that densities and text of a zone need at most (the disk has radius 1)."""
 
+GAP = 1.1
+"""Between densities and text, for the labels of the ticks, in lines of text."""
+
 STEP = 0.02
 MARGIN = 0.015
 
@@ -46,9 +49,9 @@ def draw(
     """Draw the factors of each zone about a zero line, the first one up, the second one down.
 
     posterior: NetCDF of one subject; diagnostics: its verdict; source: `subjects.<name>.source` of
-    the config; truth: JSON of a synthetic subject. Densities share one axis of values and are
-    scaled to equal height. The table is long: zone, parameter, item (median, lower95, upper95,
-    truth, density), value, density.
+    the config; truth: JSON of a synthetic subject. Densities share one axis of values, of the same
+    length in every zone, and are scaled to equal height. The table is long: zone, parameter, item
+    (median, lower95, upper95, truth, density), value, density.
     """
     found = read(posterior, diagnostics, truth=truth)
     summary = found.summary()
@@ -63,8 +66,9 @@ def draw(
     for zone, shape in shapes.items():
         ax.add_patch(shape.patch(facecolor=parameters.colours[zone], alpha=0.10))
     bullseye.outline_zones(ax, parameters)
-    for zone, shape in shapes.items():
-        place = _layout(shape, len(parameters.factors), inches=0.47 * width)
+    factors = len(parameters.factors)
+    places = _alike([_layout(shape, factors, 0.47 * width) for shape in shapes.values()], factors)
+    for zone, place in zip(shapes, places, strict=True):
         rows += _zone(ax, zone, place, parameters, found, summary, ticks)
     bullseye.frame(ax)
     handles = _legend(parameters.factors, bool(found.truth))
@@ -107,10 +111,22 @@ def _layout(shape: bullseye.ZoneShape, factors: int, inches: float) -> Layout:
     for_text = line * (factors + 1) + 0.2 * line
     sides = 2 if factors > 1 else 1
     # A density needs less height than width; what is left over goes above and below.
-    tall = min(height - for_text - 0.7 * line, sides * min(0.21, 0.5 * width))
-    top = y + (for_text + 0.7 * line + tall) / 2
+    tall = min(height - for_text - GAP * line, sides * min(0.21, 0.5 * width))
+    top = y + (for_text + GAP * line + tall) / 2
     zero = top - tall / sides
-    return Layout(x, zero, width / 2, tall / sides, top - tall - 0.7 * line, size, line)
+    return Layout(x, zero, width / 2, tall / sides, top - tall - GAP * line, size, line)
+
+
+def _alike(places: list[Layout], factors: int) -> list[Layout]:
+    """The same with the axis and the height of the smallest: values can be compared across zones.
+
+    The zero line goes down with the height, so that densities stay above their text.
+    """
+    half, height = min(p.half for p in places), min(p.height for p in places)
+    return [
+        p._replace(half=half, height=height, y=p.y - (p.height - height) * (factors > 1))
+        for p in places
+    ]
 
 
 def _largest_box(shape: bullseye.ZoneShape) -> tuple[float, float, float, float]:
@@ -158,7 +174,9 @@ def _zone(
         return x0 - half + 2 * half * np.asarray(value) / ticks[-1]
 
     rows = []
+    foot = y0 - height * (len(parameters.factors) > 1)
     ax.plot([x0 - half, x0 + half], [y0, y0], ":", color=style.GREY, linewidth=1)
+    ax.plot([x0 - half, x0 + half], [foot, foot], color=style.GREY, linewidth=0.8)
     colours = style.factor_colours(parameters.factors)
     for at, (factor, colour) in enumerate(colours.items()):
         name, sign = f"{factor}_{zone}", 1 if at % 2 == 0 else -1
@@ -175,7 +193,7 @@ def _zone(
             value = posterior.truth[name]
             ax.plot(
                 [place(value)] * 2,
-                [y0, y0 + sign * 1.08 * height],
+                [y0, y0 + sign * height],
                 "--",
                 color=style.BLACK,
                 linewidth=1,
@@ -195,11 +213,10 @@ def _zone(
             fontsize=size,
         )
     for tick in ticks:
-        ax.plot([place(tick)] * 2, [y0 - 0.008, y0 + 0.008], color=style.GREY, linewidth=0.8)
-    for tick in ticks[[0, -1]]:
+        ax.plot([place(tick)] * 2, [foot, foot - 0.008], color=style.GREY, linewidth=0.8)
         ax.text(
             place(tick),
-            y0 - 0.016,
+            foot - 0.014,
             f"{tick:g}",
             ha="center",
             va="top",

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import seaborn
 from matplotlib.axes import Axes
 
 from regional_lv.plots import style
@@ -35,13 +36,22 @@ def draw(errors: Path, orders: Path, png: Path, csv: Path) -> None:
 
 
 def _panel(ax: Axes, table: pd.DataFrame) -> None:
-    for (colour, marker), (quantity, mine) in zip(
-        LOOKS, table.groupby("quantity", sort=False), strict=False
-    ):
-        label = f"{quantity}: order {mine['order'].iloc[0]:.1f}"
-        ax.plot(
-            mine["layers"], mine["error"], marker=marker, color=colour, markersize=4, label=label
-        )
+    names = table["quantity"] + ": order " + table["order"].map("{:.1f}".format)
+    looks = dict(zip(names.unique(), LOOKS, strict=False))
+    colours, markers = ({name: look[at] for name, look in looks.items()} for at in (0, 1))
+    seaborn.lineplot(
+        table,
+        x="layers",
+        y="error",
+        hue=names,
+        style=names,
+        ax=ax,
+        estimator=None,
+        palette=colours,
+        markers=markers,
+        dashes=False,
+        markersize=5,
+    )
     layers = np.unique(table["layers"])
     ax.set(xscale="log", yscale="log", xlabel="elements through the wall", ylabel="relative error")
     ax.set_xticks(layers, [str(n) for n in layers])

@@ -5,14 +5,14 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import seaborn
 from matplotlib.axes import Axes
-from matplotlib.colors import Normalize
-from matplotlib.image import AxesImage
+from matplotlib.collections import QuadMesh
 
 from regional_lv.parameters import Parameterisation
 from regional_lv.plots import scenarios, style
 
-SCALE = {"norm": Normalize(-1, 1), "cmap": "PuOr"}
+SCALE = {"vmin": -1, "vmax": 1, "cmap": "PuOr"}
 """Orange-brown negative, purple positive, as in the paper."""
 
 
@@ -36,7 +36,7 @@ def draw(
     fig = style.figure(side + 1.2, side)
     ax = fig.subplots()
     image = matrix(ax, joined, "parameter", parameters.names, style.label)
-    for border in np.arange(factors, count, factors) - 0.5 if factors > 1 else ():
+    for border in np.arange(factors, count, factors) if factors > 1 else ():
         ax.axhline(border, color=style.BLACK, linewidth=0.8)
         ax.axvline(border, color=style.BLACK, linewidth=0.8)
     fig.colorbar(image, ax=ax, label="posterior correlation", shrink=0.8)
@@ -62,7 +62,7 @@ def matrix(
     what: str,
     names: Sequence[str],
     label: Callable[[str], str],
-) -> AxesImage:
+) -> QuadMesh:
     """Heat map of the means with numbers on it; the diagonal stays empty.
 
     what: `parameter` or `zone`, the stem of the columns that hold `names`; label: makes a label of
@@ -75,16 +75,24 @@ def matrix(
         for column in ("mean", "se")
     )
     np.fill_diagonal(mean, np.nan)
-    image = ax.imshow(mean, **SCALE)
+    text = np.vectorize(lambda m, e: f"{m:z.2f}" + (f"\n±{e:.3f}" if np.isfinite(e) else ""))
     size = 7 if len(names) <= 12 else 5.5
-    for i, j in np.argwhere(np.isfinite(mean)):
-        error = f"\n±{se[i, j]:.3f}" if np.isfinite(se[i, j]) else ""
-        colour = "white" if abs(mean[i, j]) > 0.65 else "black"
-        ax.text(
-            j, i, f"{mean[i, j]:z.2f}{error}", ha="center", va="center", color=colour, fontsize=size
-        )
     labels = [label(name) for name in names]
-    ax.set_xticks(range(len(names)), labels, rotation=45, ha="right")
-    ax.set_yticks(range(len(names)), labels)
-    ax.spines[:].set_visible(False)
-    return image
+    seaborn.heatmap(
+        mean,
+        ax=ax,
+        annot=text(mean, se),
+        fmt="",
+        annot_kws={"fontsize": size},
+        xticklabels=labels,
+        yticklabels=labels,
+        square=True,
+        cbar=False,
+        **SCALE,
+    )
+    for cell, value in zip(ax.texts, mean[np.isfinite(mean)], strict=True):
+        cell.set_color("white" if abs(value) > 0.65 else "black")
+    ax.set_xticks(ax.get_xticks(), labels, rotation=45, ha="right")
+    ax.tick_params(axis="y", rotation=0)
+    ax.tick_params(length=0)
+    return ax.collections[0]

@@ -163,15 +163,25 @@ def draw_theta(findings: dict, png: Path, csv: Path) -> None:
     )
     fig = style.figure(max(4.0, 0.6 * len(table) + 1.5), 2.8)
     ax = fig.subplots()
-    at = np.arange(len(table))
-    whens = (("before", style.GREY, -0.12), ("after", style.VERMILLION, 0.12))
-    for when, colour, shift in whens if len(findings["rounds"]) > 1 else whens[:1]:
+    whens = ("before", "after") if len(findings["rounds"]) > 1 else ("before",)
+    shown = []
+    for when in whens:
         mean, sd = table[f"mean_{when}"], table[f"sd_{when}"]
-        ends = np.array([np.minimum(2 * sd, mean), 2 * sd])
-        ax.errorbar(at + shift, mean, yerr=ends, fmt="o", color=colour, markersize=4, label=when)
+        ends = {"lower": (mean - 2 * sd).clip(lower=0), "upper": mean + 2 * sd}
+        shown.append(table[["parameter"]].assign(when=when, mean=mean, **ends))
+    style.intervals(
+        ax,
+        pd.concat(shown),
+        "parameter",
+        "mean",
+        ("lower", "upper"),
+        hue="when",
+        palette={"before": style.GREY, "after": style.VERMILLION},
+        dodge=0.24,
+    )
     ax.axhline(1, color=style.LIGHT, zorder=0)
     labels = [style.label(p) for p in table["parameter"]]
-    ax.set_xticks(at, labels, rotation=45, ha="right")
-    ax.set_ylabel("factor (± 2 sd)")
+    ax.set_xticks(range(len(table)), labels, rotation=45, ha="right")
+    ax.set(xlabel="", ylabel="factor (± 2 sd)")
     ax.legend()
     style.save(fig, table, png, csv)

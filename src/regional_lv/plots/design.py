@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import seaborn
 from matplotlib.axes import Axes
 from matplotlib.patches import Patch
 
@@ -68,12 +69,21 @@ def _histogram(ax: Axes, table: pd.DataFrame, channel: Channel, scales: list[str
     rows = []
     unit = "" if channel.unit == "1" else channel.unit
     edges = np.histogram_bin_edges(table[channel.name], bins=40)
+    middles = (edges[1:] + edges[:-1]) / 2
+    seaborn.histplot(
+        table,
+        x=channel.name,
+        hue="scale",
+        hue_order=scales,
+        bins=edges,
+        palette=style.SCALE_COLOURS,
+        element="step",
+        alpha=0.35,
+        legend=False,
+        ax=ax,
+    )
     for scale in scales:
-        values = table.loc[table["scale"] == scale, channel.name]
-        counts, _ = np.histogram(values, edges)
-        ax.stairs(counts, edges, fill=True, alpha=0.35, color=style.SCALE_COLOURS[scale])
-        ax.stairs(counts, edges, color=style.SCALE_COLOURS[scale])
-        middles = (edges[1:] + edges[:-1]) / 2
+        counts, _ = np.histogram(table.loc[table["scale"] == scale, channel.name], edges)
         rows += [
             (channel.quantity, scale, f"{m:.4g} {unit}".strip(), "count", c)
             for m, c in zip(middles, counts, strict=True)
@@ -88,44 +98,33 @@ def _boxes(
     ax: Axes, table: pd.DataFrame, quantity: str, channels: list[Channel], scales: list[str]
 ) -> list[tuple]:
     """Boxes per segment: median, middle half, whiskers over the middle 95 %."""
-    rows = []
-    for place, scale in enumerate(scales):
-        part = table[table["scale"] == scale]
-        boxes = []
-        for channel in channels:
-            if part.empty:
-                continue
-            stats = {key: part[channel.name].quantile(q) for key, q in QUANTILES.items()}
-            rows += [(quantity, scale, channel.name, key, value) for key, value in stats.items()]
-            boxes.append(
-                {
-                    "med": stats["median"],
-                    "q1": stats["lower50"],
-                    "q3": stats["upper50"],
-                    "whislo": stats["lower95"],
-                    "whishi": stats["upper95"],
-                }
-            )
-        if not boxes:
-            continue
-        colour = style.SCALE_COLOURS[scale]
-        offset = 0.38 * (place - (len(scales) - 1) / 2)
-        ax.bxp(
-            boxes,
-            positions=np.array([channel.segment for channel in channels]) + offset,
-            widths=0.32,
-            showfliers=False,
-            patch_artist=True,
-            manage_ticks=False,
-            boxprops={"facecolor": colour, "alpha": 0.45, "edgecolor": colour},
-            medianprops={"color": style.BLACK, "linewidth": 1.4},
-            whiskerprops={"color": colour},
-            capprops={"color": colour},
-        )
+    long = table.melt("scale", [channel.name for channel in channels], "channel")
+    long["segment"] = long["channel"].map({c.name: c.segment for c in channels})
+    present = [scale for scale in scales if scale in set(table["scale"])]
+    seaborn.boxplot(
+        long,
+        x="segment",
+        y="value",
+        hue="scale",
+        order=range(1, 18),
+        ax=ax,
+        gap=0.1,
+        hue_order=present,
+        palette=style.SCALE_COLOURS,
+        legend=False,
+        whis=(2.5, 97.5),
+        showfliers=False,
+        **style.BOXES,
+    )
+    quantiles = long.groupby(["scale", "channel"])["value"].quantile([*QUANTILES.values()])
+    names = {level: name for name, level in QUANTILES.items()}
+    rows = [
+        (quantity, scale, channel, names[level], value)
+        for (scale, channel, level), value in quantiles.items()
+    ]
     ax.axhline(0, color=style.GREY, linewidth=0.6, zorder=0)
-    ax.set_xticks(range(1, 18))
     strain = channels[0].kind.is_strain
-    ax.set(xlim=(0.4, 17.6), ylabel="strain" if strain else quantity)
+    ax.set(xlabel="", ylabel="strain" if strain else quantity)
     title = f"{quantity.capitalize()}{' strain' if strain else ''}"
     ax.set_title(f"{title}: median, middle 50 % and 95 %")
     return rows
@@ -138,26 +137,33 @@ def _excluded(
     converged: int,
     parameters: Parameterisation,
 ) -> list[tuple]:
-    rows = []
-    height = {name: -i for i, name in enumerate(parameters.names)}
-    for name, y in height.items():
-        ax.axhline(y, color=style.LIGHT, linewidth=0.8, zorder=0)
-        for place, scale in enumerate(scales):
-            part = lost[lost["scale"] == scale]
-            offset = 0.3 * (place - (len(scales) - 1) / 2)
-            ax.plot(
-                part[f"place_{name}"],
-                np.full(len(part), y - offset),
-                "x",
-                color=style.SCALE_COLOURS[scale],
-                markersize=4,
-            )
-            rows += [
-                ("excluded", scale, name, f"place of sample {sample}", value)
-                for sample, value in zip(part["sample"], part[f"place_{name}"], strict=True)
-            ]
-    ax.set_yticks(list(height.values()), [style.label(n) for n in height])
-    ax.set(xlim=(-0.02, 1.02), xlabel="place in the box, log scale (0 lower bound, 1 upper bound)")
+    places = {f"place_{name}": name for name in parameters.names}
+    long = lost.rename(columns=places).melt(["scale", "sample"], list(parameters.names), "item")
+    seaborn.stripplot(
+        long,
+        x="value",
+        y="item",
+        hue="scale",
+        order=parameters.names,
+        ax=ax,
+        hue_order=scales,
+        palette=style.SCALE_COLOURS,
+        dodge=True,
+        jitter=False,
+        marker="x",
+        linewidth=1,
+        size=4,
+        legend=False,
+        orient="y",
+    )
+    rows = [
+        ("excluded", scale, name, f"place of sample {sample}", value)
+        for scale, sample, name, value in long.itertuples(index=False)
+    ]
+    ax.yaxis.grid(True)
+    ax.set_yticks(range(len(parameters)), [style.label(name) for name in parameters.names])
+    ax.set(xlim=(-0.02, 1.02), ylim=(len(parameters) - 0.5, -0.5), ylabel="")
+    ax.set_xlabel("place in the box, log scale (0 lower bound, 1 upper bound)")
     total = converged + len(lost)
     ax.set_title(f"Not converged: {len(lost)} of {total} ({100 * len(lost) / total:.2f} %)")
     if lost.empty:

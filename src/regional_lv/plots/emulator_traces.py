@@ -39,8 +39,9 @@ def draw(
         for emulator, paths in by_emulator(posteriors).items()
     }
     fig = style.figure(2.9 * len(found) + 0.6, 1.15 * len(shown) + 1.5)
-    axes = fig.subplots(len(shown), 2 * len(found), squeeze=False, sharey=False,
-                        width_ratios=[2, 1] * len(found))  # fmt: skip
+    axes = fig.subplots(
+        len(shown), 2 * len(found), squeeze=False, sharey=False, width_ratios=[2, 1] * len(found)
+    )
     tables = []
     for at, (emulator, posterior) in enumerate(found.items()):
         columns = axes[:, 2 * at : 2 * at + 2]
@@ -101,8 +102,11 @@ def _common(axes) -> None:
     """
     limits = [ax.get_xlim() for ax in axes]
     lower, upper = min(a for a, _ in limits), max(b for _, b in limits)
-    ticks = [tick for tick in axes[0].xaxis.get_major_locator().tick_values(lower, upper)
-             if lower <= tick <= upper]  # fmt: skip
+    ticks = [
+        tick
+        for tick in axes[0].xaxis.get_major_locator().tick_values(lower, upper)
+        if lower <= tick <= upper
+    ]
     for ax in axes:
         # The outer ones: three labels would run into each other in so narrow a panel.
         ax.set(xlim=(lower, upper), xticks=[ticks[0], ticks[-1]])

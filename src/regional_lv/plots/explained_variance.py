@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import seaborn
 
 from regional_lv.plots import style
 
@@ -22,14 +23,29 @@ def draw(explained: Path, png: Path, csv: Path, threshold: float = 0.999) -> Non
 
     fig = style.figure(8.0, 3.6)
     left, right = fig.subplots(1, 2)
-    colours = np.where(table["kept"], style.BLUE, style.LIGHT)
-    left.bar(table["component"], 100 * table["explained"], color=colours)
+    seaborn.barplot(
+        x=table["component"],
+        y=100 * table["explained"],
+        hue=table["kept"],
+        ax=left,
+        palette={True: style.BLUE, False: style.LIGHT},
+        saturation=1,
+        legend=False,
+        native_scale=True,
+    )
     left.set(yscale="log", xlabel="principal component", ylabel="explained variance (%)")
     left.set_title("Each component")
 
     missing = 100 * (1 - table["cumulative"])
     shown = missing > 1e-10  # the last component leaves nothing, which a log axis cannot show
-    right.plot(table["component"][shown], missing[shown], "o-", color=style.BLUE, markersize=3)
+    seaborn.lineplot(
+        x=table["component"][shown],
+        y=missing[shown],
+        color=style.BLUE,
+        marker="o",
+        markersize=4,
+        ax=right,
+    )
     right.axhline(100 * (1 - threshold), color=style.VERMILLION, linestyle="--")
     right.annotate(
         f"{100 * threshold:g} % explained",

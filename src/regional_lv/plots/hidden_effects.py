@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import seaborn
 from matplotlib.ticker import FixedLocator, NullLocator
 
 from regional_lv.criticism.rates import rate
@@ -12,6 +13,8 @@ from regional_lv.plots import style
 
 EDGES = (0, 1, 2, 3, 4, 6, 9, 15, 1000)
 """Of the bins of expected scores."""
+
+FOUND = {True: "in the answer", False: "missed"}
 
 
 @style.context
@@ -34,27 +37,32 @@ def draw(cases_file: Path, png: Path, csv: Path) -> None:
     fig = style.figure(14.0, 0.3 * len(rows) + 2.6)
     left, middle, right = fig.subplots(1, 3, width_ratios=[3, 2, 2])
     share = counts.to_numpy() / np.maximum(counts.sum(axis=1).to_numpy()[:, None], 1)
-    left.imshow(share, cmap="Blues", vmin=0, vmax=1, aspect="auto")
-    for i, j in np.argwhere(counts.to_numpy() > 0):
-        colour = "white" if share[i, j] > 0.6 else "black"
-        left.text(j, i, counts.iat[i, j], ha="center", va="center", color=colour, fontsize=8)
     names = [[name.replace("_", " ") for name in labels] for labels in (columns, rows)]
-    left.set_xticks(range(len(columns)), names[0], rotation=45, ha="right")
-    left.set_yticks(range(len(rows)), names[1])
+    seaborn.heatmap(
+        share,
+        cmap="Blues",
+        vmin=0,
+        vmax=1,
+        annot=counts.replace(0, ""),
+        fmt="",
+        annot_kws={"fontsize": 8},
+        cbar=False,
+        yticklabels=names[1],
+        ax=left,
+    )
+    left.set_xticks(np.arange(len(columns)) + 0.5, names[0], rotation=45, ha="right")
     left.set(xlabel="named cause", ylabel="planted effect")
 
     visible = cases[(cases["effect"] != "none") & cases["expected_z"].notna()]
     visible = visible[visible["identifiable"].astype(str) == "True"]
     _draw_each(middle, visible)
     power = _power(visible)
-    at = np.arange(len(power))
-    error = np.array([power["share"] - power["low"], power["high"] - power["share"]])
-    right.errorbar(at, power["share"], yerr=error, fmt="o", color=style.BLUE, capsize=2)
     labels = [
         f"{a:g}-{b:g}" if b < EDGES[-1] else f"> {a:g}"
         for a, b in zip(power["lower"], power["upper"], strict=True)
     ]
-    right.set_xticks(at, [f"{x}\n{n}" for x, n in zip(labels, power["of"], strict=True)])
+    at = [f"{x}\n{n}" for x, n in zip(labels, power["of"], strict=True)]
+    style.intervals(right, power.assign(bin=at), "bin", "share", ("low", "high"), color=style.BLUE)
     right.set(ylim=(-0.03, 1.03), ylabel="answers that contain the effect")
     right.set_xlabel("score expected of the effect (se of psi)\nbelow: number of subjects")
     right.axhline(0.9, color=style.GREY, linestyle="--", linewidth=0.8)
@@ -66,27 +74,28 @@ def draw(cases_file: Path, png: Path, csv: Path) -> None:
 
 def _draw_each(ax, visible: pd.DataFrame) -> None:
     """Every planted effect by the score expected of it, filled where the answer contains it."""
-    names = sorted(set(visible["effect"]), reverse=True)
-    found = visible["contains"].astype(str) == "True"
-    for hit, label in ((True, "in the answer"), (False, "missed")):
-        chosen = visible[found == hit]
-        ax.plot(
-            chosen["expected_z"].clip(lower=0.1),
-            [names.index(name) for name in chosen["effect"]],
-            "o",
-            color=style.BLUE,
-            markerfacecolor=style.BLUE if hit else "white",
-            markersize=5,
-            label=label,
-        )
+    found = (visible["contains"].astype(str) == "True").map(FOUND)
+    shown = visible.assign(expected_z=visible["expected_z"].clip(lower=0.1))
+    shown["effect"] = shown["effect"].str.replace("_", " ")
+    seaborn.stripplot(
+        shown.sort_values("effect"),
+        x="expected_z",
+        y="effect",
+        hue=found,
+        ax=ax,
+        hue_order=FOUND.values(),
+        palette=[style.BLUE, "white"],
+        jitter=False,
+        edgecolor=style.BLUE,
+        linewidth=1,
+        size=5,
+    )
     ax.axvline(3, color=style.GREY, linestyle="--", linewidth=0.8)
     ax.set_xscale("log")
     ax.xaxis.set_major_locator(FixedLocator([1, 2, 3, 5, 10, 20, 50]))
     ax.xaxis.set_major_formatter("{x:g}")
     ax.xaxis.set_minor_locator(NullLocator())
-    ax.set_yticks(range(len(names)), [name.replace("_", " ") for name in names])
-    ax.set_ylim(-0.7, len(names) - 0.3)
-    ax.set_xlabel("score expected of the effect (se of psi)")
+    ax.set(xlabel="score expected of the effect (se of psi)", ylabel="")
     ax.legend(loc="upper center", bbox_to_anchor=(0.5, 1.1), ncols=2)
 
 

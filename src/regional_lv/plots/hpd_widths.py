@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import seaborn
 from matplotlib.patches import Patch
 
 from regional_lv.parameters import Parameterisation
@@ -32,25 +33,39 @@ def draw(
     recoveries, noisy: `recovery.csv` of the sets `labels` and of their noisy twins. The
     table: noise, set, parameters (which), then STATISTICS.
     """
-    rows, warnings = [], []
+    tables, warnings = [], []
     fig = style.figure(11.0, 4.8)
     axes = scenarios.panels(fig, 1, 2, sharey=True)[0]
     for ax, noise, paths in zip(axes, scenarios.NOISE, (recoveries, noisy), strict=True):
         table = scenarios.read_sets(paths, labels, parameters)
         warnings.append(scenarios.warning(table))
-        rows += _boxes(ax, table, labels, noise)
-        ax.set_title(noise)
+        tables.append(_groups(table).assign(noise=noise))
+        seaborn.boxplot(
+            tables[-1],
+            x="set",
+            y="hpd_width95",
+            hue="parameters",
+            order=labels,
+            ax=ax,
+            hue_order=GROUPS,
+            palette=GROUPS,
+            whis=(5, 95),
+            showfliers=False,
+            gap=0.1,
+            legend=False,
+            **style.BOXES,
+        )
+        ax.set(xlabel="", title=noise)
+        ax.yaxis.grid(True, which="both")
     axes[0].set(ylabel="width of the 95 % HPD interval", yscale="log")
-    for ax in axes:
-        ax.yaxis.grid(True, which="both", color=style.LIGHT, linewidth=0.5)
-    handles = [Patch(color=colour, label=name) for name, colour in GROUPS.items()]
+    handles = [Patch(color=colour, alpha=0.6, label=name) for name, colour in GROUPS.items()]
     fig.legend(handles=handles, loc="outside lower center", ncols=3)
     style.suptitle(
         fig,
         f"How well single parameters are known (the prior's width: {_prior_width(parameters)})",
         " / ".join(filter(None, warnings)),
     )
-    style.save(fig, pd.DataFrame(rows), png, csv)
+    style.save(fig, _statistics(pd.concat(tables)), png, csv)
 
 
 def _prior_width(parameters: Parameterisation) -> str:
@@ -61,33 +76,17 @@ def _prior_width(parameters: Parameterisation) -> str:
     return ", ".join(f"{style.factor_label(name)} {width}" for name, width in widths.items())
 
 
-def _boxes(ax, table: pd.DataFrame, labels: Sequence[str], noise: str) -> list[dict]:
-    rows = []
-    for at, label in enumerate(labels):
-        mine = table[table["set"] == label]
-        split = dict(zip(GROUPS, (mine, mine[mine["stiffened"]], mine[~mine["stiffened"]]),
-                         strict=True))  # fmt: skip
-        for shift, (group, part) in zip((-0.26, 0, 0.26), split.items(), strict=True):
-            if part.empty:
-                continue
-            width = part["hpd_width95"]
-            quantiles = width.quantile([0.05, 0.25, 0.5, 0.75, 0.95]).to_numpy()
-            values = (part["case"].nunique(), *quantiles, width.mean())
-            rows.append(
-                {"noise": noise, "set": label, "parameters": group}
-                | dict(zip(STATISTICS, values, strict=True))
-            )
-            low, first, middle, third, high = quantiles
-            box = {"whislo": low, "q1": first, "med": middle, "q3": third, "whishi": high}
-            ax.bxp(
-                [box],
-                positions=[at + shift],
-                widths=0.22,
-                showfliers=False,
-                patch_artist=True,
-                manage_ticks=False,
-                boxprops={"facecolor": GROUPS[group], "alpha": 0.6, "linewidth": 0.8},
-                medianprops={"color": style.BLACK},
-            )
-    ax.set_xticks(range(len(labels)), labels)
-    return rows
+def _groups(table: pd.DataFrame) -> pd.DataFrame:
+    """Rows of `scenarios.read_sets` once for each of GROUPS that they belong to: `parameters`."""
+    of = np.where(table["stiffened"], "of the stiffened zone", "of the other zones")
+    return pd.concat([table.assign(parameters="all parameters"), table.assign(parameters=of)])
+
+
+def _statistics(table: pd.DataFrame) -> pd.DataFrame:
+    """STATISTICS of each noise, set and group of a table of `_groups`."""
+    groups = table.groupby(["noise", "set", "parameters"], sort=False)
+    widths = groups["hpd_width95"]
+    summary = widths.quantile([0.05, 0.25, 0.5, 0.75, 0.95]).unstack()
+    summary.columns = STATISTICS[1:-1]
+    summary = summary.assign(cases=groups["case"].nunique(), mean=widths.mean())
+    return summary[[*STATISTICS]].reset_index()

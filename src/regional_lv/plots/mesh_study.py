@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-import numpy as np
 import pandas as pd
+import seaborn
 from matplotlib.axes import Axes
 
 from regional_lv.plots import style
@@ -30,15 +30,23 @@ def draw(errors: Path, png: Path, csv: Path) -> None:
 
 def _panel(ax: Axes, table: pd.DataFrame, column: str, limits) -> None:
     names = list(dict.fromkeys(table["mesh"]))
-    for place, name in enumerate(names):
-        values = table.loc[table["mesh"] == name, column].to_numpy()
-        spread = place + np.linspace(-0.2, 0.2, len(values))
-        ax.plot(spread, values, "o", color=style.BLUE, markersize=3, alpha=0.6)
-        ax.plot(place + np.array([-0.3, 0.3]), [np.median(values)] * 2, color=style.VERMILLION)
+    ax.set_yscale("log")  # before the dots, which a swarm places by their distances on paper
+    seaborn.swarmplot(table, x="mesh", y=column, color=style.BLUE, size=3, alpha=0.6, ax=ax)
+    seaborn.pointplot(
+        table,
+        x="mesh",
+        y=column,
+        estimator="median",
+        errorbar=None,
+        marker="_",
+        markersize=24,
+        linestyle="none",
+        color=style.VERMILLION,
+        ax=ax,
+    )
     for limit in limits:
         ax.axhline(limit, color="0.5", linestyle=":", linewidth=1)
     unknowns = table.groupby("mesh")["unknowns"].first()
     labels = [f"{unknowns[n]:,}\n" + n.replace(", ", ",\n") for n in names]
     ax.set_xticks(range(len(names)), labels, fontsize=7)
-    ax.set_yscale("log")
     ax.set_xlabel("mesh, with its number of unknowns (line: median)")

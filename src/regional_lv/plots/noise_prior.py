@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import pandas as pd
+import seaborn
 from matplotlib.axes import Axes
 
 from regional_lv.parameters import Parameterisation
@@ -34,25 +35,57 @@ def draw(
     names = [n for n in table["parameter"].unique() if n.startswith("sigma_")]
     for name, colour in zip(names, COLOURS, strict=False):
         mine = table[table["parameter"] == name]
-        noise.fill_between(mine["prior_scale"], mine["lower95"], mine["upper95"],
-                           color=colour, alpha=0.25, linewidth=0)  # fmt: skip
-        noise.plot(mine["prior_scale"], mine["median"], "o-", color=colour,
-                   label=name.removeprefix("sigma_"))  # fmt: skip
+        noise.fill_between(
+            mine["prior_scale"],
+            mine["lower95"],
+            mine["upper95"],
+            color=colour,
+            alpha=0.25,
+            linewidth=0,
+        )
+        seaborn.lineplot(
+            mine,
+            x="prior_scale",
+            y="median",
+            color=colour,
+            marker="o",
+            ax=noise,
+            estimator=None,
+            label=name.removeprefix("sigma_"),
+        )
     noise.set(ylabel="noise scale (standardised units)", title="median and 95 % HPD interval")
     noise.legend(title="strain")
     once = table.drop_duplicates("prior_scale")
-    outside.plot(once["prior_scale"], once["outside"], "o-", color=style.VERMILLION)
+    seaborn.lineplot(
+        once,
+        x="prior_scale",
+        y="outside",
+        color=style.VERMILLION,
+        marker="o",
+        estimator=None,
+        ax=outside,
+    )
     outside.set(
         ylabel=f"observations outside (of {once['outputs'].max()})",
         title="outside the 95 % predictive interval",
         ylim=(-0.3, once["outside"].max() + 1),
     )
-    for factor, colour in style.factor_colours(parameters.factors).items():
-        mine = table[table["parameter"].isin([p.name for p in parameters if p.factor == factor])]
-        mean = mine.groupby("prior_scale")["width95"].mean()
-        widths.plot(mean.index, mean, "o-", color=colour, label=style.factor_label(factor))
-    widths.set(ylabel="mean width of the 95 % HPD interval", title="stiffness", ylim=(0, None))
-    widths.legend()
+    factors = {p.name: style.factor_label(p.factor) for p in parameters}
+    mine = table[table["parameter"].isin(factors)]
+    colours = style.factor_colours(parameters.factors)
+    seaborn.lineplot(
+        mine,
+        x="prior_scale",
+        y="width95",
+        hue=mine["parameter"].map(factors),
+        palette={style.factor_label(f): c for f, c in colours.items()},
+        marker="o",
+        errorbar=None,
+        ax=widths,
+    )
+    widths.set(ylabel="mean width of the 95 % HPD interval", title="stiffness")
+    widths.set_ylim(0, 1.05 * widths.get_ylim()[1])
+    widths.legend(title="factor")
     for ax in (noise, outside, widths):
         _log_axis(ax, once["prior_scale"])
     failed = int((once["verdict"] != "passed").sum())

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import seaborn
 
 from regional_lv.channels import Channel, Channels
 from regional_lv.emulators import label_of
@@ -57,18 +58,30 @@ def _panel(
     unit = "" if channel.unit == "1" else f" {channel.unit}"
     read_as = unit.strip() or ("strain" if channel.kind.is_strain else channel.quantity)
     upper, lower = place.subgridspec(2, 1, height_ratios=[3, 1]).subplots(sharex=True)
-    colours = _colours(part, parameters)
-    for ax, base in ((upper, 0.0), (lower, part["truth"])):
+    zones, palette = _zones(part, parameters), {**parameters.colours, "": style.GREY}
+    named = legend and len(parameters.zones) <= bullseye.FEW_ZONES
+    points = part.assign(error=part["mean"] - part["truth"])
+    for ax, shown, base in ((upper, "mean", 0.0), (lower, "error", part["truth"])):
         # Rows are ordered by case, so that no zone hides the others.
         ax.vlines(
             part["truth"],
             part["lower95"] - base,
             part["upper95"] - base,
-            colors=colours,
+            colors=zones.map(palette),
             linewidth=0.7,
             alpha=0.3,
         )
-        ax.scatter(part["truth"], part["mean"] - base, c=colours, s=5, linewidths=0)
+        seaborn.scatterplot(
+            points,
+            x="truth",
+            y=shown,
+            hue=zones.map(style.zone_label),
+            s=6,
+            palette={style.zone_label(z): c for z, c in palette.items()},
+            linewidth=0,
+            legend=named and ax is upper,
+            ax=ax,
+        )
     ends = [part["truth"].min(), part["truth"].max()]
     upper.plot(ends, ends, color=style.BLACK, linewidth=0.7)
     lower.axhline(0, color=style.BLACK, linewidth=0.7)
@@ -79,18 +92,14 @@ def _panel(
     rmse = f"RMSE {part['rmse'].iloc[0]:.3g}{unit}"
     covered = f"95 % bars cover {100 * part['coverage95'].iloc[0]:.1f} %"
     upper.text(0.04, 0.96, f"{rmse}\n{covered}", transform=upper.transAxes, va="top")
-    if legend and len(parameters.zones) <= bullseye.FEW_ZONES:
-        for zone, colour in parameters.colours.items():
-            upper.scatter([], [], c=colour, s=20, label=style.zone_label(zone))
-        upper.legend(loc="lower right", title="zone of the segment")
+    if named:
+        upper.legend(loc="lower right", title=zones.name, markerscale=2)
 
 
-def _colours(part: pd.DataFrame, parameters: Parameterisation) -> list[str]:
-    """Colour of each row's zone, grey for what belongs to no segment."""
-    colour = {
-        channel.name: parameters.colours[parameters.zone_of(channel.segment)]
-        if channel.segment
-        else style.GREY
+def _zones(part: pd.DataFrame, parameters: Parameterisation) -> pd.Series:
+    """Zone of each row's segment; what belongs to no segment has none."""
+    zone = {
+        channel.name: parameters.zone_of(channel.segment) if channel.segment else ""
         for channel in Channels.parse(part["output"].unique())
     }
-    return [colour[output] for output in part["output"]]
+    return part["output"].map(zone).rename("zone of the segment")

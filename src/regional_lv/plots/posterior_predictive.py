@@ -6,12 +6,16 @@ from pathlib import Path
 import arviz as az
 import numpy as np
 import pandas as pd
+import seaborn
 from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from scipy.stats import gaussian_kde
 
 from regional_lv.channels import Channel, Channels
 from regional_lv.errors import InputError
 from regional_lv.plots import style
-from regional_lv.plots.case_posterior import density, read
+from regional_lv.plots.case_posterior import read
 from regional_lv.quantities import QUANTITIES
 
 GAP = 1.2
@@ -19,6 +23,17 @@ GAP = 1.2
 
 ROOM = 3.5
 """For numbers and name of an axis between quantities, in widths of a violin."""
+
+WIDTH = 0.84
+"""Of a violin where it is widest."""
+
+GRID = 100
+"""Values at which a density is evaluated."""
+
+INTERVAL = {"color": style.BLACK, "linewidth": 0.8}
+MEDIAN = {"color": style.BLACK, "linestyle": "", "marker": "_", "markersize": 7}
+INSIDE = {"color": style.OBSERVED, "linestyle": "", "marker": "D", "markersize": 4, "zorder": 5}
+OUTSIDE = INSIDE | {"marker": "x", "markersize": 7, "markeredgewidth": 2}
 
 COLUMNS = ["output", "quantity", "segment", "item", "value", "density", "inside"]
 
@@ -64,12 +79,14 @@ def draw(posterior: Path, diagnostics: Path, source: str, png: Path, csv: Path) 
     table["verdict"] = found.verdict
     seen = table[table["item"] == "observed"]
     outside = int((~seen["inside"].astype(bool)).sum())
-    ax = panels[0]
-    ax.plot(
-        [], [], "D", color=style.OBSERVED, markersize=5, label="observed, inside the 95 % interval"
-    )
-    ax.plot([], [], "x", color=style.OBSERVED, markersize=7, mew=2, label="observed, outside")
-    fig.legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncols=2)
+    marks = {
+        "posterior predictive": Patch(color=style.GREY, alpha=0.55),
+        "median": Line2D([], [], **MEDIAN),
+        "95 % interval": Line2D([], [], **INTERVAL),
+        "observed, inside the 95 % interval": Line2D([], [], **INSIDE),
+        "observed, outside": Line2D([], [], **OUTSIDE),
+    }
+    fig.legend(marks.values(), marks.keys(), loc="outside lower center", ncols=len(marks))
     title = found.title("Posterior predictive", source)
     style.suptitle(fig, f"{title}: {outside} of {len(seen)} observations outside", found.warning)
     style.save(fig, table, png, csv)
@@ -152,11 +169,26 @@ def _violin(
     ax: Axes, at: float, channel: Channel, colour: str, draws: np.ndarray, observed: float
 ) -> list[tuple]:
     lower, median, upper = np.quantile(draws, [0.025, 0.5, 0.975])
-    values, heights = density(draws)
-    width = 0.42 * heights / heights.max()
-    ax.fill_betweenx(values, at - width, at + width, color=colour, alpha=0.55, linewidth=0.6)
-    ax.plot([at, at], [lower, upper], color=style.BLACK, linewidth=0.8)
-    ax.plot([at - 0.16, at + 0.16], [median, median], color=style.BLACK, linewidth=1.2)
+    seaborn.violinplot(
+        x=np.full(draws.size, at),
+        y=draws,
+        ax=ax,
+        native_scale=True,
+        width=WIDTH,
+        inner=None,
+        cut=0,
+        gridsize=GRID,
+        color=colour,
+        saturation=1,
+        alpha=0.55,
+        linewidth=0.6,
+        linecolor=colour,
+    )
+    ax.plot([at, at], [lower, upper], **INTERVAL)
+    ax.plot(at, median, **MEDIAN)
+    # What seaborn draws: Scott's bandwidth, cut at the smallest and the largest draw.
+    values = np.linspace(draws.min(), draws.max(), GRID)
+    heights = gaussian_kde(draws)(values)
     inside = bool(lower <= observed <= upper)
     head = (channel.name, channel.quantity, channel.segment)
     rows = [
@@ -165,8 +197,7 @@ def _violin(
     ]
     rows += [(*head, "density", v, h, None) for v, h in zip(values, heights, strict=True)]
     if np.isfinite(observed):
-        shape = {"marker": "D", "markersize": 4} if inside else {"marker": "x", "markersize": 7}
-        ax.plot(at, observed, color=style.OBSERVED, mew=1 if inside else 2, zorder=5, **shape)
+        ax.plot(at, observed, **(INSIDE if inside else OUTSIDE))
         rows.append((*head, "observed", float(observed), np.nan, inside))
     return rows
 

@@ -1,10 +1,11 @@
-"""Do the posteriors find the parameters that made the data? Truth against estimate, coverage."""
+"""Do the posteriors find the parameters that made the data? Errors against truth, coverage."""
 
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import seaborn
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
@@ -15,6 +16,9 @@ from regional_lv.plots.verdicts import chosen, failed_cases, warning_of
 
 MANY = 18
 """More labels than this stand upright."""
+
+OUTCOMES = {"covers": style.BLUE, "misses": style.VERMILLION, "failed": style.GREY}
+"""Of a case's interval: covers the truth, misses it, or its posterior failed its gate."""
 
 LEVEL_COLOURS = {50: style.SKY, 80: style.GREEN, 95: style.BLUE}
 
@@ -29,10 +33,10 @@ def draw(
     png: Path,
     csv: Path,
 ) -> None:
-    """Draw MAP and 95 % interval against truth per parameter, and coverage with its own interval.
+    """Draw errors of MAP and 95 % interval against the truth per parameter, and coverage.
 
     recovery: CSV with case, parameter, truth, map, lower95, upper95, covered. coverage: CSV with
-    parameter (each and "all"), coverage50/80/95 and their binomial 95 % intervals
+    parameter (each and "all"), coverage50/80/95 and their binomial 95 % intervals, drawn with them
     (`coverage95_lower`, `coverage95_upper`, ...). diagnostics: verdict of every case; intervals of
     posteriors that failed are grey and dashed. choice: JSON with the emulator's name. The table
     holds the rows of `recovery` with their verdict, and of `coverage`, told apart by the column
@@ -49,16 +53,17 @@ def draw(
     fig = style.figure(max(12.0, 2.4 * columns), 2.95 * rows + 2.9)
     fig.get_layout_engine().set(h_pad=0.09)
     grid = fig.add_gridspec(rows + 1, columns, height_ratios=[1] * rows + [0.95])
-    limit = 1.03 * table[["truth", "map", "upper95"]].max().max()
+    table["outcome"] = np.select(
+        [table["failed"], table["covered"].astype(bool)], ["failed", "covers"], "misses"
+    )
     for (at, zone), (row, column) in zip(
         np.ndindex(places.shape[:2]), places.reshape(-1, 2), strict=True
     ):
         name = parameters[zone * len(factors) + at].name
         ax = fig.add_subplot(grid[row, column])
-        _panel(ax, table[table["parameter"] == name], limit)
-        ax.set_title(style.label(name))
+        _panel(ax, table[table["parameter"] == name])
         if column == 0:
-            ax.set_ylabel("MAP and 95 % interval")
+            ax.set_ylabel("error: estimate - truth\n(MAP and 95 % interval)")
         if at == len(factors) - 1:
             ax.set_xlabel("truth")
     _coverage(fig.add_subplot(grid[rows, :]), covered, parameters.names)
@@ -72,54 +77,55 @@ def draw(
         warning_of(len(failed & set(table["case"])), cases, "grey"),
     )
     joined = pd.concat(
-        [table.assign(panel="recovery"), covered.assign(panel="coverage")], ignore_index=True
+        [table.drop(columns="outcome").assign(panel="recovery"), covered.assign(panel="coverage")],
+        ignore_index=True,
     )
     joined.insert(0, "panel", joined.pop("panel"))
     style.save(fig, joined, png, csv)
 
 
-def _panel(ax: Axes, part: pd.DataFrame, limit: float) -> None:
-    covered = part["covered"].astype(bool)
-    for which, colour, line in (
-        (covered & ~part["failed"], style.BLUE, "-"),
-        (~covered & ~part["failed"], style.VERMILLION, "-"),
-        (part["failed"], style.GREY, "--"),
-    ):
-        here = part[which]
-        ax.vlines(
-            here["truth"],
-            here["lower95"],
-            here["upper95"],
-            colors=colour,
-            linestyles=line,
-            linewidth=0.8,
-            alpha=0.7,
-        )
-        ax.scatter(here["truth"], here["map"], c=colour, s=7, linewidths=0, zorder=3)
-    ax.plot([0, limit], [0, limit], color=style.BLACK, linewidth=0.6)
-    ax.set(xlim=(0, limit), ylim=(0, limit), aspect="equal")
-    mse = ((part["map"] - part["truth"]) ** 2).mean()
-    ax.text(
-        0.04,
-        0.97,
-        f"MSE {mse:.2g}\ncovered {100 * covered.mean():.1f} %",
-        transform=ax.transAxes,
-        va="top",
-        fontsize=8,
+def _panel(ax: Axes, part: pd.DataFrame) -> None:
+    """Errors of one parameter: intervals are too short to be seen beside the range of the truth."""
+    ax.axhline(0, color=style.BLACK, linewidth=0.6, zorder=0)
+    ends = part[["lower95", "upper95"]].sub(part["truth"], axis=0)
+    # A line for each case as seaborn has none with both ends given.
+    ax.vlines(
+        part["truth"],
+        ends["lower95"],
+        ends["upper95"],
+        linewidth=0.8,
+        alpha=0.7,
+        colors=part["outcome"].map(OUTCOMES),
+        linestyles=part["failed"].map({True: "--", False: "-"}),
     )
+    seaborn.scatterplot(
+        x=part["truth"],
+        y=part["map"] - part["truth"],
+        hue=part["outcome"],
+        palette=OUTCOMES,
+        s=8,
+        linewidth=0,
+        legend=False,
+        ax=ax,
+    )
+    ax.set(xlabel="", ylabel="")
+    mse = ((part["map"] - part["truth"]) ** 2).mean()
+    # Above the axes: intervals of any length stay clear of it.
+    title = style.label(part["parameter"].iloc[0])
+    covered = 100 * part["covered"].astype(bool).mean()
+    ax.set_title(f"{title}\nMSE {mse:.2g}, covered {covered:.1f} %", fontsize=9)
 
 
 def _coverage(ax: Axes, table: pd.DataFrame, parameters: Sequence[str]) -> None:
     names = [*parameters, "all"]
     table = table.set_index("parameter").loc[names]
-    at = np.arange(len(names)) + np.r_[np.zeros(len(names) - 1), 0.5]
-    for place, (level, colour) in enumerate(LEVEL_COLOURS.items()):
-        value = 100 * table[f"coverage{level}"].to_numpy()
-        ends = 100 * table[[f"coverage{level}_lower", f"coverage{level}_upper"]].to_numpy()
-        shift = 0.18 * (place - 1)
+    table = 100 * table
+    shown = []
+    for level, colour in LEVEL_COLOURS.items():
+        columns = [f"coverage{level}{end}" for end in ("", "_lower", "_upper")]
+        part = table[columns].set_axis(["value", "lower", "upper"], axis=1)
+        shown.append(part.reset_index().assign(level=level))
         ax.axhline(level, color=colour, linestyle="--", linewidth=1)
-        ax.vlines(at + shift, *ends.T, colors=colour)
-        ax.plot(at + shift, value, "o", color=colour, markersize=4)
         ax.annotate(
             f"{level} %",
             (1, level),
@@ -129,20 +135,34 @@ def _coverage(ax: Axes, table: pd.DataFrame, parameters: Sequence[str]) -> None:
             va="center",
             color=colour,
         )
+    style.intervals(
+        ax,
+        pd.concat(shown),
+        "parameter",
+        "value",
+        ("lower", "upper"),
+        hue="level",
+        palette=LEVEL_COLOURS,
+        dodge=0.36,
+        legend=False,
+    )
     many = len(names) > MANY
     labels = [style.label(name) for name in names]
-    ax.set_xticks(at, labels if many else map(style.in_lines, labels), rotation=90 if many else 0)
-    ax.set(ylabel="intervals that cover (%)", ylim=(None, 101))
+    shown = labels if many else map(style.in_lines, labels)
+    ax.set_xticks(range(len(names)), shown, rotation=90 if many else 0)
+    ax.set(xlabel="", ylabel="intervals that cover (%)", ylim=(None, 101))
     ax.set_title("Coverage of the 50, 80 and 95 % intervals, with binomial 95 % intervals")
 
 
 def _legend(table: pd.DataFrame) -> list[Line2D]:
     handles = [
-        Line2D([], [], color=style.BLUE, marker="o", markersize=3, label="interval covers"),
-        Line2D([], [], color=style.VERMILLION, marker="o", markersize=3, label="does not cover"),
+        Line2D([], [], color=OUTCOMES["covers"], marker="o", markersize=3, label="interval covers"),
+        Line2D([], [], color=OUTCOMES["misses"], marker="o", markersize=3, label="does not cover"),
     ]
     if table["failed"].any():
         handles.append(
-            Line2D([], [], color=style.GREY, linestyle="--", label="posterior failed its gate")
+            Line2D(
+                [], [], color=OUTCOMES["failed"], linestyle="--", label="posterior failed its gate"
+            )
         )
     return handles

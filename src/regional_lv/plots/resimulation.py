@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import seaborn
 from scipy import stats
 
 from regional_lv.channels import Channels
@@ -31,12 +32,26 @@ def draw(resimulated: Path, png: Path, csv: Path) -> None:
     bins, at = np.linspace(-limit, limit, 41), np.linspace(-limit, limit, 200)
     for ax, (quantity, colour) in zip(axes, colours.items(), strict=True):
         z = table.loc[table["quantity"] == quantity, "z"]
-        ax.hist(z.clip(-limit, limit), bins, density=True, color=colour, alpha=0.7)
+        seaborn.histplot(
+            z.clip(-limit, limit),
+            bins=bins,
+            stat="density",
+            color=colour,
+            alpha=0.7,
+            linewidth=0,
+            ax=ax,
+        )
         ax.plot(at, stats.norm.pdf(at), color=style.BLACK, linewidth=1)
         inside = 100 * (z.abs() <= Z95).mean()
         ax.set(title=quantity, xlabel="(simulator - emulator) / sd")
-        ax.text(0.03, 0.97, f"sd {z.std():.2f}\n95 % bars\ncover {inside:.0f} %", va="top",
-                transform=ax.transAxes, fontsize=8)  # fmt: skip
+        ax.text(
+            0.03,
+            0.97,
+            f"sd {z.std():.2f}\n95 % bars\ncover {inside:.0f} %",
+            va="top",
+            transform=ax.transAxes,
+            fontsize=8,
+        )
     axes[0].set_ylabel("density")
     draws = len(table.drop_duplicates(["case", "draw"]))
     far = int(table.drop_duplicates(["case", "draw"])["outside"].sum())

@@ -5,6 +5,7 @@ from itertools import cycle
 from pathlib import Path
 
 import pandas as pd
+import seaborn
 
 from regional_lv.parameters import Parameterisation
 from regional_lv.plots import scenarios, style
@@ -33,8 +34,11 @@ def draw(
     """
     fig = style.figure(3.3 * len(labels) + 0.4, 6.8)
     axes = scenarios.panels(fig, 2, len(labels), sharex=True, sharey=True)
-    places = [(noise, label, row, column) for row, noise in enumerate(scenarios.NOISE)
-              for column, label in enumerate(labels)]  # fmt: skip
+    places = [
+        (noise, label, row, column)
+        for row, noise in enumerate(scenarios.NOISE)
+        for column, label in enumerate(labels)
+    ]
     parts = []
     for (noise, label, row, column), curve, area in zip(places, curves, areas, strict=True):
         table = pd.read_csv(curve).merge(pd.read_csv(area), on=["quantity", "zone"])
@@ -45,9 +49,9 @@ def draw(
         table.insert(0, "set", label)
         parts.append(table)
     for ax in axes[-1]:
-        ax.set_xlabel("baseline zones called stiff")
+        ax.set_xlabel("false positive rate\n(baseline zones called stiff)")
     for ax in axes[:, 0]:
-        ax.set_ylabel("stiffened zones called stiff")
+        ax.set_ylabel("true positive rate\n(stiffened zones called stiff)")
     warning = scenarios.warning(scenarios.read_sets(recoveries, 2 * list(labels), parameters))
     style.suptitle(fig, "Telling a stiffened zone from the posterior probability", warning)
     style.save(fig, pd.concat(parts, ignore_index=True), png, csv)
@@ -66,15 +70,20 @@ def _panel(ax, table: pd.DataFrame, factors: Sequence[str]) -> None:
         if mine.empty:
             continue
         first = mine.iloc[0]
-        label = f"{name}: {first['auc']:.2f} [{first['auc_lower']:.2f}, {first['auc_upper']:.2f}]"
-        ax.plot(
-            mine["false_positive_rate"],
-            mine["true_positive_rate"],
-            line,
+        # Three digits: two of 0.985 are 0.98 here and 0.99 where the decimal number is rounded.
+        label = f"{name}: {first['auc']:.3f} [{first['auc_lower']:.3f}, {first['auc_upper']:.3f}]"
+        seaborn.lineplot(
+            mine,
+            x="false_positive_rate",
+            y="true_positive_rate",
             color=colour,
+            ax=ax,
+            linestyle=line,
             label=label,
+            estimator=None,
+            sort=False,
         )
-    ax.set(aspect="equal", xlim=(-0.02, 1.02), ylim=(-0.02, 1.02))
+    ax.set(aspect="equal", xlim=(-0.02, 1.02), ylim=(-0.02, 1.02), xlabel="", ylabel="")
     ax.legend(
         loc="lower right",
         title="area under the curve",

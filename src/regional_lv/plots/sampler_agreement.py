@@ -2,12 +2,13 @@
 
 from pathlib import Path
 
-import numpy as np
 import pandas as pd
+import seaborn
 
 from regional_lv.parameters import Parameterisation
 from regional_lv.plots import style
 
+COLOURS = {True: style.BLUE, False: style.VERMILLION}
 MEAN_LIMIT, SD_LIMIT = 0.1, 0.1
 """What counts as agreement: means within 0.1 posterior sd, sds within 10 %."""
 
@@ -23,12 +24,22 @@ def draw(agreement: Path, parameters: Parameterisation, png: Path, csv: Path) ->
     table = pd.read_csv(agreement)
     fig = style.figure(max(12.0, 1.0 * len(parameters)), 4.0)
     left, right = fig.subplots(1, 2, sharex=True)
-    for at, name in enumerate(parameters.names):
-        part = table[table["parameter"] == name]
-        place = at + np.linspace(-0.3, 0.3, len(part))
-        colour = np.where(part["agrees"].astype(bool), style.BLUE, style.VERMILLION)
-        left.scatter(place, part["mean_difference_in_sd"], c=colour, s=9, linewidths=0)
-        right.scatter(place, part["sd_ratio"], c=colour, s=9, linewidths=0)
+    # Cases of a parameter side by side, in their order.
+    cases = table.groupby("parameter")["case"]
+    within = (cases.cumcount() + 0.5) / cases.transform("size") - 0.5
+    place = table["parameter"].map({n: at for at, n in enumerate(parameters.names)}) + 0.6 * within
+    for ax, column in ((left, "mean_difference_in_sd"), (right, "sd_ratio")):
+        seaborn.scatterplot(
+            x=place,
+            y=table[column],
+            hue=table["agrees"],
+            palette=COLOURS,
+            s=9,
+            linewidth=0,
+            legend=False,
+            ax=ax,
+        )
+        ax.set_xlabel("")
     for limit in (-MEAN_LIMIT, MEAN_LIMIT):
         left.axhline(limit, color=style.GREY, linestyle="--", linewidth=0.8)
     for limit in (1 - SD_LIMIT, 1 + SD_LIMIT):

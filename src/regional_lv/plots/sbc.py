@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import seaborn
 from scipy import stats
 
 from regional_lv.emulators import label_of
@@ -48,8 +49,9 @@ def draw(
     for ax in axes[:, :: style.ZONES_PER_ROW].ravel():
         ax.set_ylabel("cases")
     for ax in (*axes[-1, :zones], places["all"]):
-        ax.set_xlabel("rank of the truth (%)")
+        ax.set_xlabel("rank of the truth (%)", visible=True)
         ax.tick_params(labelbottom=True)
+    fig.legend(*places["all"].get_legend_handles_labels(), loc="outside lower center", ncols=2)
     failed = [name for name in checks.index if not checks.loc[name, "passed"]]
     warning = "CALIBRATION REJECTED: " + ", ".join(failed) if failed else ""
     cases = int(table["cases"].max())
@@ -57,20 +59,36 @@ def draw(
     style.suptitle(
         fig, f"Simulation-based calibration of the chain, {emulator}, {cases} prior draws", warning
     )
-    style.save(fig, table.merge(checks.add_prefix("test_"), left_on="parameter",
-                                right_index=True), png, csv)  # fmt: skip
+    style.save(
+        fig,
+        table.merge(checks.add_prefix("test_"), left_on="parameter", right_index=True),
+        png,
+        csv,
+    )
 
 
 def _panel(ax, part: pd.DataFrame, check: pd.Series) -> None:
     part = part.sort_values("bin")
     ends = part["upper_rank"].max() + 1
-    left = 100 * part["lower_rank"] / ends
-    width = 100 * (part["upper_rank"] + 1) / ends - left
-    ax.bar(left, part["count"], width, align="edge", color=style.SKY, edgecolor="white")
-    edges = np.append(left, 100.0)
-    for name, line in (("band_lower", "-"), ("expected", "--"), ("band_upper", "-")):
-        ax.stairs(part[name], edges, color=style.GREY, linestyle=line, baseline=None)
-    ax.set_xticks([0, 50, 100])
+    edges = np.append(100 * part["lower_rank"] / ends, 100.0)
+    seaborn.histplot(
+        x=edges[:-1],
+        weights=part["count"],
+        bins=[*edges],
+        ax=ax,
+        color=style.SKY,
+        alpha=1,
+        edgecolor="white",
+        linewidth=1,
+    )
+    band = f"{100 * BAND:g} % of counts if the chain is right"
+    for name, line, label in (
+        ("band_lower", "-", band),
+        ("expected", "--", "expected count"),
+        ("band_upper", "-", None),
+    ):
+        ax.stairs(part[name], edges, color=style.GREY, linestyle=line, baseline=None, label=label)
+    ax.set(xticks=[0, 50, 100], ylabel="")
     found = [f"{check[key]:.2g} ({test})" for key, test in TESTS.items() if np.isfinite(check[key])]
     title = style.label(check.name)
     ax.set_title("\n".join([title, "p = " + ", ".join(found) if found else ""]), fontsize=9)

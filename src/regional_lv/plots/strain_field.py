@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import seaborn
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
-from scipy.stats import gaussian_kde
 
 from regional_lv.parameters import Parameterisation
 from regional_lv.plots import heart, style
@@ -121,15 +121,23 @@ def _densities(
             ("mean", "sd", "median", "q025", "q975"), (mean, sd, median, low, high), strict=True
         ):
             rows.append((zone, number, direction, item, value, None))
-        at = np.linspace(values.min() - 0.5 * sd, values.max() + 0.5 * sd, GRID)
-        heights = gaussian_kde(values, weights=weights)(at)
+        seaborn.kdeplot(
+            x=values,
+            weights=weights,
+            ax=ax,
+            gridsize=GRID,
+            cut=1.5,
+            color=colour,
+            linestyle=line,
+            label=str(number),
+        )
+        at, heights = ax.lines[-1].get_data()
         rows += [
             (zone, number, direction, "density", v, h) for v, h in zip(at, heights, strict=True)
         ]
-        ax.plot(at, heights, color=colour, linestyle=line, label=str(number))
         ax.axvline(median, ymax=0.12, color=colour, linewidth=1.6)
     ax.set_ylim(bottom=0)
-    ax.set_yticks([])
+    ax.set(yticks=[], ylabel="")
     ax.axvline(0, color=style.LIGHT, linewidth=0.8, zorder=0)
     return rows
 

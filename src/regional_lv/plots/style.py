@@ -1,17 +1,21 @@
-"""Colours, sizes, labels and saving, shared by every figure.
+"""Theme, colours, labels and saving, shared by every figure.
 
-Colours are the Okabe-Ito palette (https://jfly.uni-koeln.de/color/), which readers with a colour
-vision deficiency can tell apart; zones have those of `Parameterisation.colours`.
+The theme is seaborn's `ticks` style at the size of its `paper` context. Colours are the Okabe-Ito
+palette (https://jfly.uni-koeln.de/color/), which readers with a colour vision deficiency can tell
+apart; zones have those of `Parameterisation.colours`.
 """
 
 import textwrap
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from itertools import cycle
 from pathlib import Path
 
 import matplotlib
 import numpy as np
 import pandas as pd
+import seaborn
+from cycler import cycler
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from regional_lv import parameters
@@ -38,16 +42,26 @@ ZONES_PER_ROW = 6
 DPI = 150
 
 RC = {
+    **seaborn.axes_style("ticks"),
+    **seaborn.plotting_context("paper"),
+    "axes.prop_cycle": cycler(color=seaborn.color_palette(FACTOR_COLOURS)),
     "font.family": "DejaVu Sans",  # comes with matplotlib: the same letters on every machine
     "font.size": 9,
     "axes.titlesize": 10,
-    "axes.labelsize": 9,
     "axes.spines.top": False,
     "axes.spines.right": False,
     "axes.linewidth": 0.8,
+    "axes.edgecolor": BLACK,
+    "axes.labelcolor": BLACK,
+    "text.color": BLACK,
+    "xtick.color": BLACK,
+    "ytick.color": BLACK,
+    "grid.color": LIGHT,
+    "grid.linewidth": 0.5,
     "xtick.labelsize": 8,
     "ytick.labelsize": 8,
     "legend.fontsize": 8,
+    "legend.title_fontsize": 8,
     "legend.frameon": False,
     "figure.titlesize": 12,
     "lines.linewidth": 1.2,
@@ -55,6 +69,15 @@ RC = {
 
 context = matplotlib.rc_context(RC)
 """Decorator of every `draw`: the style holds while the figure is made and leaks nowhere."""
+
+BOXES = {
+    "linewidth": 0.8,
+    "linecolor": BLACK,
+    "saturation": 1,
+    "boxprops": {"alpha": 0.6},
+    "flierprops": {"marker": ".", "markersize": 4, "markeredgecolor": GREY},
+}
+"""Options of every `seaborn.boxplot`."""
 
 
 def figure(width: float, height: float) -> Figure:
@@ -74,6 +97,24 @@ def save(fig: Figure, table: pd.DataFrame, png: Path, csv: Path) -> None:
         Path(path).parent.mkdir(parents=True, exist_ok=True)
     fig.savefig(png, dpi=DPI, format="png", facecolor="white", metadata={"Software": None})
     table.to_csv(csv, index=False, float_format="%.8g")
+
+
+def intervals(
+    ax: Axes, table: pd.DataFrame, at: str, value: str, ends: Sequence[str], **options
+) -> None:
+    """Draw points at `value` with intervals that are known already, with `seaborn.pointplot`.
+
+    at, value, ends: columns of `table`, of which `at` is categorical and `ends` are the lower and
+    the upper end. seaborn makes intervals from samples: it gets value and ends as three samples,
+    whose median is the value and whose range is the interval. options: of `pointplot`.
+    """
+    if "hue" in options and table[options["hue"]].nunique() == 1:
+        options["dodge"] = False  # seaborn cannot dodge one group
+    samples = pd.concat([table.assign(**{value: table[c]}) for c in (value, *ends)])
+    options = {"linestyle": "none", "markersize": 4, "err_kws": {"linewidth": 1.2}} | options
+    seaborn.pointplot(
+        samples, x=at, y=value, ax=ax, estimator="median", errorbar=("pi", 100), **options
+    )
 
 
 def factor_colours(factors: Iterable[str]) -> dict[str, str]:

@@ -5,6 +5,7 @@ from pathlib import Path
 import arviz as az
 import numpy as np
 import pandas as pd
+import seaborn
 
 from regional_lv.plots import style
 from regional_lv.plots.case_posterior import density, read
@@ -73,23 +74,48 @@ def _share(axes: np.ndarray, parameters: int) -> None:
             ax.tick_params(labelbottom=False)
 
 
+def _lines(ax, values: np.ndarray, **options) -> None:
+    """A line for each row of `values` (chain, x), in the colour of its chain."""
+    long = pd.DataFrame(values.T).melt(ignore_index=False, var_name="chain").reset_index()
+    seaborn.lineplot(
+        long,
+        x="index",
+        y="value",
+        hue="chain",
+        palette=chain_colours(len(values)),
+        ax=ax,
+        estimator=None,
+        legend=False,
+        **options,
+    )
+    ax.set(xlabel="", ylabel="")
+
+
+def chain_colours(chains: int) -> list[str]:
+    """Colour of each chain."""
+    return [style.CHAIN_COLOURS[chain % len(style.CHAIN_COLOURS)] for chain in range(chains)]
+
+
 def trace_panel(ax, name: str, draws: np.ndarray, rows: list) -> None:
     """Draw the chains of one parameter into `ax`; append what is drawn to `rows`."""
-    for chain, values in enumerate(draws):
-        colour = style.CHAIN_COLOURS[chain % len(style.CHAIN_COLOURS)]
-        ax.plot(values, color=colour, linewidth=0.5, alpha=0.8)
-        rows += [(name, "draw", chain, i, v) for i, v in enumerate(values)]
+    _lines(ax, draws, linewidth=0.5, alpha=0.8)
+    rows += [(name, "draw", *at, value) for at, value in np.ndenumerate(draws)]
     ax.set_ylabel(style.in_lines(style.label(name)), rotation=0, ha="right", va="center")
     ax.margins(x=0.01)
 
 
 def marginal_panel(ax, name: str, draws: np.ndarray, rows: list) -> None:
-    """Draw histogram and density of one parameter into `ax`; append the density to `rows`."""
-    ax.hist(draws.ravel(), bins=40, density=True, color=style.LIGHT)
+    """Draw histogram and density of one parameter into `ax`; append the density to `rows`.
+
+    The density is ArviZ's, which holds at the prior's bounds, where that of seaborn would fall.
+    """
+    seaborn.histplot(
+        x=draws.ravel(), bins=40, stat="density", color=style.LIGHT, alpha=1, linewidth=0, ax=ax
+    )
     values, heights = density(draws)
-    ax.plot(values, heights, color=style.BLUE)
+    seaborn.lineplot(x=values, y=heights, color=style.BLUE, ax=ax)
     rows += [(name, "density", None, v, h) for v, h in zip(values, heights, strict=True)]
-    ax.set_yticks([])
+    ax.set(yticks=[], ylabel="")
     ax.spines["left"].set_visible(False)
 
 
@@ -97,11 +123,9 @@ def _autocorrelation(ax, name: str, draws: np.ndarray, rows: list) -> None:
     lags = min(MAX_LAG, draws.shape[1] - 1)
     # About zero, 95 % of an uncorrelated sequence of this length.
     ax.axhspan(*(np.array([-1, 1]) * 1.96 / np.sqrt(draws.shape[1])), color=style.LIGHT, zorder=0)
-    for chain, values in enumerate(draws):
-        colour = style.CHAIN_COLOURS[chain % len(style.CHAIN_COLOURS)]
-        correlation = az.autocorr(values)[: lags + 1]
-        ax.plot(correlation, color=colour, linewidth=1)
-        rows += [(name, "autocorrelation", chain, i, v) for i, v in enumerate(correlation)]
+    correlations = az.autocorr(draws)[:, : lags + 1]
+    _lines(ax, correlations, linewidth=1)
+    rows += [(name, "autocorrelation", *at, value) for at, value in np.ndenumerate(correlations)]
     ax.set(ylim=(-0.35, 1.05), yticks=[0, 1])
 
 
@@ -118,8 +142,7 @@ def mark(trace, marginal, row: pd.Series, truth: float | None) -> None:
 
 def legend(fig, ax, chains: int, has_truth: bool) -> None:
     """Name chains, interval and truth below the figure; `ax` lends its handles."""
-    for chain in range(chains):
-        colour = style.CHAIN_COLOURS[chain % len(style.CHAIN_COLOURS)]
+    for chain, colour in enumerate(chain_colours(chains)):
         ax.plot([], [], color=colour, label=f"chain {chain + 1}")
     ax.plot([], [], color=style.BLACK, linewidth=0.9, label="median")
     ax.plot([], [], ":", color=style.VERMILLION, label="95 % HPD interval")
