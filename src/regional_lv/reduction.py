@@ -19,9 +19,10 @@ class Reduction:
 
     Of the outputs v are volumes, at any load and anywhere in the list, and S are not; both may be
     0.
-    mean, sd: (D,) of the training outputs. volumes: mask (D,). loadings: (S, S) all principal
-    directions of the other standardised outputs, in columns, strongest first. variances: (S,) of
-    the scores. components: k, how many are kept.
+    mean, sd: (D,) of the training outputs. volumes: mask (D,). loadings: (S, K) all principal
+    directions of the other standardised outputs, in columns, strongest first, the largest entry of
+    each positive; K is S, or the number of training rows if that is less. variances: (K,) of the
+    scores. components: k, how many are kept.
     """
 
     mean: np.ndarray
@@ -58,13 +59,11 @@ class Reduction:
         if volumes.all():
             return cls(mean, sd, volumes, np.zeros((0, 0)), np.zeros(0), 0)
         others = ((y - mean) / sd)[:, ~volumes]
-        variances, loadings = np.linalg.eigh(np.atleast_2d(np.cov(others, rowvar=False)))
-        variances = np.maximum(variances[::-1], 0.0)
-        loadings = loadings[:, ::-1]
-        # The sign of an eigenvector is arbitrary: the largest entry is made positive.
-        loadings = loadings * np.sign(loadings[np.abs(loadings).argmax(0), range(len(loadings))])
-        cumulative = np.cumsum(variances) / variances.sum()
-        enough = cumulative >= explained_variance - 1e-12
+        from sklearn.decomposition import PCA  # slow to load, and every job loads this module
+
+        found = PCA(svd_solver="full").fit(others)
+        enough = found.explained_variance_ratio_.cumsum() >= explained_variance - 1e-12
+        loadings, variances = found.components_.T, found.explained_variance_
         return cls(mean, sd, volumes, loadings, variances, int(np.argmax(enough)) + 1)
 
     def transform(self, y: np.ndarray) -> np.ndarray:

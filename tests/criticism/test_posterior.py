@@ -143,6 +143,18 @@ def test_stacking_prefers_what_predicts_better():
     weights = stack(elpd)
     assert float(weights.sum()) == pytest.approx(1.0)
     assert weights[1] > 0.95
+    assert stack(elpd[:1]).tolist() == [1.0]
+
+
+def test_stacking_of_complements_is_known():
+    """One of two predicts 7 of 10 folds far better: 0.7 to 0.3; a third adds nothing, and what all
+    predict badly does not count."""
+    elpd = torch.full((3, 10), -9.0, dtype=torch.float64)
+    elpd[0, :7] = elpd[1, 7:] = 0.0
+    elpd[:, 4] -= 2000.0
+    torch.testing.assert_close(
+        stack(elpd), torch.tensor([0.7, 0.3, 0.0], dtype=torch.float64), atol=1e-3, rtol=0
+    )
 
 
 def test_the_same_seed_gives_the_same_draws(base):

@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -10,7 +11,6 @@ from scipy import integrate, stats
 
 from regional_lv.channels import Channels
 from regional_lv.estimates import ranking, transforms
-from regional_lv.inference.multiple_tests import holm
 from regional_lv.plots import per_sample_mse, sample_efficiency
 from regional_lv.tables import emulators as tables
 
@@ -48,22 +48,46 @@ def draw(seed: int, scale: float) -> pd.DataFrame:
     return estimates({e: scale * rng.chisquare(3, CASES) for e in ranking.ESTIMATORS})
 
 
-def test_holm_by_hand():
-    """Ordered 0.01, 0.02, 0.03, 0.04 times 4, 3, 2, 1, never falling, never above 1."""
-    adjusted = holm([0.03, 0.01, 0.04, 0.02])
-    np.testing.assert_allclose(adjusted, [0.06, 0.04, 0.06, 0.06])
-    np.testing.assert_allclose(holm([0.9, 0.5]), [1.0, 1.0])
-    assert holm([]).size == 0
+def test_holm_by_hand(monkeypatch):
+    """Ordered 0.01, 0.02, 0.03 times 3, 2, 1, never falling, never above 1."""
+    names = [name for pair in ranking.PAIRS for name in pair]
+    tables = {name: draw(seed, 1.0) for seed, name in enumerate(names)}
+
+    def holm(p_values: list[float]) -> pd.DataFrame:
+        results = iter(2 * p_values)  # the same for both estimators
+        monkeypatch.setattr(
+            *(ranking.stats, "wilcoxon"),
+            lambda a, b: SimpleNamespace(statistic=1.0, pvalue=next(results)),
+        )
+        table = ranking.compare_pairs(tables)
+        return table[table["estimator"] == "weighted"]
+
+    found = holm([0.03, 0.01, 0.02])
+    np.testing.assert_allclose(found["p_holm"], [0.04, 0.03, 0.04])
+    assert found["rejected"].all()
+    found = holm([0.9, 0.01, 0.03])
+    np.testing.assert_allclose(found["p_holm"], [0.9, 0.03, 0.06])
+    assert found["rejected"].tolist() == [False, True, False]
+    np.testing.assert_allclose(holm([0.9, 0.5, 0.4])["p_holm"], 1.0)
+
+
+def test_no_pair_is_an_empty_table():
+    table = ranking.compare_pairs({"vgp": draw(1, 1.0), "dnn": draw(2, 1.0)})
+    assert table.empty and {"p_holm", "rejected"} <= set(table)
 
 
 def test_crps_is_the_integral_that_defines_it():
+    """Of errors in training sd: the output's is 2."""
     for error, sd in ((0.3, 0.5), (-2.0, 0.7)):
 
         def squared(x, error=error, sd=sd):
             return (stats.norm.cdf(x / sd) - (x >= error)) ** 2
 
         value = integrate.quad(squared, -8, 8, points=[error], limit=200)[0]
-        assert np.isclose(ranking.gaussian_crps(np.array(error), np.array(sd)), value, atol=1e-6)
+        predictions = pd.DataFrame({"output": ["radial_01"], "mean": 3.0, "sd": 2 * sd})
+        predictions["truth"] = 3.0 + 2 * error
+        scores = ranking.predictive_scores(predictions, pd.Series({"radial_01": 2.0}))
+        assert np.isclose(scores["predictive_crps"], value, atol=1e-6)
 
 
 def test_pairs_are_scipys_wilcoxon_with_holm():

@@ -1,5 +1,8 @@
 """Scores, intervals and the convergence gate against what is known in closed form."""
 
+import json
+
+import arviz as az
 import numpy as np
 import pandas as pd
 import pytest
@@ -7,16 +10,28 @@ from scipy import stats
 
 from regional_lv.inference.diagnostics import (
     ANY_SOFT,
-    binomial_interval,
     clustered_interval,
     coverage,
-    crps,
     gate,
     map_errors,
+    recovery,
 )
 from regional_lv.parameters import Parameterisation
 
 PARAMETERS = Parameterisation()
+
+
+def recovered(draws: np.ndarray, truth: np.ndarray) -> pd.DataFrame:
+    """`recovery` of draws (10, M) of the ten parameters of one case."""
+    names = list(PARAMETERS.names)
+    data = az.from_dict(
+        posterior={"theta": draws.T[None, :, None]},
+        constant_data={"theta_true": truth[None], "theta_map": truth[None]},
+        coords={"case": ["1"], "parameter": names},
+        dims={key: ["case", "parameter"] for key in ("theta", "theta_true", "theta_map")},
+    )
+    data.posterior.attrs["parameters"] = json.dumps(PARAMETERS.spec())
+    return recovery(data, pd.DataFrame({"case": ["1"], "verdict": ["passed"]}))
 
 
 def test_crps_of_a_gaussian():
@@ -25,20 +40,35 @@ def test_crps_of_a_gaussian():
         z = (truth - 1.0) / 2.0
         phi, density = stats.norm.cdf(z), stats.norm.pdf(z)
         expected = 2.0 * (z * (2 * phi - 1) + 2 * density - 1 / np.sqrt(np.pi))
-        assert crps(draws, truth) == pytest.approx(expected, rel=1e-3)
+        found = recovered(np.tile(draws, (10, 1)), np.full(10, truth))["crps"]
+        assert found.to_numpy() == pytest.approx(expected, rel=1e-3)
 
 
 def test_crps_is_the_double_sum():
-    x = np.random.default_rng(1).normal(size=50)
-    double = np.abs(x[:, None] - x).sum() / (2 * 50**2)
-    assert crps(x, 0.3) == pytest.approx(np.abs(x - 0.3).mean() - double)
+    """Of tied draws as well, and of a truth among them."""
+    draws = np.random.default_rng(1).normal(size=(10, 50))
+    draws[:5] = draws[:5].round(1)
+    truth = np.append(draws[:5, 7], np.full(5, 0.3))
+    double = np.abs(draws[:, :, None] - draws[:, None]).sum(axis=(1, 2)) / (2 * 50**2)
+    expected = np.abs(draws - truth[:, None]).mean(axis=1) - double
+    assert recovered(draws, truth)["crps"].to_numpy() == pytest.approx(expected)
 
 
-def test_binomial_interval():
-    assert binomial_interval(0, 10) == pytest.approx((0, 1 - 0.025**0.1))
-    assert binomial_interval(10, 10) == pytest.approx((0.025**0.1, 1))
-    expected = stats.binomtest(114, 120).proportion_ci(method="exact")
-    assert binomial_interval(114, 120) == pytest.approx((expected.low, expected.high))
+def exact(hits: int, trials: int) -> tuple[float, float]:
+    """Clopper and Pearson's 95 % interval."""
+    found = stats.binomtest(hits, trials).proportion_ci(method="exact")
+    return found.low, found.high
+
+
+@pytest.mark.parametrize("cases, hits", [(10, 0), (10, 10), (120, 114)])
+def test_interval_of_a_coverage_is_exact(cases, hits):
+    table = _recovered(cases)
+    table["covered95"] = table["case"].astype(int) < hits
+    row = coverage(table).set_index("parameter").loc["C_a_apical"]
+    ends = exact(hits, cases)
+    assert (row["coverage95_lower"], row["coverage95_upper"]) == pytest.approx(ends)
+    if not hits:
+        assert ends == pytest.approx((0, 1 - 0.025**0.1))
 
 
 def test_cases_that_fail_together_are_worth_less():
@@ -48,7 +78,7 @@ def test_cases_that_fail_together_are_worth_less():
     together[:2] = 0
     width = [np.diff(clustered_interval(hits))[0] for hits in (apart, together)]
     assert width[1] > 1.5 * width[0]
-    assert clustered_interval(apart) == pytest.approx(binomial_interval(380, 400))
+    assert clustered_interval(apart) == pytest.approx(exact(380, 400))
 
 
 def test_clustered_interval_covers():
@@ -123,7 +153,7 @@ def test_coverage_where_a_zone_is_soft():
     row = coverage(recovered).set_index("parameter").loc[ANY_SOFT]
     assert row["cases"] == 3 and row["failed"] == 0
     assert row["coverage95"] == pytest.approx(2 / 3)
-    assert row["coverage95_lower"] == pytest.approx(binomial_interval(2, 3)[0])
+    assert row["coverage95_lower"] == pytest.approx(exact(2, 3)[0])
 
 
 def test_map_errors_per_case():

@@ -29,6 +29,23 @@ def test_keeps_the_fewest_components_that_explain_enough(outputs):
     assert table["explained"].sum() == pytest.approx(1)
 
 
+def test_components_are_eigenvectors_whose_largest_entry_is_positive(outputs):
+    reduction = Reduction.fit(outputs, 0.999, CHANNELS)
+    correlation = np.corrcoef(outputs[:, 1:], rowvar=False)
+    loadings = reduction.loadings
+    np.testing.assert_allclose(correlation @ loadings, loadings * reduction.variances, atol=1e-10)
+    np.testing.assert_allclose(loadings.T @ loadings, np.eye(51), atol=1e-12)
+    assert (np.diff(reduction.variances) <= 0).all()
+    assert (loadings[np.abs(loadings).argmax(axis=0), range(51)] > 0).all()
+
+
+def test_fewer_simulations_than_outputs(outputs):
+    y = outputs[:12]
+    reduction = Reduction.fit(y, 1.0, CHANNELS)
+    assert len(reduction.explained()) == 12 and reduction.components <= 12
+    np.testing.assert_allclose(reduction.inverse(reduction.transform(y)), y, atol=1e-10)
+
+
 def test_all_components_reproduce_everything(outputs):
     reduction = Reduction.fit(outputs, 1.0, CHANNELS)
     np.testing.assert_allclose(reduction.inverse(reduction.transform(outputs)), outputs, atol=1e-10)

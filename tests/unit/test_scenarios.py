@@ -10,9 +10,9 @@ from regional_lv.inference.sampling import add_noise
 from regional_lv.inference.told_apart import (
     area,
     auc_interval,
+    curve_of,
     map_errors_by_zone,
     measure_separation,
-    roc_curve,
     stiffness,
 )
 from regional_lv.parameters import Parameterisation
@@ -88,13 +88,20 @@ def test_roc_and_area():
     label = np.array([True, True, True, False, False])
     score = np.array([0.9, 0.8, 0.3, 0.3, 0.1])
     assert area(label, score) == pytest.approx(5.5 / 6)
-    curve = roc_curve(label, score)
+    curve = curve_of(label, score)
+    assert curve["threshold"].tolist() == [np.inf, 0.9, 0.8, 0.3, 0.1]
     assert curve["false_positive_rate"].tolist() == [0, 0, 0, 0.5, 1]
     assert curve["true_positive_rate"].tolist() == pytest.approx([0, 1 / 3, 2 / 3, 1, 1])
     # The trapezoids under the curve are the same area.
     false, true = curve["false_positive_rate"].to_numpy(), curve["true_positive_rate"].to_numpy()
     assert np.sum(np.diff(false) * (true[1:] + true[:-1]) / 2) == pytest.approx(5.5 / 6)
-    assert np.isnan(area(label[:3], score[:3]))
+    # Rows may count several times, or not at all.
+    twice = np.array([0, 0, 2, 1, 1])
+    assert area(label, score, twice) == pytest.approx(0.75)
+    assert np.isnan(area(label[:3], score[:3])) and np.isnan(area(label, score, label * 1))
+    alone = curve_of(label[:3], score[:3])
+    assert alone["false_positive_rate"].isna().all()
+    assert alone["true_positive_rate"].tolist() == pytest.approx([0, 1 / 3, 2 / 3, 1])
 
 
 def test_interval_of_an_area_that_is_known():
@@ -116,7 +123,8 @@ def told_apart(stiffened, probability, path):
     return path
 
 
-def test_global_stiffening_is_compared_with_healthy_zones_elsewhere(tmp_path):
+def test_global_stiffening_is_compared_with_healthy_zones_elsewhere(tmp_path, monkeypatch):
+    monkeypatch.setattr("regional_lv.inference.told_apart.RESAMPLES", 20)  # none is checked here
     own = told_apart([True] * 3, [0.9, 0.8, 0.4], tmp_path / "global.csv")
     local = told_apart([True, False, False], [0.1, 0.5, 0.2], tmp_path / "local.csv")
     measure_separation(own, [local], tmp_path / "roc.csv", tmp_path / "auc.csv", 1)

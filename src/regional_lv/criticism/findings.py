@@ -5,16 +5,17 @@ import math
 from pathlib import Path
 
 import torch
+from scipy import stats
 
 from regional_lv.channels import Channels
 from regional_lv.criticism import words
-from regional_lv.criticism.posterior import gain_of
+from regional_lv.criticism.posterior import Posterior, gain_of
 from regional_lv.criticism.separate import separating_measurement
 from regional_lv.criticism.verdict import Cause, Criticism, Round, Sampled
 from regional_lv.emulators.base import Emulator
 from regional_lv.measured import shortcomings
 
-Z95 = 1.959963984540054
+Z95 = float(stats.norm.ppf(0.975))
 BINS = 40
 """Of the posterior of psi."""
 
@@ -121,7 +122,7 @@ def _hypothesis(cause: Cause) -> dict:
         draws = cause.sampled.posterior
         psi = draws.x[:, cause.sampled.model.first_sigma - 1]
         low, estimate, high = draws.quantile(psi, [0.025, 0.5, 0.975])
-        posterior = _density(psi, draws.weight, h.low, h.high)
+        posterior = _density(draws, psi, h.low, h.high)
     elif identified.identifiable and math.isfinite(identified.sd):
         # From the score alone: one step from the base, as far as the range goes.
         middle = h.base + cause.z * identified.sd
@@ -159,16 +160,12 @@ def _hypothesis(cause: Cause) -> dict:
     }
 
 
-def _density(values: torch.Tensor, weight: torch.Tensor, low: float, high: float) -> dict:
-    """Histogram over the part of the range that holds nearly all of the mass."""
-    order = values.argsort()
-    mass = weight[order].cumsum(0)
-    ends = [values[order][torch.searchsorted(mass, mass.new_tensor(q))] for q in (0.0005, 0.9995)]
-    pad = 0.1 * float(ends[1] - ends[0]) + 1e-9
-    edges = torch.linspace(
-        max(low, float(ends[0]) - pad), min(high, float(ends[1]) + pad), BINS + 1
-    ).double()
-    counts, _ = torch.histogram(values.double(), edges, weight=weight)
+def _density(draws: Posterior, values: torch.Tensor, low: float, high: float) -> dict:
+    """Histogram of `values` (N,), over the part of the range that holds nearly all of the mass."""
+    first, last = draws.quantile(values, [0.0005, 0.9995])
+    pad = 0.1 * (last - first) + 1e-9
+    edges = torch.linspace(max(low, first - pad), min(high, last + pad), BINS + 1).double()
+    counts, _ = torch.histogram(values.double(), edges, weight=draws.weight)
     density = counts / (edges[1:] - edges[:-1])
     return {"edges": edges.tolist(), "density": density.tolist()}
 

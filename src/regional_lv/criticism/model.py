@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
+from torch.distributions import HalfNormal
 
 from regional_lv.criticism.extended import ExtendedEmulator
 from regional_lv.criticism.observations import Observations
@@ -212,9 +213,8 @@ class Model:
             total = total - width[:q].log().sum()
         if self.first_sigma < x.shape[-1]:
             log_sigma, s = x[..., self.first_sigma :], self.observations.prior_scale
-            half_normal = 0.5 * math.log(2 / math.pi) - math.log(s)
-            density = half_normal - 0.5 * torch.exp(2 * log_sigma) / s**2 + log_sigma
-            total = total + density.sum(-1)
+            density = HalfNormal(x.new_tensor(s)).log_prob(log_sigma.exp())
+            total = total + (density + log_sigma).sum(-1)  # log_sigma: the Jacobian of exp
         return total
 
     @property

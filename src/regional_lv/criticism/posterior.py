@@ -12,8 +12,10 @@ the others are sampled anew.
 import math
 from dataclasses import dataclass
 
+import arviz as az
 import torch
 from sklearn.cluster import KMeans
+from statsmodels.stats.weightstats import DescrStatsW
 
 from regional_lv.criticism.fit import Fit
 from regional_lv.criticism.model import LOG_2PI, Model
@@ -36,6 +38,10 @@ LARGEST_SD = 2.0
 
 LEAST_ESS = 150.0
 """Effective draws below which a fold is sampled by itself, and a posterior is called poor."""
+
+LARGEST_SHAPE = 0.7
+"""Of the Pareto distribution of a fold's largest weights: beyond it, means over them are unreliable
+(Vehtari et al. 2024, arXiv:1507.02646)."""
 
 TRUNCATION = 20
 """Draws that may carry the weight of the proposal's next form, at least: a few lucky draws of an
@@ -61,10 +67,8 @@ class Posterior:
 
     def quantile(self, values: torch.Tensor, levels) -> list[float]:
         """Weighted quantiles of one number per draw (N,)."""
-        order = values.argsort()
-        mass = self.weight[order].cumsum(0)
-        at = torch.searchsorted(mass, torch.as_tensor(levels, dtype=mass.dtype) * mass[-1])
-        return values[order][at.clamp(max=len(values) - 1)].tolist()
+        weighted = DescrStatsW(values.numpy(), self.weight.numpy())
+        return weighted.quantile(levels, return_pandas=False).tolist()
 
     def moments(self, values: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Weighted mean and sd (...) of values (N, ...)."""
@@ -372,8 +376,8 @@ class LeftOut:
 def leave_out(posterior: Posterior, draws: int, seed: int) -> LeftOut:
     """Predict every segment (and the volume) from all other channels.
 
-    The posterior without a fold is the full one reweighted by one over the density of the fold;
-    where too few draws carry it, the fold is fitted by itself.
+    The posterior without a fold is the full one reweighted by one over the density of the fold,
+    the weights Pareto smoothed; where they are unreliable, the fold is fitted by itself.
     """
     model = posterior.model
     o = model.observations
@@ -382,11 +386,10 @@ def leave_out(posterior: Posterior, draws: int, seed: int) -> LeftOut:
     places = [torch.nonzero(mask)[:, 0] for mask in o.groups.values()]
     full = left_out_errors(model, posterior.residual, posterior.x, places)
     for number, at, (logs, error, variance) in zip(o.groups, places, full, strict=True):
-        log_w = posterior.log_weight - logs
-        log_w = log_w - torch.logsumexp(log_w, 0)
+        smoothed, shape = az.psislw((posterior.log_weight - logs).numpy())
+        log_w = torch.as_tensor(smoothed)
         ess = float(1 / log_w.exp().square().sum())
-        # Beyond 1/10 of the full posterior's own draws the tail of the weights decides.
-        if ess < max(LEAST_ESS, 0.1 * posterior.ess):
+        if shape > LARGEST_SHAPE or ess < LEAST_ESS:
             repeated += 1
             centre, scatter = moments_of(posterior.x, _temper(log_w, LEAST_ESS / 2))
             others = ~o.groups[number]
@@ -444,6 +447,5 @@ def gain_of(before: LeftOut, after: LeftOut, posterior: Posterior) -> tuple[floa
 
 def moments_of(x: torch.Tensor, weight: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
     """Weighted mean (P,) and covariance (P, P) of draws (N, P)."""
-    mean = weight @ x
-    centred = x - mean
-    return mean, (weight[:, None] * centred).mT @ centred
+    covariance = torch.cov(x.mT, correction=0, aweights=weight)
+    return weight @ x, covariance.reshape(x.shape[1], x.shape[1])

@@ -8,6 +8,8 @@ import logging
 import math
 from dataclasses import dataclass, field
 
+import arviz as az
+import pandas as pd
 import torch
 
 from regional_lv.criticism import score
@@ -417,12 +419,19 @@ def _weigh(base: Sampled, causes: list[Cause]) -> float:
     return float(weights[0])
 
 
-def stack(elpd: torch.Tensor, iterations: int = 500) -> torch.Tensor:
+def stack(elpd: torch.Tensor) -> torch.Tensor:
     """Weights (K,) of K predictive densities, log (K, F) per fold, whose mixture predicts best
-    (stacking, Yao et al. 2018, doi 10.1214/17-BA1091). By expectation maximisation."""
-    weights = torch.full((len(elpd),), 1 / len(elpd), dtype=elpd.dtype)
-    density = (elpd - elpd.amax(0)).exp()
-    for _ in range(iterations):
-        share = weights[:, None] * density
-        weights = (share / share.sum(0)).mean(1)
-    return weights
+    (stacking, Yao et al. 2018, doi 10.1214/17-BA1091)."""
+    # Only differences within a fold count; without the rest no density underflows.
+    logs = (elpd - elpd.amax(0)).numpy()
+    models = {
+        name: az.ELPDData(
+            {
+                **{"elpd_loo": row.sum(), "se": math.nan, "p_loo": math.nan, "warning": False},
+                **{"scale": "log", "loo_i": pd.Series(row)},
+            }
+        )
+        for name, row in enumerate(logs)
+    }
+    weights = az.compare(models, method="stacking")["weight"]
+    return torch.as_tensor(weights.sort_index().to_numpy(float))

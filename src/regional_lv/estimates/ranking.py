@@ -7,12 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import scoringrules
 from scipy import stats
+from statsmodels.stats.multitest import multipletests
 
 from regional_lv.channels import Channels
 from regional_lv.emulators import label_of
 from regional_lv.estimates.estimate import ESTIMATORS
-from regional_lv.inference.multiple_tests import holm
 
 log = logging.getLogger(__name__)
 
@@ -121,17 +122,10 @@ def predictive_scores(predictions: pd.DataFrame, sd: pd.Series) -> dict:
     z = np.abs(error) / spread
     return {
         "predictive_mse": np.square(error).mean(),
-        "predictive_crps": gaussian_crps(error, spread).mean(),
+        "predictive_crps": scoringrules.crps_normal(error, 0.0, spread).mean(),
         "predictive_coverage50": (z <= stats.norm.ppf(0.75)).mean(),
         "predictive_coverage95": (z <= Z95).mean(),
     }
-
-
-def gaussian_crps(error: np.ndarray, sd: np.ndarray) -> np.ndarray:
-    """Continuous ranked probability score of N(mean, sd^2) at mean + error, in closed form
-    (Gneiting and Raftery 2007, doi 10.1198/016214506000001437)."""
-    z = error / sd
-    return sd * (z * (2 * stats.norm.cdf(z) - 1) + 2 * stats.norm.pdf(z) - 1 / np.sqrt(np.pi))
 
 
 def rank(table: pd.DataFrame, estimator: str) -> pd.DataFrame:
@@ -168,9 +162,10 @@ def compare_pairs(estimates: dict[str, pd.DataFrame]) -> pd.DataFrame:
             family.append(
                 [estimator, single, multi, len(a), *middle, test.statistic, test.pvalue, better]
             )
-        adjusted = holm([row[7] for row in family])
+        rejected, adjusted, *_ = multipletests([row[7] for row in family], LEVEL, method="holm")
         rows += [
-            [*row[:8], p, bool(p < LEVEL), row[8]] for row, p in zip(family, adjusted, strict=True)
+            [*row[:8], p, bool(r), row[8]]
+            for row, p, r in zip(family, adjusted, rejected, strict=True)
         ]
     return pd.DataFrame(rows, columns=columns)
 

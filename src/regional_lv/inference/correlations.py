@@ -2,26 +2,25 @@
 
 import numpy as np
 import pandas as pd
+from scipy import stats
+from sklearn.decomposition import PCA
 
 from regional_lv.parameters import Parameterisation
 
 
-def zone_correlation(correlation: np.ndarray, parameters: Parameterisation) -> np.ndarray:
+def zone_correlation(draws: np.ndarray, parameters: Parameterisation) -> np.ndarray:
     """Correlations (Z, Z) between the zones' first principal components, as in the paper.
 
-    correlation: (P, P). Within a zone, the factors are replaced by the direction in which,
-    standardised, they vary most: of two (1, -1) where they compensate (the rule), (1, 1) elsewhere;
-    the first factor counts positive.
+    draws: (M, P). Within a zone, the factors are replaced by the direction in which, standardised,
+    they vary most: of two (1, -1) where they compensate (the rule), (1, 1) elsewhere; the first
+    factor counts positive.
     """
-    weights = np.zeros((len(parameters.zones), len(parameters)))
-    for row, block in zip(weights, parameters.blocks, strict=True):
-        component = np.linalg.eigh(correlation[block, block])[1][:, -1]
-        # Its length does not matter; rounded, that of two factors is exact.
-        row[block] = (component / component[np.abs(component).argmax()]).round(12)
-        row[block] *= np.sign(row[block.start]) or 1.0
-    covariance = weights @ correlation @ weights.T
-    sd = np.sqrt(covariance.diagonal())
-    return covariance / np.outer(sd, sd)
+    standard, scores = stats.zscore(draws), []
+    for block in parameters.blocks:
+        component = PCA(1, svd_solver="full")
+        score = component.fit_transform(standard[:, block])[:, 0]
+        scores.append(score * np.copysign(1.0, component.components_[0, 0]))
+    return np.atleast_2d(np.corrcoef(scores))
 
 
 def average(matrices: np.ndarray, names: tuple[str, ...], kind: str) -> pd.DataFrame:
@@ -31,9 +30,7 @@ def average(matrices: np.ndarray, names: tuple[str, ...], kind: str) -> pd.DataF
     """
     cases, size, _ = matrices.shape
     first, second = (grid.ravel() for grid in np.meshgrid(names, names, indexing="ij"))
-    se = np.full(size * size, np.nan)
-    if cases > 1:
-        se = (matrices.std(axis=0, ddof=1) / np.sqrt(cases)).ravel()
+    se = stats.sem(matrices).ravel() if cases > 1 else np.full(size * size, np.nan)
     return pd.DataFrame(
         {
             f"{kind}_1": first,
@@ -51,7 +48,7 @@ def correlate(draws: np.ndarray, parameters: Parameterisation) -> tuple[pd.DataF
     draws: (C, M, P) posterior draws of theta. Posteriors that failed their gate count.
     """
     each = np.stack([np.atleast_2d(np.corrcoef(case, rowvar=False)) for case in draws])
-    zones = np.stack([zone_correlation(matrix, parameters) for matrix in each])
+    zones = np.stack([zone_correlation(case, parameters) for case in draws])
     return (
         average(each, parameters.names, "parameter"),
         average(zones, parameters.zone_names, "zone"),

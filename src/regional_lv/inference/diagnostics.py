@@ -6,7 +6,8 @@ from collections.abc import Sequence
 import arviz as az
 import numpy as np
 import pandas as pd
-from scipy import stats
+import scoringrules
+from statsmodels.stats.proportion import proportion_confint
 
 from regional_lv.parameters import Parameterisation
 
@@ -101,25 +102,15 @@ def chains_of(posterior) -> tuple[np.ndarray, list[str]]:
 # ----------------------------------------------------------------------------------- recovery
 
 
-def crps(draws: np.ndarray, truth: float) -> float:
-    """Continuous ranked probability score of M draws, the paper's formula.
-
-    mean |x_m - truth| - sum_mm' |x_m - x_m'| / (2 M^2); the double sum from sorted draws, as
-    sum_mm' |x_m - x_m'| = 2 sum_m (2 m - M - 1) x_(m).
-    """
-    x = np.sort(np.ravel(draws))
-    m = len(x)
-    weights = 2 * np.arange(1, m + 1) - m - 1
-    return float(np.abs(x - truth).mean() - (weights @ x) / m**2)
-
-
 def recovery(data: az.InferenceData, verdicts: pd.DataFrame) -> pd.DataFrame:
     """How every posterior of a file with `theta_true` compares with the truth.
 
     Columns: case, parameter, truth, map, mean, sd, median, lower95, upper95 (central interval),
     covered (by it), covered50, covered80, covered95, hpd_lower95, hpd_upper95, hpd_width95,
-    crps, variance_ratio (posterior over the uniform prior's variance), rank (number of draws below
-    the truth), draws, verdict, zone (the stiffened one of a scenario, else empty).
+    crps (continuous ranked probability score of the M draws x_m, the paper's formula:
+    mean |x_m - truth| - sum_mm' |x_m - x_m'| / (2 M^2)), variance_ratio (posterior over the uniform
+    prior's variance), rank (number of draws below the truth), draws, verdict, zone (the stiffened
+    one of a scenario, else empty).
     """
     verdict = dict(zip(verdicts["case"], verdicts["verdict"], strict=True))
     parameters = parameters_of(data)
@@ -150,7 +141,7 @@ def recovery(data: az.InferenceData, verdicts: pd.DataFrame) -> pd.DataFrame:
                 "hpd_lower95": hpd[0],
                 "hpd_upper95": hpd[1],
                 "hpd_width95": hpd[1] - hpd[0],
-                "crps": crps(draws, truth),
+                "crps": float(scoringrules.crps_ensemble(truth, draws, estimator="qd")),
                 "variance_ratio": row["sd"] ** 2 / prior_variance[i],
                 "rank": int((draws < truth).sum()),
                 "draws": len(draws),
@@ -161,16 +152,8 @@ def recovery(data: az.InferenceData, verdicts: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def binomial_interval(hits: float, trials: float, level: float = 0.95) -> tuple[float, float]:
-    """Clopper-Pearson interval of a proportion; `hits` and `trials` need not be whole numbers."""
-    tail = (1 - level) / 2
-    low = stats.beta.ppf(tail, hits, trials - hits + 1) if hits > 0 else 0.0
-    high = stats.beta.ppf(1 - tail, hits + 1, trials - hits) if hits < trials else 1.0
-    return float(low), float(high)
-
-
 def clustered_interval(hits: np.ndarray) -> tuple[float, float]:
-    """Interval of the overall proportion of `hits` (cases, parameters), 0 or 1.
+    """95 % interval of the overall proportion of `hits` (cases, parameters), 0 or 1.
 
     The P parameters of a case share its emulator error, so that they are worth fewer than P
     independent trials: Clopper-Pearson with the effective number (Korn and Graubard 1998).
@@ -181,7 +164,7 @@ def clustered_interval(hits: np.ndarray) -> tuple[float, float]:
     effective = total
     if 0 < share < 1 and spread > 0:
         effective = min(total, max(cases, share * (1 - share) / spread))
-    return binomial_interval(share * effective, effective)
+    return proportion_confint(share * effective, effective, method="beta")
 
 
 SOFT = 0.5
@@ -213,7 +196,7 @@ def coverage(table: pd.DataFrame) -> pd.DataFrame:
         for level in LEVELS:
             hits = part[f"covered{level}"].to_numpy(float)
             if name in single:
-                ends = binomial_interval(hits.sum(), cases)
+                ends = proportion_confint(hits.sum(), cases, method="beta")
             else:
                 ends = clustered_interval(hits.reshape(cases, -1))
             row[f"coverage{level}"] = hits.mean()

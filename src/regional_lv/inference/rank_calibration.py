@@ -12,10 +12,10 @@ import numpy as np
 import pandas as pd
 import torch
 from scipy import stats
+from statsmodels.stats.multitest import multipletests
 
 from regional_lv import emulators
 from regional_lv.inference.likelihood import Likelihood, draw_observations
-from regional_lv.inference.multiple_tests import holm
 from regional_lv.inference.nuts import verdict
 from regional_lv.inference.sampling import SAMPLERS, Sampled, Sampling, error_model
 from regional_lv.seeds import derive
@@ -155,8 +155,8 @@ def test_ranks(table: pd.DataFrame, seed: int) -> pd.DataFrame:
             }
         )
     tested = pd.DataFrame(rows)
-    adjusted = holm(tested[["p_chi2", "p_ecdf"]].to_numpy().ravel()).reshape(-1, 2)
-    tested["p_holm"] = adjusted.min(axis=1)
+    both = tested[["p_chi2", "p_ecdf"]].to_numpy()
+    tested["p_holm"] = multipletests(both.ravel(), method="holm")[1].reshape(-1, 2).min(axis=1)
     total = {"parameter": "all", "cases": tested["cases"].iloc[0], "p_holm": tested["p_holm"].min()}
     tested = pd.concat([tested, pd.DataFrame([total])], ignore_index=True)
     tested["passed"] = tested["p_holm"] > LEVEL

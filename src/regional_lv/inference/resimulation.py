@@ -7,10 +7,13 @@ import arviz as az
 import numpy as np
 import pandas as pd
 import torch
+from scipy import stats
 
 from regional_lv import emulators
 from regional_lv.channels import Channel
 from regional_lv.seeds import derive
+
+Z95 = stats.norm.ppf(0.975)
 
 
 def pick_draws(
@@ -108,7 +111,7 @@ def summarise(long: pd.DataFrame, scale: dict[str, float]) -> pd.DataFrame:
                 "draws": len(long.loc[here, ["case", "draw"]].drop_duplicates()),
                 "rmse_standardised": float(np.sqrt((error[here] ** 2).mean())),
                 "z_sd": float(np.sqrt((long.loc[here, "z"] ** 2).mean())),
-                "coverage95": float((long.loc[here, "z"].abs() <= 1.959964).mean()),
+                "coverage95": float((long.loc[here, "z"].abs() <= Z95).mean()),
             }
         )
     return pd.DataFrame(rows)

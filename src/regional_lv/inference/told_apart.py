@@ -1,11 +1,15 @@
 """Can a stiffened zone be told from baseline? Scenario posteriors as a classification."""
 
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 
 import arviz as az
 import numpy as np
 import pandas as pd
+from scipy.stats import gmean
+from sklearn.exceptions import UndefinedMetricWarning
+from sklearn.metrics import roc_auc_score, roc_curve
 
 from regional_lv.inference.diagnostics import diagnose, parameters_of
 from regional_lv.parameters import Parameterisation
@@ -25,8 +29,7 @@ def stiffness(theta: np.ndarray, parameters: Parameterisation) -> np.ndarray:
     The factors of a zone compensate; their geometric mean lies across that ridge.
     """
     factors = parameters.table(theta)
-    both = factors.prod(axis=-1, keepdims=True) ** (1 / factors.shape[-1])
-    return np.concatenate([factors, both], axis=-1)
+    return np.concatenate([factors, gmean(factors, axis=-1, keepdims=True)], axis=-1)
 
 
 def tell_zones_apart(
@@ -117,7 +120,7 @@ def measure_separation(
             part = part if zone == "all" else part[part["zone"] == zone]
             label, score = part["stiffened"].to_numpy(bool), part["probability"].to_numpy()
             common = {"quantity": quantity, "zone": zone}
-            curve = roc_curve(label, score)
+            curve = curve_of(label, score)
             curves.append(curve.assign(**common)[[*common, *curve.columns]])
             rng = np.random.default_rng(derive(seed, "auc", quantity, zone))
             low, high = auc_interval(label, score, part["group"].to_numpy(), rng)
@@ -136,33 +139,32 @@ def measure_separation(
     pd.DataFrame(areas).to_csv(auc, index=False)
 
 
-def roc_curve(label: np.ndarray, score: np.ndarray) -> pd.DataFrame:
-    """Rates of false and true positives when scores of at least `threshold` count as positive."""
-    thresholds = np.concatenate([[np.inf], np.unique(score)[::-1]])
-    with np.errstate(invalid="ignore"):
-        rates = {
-            name: [(score[of] >= t).sum() / of.sum() for t in thresholds]
-            for name, of in (("false_positive_rate", ~label), ("true_positive_rate", label))
-        }
-    return pd.DataFrame({"threshold": thresholds} | rates)
+def curve_of(label: np.ndarray, score: np.ndarray) -> pd.DataFrame:
+    """Rates of false and true positives when scores of at least `threshold` count as positive; NaN
+    is the rate of a class that there is none of."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UndefinedMetricWarning)
+        false, true, threshold = roc_curve(label, score, drop_intermediate=False)
+    return pd.DataFrame(
+        {"threshold": threshold, "false_positive_rate": false, "true_positive_rate": true}
+    )
 
 
-def area(label: np.ndarray, score: np.ndarray) -> float:
-    """Area under the ROC curve: how often a positive scores above a negative, ties by half."""
-    positive, negative = score[label], score[~label]
-    if not (len(positive) and len(negative)):
-        return float("nan")
-    above = (positive[:, None] > negative).mean() + 0.5 * (positive[:, None] == negative).mean()
-    return float(above)
+def area(label: np.ndarray, score: np.ndarray, counts: np.ndarray | None = None) -> float:
+    """Area under the ROC curve, each of the rows counted `counts` times (once if None); NaN if only
+    one class is left."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UndefinedMetricWarning)
+        return float(roc_auc_score(label, score, sample_weight=counts))
 
 
 def auc_interval(label, score, group, rng: np.random.Generator) -> tuple[float, float]:
     """95 % interval of the area from resampled cases: the zones of a case belong together."""
-    members = [np.flatnonzero(group == name) for name in np.unique(group)]
+    cases, case = np.unique(group, return_inverse=True)
     areas = []
     for _ in range(RESAMPLES):
-        rows = np.concatenate([members[i] for i in rng.integers(len(members), size=len(members))])
-        areas.append(area(label[rows], score[rows]))
+        drawn = np.bincount(rng.integers(len(cases), size=len(cases)), minlength=len(cases))
+        areas.append(area(label, score, drawn[case]))
     if np.isnan(areas).all():
         return float("nan"), float("nan")
     return tuple(float(end) for end in np.nanquantile(areas, [0.025, 0.975]))
