@@ -32,20 +32,34 @@ HEART_MESH = "mesh/hexheartLVmeshF60S45.inp"
 HEART_SEGMENTS = "mesh/AHALVMeshDivisionPCAReconstructed.mat"
 TRAINING_INPUTS = "simulations/X_train_Final_10.csv"
 TRAINING_OUTPUTS = "simulations/Y_data_train_Final.csv"
+TEST_INPUTS = "simulations/X_test_128.csv"
+TEST_OUTPUTS = "simulations/Y_data_test_128.csv"
+TEST_ROWS = 128
+"""Rows of both, the first ones of the published test tables; the paper's 120 are among them."""
 PUBLISHED_HEART = "published_heart"
 """What a config calls `HEART_MESH` with `HEART_SEGMENTS`."""
 PUBLISHED = "published"
-"""What a config calls `TRAINING_INPUTS` and `TRAINING_OUTPUTS`."""
-TRAINING = {"inputs": TRAINING_INPUTS, "outputs": TRAINING_OUTPUTS}
-PUBLISHED_ROWS = 5661
-"""Rows of both."""
+"""What a config calls a set of `PUBLISHED_TABLES`."""
+PUBLISHED_TABLES = {
+    "train": {"inputs": TRAINING_INPUTS, "outputs": TRAINING_OUTPUTS},
+    "test": {"inputs": TEST_INPUTS, "outputs": TEST_OUTPUTS},
+}
+"""Files of the paper's simulations by set."""
+PUBLISHED_ROWS = {"train": 5661, "test": TEST_ROWS}
+"""Rows of these."""
 
 
 class Published(NamedTuple):
-    """A published file: its path in the repository and the SHA-256 of its content."""
+    """A published file: its path in the repository and the SHA-256 of its content.
+
+    rows: how many lines of it are used, from the first; None: all. rows_sha256: of a file with
+    these lines only, which a mirror may hold instead.
+    """
 
     repository_path: str
     sha256: str
+    rows: int | None = None
+    rows_sha256: str | None = None
 
 
 FILES = {
@@ -83,6 +97,18 @@ FILES = {
         "SimulationData/Data20260110/Y_data_train_Final.csv",
         "08c4df7d0431bcfda79689cdb653561e9d2b3fade1fe74bd3058f99dac46b4c5",
     ),
+    TEST_INPUTS: Published(
+        "SimulationData/Data20260110/X_test.csv",
+        "4355200f1ade11a5c74f1efe4729e5dd981584cab66c15a423daed36dc6b6502",
+        TEST_ROWS,
+        "7fa78401162de66e43a5fd2f0f9748ddaec8cd231b5b637b996bd2bb01bff9b6",
+    ),
+    TEST_OUTPUTS: Published(
+        "SimulationData/Data20260110/Y_data_test_Final.csv",
+        "79d7ffbe444d8d58512d82601de5fefbfbbd95d2376cd3762ef6b6556a27015a",
+        TEST_ROWS,
+        "2faf439b84fd6762b2f0ef0c86df2b8f1fb01c9fb950bae6b0578b0a25f581e8",
+    ),
 }
 """Published files by their path in a mirror. A mirror may also be a clone of the repository."""
 
@@ -90,7 +116,7 @@ FILES = {
 def fetch_published(
     relative_path: str, mirror: str | None, download: bool, destination: str | Path
 ) -> Path:
-    """Put a published file at `destination`.
+    """Put a published file, or the lines of it that are used, at `destination`.
 
     Parameters
     ----------
@@ -115,12 +141,7 @@ def fetch_published(
             raise InputError(f"{origin}: cannot be fetched ({error}); {remedy()}") from error
     else:
         raise InputError(f"{relative_path}: the mirror does not have it; {remedy()}")
-    digest = hashlib.sha256(content).hexdigest()
-    if digest != FILES[relative_path].sha256:
-        raise InputError(
-            f"{origin}: SHA-256 {digest} is not that of the published file "
-            f"({FILES[relative_path].sha256}); replace it by the one of {REPOSITORY} at {COMMIT}"
-        )
+    content = _checked(content, FILES[relative_path], origin)
     destination = Path(destination)
     destination.parent.mkdir(parents=True, exist_ok=True)
     part = destination.with_name(destination.name + ".part")
@@ -128,6 +149,18 @@ def fetch_published(
     part.replace(destination)
     log.info("%s from %s", destination, origin)
     return destination
+
+
+def _checked(content: bytes, known: Published, origin: str) -> bytes:
+    """The lines of `content` that are used. Raises InputError if it is not the published file."""
+    digest = hashlib.sha256(content).hexdigest()
+    if digest not in (known.sha256, known.rows_sha256):
+        rows = f", or of its first {known.rows} rows, {known.rows_sha256}" if known.rows else ""
+        raise InputError(
+            f"{origin}: SHA-256 {digest} is not that of the published file ({known.sha256}{rows}); "
+            f"replace it by {known.repository_path} of {REPOSITORY} at {COMMIT}"
+        )
+    return b"".join(content.splitlines(keepends=True)[: known.rows])
 
 
 def find_in_mirror(relative_path: str, mirror: str | None) -> Path | None:

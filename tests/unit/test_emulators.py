@@ -4,39 +4,30 @@ import json
 import logging
 from typing import ClassVar
 
+import gpytorch
 import numpy as np
 import pandas as pd
 import pytest
 import torch
+from botorch.fit import fit_gpytorch_mll
+from botorch.models import SingleTaskGP
+from gpytorch.mlls import ExactMarginalLogLikelihood
 
 from regional_lv import emulators
 from regional_lv.channels import Channels
 from regional_lv.derivative_kernel import joint_covariance
-from regional_lv.emulators import exact_gp
-from regional_lv.emulators.base import Architecture
-from regional_lv.emulators.exact_gp import (
-    ExactGP,
-    choose_shrinkage,
-    fit_freedom,
-    fit_trend,
-    interval_factor,
-    leave_one_out,
-)
-from regional_lv.emulators.kernels import (
-    KERNELS,
-    blocks_of,
-    correlation,
-    mean_slopes,
-    one_block,
-    parts_of,
-)
-from regional_lv.emulators.networks import forward, initial
-from regional_lv.emulators.optimise import lbfgs
+from regional_lv.emulators import exact_gp, optimise
+from regional_lv.emulators.base import Architecture, Emulator
+from regional_lv.emulators.exact_gp import ExactGP, leave_one_out, shrinkage_of
+from regional_lv.emulators.kernels import KERNELS, make_kernel, weighted_slopes
+from regional_lv.emulators.networks import build
+from regional_lv.emulators.recalibration import fit_freedom, fit_trend, interval_factor
+from regional_lv.emulators.reduced import ReducedEmulator
 from regional_lv.emulators.shared_kernel import (
     OFFERED,
+    SharedKernelGP,
     cholesky,
     choose_kernel,
-    negative_log_likelihood,
     projected_precision,
 )
 from regional_lv.errors import InputError
@@ -378,6 +369,34 @@ def test_local_needs_an_observation_and_neighbours():
         fit("local_mgp", neighbours=140)
 
 
+@pytest.mark.parametrize("kernel", OFFERED)
+@pytest.mark.parametrize("name", ["local_gp", "local_mgp", "local_dkgp", "local_dkmgp"])
+def test_local_model_is_that_of_gpytorch(name, kernel):
+    local = fit(name, kernel=kernel, iterations=5).localise(toy(MIDDLE[0]))
+    model, x = local.local, local.standardise(torch.as_tensor(points(6, 32)))
+    posterior = model.likelihood(model(x))
+    torch.testing.assert_close(model.mean(x).T, posterior.mean, rtol=1e-5, atol=1e-7)
+    expected = emulators.base.row_jacobian(model.mean, x)
+    torch.testing.assert_close(model.mean_jacobian(x), expected, rtol=1e-7, atol=1e-9)
+    variance = model.covariance(x)
+    if model.joint:
+        variance = variance.diagonal(dim1=-2, dim2=-1)
+    # Of constants that have to be estimated: how far the weights of 1 are from predicting 1.
+    model.set_train_data(targets=torch.ones_like(model.train_targets))
+    lack = 1 - (model.initialize(**{"mean_module.constant": 0.0})(x)).mean
+    signal = model.b.diagonal() if model.joint else model.b[:, 0, 0]
+    expected = signal[:, None] * (posterior.variance + lack.square() / model.total)
+    torch.testing.assert_close(variance.T, expected, rtol=1e-5, atol=1e-9)
+
+
+def test_local_fit_is_in_the_file(tmp_path):
+    for name in ("local_gp", "local_dkmgp"):
+        local = fit(name, kernel="rq", iterations=5).localise(toy(MIDDLE[0]))
+        local.save(tmp_path / "local.pt")
+        a, b = local.predict(MIDDLE), emulators.load(tmp_path / "local.pt").predict(MIDDLE)
+        assert torch.equal(a.mean, b.mean) and torch.equal(a.covariance, b.covariance)
+
+
 def test_few_latent_processes_start_with_the_volume_among_them():
     """It is the last of the scores, and not the least."""
     theta = points(60, 40)
@@ -385,10 +404,16 @@ def test_few_latent_processes_start_with_the_volume_among_them():
     emulator = emulators.create("mvgp", {"latents": 3, "inducing": 30, "iterations": 1})
     emulator.fit(theta, y, seed=3, parameters=PARAMETERS, outputs=CHANNELS.names)
     assert emulator.info["scores"] > 3
-    assert emulator.variational["mixing"][-1].abs().max() > 0.3
+    assert emulator.model.mixing[-1].abs().max() > 0.3
     at = torch.as_tensor(points(20, 41))
     error = emulator.predict_mean(at)[:, 0] - torch.as_tensor(many_outputs(at.numpy()))[:, 0]
     assert (error / emulator.output_sd[0]).square().mean() < 0.2
+
+
+def test_sparse_processes_have_the_zones_of_a_zonal_kernel():
+    deep = fit("dgp", kernel="zonal_rq", iterations=2, deep_iterations=2).model
+    for layer in (deep.hidden, deep.scores):
+        assert layer.covar_module.base_kernel.blocks == PARAMETERS.blocks
 
 
 def test_what_reduction_leaves_out_is_uncertain():
@@ -410,24 +435,48 @@ def test_what_reduction_leaves_out_is_uncertain():
 # ------------------------------------------------------------------------- kernels, optimiser
 
 
-@pytest.mark.parametrize("kernel", KERNELS)
-def test_slopes_of_kernels(kernel):
+def some_kernel(name):
+    """Of four inputs, two in each zone."""
+    kernel = make_kernel(name, 4, [slice(0, 2), slice(2, 4)])
+    scales = torch.tensor([[0.7, 1.3, 2.0, 0.9]], dtype=torch.float64)
+    return kernel.initialize(lengthscale=scales).requires_grad_(False)
+
+
+@pytest.mark.parametrize("name", KERNELS)
+def test_slopes_of_kernels(name):
     rng = np.random.default_rng(24)
-    a, b, weights = (torch.as_tensor(rng.normal(size=s)) for s in ((3, 4), (6, 4), (2, 6)))
-    scales = torch.as_tensor(rng.uniform(0.5, 2.0, size=(2, 4)))
-    alpha = torch.tensor([0.5, 2.0], dtype=a.dtype)
-    blocks = [slice(0, 1), slice(1, 4)] if KERNELS[kernel].zonal else None
+    a, b, weights = (torch.as_tensor(rng.normal(size=s)) for s in ((3, 4), (6, 4), (6, 2)))
+    kernel = some_kernel(name)
 
     def value(at):
-        return (correlation(kernel, at[None], b, scales, alpha, blocks)[:, 0] * weights).sum(-1)
+        return (kernel(at[None], b).to_dense() @ weights)[0]
 
-    expected = torch.stack([torch.autograd.functional.jacobian(value, row) for row in a], dim=1)
-    found = mean_slopes(kernel, a, b, scales, alpha, weights, blocks)
-    torch.testing.assert_close(found, expected)
+    expected = torch.stack([torch.autograd.functional.jacobian(value, row) for row in a])
+    values, slopes = weighted_slopes(kernel, a, b, weights)
+    torch.testing.assert_close(slopes, expected)
+    torch.testing.assert_close(values, torch.stack([value(row) for row in a]))
     # At zero distance the square root in the Matern kernel must not spoil the derivative.
     here = a.clone().requires_grad_(True)
-    correlation(kernel, here, here, scales, alpha, blocks).sum().backward()
+    kernel(here, a).to_dense().sum().backward()
     assert torch.isfinite(here.grad).all()
+
+
+@pytest.mark.parametrize("name", ["rq", "zonal_rq"])
+def test_rational_quadratic_kernels_are_products_of_gpytorchs(name):
+    rng = np.random.default_rng(28)
+    a, b = (torch.as_tensor(rng.normal(size=(n, 4))) for n in (3, 6))
+    ours = some_kernel(name)
+    ours.alpha = 1.7
+    parts = [(0, 1), (2, 3)] if name == "zonal_rq" else [(0, 1, 2, 3)]
+    theirs = [
+        gpytorch.kernels.RQKernel(ard_num_dims=len(dims), active_dims=dims).double()
+        for dims in parts
+    ]
+    for kernel, dims in zip(theirs, parts, strict=True):
+        kernel.initialize(lengthscale=ours.lengthscale[:, list(dims)], alpha=ours.alpha)
+    expected = gpytorch.kernels.ProductKernel(*theirs)(a, b).to_dense()
+    torch.testing.assert_close(ours(a, b).to_dense(), expected)
+    assert (ours(a, diag=True) == 1).all()
 
 
 def test_kernel_is_chosen_by_its_error():
@@ -448,22 +497,34 @@ def test_jitter_is_said(caplog):
 
 
 def test_optimiser_finds_a_minimum_within_bounds():
-    start = [torch.zeros(2, dtype=torch.float64), torch.ones(1, dtype=torch.float64)]
-    found, value = lbfgs(
-        lambda p: (p[0] - 1).square().sum() + (p[1] - 5).square().sum(), start, [None, (0, 3)], 50
-    )
-    torch.testing.assert_close(found[0], torch.ones(2, dtype=torch.float64))
-    assert found[1].item() == 3 and value == pytest.approx(4)
+    free, bound = (torch.nn.Parameter(torch.zeros(2, dtype=torch.float64)) for _ in range(2))
+
+    def loss():
+        return (free - 1).square().sum() + (bound - 5).square().sum()
+
+    value = optimise.fit([("a.free", free), ("a.bound", bound)], loss, {"bound": (0, 3)}, 50)
+    torch.testing.assert_close(free.data, torch.ones(2, dtype=torch.float64))
+    assert bound.tolist() == [3, 3] and value == pytest.approx(8)
+
+
+def test_optimiser_steps_back_from_where_there_is_no_cholesky_factor():
+    x = torch.nn.Parameter(torch.full((1,), 2.0, dtype=torch.float64))
+
+    def loss():
+        return torch.linalg.cholesky(x[:, None] - 1).sum() - 0.1 * x.sum().log()
+
+    optimise.fit([("x", x)], loss, {}, 50)
+    assert 1 < x.item() < 2
 
 
 def test_initial_network_keeps_variances():
     x = torch.randn(2000, 10, generator=torch.Generator().manual_seed(1))
-    sd = forward(initial([10, 64, 64, 8], 2), x).std()
+    sd = build([10, 64, 64, 8], 2)(x).std()
     assert 0.3 < sd < 2.0
 
 
 @pytest.mark.parametrize(
-    "blocks", [one_block(4), [slice(0, 2), slice(2, 4)], [slice(0, 1), slice(1, 4)]]
+    "blocks", [[slice(0, 4)], [slice(0, 2), slice(2, 4)], [slice(0, 1), slice(1, 4)]]
 )
 def test_joint_covariance_holds_the_derivatives(blocks):
     """Of the kernel written out, by automatic differentiation."""
@@ -493,26 +554,40 @@ def test_joint_covariance_holds_the_derivatives(blocks):
 # -------------------------------------------------------------------------------- exact GP
 
 
-@pytest.mark.parametrize("kernel", KERNELS)
-def test_marginal_likelihood_gradient(kernel):
-    theta = points(40, 12)
+@pytest.mark.parametrize("rows", [40, 4])
+def test_restricted_likelihood_with_its_best_output_covariance(rows):
+    """Against the formula written out, and B against others, of which none is more likely."""
+    theta = points(rows, 12)
     x, y = torch.as_tensor(np.log(theta)), toy(theta)
     y = (y - y.mean(0)) / y.std(0)
-    p = np.concatenate([np.linspace(0.5, 1.5, 10), [0.3, -8.0]])
-    blocks = blocks_of(kernel, PARAMETERS)
-    gradient = negative_log_likelihood(p, x, y, kernel, 1e-8, blocks)[1]
-    numeric = [
-        negative_log_likelihood(p + step, x, y, kernel, 1e-8, blocks)[0]
-        - negative_log_likelihood(p - step, x, y, kernel, 1e-8, blocks)[0]
-        for step in 1e-5 * np.eye(12)
-    ]
-    np.testing.assert_allclose(gradient, np.array(numeric) / 2e-5, rtol=1e-3, atol=1e-4)
+    model = SharedKernelGP("rq", 10, 1e-3, None, x, y)
+    model.start_at(np.concatenate([np.linspace(0.5, 1.5, 10), [0.3, -8.0]]))
+    k = model.covar_module(x).to_dense().detach().numpy()
+    k = k + (1e-3 + np.exp(-8.0)) * np.eye(rows)
+    inverse, ones = np.linalg.inv(k), np.ones(rows)
+    q = inverse - np.outer(inverse @ ones, inverse @ ones) / (ones @ inverse @ ones)
+    b = y.numpy().T @ q @ y.numpy() / (rows - 1)
+    if rows <= 5:
+        b = np.diag(np.diag(b))
+
+    def minus_log_likelihood(of_outputs):
+        fit = np.trace(np.linalg.solve(of_outputs, y.numpy().T @ q @ y.numpy()))
+        common = np.linalg.slogdet(k)[1] + np.log(ones @ inverse @ ones)
+        return 0.5 * (fit + (rows - 1) * np.linalg.slogdet(of_outputs)[1] + 5 * common)
+
+    constant = 0.5 * 5 * (rows - 1)
+    found = model.loss().item()
+    assert found == pytest.approx(minus_log_likelihood(b) - constant, rel=1e-5)
+    for scale in (0.9, 1.1):
+        assert minus_log_likelihood(scale * b) > minus_log_likelihood(b)
 
 
 def test_leave_one_out_against_leaving_one_out():
     x = torch.as_tensor(np.log(points(25, 13)))
     y = toy(np.exp(x.numpy()))
-    matrix = KERNELS["rq"].value(parts_of("rq", x / 3, x / 3, 1.0, one_block(10)), 1.0)
+    kernel = make_kernel("rq", 10).requires_grad_(False)
+    kernel.lengthscale = 3.0
+    matrix = kernel(x).to_dense()
     matrix = matrix + 1e-4 * torch.eye(25, dtype=x.dtype)
     ones = torch.ones(25, 1, dtype=x.dtype)
     precision, _ = projected_precision(torch.linalg.cholesky(matrix), ones)
@@ -616,7 +691,8 @@ def test_shrinkage_only_where_rows_are_few():
     rng = np.random.default_rng(16)
     mixing = rng.normal(size=(30, 30)) @ np.diag(np.logspace(0, -4, 30))
     few, many = (torch.as_tensor(rng.normal(size=(n, 30)) @ mixing) for n in (20, 3000))
-    assert choose_shrinkage(few) > choose_shrinkage(many)
+    assert 0.1 < shrinkage_of(few) < 1
+    assert shrinkage_of(few) > 5 * shrinkage_of(many)
 
 
 def test_fewer_rows_than_outputs():
@@ -771,3 +847,41 @@ def test_an_emulator_from_outside_says_its_settings_itself(from_outside, tmp_pat
     assert isinstance(emulators.load(tmp_path / "e.pt"), FromOutside)
     with pytest.raises(InputError, match=r"from_outside\.yours: unknown setting"):
         emulators.create("from_outside", {"yours": 1})
+
+
+class OffTheShelf(ReducedEmulator):
+    """BoTorch's default model of each score, as anybody would take it."""
+
+    name = "off_the_shelf"
+    architecture = Architecture("BoTorch", "GP", "global", "single-output")
+    defaults: ClassVar[dict] = {"explained_variance": 0.9999}
+    _KEYS = ("x", "z")
+
+    def _fit_scores(self, x, z, seed):
+        self.x, self.z = x, z
+        self.model = SingleTaskGP(x, z)
+        fit_gpytorch_mll(ExactMarginalLogLikelihood(self.model.likelihood, self.model))
+
+    def _build(self, weights):
+        return SingleTaskGP(self.x, self.z)
+
+    def _mean(self, x):
+        return self.model.posterior(x).mean
+
+    def _covariance(self, x):
+        return self.model.posterior(x).variance
+
+
+def test_a_model_of_botorch_becomes_an_emulator(tmp_path):
+    with temporary():
+        emulators.REGISTRY.add(OffTheShelf)
+        theta, at = points(ROWS, 5), torch.as_tensor(points(40, 6))
+        emulator = emulators.create("off_the_shelf").fit(theta, toy(theta), **TOY)
+        emulator.save(tmp_path / "e.pt")
+        again = emulators.load(tmp_path / "e.pt").predict(at)
+    found, truth = emulator.predict(at), toy(at)
+    assert ((found.mean - truth) / emulator.output_sd).square().mean() < 0.1
+    assert ((found.mean - truth).abs() < 4 * found.sd).double().mean() > 0.9
+    torch.testing.assert_close(again.mean, found.mean)
+    torch.testing.assert_close(again.covariance, found.covariance)
+    torch.testing.assert_close(emulator.jacobian(at)[0], Emulator.jacobian(emulator, at)[0])

@@ -1,11 +1,6 @@
 """Posterior, evidence and leave-one-segment-out prediction by adaptive importance sampling.
 
-Proposals are Student t distributions in unconstrained coordinates, fitted to the weighted draws of
-the rounds before (population Monte Carlo, Cappe et al. 2004, doi 10.1198/106186004X12803); a
-posterior that one of them does not resemble gets a mixture of several (Cappe et al. 2008,
-doi 10.1007/s11222-008-9059-x). In the end all draws count, weighted against the mixture of all
-proposals (Cornuet et al. 2012, doi 10.1111/j.1467-9469.2011.00756.x). It needs no gradient, gives
-the evidence as well, and one set of draws serves all folds whose posterior is near to the full one;
+One set of draws (`inference.importance`) serves all folds whose posterior is near to the full one;
 the others are sampled anew.
 """
 
@@ -14,21 +9,15 @@ from dataclasses import dataclass
 
 import arviz as az
 import torch
-from sklearn.cluster import KMeans
 from statsmodels.stats.weightstats import DescrStatsW
 
 from regional_lv.criticism.fit import Fit
 from regional_lv.criticism.model import LOG_2PI, Model
+from regional_lv.inference import importance
 from regional_lv.seeds import derive
 
 ROUNDS, MOST_ROUNDS = 6, 30
-"""Rounds of proposals of one distribution, and rounds at most: further ones are of mixtures."""
-
-PARTS = 8
-"""Distributions in a mixture."""
-
-FREEDOM = 5.0
-"""Degrees of freedom of the proposals: heavier tails than any posterior in a box."""
+"""Of importance sampling: rounds of proposals of one distribution, and rounds at most."""
 
 EDGE = 0.02
 """Share of a range that keeps the Laplace approximation away from its ends."""
@@ -42,10 +31,6 @@ LEAST_ESS = 150.0
 LARGEST_SHAPE = 0.7
 """Of the Pareto distribution of a fold's largest weights: beyond it, means over them are unreliable
 (Vehtari et al. 2024, arXiv:1507.02646)."""
-
-TRUNCATION = 20
-"""Draws that may carry the weight of the proposal's next form, at least: a few lucky draws of an
-early round would make it collapse."""
 
 
 @dataclass(frozen=True)
@@ -128,149 +113,36 @@ def sample(
     draws: per round. keep: (D,) channels that count as observed; all if None.
     """
     box = _Box(model)
-    generator = torch.Generator().manual_seed(seed)
     u0 = box.outside(centre)
     slope = box.slope(u0)
-    spread = covariance / slope[:, None] / slope
-    proposal = _Student(u0, _tame(2.0 * spread))
-    proposals, us, targets, residuals = [], [], [], []
-    for turn in range(MOST_ROUNDS):
-        u = proposal.draw(draws, generator)
+    residuals = []
+
+    def density(u):
         x = box.inside(u)
-        residual = model.observations.y - model.mean(x)
-        target = log_density(model, residual, x, keep) + model.log_prior(x) + box.log_jacobian(u)
-        proposals.append(proposal)
-        us.append(u)
-        targets.append(target)
-        residuals.append(residual)
-        # The first rounds only show the way.
-        recent = slice(turn // 2, None)
-        u = torch.cat(us[recent])
-        log_w = torch.cat(targets[recent]) - _Mixture.equal(proposals[recent]).log_density(u)
-        weight = torch.softmax(log_w, 0)
-        if turn >= ROUNDS - 1 and 1 / weight.square().sum() >= 2 * LEAST_ESS:
-            break
-        tempered = _temper(log_w, 4 * len(u0) + TRUNCATION)
-        if turn < ROUNDS - 1:
-            mean, spread = moments_of(u, tempered)
-            proposal = _Student(mean, _tame(1.2 * spread))
-        else:
-            old = proposal if isinstance(proposal, _Mixture) else _Mixture.split(u, tempered)
-            proposal = old.adapted(u, tempered)
-    total = torch.logsumexp(log_w, 0)
-    log_weight = log_w - total
-    ess = float(1 / log_weight.exp().square().sum())
+        residuals.append(model.observations.y - model.mean(x))
+        logs = log_density(model, residuals[-1], x, keep)
+        return logs + model.log_prior(x) + box.log_jacobian(u)
+
+    found = importance.sample(
+        density,
+        u0,
+        2.0 * covariance / slope[:, None] / slope,
+        draws,
+        torch.Generator().manual_seed(seed),
+        rounds=ROUNDS,
+        most_rounds=MOST_ROUNDS,
+        least_ess=2 * LEAST_ESS,
+        largest_sd=LARGEST_SD,
+    )
     return Posterior(
         model,
-        box.inside(u),
-        log_weight,
-        float(total - math.log(len(u))),
-        math.sqrt(max(1 / ess - 1 / len(u), 0.0)),
-        ess,
-        torch.cat(residuals[recent]),
+        box.inside(found.u),
+        found.log_weight - torch.logsumexp(found.log_weight, 0),
+        found.log_evidence,
+        found.evidence_error,
+        found.ess,
+        torch.cat(residuals)[-len(found.u) :],
     )
-
-
-def _tame(covariance: torch.Tensor) -> torch.Tensor:
-    """The covariance with no coordinate's sd above `LARGEST_SD`, and safely positive."""
-    sd = covariance.diagonal().sqrt()
-    factor = (LARGEST_SD / sd).clamp(max=1.0)
-    scaled = covariance * factor[:, None] * factor
-    return scaled + torch.diag(1e-8 + 1e-6 * scaled.diagonal())
-
-
-def _temper(log_w: torch.Tensor, least: float) -> torch.Tensor:
-    """Weights flattened, by a power, until at least `least` draws count."""
-    power = 1.0
-    for _ in range(40):
-        weight = torch.softmax(power * log_w, 0)
-        if 1 / weight.square().sum() >= least:
-            break
-        power *= 0.8
-    return weight
-
-
-class _Student:
-    """Multivariate Student t."""
-
-    def __init__(self, mean: torch.Tensor, spread: torch.Tensor):
-        self.mean, self.factor = mean, torch.linalg.cholesky(spread)
-        p = len(mean)
-        self.constant = (
-            math.lgamma((FREEDOM + p) / 2)
-            - math.lgamma(FREEDOM / 2)
-            - 0.5 * p * math.log(FREEDOM * math.pi)
-            - float(self.factor.diagonal().log().sum())
-        )
-
-    def draw(self, count: int, generator: torch.Generator) -> torch.Tensor:
-        p = len(self.mean)
-        normal = torch.randn(count, p, generator=generator, dtype=torch.float64)
-        # Chi-squared of 5 degrees of freedom: a sum of squares, reproducible from the generator.
-        chi = torch.randn(count, int(FREEDOM), generator=generator, dtype=torch.float64)
-        scale = (chi.square().sum(1, keepdim=True) / FREEDOM).sqrt()
-        return self.mean + (normal / scale) @ self.factor.mT
-
-    def log_density(self, u: torch.Tensor) -> torch.Tensor:
-        p = len(self.mean)
-        return self.constant - 0.5 * (FREEDOM + p) * torch.log1p(self.distance(u) / FREEDOM)
-
-    def distance(self, u: torch.Tensor) -> torch.Tensor:
-        """Squared Mahalanobis distance (N,) of u (N, P) from the centre."""
-        z = torch.linalg.solve_triangular(self.factor, (u - self.mean).mT, upper=False)
-        return z.square().sum(0)
-
-
-class _Mixture:
-    """Distributions with shares (K,) that add up to one."""
-
-    def __init__(self, parts: list, shares: torch.Tensor):
-        self.parts, self.shares = parts, shares
-
-    @classmethod
-    def equal(cls, parts: list) -> "_Mixture":
-        return cls(parts, torch.full((len(parts),), 1 / len(parts), dtype=torch.float64))
-
-    @classmethod
-    def split(cls, u: torch.Tensor, weight: torch.Tensor) -> "_Mixture":
-        """Around the centres of clusters of weighted draws, all as wide as the draws within."""
-        mean, spread = moments_of(u, weight)
-        factor = torch.linalg.cholesky(_tame(spread))
-        z = torch.linalg.solve_triangular(factor, (u - mean).mT, upper=False).mT
-        means = KMeans(PARTS, n_init=1, random_state=0)
-        means.fit(z.numpy(), sample_weight=weight.numpy())
-        centres = torch.as_tensor(means.cluster_centers_)
-        labels = torch.as_tensor(means.labels_).long()
-        _, within = moments_of(z - centres[labels], weight)
-        spread = _tame(factor @ within @ factor.mT)
-        return cls.equal([_Student(mean + factor @ centre, spread) for centre in centres])
-
-    def adapted(self, u: torch.Tensor, weight: torch.Tensor) -> "_Mixture":
-        """After one step of expectation maximisation on weighted draws."""
-        logs = self._logs(u)
-        share = torch.softmax(logs, 0) * weight
-        parts, shares = [], []
-        for part, own in zip(self.parts, share, strict=True):
-            total = own.sum()
-            if 1 / (own / total).square().sum() < 2 * u.shape[1]:
-                # Too few draws for a covariance: the others take over.
-                continue
-            pulled = own * (FREEDOM + u.shape[1]) / (FREEDOM + part.distance(u))
-            mean, spread = moments_of(u, pulled / pulled.sum())
-            parts.append(_Student(mean, _tame(1.2 * spread * pulled.sum() / total)))
-            shares.append(total)
-        return _Mixture(parts, torch.stack(shares) / sum(shares)) if parts else self
-
-    def draw(self, count: int, generator: torch.Generator) -> torch.Tensor:
-        which = torch.multinomial(self.shares, count, replacement=True, generator=generator)
-        counts = torch.bincount(which, minlength=len(self.parts)).tolist()
-        return torch.cat([p.draw(n, generator) for p, n in zip(self.parts, counts, strict=True)])
-
-    def log_density(self, u: torch.Tensor) -> torch.Tensor:
-        return torch.logsumexp(self._logs(u), 0)
-
-    def _logs(self, u: torch.Tensor) -> torch.Tensor:
-        return torch.stack([p.log_density(u) for p in self.parts]) + self.shares.log()[:, None]
 
 
 # --------------------------------------------------------------------------------- densities
@@ -391,7 +263,9 @@ def leave_out(posterior: Posterior, draws: int, seed: int) -> LeftOut:
         ess = float(1 / log_w.exp().square().sum())
         if shape > LARGEST_SHAPE or ess < LEAST_ESS:
             repeated += 1
-            centre, scatter = moments_of(posterior.x, _temper(log_w, LEAST_ESS / 2))
+            centre, scatter = importance.moments(
+                posterior.x, importance.temper(log_w, LEAST_ESS / 2)
+            )
             others = ~o.groups[number]
             found = sample(model, centre, 1.5 * scatter, draws, derive(seed, number), others)
             ((logs, error, variance),) = left_out_errors(model, found.residual, found.x, [at])
@@ -400,7 +274,7 @@ def leave_out(posterior: Posterior, draws: int, seed: int) -> LeftOut:
         elpd.append(torch.logsumexp(log_w + logs, 0))
         here = o.present[:, at].flatten()
         flat = error.flatten(1)[:, here]
-        centre, scatter = moments_of(flat, log_w.exp())
+        centre, scatter = importance.moments(flat, log_w.exp())
         within = log_w.exp() @ variance.flatten(1).expand(len(error), -1)[:, here]
         covariance = scatter + torch.diag(within)
         observed = o.y[:, at].flatten()[here]
@@ -429,7 +303,7 @@ def gain_of(before: LeftOut, after: LeftOut, posterior: Posterior) -> tuple[floa
     o = model.observations
     difference = after.elpd - before.elpd
     residual, _ = posterior.moments(posterior.residual)
-    x, _ = moments_of(posterior.x, posterior.weight)
+    x, _ = importance.moments(posterior.x, posterior.weight)
     noise = model.noise_variance(x[None])[0]
     variance = 0.0
     joints = zip(before.joint, after.joint, strict=True)
@@ -443,9 +317,3 @@ def gain_of(before: LeftOut, after: LeftOut, posterior: Posterior) -> tuple[floa
         variance += float(0.5 * (curvature * curvature.mT).sum())
     over_folds = float((len(difference) * difference.var()).sqrt())
     return float(difference.sum()), math.sqrt(max(variance, 0.0)), over_folds
-
-
-def moments_of(x: torch.Tensor, weight: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-    """Weighted mean (P,) and covariance (P, P) of draws (N, P)."""
-    covariance = torch.cov(x.mT, correction=0, aweights=weight)
-    return weight @ x, covariance.reshape(x.shape[1], x.shape[1])

@@ -3,7 +3,7 @@
 import copy
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -99,6 +99,16 @@ def join(predictions: Sequence[Prediction]) -> Prediction:
             first.freedom,
         )
     return Prediction(mean, torch.cat([one.covariance for one in predictions]))
+
+
+def row_jacobian(function: Callable[[torch.Tensor], torch.Tensor], x: torch.Tensor):
+    """d(function)/dx (..., K, P) of a function of each row of `x` (M, P) by itself, whatever the
+    order of the rows that it returns: one forward derivative for each of the P inputs."""
+
+    def along(direction):
+        return torch.func.jvp(function, (x,), (direction.expand_as(x),))[1]
+
+    return torch.func.vmap(along, out_dims=-1)(torch.eye(x.shape[1], dtype=x.dtype))
 
 
 @dataclass(frozen=True)

@@ -21,15 +21,19 @@ class DNN(ReducedEmulator):
 
     name = "dnn"
     architecture = Architecture("DNN", "network", "global", "multi-output", "feed-forward network")
-    _KEYS = ("layers", "error_sd")
+    _KEYS = ("error_sd",)
 
     def _fit_scores(self, x, z, seed):
         s = self.settings
-        self.layers, errors = networks.train(
+        self.model, errors = networks.train(
             x, z * self.score_sd, s["hidden"], s["epochs"], s["learning_rate"], seed
         )
         self.error_sd = float(errors.square().mean().sqrt())
         self.info["error_sd"] = self.error_sd
+
+    def _build(self, weights):
+        sizes = [self.inputs.shape[1], *self.settings["hidden"], len(self.score_sd)]
+        return networks.build(sizes).double()
 
     @property
     def error_prior_scale(self) -> float | None:
@@ -53,7 +57,7 @@ class DNN(ReducedEmulator):
         return by_theta, None if self.error_sd else torch.zeros_like(theta)
 
     def _mean(self, x):
-        return networks.forward(self.layers, x) / self.score_sd
+        return self.model(x) / self.score_sd
 
     def _covariance(self, x):
         # The same everywhere, but differentiable about x like that of the others.

@@ -1,130 +1,167 @@
-"""Stationary kernels of unit variance, as functions of squared scaled distances.
+"""Stationary kernels of unit variance, as GPyTorch modules.
 
-A kernel sees the distances within its blocks of inputs: all inputs together, or the factors of each
-zone. Correlations are made for thousands of points at a time and their slopes only where they are
-needed, so that the ones do not wait for the others.
+Those of the paper are the library's. The rational quadratic ones are a class of ours, the same
+function in fewer operations (benchmarks/kernels.py).
 """
 
-from collections.abc import Callable, Sequence
-from typing import NamedTuple
+import math
+from collections.abc import Sequence
 
+import gpytorch
 import torch
+from gpytorch.constraints import Positive
 
-from regional_lv import derivative_kernel
-from regional_lv.parameters import Parameterisation
-
-Parts = Sequence[torch.Tensor]
-"""What a kernel is a function of (..., M, N), for each block: the squared scaled distance d2, or
-for the rational quadratic ones 1 + d2 / (2 alpha)."""
-
-
-class Kernel(NamedTuple):
-    """parts: from a block's scaled inputs (..., M, P) and (..., N, P) and from `alpha`, the
-    exponent of the rational quadratic kernels, which others ignore. value: correlations at the
-    parts. slopes: from these correlations and the parts, the slope about each d2. zonal: whether
-    every zone is a block of its own; otherwise all inputs are one."""
-
-    parts: Callable[[torch.Tensor, torch.Tensor, torch.Tensor], torch.Tensor]
-    value: Callable[[Parts, torch.Tensor], torch.Tensor]
-    slopes: Callable[[torch.Tensor, Parts], list[torch.Tensor]]
-    zonal: bool = False
-
-
-def _squared_distance(a, b, alpha):
-    # One matrix product instead of M N P differences.
-    d2 = (-2 * a) @ b.mT
-    d2.add_((a * a).sum(-1)[..., :, None]).add_((b * b).sum(-1)[..., None, :])
-    return d2.clamp_(min=0.0)
-
-
-def _rq_part(a, b, alpha):
-    # 1 + |a - b|^2 / (2 alpha) as one matrix product: (1 + |a|^2) 1 + 1 |b|^2 - 2 a b'
-    scale = (2 * alpha) ** -0.5
-    a, b = a * scale, b * scale
-    one_a, one_b = torch.ones_like(a[..., :1]), torch.ones_like(b[..., :1])
-    left = torch.cat([-2 * a, 1 + (a * a).sum(-1, keepdim=True), one_a], -1)
-    right = torch.cat([b, one_b, (b * b).sum(-1, keepdim=True)], -1)
-    return left @ right.mT
-
-
-def _rq_slopes(k, parts):
-    return [k * rate for rate in derivative_kernel.rates(parts)]
-
-
-def _rbf(parts, alpha):
-    return torch.exp(-0.5 * parts[0])
-
-
-def _rbf_slopes(k, parts):
-    return [-0.5 * k]
-
-
-def _matern52(parts, alpha):
-    r = _matern_distance(parts)
-    return (1 + r + r * r / 3) * torch.exp(-r)
-
-
-def _matern52_slopes(k, parts):
-    r = _matern_distance(parts)
-    return [-5 / 6 * (1 + r) * torch.exp(-r)]
-
-
-def _matern_distance(parts):
-    # The square root has no derivative at zero, the kernel has: 0 in every direction.
-    return torch.sqrt(5 * parts[0].clamp(min=1e-30))
-
+from regional_lv.derivative_kernel import joint_covariance
+from regional_lv.emulators.base import row_jacobian
 
 ZONAL = "zonal_rq"
 """The product over the zones of rational quadratic kernels of their factors, one alpha."""
 
-KERNELS = {
-    "rq": Kernel(_rq_part, derivative_kernel.rational_quadratic, _rq_slopes),
-    "rbf": Kernel(_squared_distance, _rbf, _rbf_slopes),
-    "matern52": Kernel(_squared_distance, _matern52, _matern52_slopes),
-    ZONAL: Kernel(_rq_part, derivative_kernel.rational_quadratic, _rq_slopes, zonal=True),
-}
+KERNELS = ("rq", "rbf", "matern52", ZONAL)
+"""Names for `make_kernel`."""
 
 Blocks = Sequence[slice]
 """Slices that share out the P inputs, in their order."""
 
 
-def blocks_of(kernel: str, parameters: Parameterisation) -> Blocks:
-    """The blocks that a kernel of the parameters has."""
-    return parameters.blocks if KERNELS[kernel].zonal else one_block(len(parameters))
+def positive() -> Positive:
+    """Constraint of a parameter whose logarithm is what is optimised."""
+    return Positive(transform=torch.exp, inv_transform=torch.log)
 
 
-def one_block(inputs: int) -> Blocks:
-    """All inputs together."""
-    return [slice(0, inputs)]
+class BlockRQKernel(gpytorch.kernels.Kernel):
+    """Product over blocks of inputs of rational quadratic kernels with one alpha.
+
+    The same as a `ProductKernel` of GPyTorch's `RQKernel` over the blocks' `active_dims`, with ARD
+    and a shared alpha. One matrix product for each block and no distances in between: values and
+    derivatives take a third of the time (benchmarks/kernels.py).
+
+    blocks: slices that share out the P inputs, in their order; one block of all is the usual
+    kernel.
+    """
+
+    has_lengthscale = True
+
+    def __init__(self, blocks: Sequence[slice], batch_shape: torch.Size | None = None):
+        super().__init__(
+            ard_num_dims=blocks[-1].stop,
+            batch_shape=torch.Size() if batch_shape is None else batch_shape,
+            lengthscale_constraint=positive(),
+        )
+        self.blocks = list(blocks)
+        raw = torch.nn.Parameter(torch.zeros(*self.batch_shape, 1))
+        self.register_parameter("raw_alpha", raw)
+        self.register_constraint("raw_alpha", positive())
+
+    @property
+    def alpha(self) -> torch.Tensor:
+        return self.raw_alpha_constraint.transform(self.raw_alpha)
+
+    @alpha.setter
+    def alpha(self, value) -> None:
+        value = torch.as_tensor(value).to(self.raw_alpha).expand_as(self.raw_alpha)
+        self.initialize(raw_alpha=self.raw_alpha_constraint.inverse_transform(value))
+
+    def bases(self, x1: torch.Tensor, x2: torch.Tensor) -> list[torch.Tensor]:
+        """1 + r_b^2 / (2 alpha) (..., M, N) of each block."""
+        scale = (2 * self.alpha[..., None]).rsqrt() / self.lengthscale
+        a, b = x1 * scale, x2 * scale
+        one_a, one_b = torch.ones_like(a[..., :1]), torch.ones_like(b[..., :1])
+        found = []
+        for part in self.blocks:
+            # (1 + |a|^2) 1 + 1 |b|^2 - 2 a b' as one product
+            u, v = a[..., part], b[..., part]
+            left = torch.cat([-2 * u, 1 + u.square().sum(-1, keepdim=True), one_a], -1)
+            right = torch.cat([v, one_b, v.square().sum(-1, keepdim=True)], -1)
+            found.append(left @ right.mT)
+        return found
+
+    def of_bases(self, bases: Sequence[torch.Tensor]) -> torch.Tensor:
+        """Correlations (..., M, N)."""
+        return torch.exp(-self.alpha[..., None] * math.prod(bases[1:], start=bases[0]).log())
+
+    def with_slopes(self, x1, x2) -> tuple[torch.Tensor, list[torch.Tensor]]:
+        """Correlations K (M, N), and for each block K / (1 + r_b^2 / (2 alpha)): times
+        (x2_p - x1_p) / l_p^2 this is dK/dx1_p, and minus dK/dx2_p."""
+        bases = self.bases(x1, x2)
+        k = self.of_bases(bases)
+        return k, [k / base for base in bases]
+
+    def weighted_slopes(self, x1, x2, weights) -> tuple[torch.Tensor, torch.Tensor]:
+        """K(x1, x2) times weights (N, D), (M, D), and its derivative (M, D, P) about x1."""
+        k, slopes = self.with_slopes(x1, x2)
+        by_x = k.new_empty(len(x1), weights.shape[1], x1.shape[1])
+        for part, slope in zip(self.blocks, slopes, strict=True):
+            plain = slope @ weights
+            for p in range(part.start, part.stop):
+                moment = slope @ (x2[:, p, None] * weights)
+                by_x[:, :, p] = moment - x1[:, p, None] * plain
+        return k @ weights, by_x / self.lengthscale[0] ** 2
+
+    def forward(self, x1, x2, diag=False, last_dim_is_batch=False, **params):
+        if diag:
+            return torch.ones(x1.shape[:-1], dtype=x1.dtype)
+        return self.of_bases(self.bases(x1, x2))
 
 
-def parts_of(
-    kernel: str, a: torch.Tensor, b: torch.Tensor, alpha, blocks: Blocks
-) -> list[torch.Tensor]:
-    """What the kernel is a function of, between the rows of scaled inputs `a` (..., M, P) and `b`
-    (..., N, P)."""
-    of = KERNELS[kernel]
-    return [of.parts(a[..., part], b[..., part], alpha) for part in blocks]
+class BlockRQKernelGrad(gpytorch.kernels.Kernel):
+    """`BlockRQKernel` (`of_values`) of values and of their derivatives along every input, in the
+    manner of GPyTorch's `RBFKernelGrad`, but in another order: values of all points first, then the
+    derivatives of all along the first input, and so on."""
+
+    def __init__(self, blocks: Sequence[slice]):
+        super().__init__()
+        self.of_values = BlockRQKernel(blocks)
+
+    def forward(self, x1, x2, diag=False, last_dim_is_batch=False, **params):
+        values = self.of_values
+        matrix = joint_covariance(x1, x2, values.lengthscale[0], values.alpha[0], values.blocks)
+        return matrix.diagonal() if diag else matrix
+
+    def num_outputs_per_input(self, x1, x2):
+        return 1 + x1.shape[-1]
 
 
-def correlation(kernel: str, a, b, length_scales, alpha, blocks: Blocks | None = None):
-    """(G, M, N) correlations of `a` (M, P) or (G, M, P) with `b`, one kernel of each of G: length
-    scales (G, P), alpha (G,). blocks: None for all inputs together."""
-    scales, alpha = length_scales[:, None, :], alpha[:, None, None]
-    blocks = blocks or one_block(a.shape[-1])
-    return KERNELS[kernel].value(parts_of(kernel, a / scales, b / scales, alpha, blocks), alpha)
+class Matern52Kernel(gpytorch.kernels.MaternKernel):
+    """The library's, with distances that have forward derivatives: `torch.cdist` has none."""
+
+    def covar_dist(self, x1, x2, square_dist=False, **params):
+        squared = super().covar_dist(x1, x2, square_dist=True, **params)
+        # The square root has no derivative at zero, the kernel has: 0 in every direction.
+        return squared if square_dist else squared.clamp(min=1e-30).sqrt()
 
 
-def mean_slopes(kernel: str, a, b, length_scales, alpha, weights, blocks: Blocks | None = None):
-    """d(k weights)/d(a), (G, M, P), of k = `correlation(a, b)` with `weights` (G, N)."""
-    of, scales, alpha = KERNELS[kernel], length_scales[:, None, :], alpha[:, None, None]
-    blocks = blocks or one_block(a.shape[-1])
-    a, b = a / scales, b / scales
-    parts = parts_of(kernel, a, b, alpha, blocks)
-    slopes, found = of.slopes(of.value(parts, alpha), parts), []
-    for part, slope in zip(blocks, slopes, strict=True):
-        weighted = slope * weights[:, None, :]
-        # d k_n / d a_p = 2 slope_n (a_p - b_np), both scaled
-        own = weighted.sum(-1, keepdim=True) * a[..., part] - weighted @ b[..., part]
-        found.append(2 * own)
-    return torch.cat(found, -1) / scales
+def weighted_slopes(
+    kernel: gpytorch.kernels.Kernel, x1: torch.Tensor, x2: torch.Tensor, weights: torch.Tensor
+) -> tuple[torch.Tensor, torch.Tensor]:
+    """K(x1, x2) times weights (N, D), (M, D), and its derivative (M, D, P) about x1 (M, P)."""
+    if isinstance(kernel, BlockRQKernel):
+        return kernel.weighted_slopes(x1, x2, weights)
+
+    def weighted(at):
+        return kernel(at, x2).to_dense() @ weights
+
+    return weighted(x1), row_jacobian(weighted, x1)
+
+
+def make_kernel(
+    name: str, inputs: int, blocks: Blocks | None = None, batch: Sequence[int] = ()
+) -> gpytorch.kernels.Kernel:
+    """A kernel of unit variance with a length scale for each of the `inputs`, double precision.
+
+    blocks: of a zonal kernel, the factors of each zone. batch: as many kernels side by side.
+    """
+    shape = torch.Size(batch)
+    if name in ("rq", ZONAL):
+        parts = blocks if name == ZONAL else [slice(0, inputs)]
+        return BlockRQKernel(parts, shape).double()
+    options = {
+        "ard_num_dims": inputs,
+        "batch_shape": shape,
+        "lengthscale_constraint": positive(),
+    }
+    if name == "rbf":
+        return gpytorch.kernels.RBFKernel(**options).double()
+    if name == "matern52":
+        return Matern52Kernel(nu=2.5, **options).double()
+    raise KeyError(name)

@@ -5,26 +5,22 @@ doi 10.1098/rsif.2019.0114): the parameters of the observation are what is sough
 """
 
 import copy
-import logging
+import itertools
 import math
 
+import gpytorch
 import torch
+from gpytorch.constraints import GreaterThan
+from gpytorch.likelihoods import GaussianLikelihood
+from linear_operator.utils.cholesky import psd_safe_cholesky
 
 from regional_lv.emulators import networks
-from regional_lv.emulators.kernels import correlation, mean_slopes
-from regional_lv.emulators.optimise import lbfgs
-from regional_lv.emulators.reduced import ReducedEmulator, held_out, row_jacobian
-from regional_lv.emulators.shared_kernel import (
-    cholesky,
-    condition,
-    fit_hyperparameters,
-    projected_precision,
-    regular,
-    subset,
-)
+from regional_lv.emulators.base import row_jacobian
+from regional_lv.emulators.kernels import make_kernel, weighted_slopes
+from regional_lv.emulators.optimise import fit
+from regional_lv.emulators.reduced import ReducedEmulator, held_out
+from regional_lv.emulators.shared_kernel import fit_hyperparameters, regular, subset
 from regional_lv.errors import InputError
-
-log = logging.getLogger(__name__)
 
 START_ROWS, START_ITERATIONS = 500, 60
 """The fit to simulations from everywhere from which every local fit starts."""
@@ -32,19 +28,170 @@ START_ROWS, START_ITERATIONS = 500, 60
 CALIBRATION_CASES = 20
 """Simulations held out to calibrate on, at most (and at most a tenth of all)."""
 
-BOUNDS = [(-3.0, 6.0), (-3.0, 5.0), (math.log(1e-10), 0.0)]
-"""Of the logarithms of length scales, alpha and nugget."""
-
 LEAST_NUGGET = 1e-8
+
+BOUNDS = {
+    "raw_lengthscale": (-3.0, 6.0),
+    "raw_alpha": (-3.0, 5.0),
+    "raw_noise": (math.log(1e-10), 0.0),
+}
+"""Of the logarithms of length scales, of alpha and of what is added to the least nugget."""
+
+
+class BatchLinear(torch.nn.Module):
+    """`torch.nn.Linear` for each of a batch of GPs: from (*batch, M, in) to (*batch, M, out)."""
+
+    def __init__(self, inputs: int, outputs: int, batch: torch.Size):
+        super().__init__()
+        self.weight = torch.nn.Parameter(torch.zeros(*batch, inputs, outputs))
+        self.bias = torch.nn.Parameter(torch.zeros(*batch, 1, outputs))
+
+    def forward(self, x):
+        return x @ self.weight + self.bias
+
+
+class LocalModel(gpytorch.models.ExactGP):
+    """Exact GP of K scores with constant means.
+
+    joint: one kernel of unit variance for all scores, whose covariance is B times it (ICM,
+    Bonilla et al. 2007); or else a batch of K GPs, each with its own kernel and signal variance.
+    hidden: widths of a network whose features h(x) = x + network(x) the kernel sees (deep kernel
+    learning, Wilson et al. 2016, arXiv:1511.02222), one for each kernel; None for no network.
+
+    The likelihood's noise is the nugget, in units of the signal variance. Training set: inputs
+    (n, P) and scores (K, n). Called as a model of GPyTorch it gives the posterior for a unit signal
+    variance and known constants; `mean` and `covariance` give what is predicted at each point.
+    """
+
+    def __init__(
+        self, kernel: str, inputs: int, scores: int, joint: bool, hidden: list[int] | None
+    ):
+        batch = torch.Size(() if joint else (scores,))
+        noise = GreaterThan(LEAST_NUGGET, transform=torch.exp, inv_transform=torch.log)
+        super().__init__(None, None, GaussianLikelihood(noise_constraint=noise, batch_shape=batch))
+        self.joint = joint
+        self.mean_module = gpytorch.means.ConstantMean(batch_shape=torch.Size([scores]))
+        self.covar_module = make_kernel(kernel, inputs, batch=batch)
+        self.network = None
+        if hidden is not None:
+            layers = []
+            for widths in itertools.pairwise([inputs, *hidden, inputs]):
+                layers += [BatchLinear(*widths, batch), torch.nn.SiLU()]
+            self.network = torch.nn.Sequential(*layers[:-1])
+        self.double()
+
+    def forward(self, x):
+        h = self.features(x).expand(*self.mean_module.batch_shape, -1, -1)
+        return gpytorch.distributions.MultivariateNormal(self.mean_module(h), self.covar_module(h))
+
+    def features(self, x: torch.Tensor) -> torch.Tensor:
+        """h(x), (M, P) or (K, M, P), or the inputs themselves."""
+        return x if self.network is None else x + self.network(x)
+
+    # ------------------------------------------------------------------------------ training
+
+    def train_on(self, x: torch.Tensor, z: torch.Tensor, start: dict, iterations: int) -> None:
+        """Fit to inputs (n, P) and scores (n, K) from the parameters `start`, of a model for all
+        scores; without iterations only condition on them."""
+        self.set_train_data(x, z.T, strict=False)
+        free = [(n, p) for n, p in self.named_parameters() if not n.startswith("mean_module")]
+        with torch.no_grad():
+            for name, parameter in free:
+                parameter.copy_(start[name])
+        if iterations:
+            fit(free, self.loss, BOUNDS, iterations)
+
+    def _covariance_matrix(self) -> torch.Tensor:
+        """Of the training set, for a unit signal variance, (n, n) or (K, n, n)."""
+        matrix = self.covar_module(self.features(self.train_inputs[0])).to_dense()
+        eye = torch.eye(matrix.shape[-1], dtype=matrix.dtype)
+        return matrix + self.likelihood.noise[..., None] * eye
+
+    def _profile(self, factor: torch.Tensor) -> tuple[torch.Tensor, ...]:
+        """What is most likely given the Cholesky factor of the covariance matrix C: B (K, K) or
+        (K, 1, 1), constants (1, K) or (K, 1, 1), whitened scores less these, and 1' C^-1 1."""
+        z = self.train_targets
+        columns = z.T if self.joint else z[..., None]
+        both = torch.cat([columns, torch.ones_like(columns[..., :1])], -1)
+        white = torch.linalg.solve_triangular(factor, both, upper=False)
+        white, one = white[..., :-1], white[..., -1:]
+        total = one.square().sum(-2)
+        constant = (one.mT @ white) / total[..., None]
+        white = white - one * constant
+        n, d = columns.shape[-2:]
+        b = white.mT @ white / (n - 1)
+        if n <= d:
+            # No more simulations than scores leave B singular.
+            b = torch.diag_embed(b.diagonal(dim1=-2, dim2=-1))
+        return regular(b), constant, white, total
+
+    def loss(self) -> torch.Tensor:
+        """Minus the restricted log likelihood, with the signal variances (or B) at their maximum;
+        the sum over the GPs, per row.
+
+        (n - 1)/2 log|B| + d/2 (log|C| + log(1' C^-1 1)) for the d scores of each GP.
+        """
+        factor = torch.linalg.cholesky(self._covariance_matrix())
+        b, _, _, total = self._profile(factor)
+        n, d = factor.shape[-1], b.shape[-1]
+        logs = 2 * factor.diagonal(dim1=-2, dim2=-1).log().sum(-1) + total[..., 0].log()
+        return 0.5 * ((n - 1) * torch.linalg.slogdet(b)[1] + d * logs).sum() / n
+
+    # ---------------------------------------------------------------------------- predicting
+
+    # GPyTorch's own posterior is that of all points together, and repeats one kernel for each of K
+    # scores: variances at single points take 3 to 70 times as long. It takes constants as known.
+
+    @torch.no_grad()
+    def prepare(self) -> None:
+        """Make what predictions need of the training set."""
+        self.eval().requires_grad_(False)
+        self.seen = self.features(self.train_inputs[0])
+        factor = psd_safe_cholesky(self._covariance_matrix())
+        self.b, constant, white, self.total = self._profile(factor)
+        self.mean_module.initialize(constant=constant.reshape(-1))
+        self.weights = torch.linalg.solve_triangular(factor.mT, white, upper=True)
+        eye = torch.eye(factor.shape[-1], dtype=factor.dtype).expand_as(factor)
+        self.whiten = torch.linalg.solve_triangular(factor, eye, upper=False).mT
+
+    def _correlations(self, x) -> torch.Tensor:
+        """With the training set, (M, n) or (K, M, n)."""
+        return self.covar_module(self.features(x), self.seen).to_dense()
+
+    def mean(self, x: torch.Tensor) -> torch.Tensor:
+        """(M, K) at inputs (M, P), or (K, M, P) for each GP of a batch its own."""
+        weighted = self._correlations(x) @ self.weights
+        return self.mean_module.constant + (weighted if self.joint else weighted[..., 0].T)
+
+    def mean_jacobian(self, x: torch.Tensor) -> torch.Tensor:
+        """d(mean)/dx (M, K, P)."""
+        if self.joint:
+            h = self.features(x)
+            _, by_h = weighted_slopes(self.covar_module, h, self.seen, self.weights)
+            return by_h if self.network is None else by_h @ row_jacobian(self.features, x)
+        with torch.enable_grad():
+            # With inputs of its own for each GP of the batch one backward pass serves all.
+            at = x.repeat(len(self.train_targets), 1, 1).requires_grad_(True)
+            (slopes,) = torch.autograd.grad(self.mean(at).sum(), at)
+        return slopes.transpose(0, 1).contiguous()
+
+    def covariance(self, x: torch.Tensor) -> torch.Tensor:
+        """Of the scores with noise and with the uncertainty of the constants, (M, K, K); their
+        variances (M, K) for a batch of GPs."""
+        half = self._correlations(x) @ self.whiten
+        rest = 1 - (half @ self.whiten.sum(-2)[..., None])[..., 0]
+        variance = 1 + self.likelihood.noise - half.square().sum(-1) + rest.square() / self.total
+        variance = variance.clamp(min=LEAST_NUGGET)
+        if self.joint:
+            return variance[:, None, None] * self.b
+        return (variance * self.b[..., 0]).T
 
 
 class LocalGP(ReducedEmulator):
-    """Exact GP on the `neighbours` nearest simulations, with a constant mean.
+    """`LocalModel` of the `neighbours` nearest simulations.
 
-    joint: one kernel for all scores and a coregionalisation matrix (ICM), or else one GP for each
-    score by itself. deep: the kernel sees features h(x) = x + network(x), network and kernel
-    trained together by the marginal likelihood (deep kernel learning, Wilson et al. 2016,
-    arXiv:1511.02222).
+    joint: one kernel for all scores and a coregionalisation matrix, or else one GP for each score
+    by itself. With a setting `hidden` there is a network in front of the kernel.
 
     `fit` keeps the training set, trains one such GP for all scores on simulations from everywhere,
     from which every local fit starts, and calibrates: it holds a few simulations out, trains
@@ -52,8 +199,7 @@ class LocalGP(ReducedEmulator):
     """
 
     joint: bool
-    deep: bool
-    _KEYS = ("scores", "kernel", "start", "variance_factor", "local")
+    _KEYS = ("scores", "kernel", "start", "variance_factor")
 
     # ------------------------------------------------------------------------------- fitting
 
@@ -66,36 +212,37 @@ class LocalGP(ReducedEmulator):
                 f"{len(outside)} to calibrate on; simulate more, or lower {self.name}.neighbours"
             )
         self.kernel = self._choose_kernel(x, z, LEAST_NUGGET, seed)
+        self.variance_factor, self.scores, self.local = 1.0, z, None
         self.start = self._start(x[inside], z[inside], seed)
-        self.variance_factor, self.scores = 1.0, z
         ratios = []
         for i in outside:
-            near = inside[self._nearest(self.scores[i] @ self.to_outputs.T, inside)]
-            trial = copy.copy(self)
-            trial.local = trial._train(x[near], z[near])
-            error, spread = z[i] - trial._mean(x[i, None])[0], trial._covariance(x[i, None])[0]
+            trial = self._train(inside[self._nearest(z[i] @ self.to_outputs.T, inside)])
+            at = x[i, None]
+            error, spread = z[i] - trial._mean(at)[0], trial._covariance(at)[0]
             if spread.ndim == 1:
                 spread = torch.diag(spread)
             ratios.append(error @ torch.linalg.solve(spread, error) / len(error))
         self.variance_factor = max(1.0, float(torch.stack(ratios).mean()))
-        self.local = None
         self.info |= {"variance_factor": self.variance_factor, "calibration_cases": len(outside)}
 
-    def _start(self, x, z, seed) -> list[torch.Tensor]:
-        """Parameters of a GP for all scores on some of all simulations, one copy for each GP."""
+    def _model(self, joint: bool) -> LocalModel:
+        sizes = self.inputs.shape[1], self.scores.shape[1]
+        return LocalModel(self.kernel, *sizes, joint, self.settings.get("hidden"))
+
+    def _start(self, x, z, seed) -> dict[str, torch.Tensor]:
+        """Parameters of a GP for all scores on some of all simulations."""
         rows = subset(len(x), START_ROWS, seed)
         x, z = x[rows], z[rows]
         h = fit_hyperparameters(x, z, self.kernel, LEAST_NUGGET, START_ITERATIONS, 1, seed)
-        scales = h.length_scales.log().clamp(*BOUNDS[0])[None]
-        start = [scales, *(torch.tensor([math.log(v)], dtype=x.dtype) for v in (h.alpha, h.nugget))]
-        if self.deep:
-            layers = networks.initial([x.shape[1], *self.settings["hidden"], x.shape[1]], seed)
-            start += [tensor.double()[None] for layer in layers for tensor in layer]
+        model = self._model(joint=True)
+        model.covar_module, model.likelihood = h.covar_module, h.likelihood
+        if model.network is not None:
+            random = networks.build([x.shape[1], *self.settings["hidden"], x.shape[1]], seed)
             # Zero last weights: training starts from the GP without a network.
-            start[-2].zero_()
-            start = self._minimise(start, x, z[None], START_ITERATIONS)
-        groups = 1 if self.joint else z.shape[1]
-        return [tensor.repeat(groups, *[1] * (tensor.ndim - 1)) for tensor in start]
+            for own, layer in zip(model.network[:-1:2], random[:-1:2], strict=True):
+                own.weight.data.copy_(layer.weight.T)
+            model.train_on(x, z, model.state_dict(), START_ITERATIONS)
+        return model.state_dict()
 
     def localise(self, y: torch.Tensor) -> "LocalGP":
         """Train on the simulations nearest to `y` (D,): Euclidean, in training sd of each output.
@@ -108,90 +255,28 @@ class LocalGP(ReducedEmulator):
                 f"{tuple(self.output_mean.shape)}, one number per output"
             )
         target = (y - self.output_mean) / self.output_sd
-        rows = self._nearest(target, torch.arange(len(self.scores)))
-        fitted = copy.copy(self)
-        fitted.local = self._train(self.inputs[rows], self.scores[rows])
-        return fitted
+        return self._train(self._nearest(target, torch.arange(len(self.scores))))
 
     def _nearest(self, target, rows) -> torch.Tensor:
         """Places in `rows` of the simulations nearest to the standardised outputs `target`."""
         distance = (self.scores[rows] @ self.to_outputs.T - target).square().sum(1)
         return distance.topk(self.settings["neighbours"], largest=False).indices.sort().values
 
-    def _minimise(self, start, x, targets, iterations) -> list[torch.Tensor]:
-        found, _ = lbfgs(
-            lambda p: self._negative_log_likelihood(p, x, targets),
-            start,
-            [*BOUNDS, *[None] * (len(start) - len(BOUNDS))],
-            iterations,
-        )
-        return found
+    def _train(self, rows: torch.Tensor) -> "LocalGP":
+        """This emulator, trained on the simulations `rows`."""
+        trained = copy.copy(self)
+        trained._set_local(rows, self.start, self.settings["iterations"])
+        return trained
 
-    def _train(self, x, z) -> dict:
-        targets = z[None] if self.joint else z.T[..., None]
-        parameters = self._minimise(self.start, x, targets, self.settings["iterations"])
-        matrix, nugget = self._covariances(parameters, x)
-        factor, least = cholesky(matrix, LEAST_NUGGET, self.name)
-        constant = torch.ones(len(x), 1, dtype=x.dtype)
-        mean, weights = condition(factor, targets, constant)
-        precision, total = projected_precision(factor, constant)
-        eye = torch.eye(len(x), dtype=x.dtype).expand_as(factor)
-        return {
-            "features": self._features(parameters, x),
-            "parameters": parameters,
-            "noise": nugget + least,
-            "mean": mean,
-            "weights": weights,
-            "b": self.variance_factor * self._scale(targets, precision @ targets),
-            "whiten": torch.linalg.solve_triangular(factor, eye, upper=False),
-            "total": total,
-        }
-
-    def _negative_log_likelihood(self, parameters, x, targets) -> torch.Tensor:
-        """Restricted, with the signal variances (or B) at their maximum; sum over the GPs, per row;
-        `targets` (1, n, K) for one GP of all scores, or (K, n, 1) for a GP of each.
-
-        (n - 1)/2 log|B| + o/2 (log|K| + log(1' K^-1 1)) for the o scores of each GP.
-        """
-        matrix, _ = self._covariances(parameters, x)
-        eye = torch.eye(len(x), dtype=x.dtype)
-        factor = torch.linalg.cholesky(matrix + LEAST_NUGGET * eye)
-        ones = torch.ones_like(factor[..., :1])
-        white, one = (
-            torch.linalg.solve_triangular(factor, t, upper=False) for t in (targets, ones)
-        )
-        total = one.square().sum(1, keepdim=True)
-        white = white - one * ((one.mT @ white) / total)
-        logs = 2 * factor.diagonal(dim1=-2, dim2=-1).log().sum(-1) + total[:, 0, 0].log()
-        b = self._scale(white, white)
-        value = (len(x) - 1) * torch.linalg.slogdet(b)[1] + b.shape[-1] * logs
-        return 0.5 * value.sum() / len(x)
-
-    def _scale(self, left, right) -> torch.Tensor:
-        """B (1, K, K), or the signal variances (K, 1, 1), from whitened targets."""
-        b = left.mT @ right / (left.shape[1] - 1)
-        if left.shape[1] <= b.shape[-1]:
-            # No more simulations than scores leave B singular.
-            b = torch.diag_embed(b.diagonal(dim1=-2, dim2=-1))
-        return regular(b)
-
-    def _covariances(self, parameters, x) -> tuple[torch.Tensor, torch.Tensor]:
-        """Correlations (G, n, n) with the learnt nuggets (G,) on the diagonal, and these."""
-        features = self._features(parameters, x)
-        scales, alpha, nugget = (p.exp() for p in parameters[:3])
-        matrix = correlation(self.kernel, features, features, scales, alpha)
-        return matrix + nugget[:, None, None] * torch.eye(len(x), dtype=x.dtype), nugget
-
-    def _features(self, parameters, x):
-        """h(x), (G, M, P), or the inputs themselves."""
-        layered = parameters[len(BOUNDS) :]
-        if not layered:
-            return x
-        return x + networks.forward(list(zip(layered[::2], layered[1::2], strict=True)), x)
+    def _set_local(self, rows, start: dict, iterations: int) -> None:
+        """Make the model of the simulations `rows`."""
+        self.rows, self.local = rows, self._model(self.joint)
+        self.local.train_on(self.inputs[rows], self.scores[rows], start, iterations)
+        self.local.prepare()
 
     # ---------------------------------------------------------------------------- predicting
 
-    def _localised(self) -> dict:
+    def _localised(self) -> LocalModel:
         """The local fit. Raises InputError before `localise`."""
         if self.local is None:
             raise InputError(
@@ -200,37 +285,24 @@ class LocalGP(ReducedEmulator):
             )
         return self.local
 
-    def _correlations(self, x) -> torch.Tensor:
-        """(G, M, n) with the neighbours."""
-        local = self._localised()
-        scales, alpha = (p.exp() for p in local["parameters"][:2])
-        features = self._features(local["parameters"], x)
-        return correlation(self.kernel, features, local["features"], scales, alpha)
-
     def _mean(self, x):
-        k = self._correlations(x)
-        mean = self.local["mean"][:, None, :] + k @ self.local["weights"]
-        return mean[0] if self.joint else mean[..., 0].T
+        return self._localised().mean(x)
 
     def _mean_jacobian(self, x):
-        local = self._localised()
-        parameters = local["parameters"]
-        scales, alpha = (p.exp() for p in parameters[:2])
-        weights = local["weights"].mT.reshape(-1, local["weights"].shape[1])
-        features = self._features(parameters, x)
-        by_features = mean_slopes(self.kernel, features, local["features"], scales, alpha, weights)
-        if not self.deep:
-            return by_features.permute(1, 0, 2)
-        inner = row_jacobian(lambda at: self._features(parameters, at), x)
-        return (by_features[..., None, :] @ inner)[..., 0, :].permute(1, 0, 2)
+        return self._localised().mean_jacobian(x)
 
     def _covariance(self, x):
-        local = self.local
-        half = self._correlations(x) @ local["whiten"].mT
-        rest = 1 - half @ local["whiten"].sum(-1)[..., None]
-        variance = 1 + local["noise"][:, None] - half.square().sum(-1)
-        variance = variance + rest[..., 0].square() / local["total"][:, None]
-        variance = variance.clamp(min=LEAST_NUGGET)
-        if self.joint:
-            return variance[0, :, None, None] * local["b"]
-        return (variance * local["b"][:, 0]).T
+        return self.variance_factor * self._localised().covariance(x)
+
+    # ------------------------------------------------------------------------------- keeping
+
+    def _state(self):
+        if self.local is None:
+            return super()._state()
+        local = {"rows": self.rows, "parameters": self.local.state_dict()}
+        return super()._state() | {"local": local}
+
+    def _restore(self, state):
+        super()._restore({"local": None} | state)
+        if self.local is not None:
+            self._set_local(self.local["rows"], self.local["parameters"], iterations=0)

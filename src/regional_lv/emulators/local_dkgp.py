@@ -12,4 +12,4 @@ class LocalDeepKernelGP(LocalGP):
 
     name = "local_dkgp"
     architecture = Architecture("L.DKGP", "GP", "local", "single-output", "deep kernel")
-    joint, deep = False, True
+    joint = False

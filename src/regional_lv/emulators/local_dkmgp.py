@@ -12,4 +12,4 @@ class LocalDeepKernelMultiGP(LocalGP):
 
     name = "local_dkmgp"
     architecture = Architecture("L.DKMGP", "GP", "local", "multi-output", "deep kernel")
-    joint, deep = True, True
+    joint = True

@@ -9,4 +9,4 @@ class LocalSingleGP(LocalGP):
 
     name = "local_gp"
     architecture = Architecture("L.GP", "GP", "local", "single-output")
-    joint, deep = False, False
+    joint = False

@@ -9,4 +9,4 @@ class LocalMultiGP(LocalGP):
 
     name = "local_mgp"
     architecture = Architecture("L.MGP", "GP", "local", "multi-output")
-    joint, deep = True, False
+    joint = True

@@ -1,54 +1,64 @@
-"""L-BFGS on a list of tensors, deterministic; for losses of the whole data at hand."""
+"""L-BFGS, deterministic; for losses of the whole data at hand."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 
 import numpy as np
 import torch
 from scipy.optimize import minimize
+from torch.nn.utils import parameters_to_vector, vector_to_parameters
+
+TOO_FAR = 1e12
+"""Loss of a step that cannot be evaluated."""
 
 
-def lbfgs(
-    loss: Callable[[list[torch.Tensor]], torch.Tensor],
-    start: list[torch.Tensor],
-    bounds: list[tuple[float, float] | None],
+def fit(
+    parameters: Iterable[tuple[str, torch.nn.Parameter]],
+    loss: Callable[[], torch.Tensor],
+    bounds: Mapping[str, tuple[float, float]],
     iterations: int,
-) -> tuple[list[torch.Tensor], float]:
-    """Minimise `loss` from `start`; (the tensors at the minimum, its value).
+) -> float:
+    """Minimise `loss` over the parameters of a module, in place; the value at the minimum.
 
-    bounds: one pair for all entries of a tensor, or None. A loss that is not finite, or that fails
-    for want of a Cholesky factor, counts as a step too far.
+    parameters: as `named_parameters` of a module gives them. bounds: by the last part of a name
+    (`raw_lengthscale`), for all entries of the parameter; what has none is free. A loss that is not
+    finite, or that fails for want of a Cholesky factor, counts as a step too far.
     """
-    shapes = [tensor.shape for tensor in start]
+    names, tensors = zip(*parameters, strict=True)
     limits = [
-        pair or (None, None)
-        for tensor, pair in zip(start, bounds, strict=True)
+        bounds.get(name.rpartition(".")[2], (None, None))
+        for name, tensor in zip(names, tensors, strict=True)
         for _ in range(tensor.numel())
     ]
-    sizes = [tensor.numel() for tensor in start]
 
-    def split(vector: torch.Tensor) -> list[torch.Tensor]:
-        parts = vector.split(sizes)
-        return [part.reshape(shape) for part, shape in zip(parts, shapes, strict=True)]
+    def put(vector: np.ndarray) -> None:
+        with torch.no_grad():
+            vector_to_parameters(torch.as_tensor(vector.copy()), tensors)
 
     def evaluate(vector: np.ndarray) -> tuple[float, np.ndarray]:
-        point = torch.tensor(vector, requires_grad=True)
+        put(vector)
         try:
             with torch.enable_grad():
-                value = loss(split(point))
+                value = loss()
         except torch.linalg.LinAlgError:
-            return 1e12, np.zeros_like(vector)
-        (gradient,) = torch.autograd.grad(value, point)
+            return TOO_FAR, np.zeros_like(vector)
+        slopes = torch.autograd.grad(value, tensors)
+        gradient = torch.cat([slope.reshape(-1) for slope in slopes])
         if not (torch.isfinite(value) and torch.isfinite(gradient).all()):
-            return 1e12, np.zeros_like(vector)
+            return TOO_FAR, np.zeros_like(vector)
         return value.item(), gradient.numpy()
 
-    first = torch.cat([tensor.detach().reshape(-1) for tensor in start]).numpy()
+    first = parameters_to_vector(tensors).detach().numpy()
+    low, high = (
+        np.array([pair[i] if pair[i] is not None else sign * np.inf for pair in limits])
+        for i, sign in ((0, -1), (1, 1))
+    )
     found = minimize(
         evaluate,
-        first,
+        np.clip(first, low, high),
         jac=True,
         method="L-BFGS-B",
         bounds=limits,
         options={"maxiter": iterations, "maxfun": 2 * iterations},
     )
-    return split(torch.as_tensor(found.x)), float(found.fun)
+    put(found.x)
+    return float(found.fun)

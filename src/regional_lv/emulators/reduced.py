@@ -1,13 +1,12 @@
 """What emulators of the reduced outputs share: the paper's outputs are scores, not strains."""
 
 from abc import abstractmethod
-from collections.abc import Callable
 from typing import ClassVar
 
 import numpy as np
 import torch
 
-from regional_lv.emulators.base import Emulator, Prediction, TrainingSet
+from regional_lv.emulators.base import Emulator, Prediction, TrainingSet, row_jacobian
 from regional_lv.emulators.shared_kernel import choose_kernel
 from regional_lv.reduction import Reduction
 from regional_lv.seeds import derive
@@ -24,11 +23,13 @@ class ReducedEmulator(Emulator):
     out (setting `explained_variance`) is added to their covariance.
 
     A subclass implements `_fit_scores`, `_mean`, `_covariance`; `_KEYS` names the attributes that
-    make up its state, tensors and plain values.
+    make up its state, tensors and plain values. One with a torch module keeps it as `model`, whose
+    state is saved too, and implements `_build`.
     """
 
     defaults: ClassVar[dict] = {"explained_variance": 0.999, "kernel": "auto"}
     _KEYS: tuple[str, ...] = ()
+    model: torch.nn.Module | None = None
 
     @abstractmethod
     def _fit_scores(self, x: torch.Tensor, z: torch.Tensor, seed: int) -> None:
@@ -56,6 +57,8 @@ class ReducedEmulator(Emulator):
         self.info = {"scores": scores.shape[1]}
         z = torch.as_tensor(scores) / self.score_sd
         self._fit_scores(training.x, z, seed)
+        if self.model is not None:
+            self.model.eval().requires_grad_(False)
 
     def _choose_kernel(self, x, z, nugget: float, seed: int) -> str:
         """The kernel of the setting `kernel`; `auto` is cross-validation."""
@@ -106,25 +109,26 @@ class ReducedEmulator(Emulator):
         self.to_outputs = self.to_outputs[index]
         self.left_out = self.left_out[index][:, index]
 
+    def _build(self, weights: dict[str, torch.Tensor]) -> torch.nn.Module:
+        """A module into which its state `weights` can be loaded."""
+        raise NotImplementedError
+
     def _state(self) -> dict:
-        return {key: getattr(self, key) for key in (*_MAP, *self._KEYS)}
+        state = {key: getattr(self, key) for key in (*_MAP, *self._KEYS)}
+        return state | ({} if self.model is None else {"model": self.model.state_dict()})
 
     def _restore(self, state: dict) -> None:
+        state = dict(state)
+        weights = state.pop("model", None)
         for key, value in state.items():
             setattr(self, key, value)
+        if weights is not None:
+            self.model = self._build(weights)
+            self.model.load_state_dict(weights)
+            self.model.eval().requires_grad_(False)
 
 
 _MAP = ("score_sd", "to_outputs", "left_out")
-
-
-def row_jacobian(function: Callable[[torch.Tensor], torch.Tensor], x: torch.Tensor):
-    """d(function)/dx (..., K, P) of a function of each row of `x` (M, P) by itself, whatever the
-    order of the rows that it returns: one forward derivative for each of the P inputs."""
-    columns = []
-    for direction in torch.eye(x.shape[1], dtype=x.dtype):
-        tangent = direction.expand_as(x).contiguous()
-        columns.append(torch.func.jvp(function, (x,), (tangent,))[1])
-    return torch.stack(columns, dim=-1)
 
 
 def held_out(rows: int, share: float, seed: int) -> tuple[torch.Tensor, torch.Tensor]:

@@ -7,13 +7,14 @@ hyperparameters are those of K alone.
 
 import logging
 import math
-from dataclasses import dataclass
 
+import gpytorch
 import numpy as np
 import torch
-from scipy.optimize import minimize
+from gpytorch.constraints import GreaterThan
 
-from regional_lv.emulators.kernels import KERNELS, Blocks, one_block, parts_of
+from regional_lv.emulators.kernels import Blocks, make_kernel
+from regional_lv.emulators.optimise import fit
 from regional_lv.seeds import derive
 
 log = logging.getLogger(__name__)
@@ -29,15 +30,78 @@ MOST_NUGGET = 1e-2
 """Largest nugget that is tried for a Cholesky factor: beyond it the matrix is wrong, not stiff."""
 
 
-@dataclass(frozen=True)
-class Hyperparameters:
-    """Of K: length scales (P,), the rational quadratic's alpha, and what is added to the diagonal;
-    `value` is the negative log likelihood."""
+class SharedKernelGP(gpytorch.models.ExactGP):
+    """Processes of all outputs with one kernel K, cov(y_k(x), y_l(x')) = b_kl K(x, x').
 
-    length_scales: torch.Tensor
-    alpha: float
-    nugget: float
-    value: float
+    kernel: one of `kernels.make_kernel`. inputs: their number P. nugget: the least that is added to
+    the diagonal of the correlations; more is learnt, as the likelihood's noise, where the data ask
+    for it. blocks: of a zonal kernel. x (N, P), y (N, D): training set, for `loss`.
+    """
+
+    def __init__(
+        self, kernel: str, inputs: int, nugget: float, blocks: Blocks | None = None, x=None, y=None
+    ):
+        noise = GreaterThan(nugget, transform=torch.exp, inv_transform=torch.log)
+        super().__init__(x, y, gpytorch.likelihoods.GaussianLikelihood(noise_constraint=noise))
+        self.mean_module = gpytorch.means.ZeroMean()  # a constant is projected out
+        self.covar_module = make_kernel(kernel, inputs, blocks)
+        self.double()
+
+    def forward(self, x):
+        return gpytorch.distributions.MultivariateNormal(self.mean_module(x), self.covar_module(x))
+
+    @property
+    def of_values(self) -> gpytorch.kernels.Kernel:
+        return self.covar_module
+
+    @property
+    def length_scales(self) -> torch.Tensor:
+        """(P,)"""
+        return self.covar_module.lengthscale.detach()[0]
+
+    @property
+    def alpha(self) -> float:
+        """Exponent of a rational quadratic kernel, 1 of others."""
+        alpha = getattr(self.covar_module, "alpha", None)
+        return 1.0 if alpha is None else alpha.item()
+
+    @property
+    def nugget(self) -> float:
+        return self.likelihood.noise.item()
+
+    def start_at(self, logs: np.ndarray) -> None:
+        """Set the logarithms of length scales, alpha and what is added to the least nugget."""
+        *scales, alpha, nugget = torch.as_tensor(logs)
+        self.covar_module.initialize(raw_lengthscale=torch.stack(scales)[None])
+        if hasattr(self.covar_module, "raw_alpha"):
+            self.covar_module.initialize(raw_alpha=alpha)
+        self.likelihood.noise_covar.initialize(raw_noise=nugget)
+
+    def loss(self) -> torch.Tensor:
+        """Minus the restricted log likelihood of the training set, with B at its maximum.
+
+        (N - 1)/2 log|B| + D/2 (log|K| + log(1' K^-1 1)), B = Y' Q Y / (N - 1), Q the precision with
+        the constant mean projected out; up to constants.
+        """
+        (x,), y = self.train_inputs, self.train_targets
+        n, d = y.shape
+        matrix = self.covar_module(x).to_dense()
+        matrix = matrix + self.likelihood.noise * torch.eye(n, dtype=x.dtype)
+        factor = torch.linalg.cholesky(matrix)
+        both = torch.cat([y, torch.ones_like(y[:, :1])], dim=1)
+        white, one = torch.linalg.solve_triangular(factor, both, upper=False).split([d, 1], dim=1)
+        total = one.square().sum()
+        white = white - one * ((one.T @ white) / total)
+        b = regular(white.T @ white / (n - 1))
+        if n <= d:
+            # Fewer simulations than outputs leave B singular, and the likelihood without bound.
+            b = torch.diag(b.diagonal())
+        value = (n - 1) * torch.linalg.cholesky(b).diagonal().log().sum()
+        return value + d * (factor.diagonal().log().sum() + 0.5 * total.log())
+
+
+BOUNDS = {"raw_lengthscale": (-2.0, 6.0), "raw_alpha": (-3.0, 5.0), "raw_noise": (-30.0, 0.0)}
+"""Of the logarithms of length scales, of alpha and of what is added to the least nugget."""
 
 
 def subset(rows: int, most: int, seed: int) -> torch.Tensor:
@@ -57,91 +121,26 @@ def fit_hyperparameters(
     restarts: int,
     seed: int,
     blocks: Blocks | None = None,
-) -> Hyperparameters:
+) -> SharedKernelGP:
     """Most likely of `restarts` seeded starts, for inputs (N, P) and outputs (N, D) of unit scale.
 
-    nugget: the least; more is learnt where the data ask for it. blocks: of the kernel, None for all
-    inputs together.
+    nugget: the least; more is learnt where the data ask for it. blocks: of a zonal kernel.
     """
-    blocks = blocks or one_block(x.shape[1])
+    inputs = x.shape[1]
     rng = np.random.default_rng(derive(seed, "hyperparameters"))
-    first = np.concatenate([np.full(x.shape[1], math.log(5.0)), [0.0, math.log(1e-6)]])
-    bounds = [(-2.0, 6.0)] * x.shape[1] + [(-3.0, 5.0), (-30.0, 0.0)]
-    best = None
+    first = np.concatenate([np.full(inputs, math.log(5.0)), [0.0, math.log(1e-6)]])
+    best, least = None, math.inf
     for start in range(restarts):
-        guess = first + (rng.normal(0, 0.7, len(first)) if start else 0.0)
-        result = minimize(
-            negative_log_likelihood,
-            np.clip(guess, *np.transpose(bounds)),
-            args=(x, y, kernel, nugget, blocks),
-            jac=True,
-            method="L-BFGS-B",
-            bounds=bounds,
-            options={"maxiter": iterations},
-        )
+        model = SharedKernelGP(kernel, inputs, nugget, blocks, x, y)
+        model.start_at(first + (rng.normal(0, 0.7, len(first)) if start else 0.0))
+        loss = fit(model.named_parameters(), model.loss, BOUNDS, iterations)
         log.debug(
-            "%s kernel: start %d of %d, negative log likelihood %.2f after %d evaluations",
-            *(kernel, start + 1, restarts, result.fun, result.nfev),
+            "%s kernel: start %d of %d, negative log likelihood %.2f",
+            *(kernel, start + 1, restarts, loss),
         )
-        if best is None or result.fun < best.fun:
-            best = result
-    p = np.exp(best.x)
-    return Hyperparameters(
-        torch.as_tensor(p[:-2]), float(p[-2]), nugget + float(p[-1]), float(best.fun)
-    )
-
-
-def negative_log_likelihood(
-    p, x, y, kernel: str, nugget: float, blocks: Blocks
-) -> tuple[float, np.ndarray]:
-    """Restricted log likelihood with B at its maximum, and its gradient.
-
-    (N - 1)/2 log|B| + D/2 (log|K| + log(1' K^-1 1)), B = Y' Q Y / (N - 1), Q the precision
-    with the constant mean projected out; up to constants. p: logarithms of the length scales, of
-    alpha and of what is added to `nugget`.
-    """
-    p = torch.as_tensor(p)
-    scales, alpha = torch.exp(p[:-2]), torch.exp(p[-2])
-    learnt = torch.exp(p[-1])
-    scaled = x / scales
-    of = KERNELS[kernel]
-    parts = parts_of(kernel, scaled, scaled, alpha, blocks)
-    correlation = of.value(parts, alpha)
-    n, d = y.shape
-    matrix = correlation.clone()
-    matrix.diagonal().add_(nugget + learnt)
-    factor, failed = torch.linalg.cholesky_ex(matrix)
-    if failed:
-        return 1e12, np.zeros(len(p))
-    precision, total = projected_precision(factor, torch.ones(n, 1, dtype=y.dtype))
-    weights = precision @ y
-    b = regular(y.T @ weights / (n - 1))
-    if n <= d:
-        # Fewer simulations than outputs leave B singular, and the likelihood without bound.
-        b = torch.diag(b.diagonal())
-    b_factor, failed = torch.linalg.cholesky_ex(b)
-    if failed:
-        return 1e12, np.zeros(len(p))
-    value = (n - 1) * b_factor.diagonal().log().sum()
-    value = value + d * (factor.diagonal().log().sum() + 0.5 * torch.log(total))
-    sensitivity = 0.5 * (d * precision - weights @ torch.cholesky_solve(weights.T, b_factor))
-    # sum_ij W_ij (a_i - a_j)^2 for every parameter of a block from one product, W symmetric
-    gradient = []
-    slopes = of.slopes(correlation, parts)
-    for part, slope in zip(blocks, slopes, strict=True):
-        w, own = sensitivity * slope, scaled[:, part]
-        gradient.append(-4 * ((own**2).T @ w.sum(1) - ((w @ own) * own).sum(0)))
-    if "rq" in kernel:
-        by_alpha = (sensitivity * _rq_alpha_slope(parts, alpha, correlation)).sum()
-    else:
-        by_alpha = torch.zeros((), dtype=y.dtype)
-    gradient.append(torch.stack([by_alpha, learnt * sensitivity.diagonal().sum()]))
-    return float(value), torch.cat(gradient).numpy()
-
-
-def _rq_alpha_slope(parts, alpha, k):
-    """d(correlation)/d(log alpha) of the rational quadratic kernels."""
-    return alpha * k * sum(1 - 1 / base - torch.log(base) for base in parts)
+        if best is None or loss < least:
+            best, least = model, loss
+    return best
 
 
 def choose_kernel(x: torch.Tensor, y: torch.Tensor, nugget: float, seed: int) -> tuple[str, dict]:
@@ -151,24 +150,22 @@ def choose_kernel(x: torch.Tensor, y: torch.Tensor, nugget: float, seed: int) ->
     """
     rows = subset(len(x), CHOICE_ROWS, derive(seed, "choice"))
     x, y = x[rows], y[rows]
-    blocks = one_block(x.shape[1])
     order = np.random.default_rng(derive(seed, "folds")).permutation(len(x))
     fold = torch.as_tensor(order % CHOICE_FOLDS)
     errors = {}
     for kernel in OFFERED:
-        value, total = KERNELS[kernel].value, 0.0
+        total = 0.0
         for k in range(CHOICE_FOLDS):
             inside, outside = fold != k, fold == k
-            h = fit_hyperparameters(
+            model = fit_hyperparameters(
                 x[inside], y[inside], kernel, nugget, CHOICE_ITERATIONS, restarts=1, seed=seed
             )
-            a, b = x[inside] / h.length_scales, x[outside] / h.length_scales
-            alpha = torch.tensor(h.alpha, dtype=x.dtype)
-            matrix = value(parts_of(kernel, a, a, alpha, blocks), alpha)
-            factor, _ = cholesky(matrix, h.nugget, "choice of the kernel")
-            mean, weights = condition(factor, y[inside], torch.ones(len(a), 1, dtype=x.dtype))
-            predicted = mean + value(parts_of(kernel, b, a, alpha, blocks), alpha) @ weights
-            total += float((predicted - y[outside]).square().sum())
+            with torch.no_grad():
+                matrix = model.covar_module(x[inside]).to_dense()
+                factor, _ = cholesky(matrix, model.nugget, "choice of the kernel")
+                mean, weights = condition(factor, y[inside], torch.ones_like(matrix[:, :1]))
+                cross = model.covar_module(x[outside], x[inside]).to_dense()
+            total += float((mean + cross @ weights - y[outside]).square().sum())
         errors[kernel] = math.sqrt(total / y.numel())
     best = min(errors, key=errors.get)
     log.info(

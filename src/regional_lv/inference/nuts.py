@@ -26,6 +26,7 @@ from pyro.infer import NUTS
 from scipy.optimize import minimize
 
 from regional_lv.emulators.base import Prediction
+from regional_lv.inference import importance
 from regional_lv.inference.box import POWER, Box
 from regional_lv.inference.diagnostics import gate
 from regional_lv.inference.in_step import Ask, run_in_step
@@ -45,8 +46,8 @@ WEAKEST_CURVATURE = 0.3
 directions (or bent ones) are whitened as if they had it."""
 
 
-ROUNDS, ROUND_SIZE, FREEDOM = 4, 2000, 6
-"""Importance sampling: rounds, draws in each, degrees of freedom of the proposal."""
+ROUNDS, ROUND_SIZE = 4, 2000
+"""Importance sampling: rounds, draws in each."""
 
 BLUR = 0.03
 """An output that is known to less training sd than this, about 1 mL of volume, makes a thin shell.
@@ -265,43 +266,28 @@ def _whitening(precision: torch.Tensor) -> torch.Tensor:
     return vectors / values.clamp(min=WEAKEST_CURVATURE).sqrt()
 
 
-def student(
-    size: int, dimension: int, generator: torch.Generator
-) -> tuple[torch.Tensor, torch.Tensor]:
-    """Student t deviates (size, dimension) with `FREEDOM` degrees of freedom, and the logarithm
-    (size,) of their density but for a constant."""
-    deviates = torch.randn(size, dimension + FREEDOM, generator=generator, dtype=torch.float64)
-    chi2 = deviates[:, dimension:].square().sum(1, keepdim=True)
-    t = deviates[:, :dimension] * torch.sqrt(FREEDOM / chi2)
-    return t, -0.5 * (FREEDOM + dimension) * torch.log1p(t.square().sum(1) / FREEDOM)
-
-
 def refine(
     potential: Callable[[torch.Tensor], torch.Tensor], mode, whitening, seed: int
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """Centre and M from the posterior's own mean and covariance (population Monte Carlo, Cappe et
-    al. 2004, doi 10.1198/106186004X12803).
+    """Centre and M from the posterior's own mean and covariance, by importance sampling.
 
-    Every round draws from a Student t with the moments of the last one and weighs the draws by
-    posterior over proposal. The largest weights are cut, so that one draw far out does not
-    decide: a biased M costs speed, not correctness.
+    The weights are flattened, so that one draw far out does not decide: a biased M costs speed, not
+    correctness.
     """
-    generator = torch.Generator().manual_seed(seed)
     size = len(mode)
-    centre, factor = torch.zeros(size, dtype=torch.float64), torch.eye(size, dtype=torch.float64)
-    for _ in range(ROUNDS):
-        t, proposal = student(ROUND_SIZE, size, generator)
-        z = centre + t @ factor.T
-        with torch.no_grad():
-            parts = (mode + z @ whitening.T).split(CHUNK)
-            density = -torch.cat([potential(part) for part in parts])
-        log_weight = torch.nan_to_num(density - proposal, nan=-math.inf, posinf=-math.inf)
-        cut = log_weight.topk(ROUND_SIZE // 50).values[-1]
-        weight = torch.softmax(log_weight.clamp(max=cut), dim=0)
-        centre = weight @ z
-        spread = (z - centre) * weight.sqrt()[:, None]
-        covariance = spread.T @ spread + 1e-6 * torch.eye(size, dtype=torch.float64)
-        factor = torch.linalg.cholesky(covariance)
+    zero, one = torch.zeros(size, dtype=torch.float64), torch.eye(size, dtype=torch.float64)
+
+    @torch.no_grad()
+    def log_density(z):
+        return -torch.cat([potential(part) for part in (mode + z @ whitening.T).split(CHUNK)])
+
+    found = importance.sample(
+        log_density,
+        *(zero, one, ROUND_SIZE, torch.Generator().manual_seed(seed)),
+        rounds=ROUNDS,
+    )
+    centre, covariance = importance.moments(found.u, found.tempered())
+    factor = torch.linalg.cholesky(covariance + 1e-6 * one)
     return mode + whitening @ centre, whitening @ factor
 
 

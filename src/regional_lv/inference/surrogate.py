@@ -19,8 +19,9 @@ from dataclasses import dataclass
 import torch
 
 from regional_lv.emulators.base import join
+from regional_lv.inference import importance
 from regional_lv.inference.likelihood import Likelihood
-from regional_lv.inference.nuts import Place, Target, refine, student
+from regional_lv.inference.nuts import Place, Target, refine
 from regional_lv.inference.shell import Shell, products
 from regional_lv.seeds import derive
 
@@ -254,10 +255,11 @@ def prepare(
 def _fit(kind: type[Surrogate], target: Target, centre, whitening, seed: int) -> Prepared:
     """A surrogate of the target, and centre and whitening by it, from those that are given."""
     generator = torch.Generator().manual_seed(derive(seed, "places"))
+    standard = torch.zeros(target.size, dtype=torch.float64), torch.eye(target.size).double()
+    student = importance.Student(*standard)
     places, potentials, predictions = [], [], []
     for size in ROUNDS:
-        deviates, _ = student(size, target.size, generator)
-        position = centre + deviates @ whitening.T
+        position = centre + student.draw(size, generator) @ whitening.T
         with torch.no_grad():
             potential, prediction = target.evaluate(position)
         places.append(position)

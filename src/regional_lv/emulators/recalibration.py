@@ -1,0 +1,166 @@
+"""Recalibrates an emulator's variance by its errors on simulations that it has not seen.
+
+Any emulator can use it: it needs errors and slopes of the outputs, whitened by what the emulator
+says of its own errors.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from scipy import stats
+from scipy.optimize import brentq, minimize
+from scipy.special import gammaln
+
+KINDS = ("none", "variance_factor", "variance_trend", "student")
+"""What is fitted: nothing, a factor, a trend and a factor, these and the tails of the errors."""
+
+FREEDOMS = (3.0, 1e4)
+"""Least and most degrees of freedom of errors with a t."""
+
+JUDGED = 0.95
+"""Intervals by which the variance is calibrated. Errors have heavier tails than a Gaussian has:
+what is right for their mean square is too narrow there."""
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """What a variance is multiplied by, and the distribution of the errors.
+
+    factor: makes 95 % intervals of theta right. trend: level and power (a, b) of a further factor,
+    exp(a + b times the mean of log theta). freedom: nu of a multivariate t; infinite: Gaussian.
+    """
+
+    factor: float = 1.0
+    trend: tuple[float, float] = (0.0, 0.0)
+    freedom: float = math.inf
+
+    def scale(self, theta: torch.Tensor) -> torch.Tensor:
+        """Factor (...) on the variance at `theta` (..., P)."""
+        return self.factor * self._of_trend(theta)
+
+    def _of_trend(self, theta: torch.Tensor) -> torch.Tensor:
+        level, power = self.trend
+        return torch.exp(level + power * theta.log().mean(-1))
+
+    @classmethod
+    def fit(
+        cls, kind: str, errors: torch.Tensor, slopes: torch.Tensor, theta: torch.Tensor
+    ) -> "Calibration":
+        """By errors (N, D) at `theta` (N, P), whitened by their predicted covariance, and slopes
+        (N, D, P) of the outputs, whitened by it or a multiple of it. kind: one of `KINDS`."""
+        if kind == "none":
+            return cls()
+        trend, freedom = (0.0, 0.0), math.inf
+        if kind in ("student", "variance_trend"):
+            trend = fit_trend(errors.square().mean(1), theta.log().mean(1))
+        moved, along, across = cls(trend=trend)._judge(errors, slopes, theta)
+        outputs, inputs = slopes.shape[1:]
+        if kind == "student" and outputs > inputs:
+            freedom = fit_freedom(along, across, inputs, outputs - inputs)
+        return cls(interval_factor(moved, across, freedom, outputs), trend, freedom)
+
+    def _judge(self, errors, slopes, theta):
+        """After the trend: errors (N, P) of the estimates in predicted sd, and the squared lengths
+        (N,) of what moves them and of the rest."""
+        errors = errors / self._of_trend(theta).sqrt()[:, None]
+        moved, along = estimates_move(slopes, errors)
+        return moved, along, errors.square().sum(1) - along
+
+    def report(self, errors: torch.Tensor, slopes: torch.Tensor, theta: torch.Tensor) -> dict:
+        """What an emulator's report says of it; arguments as for `fit`."""
+        moved, along, across = self._judge(errors, slopes, theta)
+        return {
+            "variance_factor": self.factor,
+            "variance_trend": list(self.trend),
+            "freedom": self.freedom if math.isfinite(self.freedom) else None,
+            "loo_squared_distance_per_output_before": float(errors.square().mean()),
+            "loo_squared_distance_per_output": float((along + across).mean() / errors.shape[1]),
+            "loo_squared_distance_per_parameter": float(moved.square().mean()),
+        }
+
+
+def estimates_move(slopes: torch.Tensor, errors: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+    """How far `errors` (N, D) move the estimates of theta (N, P), in predicted sd, and the squared
+    length (N,) of what moves them.
+
+    errors: whitened by their predicted covariance S. slopes: the Jacobians J (N, D, P), whitened by
+    S or a multiple of it. An error along the columns of the Jacobian is what inference mistakes for
+    a change of theta: the estimate moves by (J' S^-1 J)^-1 J' S^-1 e, which has the covariance
+    (J' S^-1 J)^-1 if S is right.
+    """
+    inverse = torch.linalg.pinv(slopes)
+    move = (inverse @ errors[..., None])[..., 0]
+    along = (slopes @ move[..., None])[..., 0].square().sum(-1)
+    return move / inverse.square().sum(-1).sqrt(), along
+
+
+def fit_trend(distance: torch.Tensor, x: torch.Tensor) -> tuple[float, float]:
+    """Level and power (a, b) for which errors have the variance exp(a + b x), most likely.
+
+    distance: (N,) squared errors in units of their predicted variance, means over the outputs;
+    x: (N,). Outputs count as one: errors of one simulation go together. b has a standard normal
+    prior, which matters to a few dozen simulations.
+    """
+
+    def loss(ab):
+        logs = ab[0] + ab[1] * x
+        ratio = distance * np.exp(-logs)
+        rest = 1 - ratio
+        value = 0.5 * (ratio + logs).sum() + 0.5 * ab[1] ** 2
+        return value, np.array([0.5 * rest.sum(), 0.5 * (rest * x).sum() + ab[1]])
+
+    distance, x = distance.numpy(), x.numpy()
+    found = minimize(loss, [np.log(distance.mean()), 0.0], jac=True, method="L-BFGS-B")
+    return tuple(float(value) for value in found.x)
+
+
+def fit_freedom(along: torch.Tensor, across: torch.Tensor, inputs: int, others: int) -> float:
+    """Degrees of freedom of a t with which squared errors `across` (N,), of `others` directions,
+    tell most of those `along` (N,) that theta moves the outputs (`inputs` directions).
+
+    Given the ones, the others have a t with nu + `others` degrees of freedom, and the scale
+    (nu + across) / (nu + others) (Ding 2016, doi 10.1080/00031305.2016.1164756); a common factor on
+    it is fitted beside nu.
+    """
+    along, across = along.numpy(), across.numpy()
+
+    def loss(logs):
+        nu, factor = np.exp(logs)
+        n = nu + others
+        scaled = factor * (nu + across)  # n times the scale
+        constant = gammaln((n + inputs) / 2) - gammaln(n / 2)
+        lost = 0.5 * inputs * np.log(scaled) + 0.5 * (n + inputs) * np.log1p(along / scaled)
+        return (lost - constant).mean()
+
+    bounds = [tuple(np.log(FREEDOMS)), (-3.0, 3.0)]
+    found = minimize(loss, [math.log(10.0), 0.0], method="L-BFGS-B", bounds=bounds)
+    return float(np.exp(found.x[0]))
+
+
+def interval_factor(
+    moved: torch.Tensor, across: torch.Tensor, freedom: float, outputs: int
+) -> float:
+    """Factor f >= 1 on the variance for which `JUDGED` intervals of theta hold that share of the
+    estimates' errors.
+
+    moved: (N, P) errors of the estimates, in predicted sd; across: (N,) squared length of the
+    errors that no theta explains; freedom: nu of the errors' t, in `outputs` directions (D).
+    Inference takes the density to the power 1 / f (`SeparablePrediction.determinant_weight`). To
+    first order theta then has a t with n = (nu + D) / f - P degrees of freedom and the squared
+    scale (nu + across) / n, in units of the predicted variance; of Gaussian errors the variance f.
+    """
+    share, inputs = 0.5 + 0.5 * JUDGED, moved.shape[1]
+    if math.isinf(freedom):
+        return max(1.0, float(moved.abs().quantile(JUDGED) / stats.norm.ppf(share)) ** 2)
+    judged = float((moved.abs() / (freedom + across).sqrt()[:, None]).quantile(JUDGED))
+
+    def too_narrow(factor):
+        n = (freedom + outputs) / factor - inputs
+        return judged * n**0.5 - stats.t.ppf(share, n)
+
+    widest = (freedom + outputs) / (inputs + 1)  # n = 1
+    if too_narrow(1.0) <= 0:
+        return 1.0
+    return float(brentq(too_narrow, 1.0, widest)) if too_narrow(widest) < 0 else widest

@@ -1,0 +1,214 @@
+"""Adaptive importance sampling, for posteriors whose density is cheap in batches.
+
+Proposals are Student t distributions in coordinates without bounds, fitted to the weighted draws of
+the rounds before (population Monte Carlo, Cappe et al. 2004, doi 10.1198/106186004X12803); a
+posterior that one of them does not resemble gets a mixture of several (Cappe et al. 2008,
+doi 10.1007/s11222-008-9059-x). In the end all draws of the later rounds count, weighted against the
+mixture of all their proposals (Cornuet et al. 2012, doi 10.1111/j.1467-9469.2011.00756.x). It needs
+no gradient and gives the evidence as well.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import torch
+from sklearn.cluster import KMeans
+
+PARTS = 8
+"""Distributions in a mixture."""
+
+FREEDOM = 5
+"""Degrees of freedom of the proposals: heavier tails than any posterior in a box."""
+
+TRUNCATION = 20
+"""Draws that may carry the weight of the proposal's next form, at least: a few lucky draws of an
+early round would make it collapse."""
+
+
+@dataclass(frozen=True)
+class Weighted:
+    """Draws u (N, P), the last ones that were made, and their log weights (N,), not normalised."""
+
+    u: torch.Tensor
+    log_weight: torch.Tensor
+
+    @cached_property
+    def weight(self) -> torch.Tensor:
+        """Normalised, (N,)."""
+        return torch.softmax(self.log_weight, 0)
+
+    @property
+    def ess(self) -> float:
+        """Effective sample size."""
+        return effective(self.weight)
+
+    @property
+    def log_evidence(self) -> float:
+        return float(torch.logsumexp(self.log_weight, 0)) - math.log(len(self.u))
+
+    @property
+    def evidence_error(self) -> float:
+        """Standard error of the log evidence."""
+        return math.sqrt(max(1 / self.ess - 1 / len(self.u), 0.0))
+
+    def tempered(self) -> torch.Tensor:
+        """Weights (N,) flattened until enough draws for a next proposal count."""
+        return temper(self.log_weight, 4 * self.u.shape[1] + TRUNCATION)
+
+
+def sample(
+    log_density: Callable[[torch.Tensor], torch.Tensor],
+    mean: torch.Tensor,
+    covariance: torch.Tensor,
+    draws: int,
+    generator: torch.Generator,
+    *,
+    rounds: int,
+    most_rounds: int | None = None,
+    least_ess: float = 0.0,
+    largest_sd: float = math.inf,
+) -> Weighted:
+    """Draws of a `log_density` (M,) of u (M, P), which need not be normalised.
+
+    mean (P,), covariance (P, P): of the first proposal. draws: per round. rounds: of proposals of
+    one distribution; further ones are of mixtures, until the effective sample size reaches
+    `least_ess`, `most_rounds` at most (None: `rounds`). largest_sd: of a proposal, per coordinate.
+    """
+    proposal = Student(mean, tame(covariance, largest_sd))
+    proposals, us, targets = [], [], []
+    for turn in range(most_rounds or rounds):
+        u = proposal.draw(draws, generator)
+        proposals.append(proposal)
+        us.append(u)
+        targets.append(torch.nan_to_num(log_density(u), nan=-math.inf, posinf=-math.inf))
+        # The first rounds only show the way.
+        recent = slice(turn // 2, None)
+        u = torch.cat(us[recent])
+        log_weight = torch.cat(targets[recent])
+        found = Weighted(u, log_weight - Mixture.equal(proposals[recent]).log_density(u))
+        if turn >= rounds - 1 and found.ess >= least_ess:
+            break
+        tempered = found.tempered()
+        if turn < rounds - 1:
+            mean, spread = moments(u, tempered)
+            proposal = Student(mean, tame(1.2 * spread, largest_sd))
+        else:
+            if not isinstance(proposal, Mixture):
+                proposal = Mixture.split(u, tempered, largest_sd)
+            proposal = proposal.adapted(u, tempered, largest_sd)
+    return found
+
+
+def effective(weight: torch.Tensor) -> float:
+    """Effective sample size of normalised weights (N,)."""
+    return float(1 / weight.square().sum())
+
+
+def moments(u: torch.Tensor, weight: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+    """Weighted mean (P,) and covariance (P, P) of draws (N, P)."""
+    covariance = torch.cov(u.mT, correction=0, aweights=weight)
+    return weight @ u, covariance.reshape(u.shape[1], u.shape[1])
+
+
+def temper(log_weight: torch.Tensor, least: float) -> torch.Tensor:
+    """Weights flattened, by a power, until at least `least` draws count."""
+    power = 1.0
+    for _ in range(40):
+        weight = torch.softmax(power * log_weight, 0)
+        if effective(weight) >= least:
+            break
+        power *= 0.8
+    return weight
+
+
+def tame(covariance: torch.Tensor, largest_sd: float) -> torch.Tensor:
+    """The covariance with no coordinate's sd above `largest_sd`, and safely positive."""
+    sd = covariance.diagonal().sqrt()
+    factor = (largest_sd / sd).clamp(max=1.0)
+    scaled = covariance * factor[:, None] * factor
+    return scaled + torch.diag(1e-8 + 1e-6 * scaled.diagonal())
+
+
+class Student:
+    """Multivariate Student t of mean (P,) and scale matrix `spread` (P, P)."""
+
+    def __init__(self, mean: torch.Tensor, spread: torch.Tensor):
+        self.mean, self.factor = mean, torch.linalg.cholesky(spread)
+        p = len(mean)
+        self.constant = (
+            math.lgamma((FREEDOM + p) / 2)
+            - math.lgamma(FREEDOM / 2)
+            - 0.5 * p * math.log(FREEDOM * math.pi)
+            - float(self.factor.diagonal().log().sum())
+        )
+
+    def draw(self, count: int, generator: torch.Generator) -> torch.Tensor:
+        p = len(self.mean)
+        normal = torch.randn(count, p, generator=generator, dtype=torch.float64)
+        # Chi-squared: a sum of squares, reproducible from the generator.
+        chi = torch.randn(count, FREEDOM, generator=generator, dtype=torch.float64)
+        scale = (chi.square().sum(1, keepdim=True) / FREEDOM).sqrt()
+        return self.mean + (normal / scale) @ self.factor.mT
+
+    def log_density(self, u: torch.Tensor) -> torch.Tensor:
+        p = len(self.mean)
+        return self.constant - 0.5 * (FREEDOM + p) * torch.log1p(self.distance(u) / FREEDOM)
+
+    def distance(self, u: torch.Tensor) -> torch.Tensor:
+        """Squared Mahalanobis distance (N,) of u (N, P) from the centre."""
+        z = torch.linalg.solve_triangular(self.factor, (u - self.mean).mT, upper=False)
+        return z.square().sum(0)
+
+
+class Mixture:
+    """Distributions with shares (K,) that add up to one."""
+
+    def __init__(self, parts: list, shares: torch.Tensor):
+        self.parts, self.shares = parts, shares
+
+    @classmethod
+    def equal(cls, parts: list) -> "Mixture":
+        return cls(parts, torch.full((len(parts),), 1 / len(parts), dtype=torch.float64))
+
+    @classmethod
+    def split(cls, u: torch.Tensor, weight: torch.Tensor, largest_sd: float) -> "Mixture":
+        """Around the centres of clusters of weighted draws, all as wide as the draws within."""
+        mean, spread = moments(u, weight)
+        factor = torch.linalg.cholesky(tame(spread, largest_sd))
+        z = torch.linalg.solve_triangular(factor, (u - mean).mT, upper=False).mT
+        means = KMeans(PARTS, n_init=1, random_state=0)
+        means.fit(z.numpy(), sample_weight=weight.numpy())
+        centres = torch.as_tensor(means.cluster_centers_)
+        labels = torch.as_tensor(means.labels_).long()
+        _, within = moments(z - centres[labels], weight)
+        spread = tame(factor @ within @ factor.mT, largest_sd)
+        return cls.equal([Student(mean + factor @ centre, spread) for centre in centres])
+
+    def adapted(self, u: torch.Tensor, weight: torch.Tensor, largest_sd: float) -> "Mixture":
+        """After one step of expectation maximisation on weighted draws."""
+        logs = self._logs(u)
+        share = torch.softmax(logs, 0) * weight
+        parts, shares = [], []
+        for part, own in zip(self.parts, share, strict=True):
+            total = own.sum()
+            if effective(own / total) < 2 * u.shape[1]:
+                # Too few draws for a covariance: the others take over.
+                continue
+            pulled = own * (FREEDOM + u.shape[1]) / (FREEDOM + part.distance(u))
+            mean, spread = moments(u, pulled / pulled.sum())
+            parts.append(Student(mean, tame(1.2 * spread * pulled.sum() / total, largest_sd)))
+            shares.append(total)
+        return Mixture(parts, torch.stack(shares) / sum(shares)) if parts else self
+
+    def draw(self, count: int, generator: torch.Generator) -> torch.Tensor:
+        which = torch.multinomial(self.shares, count, replacement=True, generator=generator)
+        counts = torch.bincount(which, minlength=len(self.parts)).tolist()
+        return torch.cat([p.draw(n, generator) for p, n in zip(self.parts, counts, strict=True)])
+
+    def log_density(self, u: torch.Tensor) -> torch.Tensor:
+        return torch.logsumexp(self._logs(u), 0)
+
+    def _logs(self, u: torch.Tensor) -> torch.Tensor:
+        return torch.stack([p.log_density(u) for p in self.parts]) + self.shares.log()[:, None]
