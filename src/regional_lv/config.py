@@ -28,7 +28,13 @@ from regional_lv.mechanics.materials import material_from_config
 from regional_lv.mechanics.observables.layer import check_layer
 from regional_lv.mechanics.supports import SUPPORTS, supports_from_config
 from regional_lv.parameters import Parameterisation
-from regional_lv.published import PUBLISHED, PUBLISHED_HEART, PUBLISHED_ROWS, SLICES_OF_LEVEL
+from regional_lv.published import (
+    PUBLISHED,
+    PUBLISHED_HEART,
+    PUBLISHED_ROWS,
+    PUBLISHED_TABLES,
+    SLICES_OF_LEVEL,
+)
 from regional_lv.quantities import QUANTITIES
 from regional_lv.registry import load_plugins
 from regional_lv.schema import load_schema
@@ -36,7 +42,7 @@ from regional_lv.schema import load_schema
 MARK = "<!-- The tables below are written from the schema by `make format`. -->\n"
 """Line of config/README.md after which everything is generated."""
 
-RESERVED = {"train", "test", "resimulated", "subjects"}
+RESERVED = {"train", "test", "holdout", "resimulated", "subjects"}
 """Names that no scenario may have."""
 
 PHYSICS = ("material", "fibres", "loading", "supports", "observables", "solver")
@@ -71,9 +77,10 @@ def load(config: str | Path | dict, source: str = "config") -> dict:
 
     Returns
     -------
-    A new nested dict with every key of the schema; `design.test` is the number of test cases also
-    where they come from a table. Relative paths stay as they are: they count
-    from the working directory. The plugins that it names are loaded.
+    A new nested dict with every key of the schema; `design.test` is the number of test cases and
+    `simulations.holdout` that of the rows held out also where they follow from tables. Relative
+    paths stay as they are: they count from the working directory. The plugins that it names are
+    loaded.
 
     Raises
     ------
@@ -92,6 +99,7 @@ def load(config: str | Path | dict, source: str = "config") -> dict:
         _raise(source, [str(error)])
     complete = _complete(schema, config)
     _complete_by_registries(complete)
+    _complete_holdout(complete)
     if "synthetic_subjects" not in config:
         _carry_over(complete)
     _raise(source, list(_cross_check(complete)))
@@ -157,6 +165,14 @@ def _complete_by_registries(config: dict) -> None:
     for name in emulators["names"]:
         if name not in emulators:
             emulators[name] = _complete(_entry_schema(_section("emulators"), name), {})
+
+
+def _complete_holdout(config: dict) -> None:
+    """Where tables give the simulations, say how many training rows are held out."""
+    simulations = config["simulations"]
+    if simulations["source"] == "table" and simulations["holdout"] is None:
+        own = "test" in simulations["tables"]
+        simulations["holdout"] = 0 if own else config["design"]["test"]
 
 
 def _carry_over(config: dict) -> None:
@@ -536,16 +552,27 @@ def _check_tables(config: dict, parameters: Parameterisation, channels: Channels
         return
     if "train" not in tables:
         yield "simulations.tables.train: missing; give the inputs and outputs to learn from"
+    if "test" not in tables and simulations["holdout"] == 0:
+        yield (
+            "simulations.holdout: 0 leaves no test set; hold out one row or more, or give a test "
+            "table (simulations.tables.test)"
+        )
+    known = ("train", "test", *config["scenarios"]["sets"])
+    for name in sorted(set(tables) - set(known)):
+        yield (
+            f"simulations.tables.{name}: the study has no set of this name; use one of "
+            f"{', '.join(known)} (rows held out of `train` need no table: simulations.holdout)"
+        )
     # Imported here for the same reason as measured files are.
     from regional_lv.simulation_tables import SENSITIVITY, published_order, read_tables
 
     for name, files in tables.items():
         key = f"simulations.tables.{name}"
         if PUBLISHED in files.values():
-            if name != "train" or set(files.values()) != {PUBLISHED}:
+            if name not in PUBLISHED_TABLES or set(files.values()) != {PUBLISHED}:
                 yield (
-                    f"{key}: `{PUBLISHED}` is the paper's training table, inputs and outputs "
-                    "together; name it for both of `train`, or give paths"
+                    f"{key}: `{PUBLISHED}` is the paper's training or test table, inputs and "
+                    "outputs together; name it for both of `train` or of `test`, or give paths"
                 )
             elif not published_order(parameters, channels):
                 yield (
@@ -577,7 +604,8 @@ def _check_tables(config: dict, parameters: Parameterisation, channels: Channels
 
 
 def _table_sizes(config: dict) -> dict[str, int]:
-    """Rows of the sets of source `table`, `train` and `test` after the split."""
+    """Rows of the sets of source `table`, `train` and `test` after the split (without what is held
+    out beside a test table)."""
     from regional_lv.simulation_tables import read_tables, split
 
     simulations = config["simulations"]
@@ -586,10 +614,12 @@ def _table_sizes(config: dict) -> dict[str, int]:
         "channels": Channels.from_config(config),
     }
     sizes = {
-        name: PUBLISHED_ROWS if PUBLISHED in files.values() else len(read_tables(**files, **model))
+        name: PUBLISHED_ROWS[name]
+        if PUBLISHED in files.values()
+        else len(read_tables(**files, **model))
         for name, files in simulations["tables"].items()
     }
-    holdout = 0 if "test" in sizes else simulations["holdout"]
+    holdout = simulations["holdout"]
     parts = split(sizes["train"], holdout, simulations["rows"], config["seed"])
     return {"test": holdout} | sizes | {"train": len(parts["train"])}
 

@@ -160,6 +160,8 @@ def _checked(content: bytes, known: Published, origin: str) -> bytes:
             f"{origin}: SHA-256 {digest} is not that of the published file ({known.sha256}{rows}); "
             f"replace it by {known.repository_path} of {REPOSITORY} at {COMMIT}"
         )
+    if known.rows is None:
+        return content
     return b"".join(content.splitlines(keepends=True)[: known.rows])
 
 

@@ -129,19 +129,19 @@ def _is_number(text: str) -> bool:
 
 
 def split(rows: int, holdout: int, most: int | None, seed: int) -> dict[str, np.ndarray]:
-    """Row numbers, ascending, of `train` and `test`: a random `holdout` of `rows`, and at most
-    `most` of the others (all of them if None). The test set does not depend on `most`.
+    """Row numbers, ascending, of `holdout` and `train`: a random `holdout` of `rows`, and at most
+    `most` of the others (all of them if None). What is held out does not depend on `most`.
 
     Raises InputError if nothing is left to train on.
     """
     if holdout >= rows:
         raise InputError(
             f"simulations.holdout: {holdout} of {rows} simulations leave none to train on; lower "
-            "it, or give a test table (simulations.tables.test)"
+            "it, or set it to 0 and give a test table (simulations.tables.test)"
         )
     order = np.random.default_rng(derive(seed, "holdout")).permutation(rows)
-    test, train = order[:holdout], order[holdout:]
-    return {"test": np.sort(test), "train": np.sort(train[:most])}
+    held_out, train = order[:holdout], order[holdout:]
+    return {"holdout": np.sort(held_out), "train": np.sort(train[:most])}
 
 
 def import_simulations(
@@ -158,14 +158,15 @@ def import_simulations(
 ) -> None:
     """Write the set `set` in the form of screened simulations (Parquet).
 
-    inputs, outputs: the set's own tables, or those of `train` for a held-out `test`. own_test:
-    whether the test set has tables of its own, so that nothing is held out. rows: how many
+    inputs, outputs: the set's own tables, or those of `train` for what is held out of it: the set
+    `holdout`, or `test` unless the test set has tables of its own (`own_test`). rows: how many
     training simulations to keep at most. `sample` is the row in the tables, from 0.
 
     Raises InputError as `read_tables` and `split` do.
     """
     table = read_tables(inputs, outputs, parameters, channels)
-    if set in ("train", "test") and not (set == "test" and own_test):
-        table = table.iloc[split(len(table), 0 if own_test else holdout, rows, seed)[set]]
+    part = "holdout" if set == "test" and not own_test else set
+    if part in ("train", "holdout"):
+        table = table.iloc[split(len(table), holdout, rows, seed)[part]]
     table.to_parquet(kept, index=False)
     log.info("%s: %d simulations from %s and %s", set, len(table), inputs, outputs)

@@ -144,7 +144,7 @@ def test_stand_in_knows_the_test_cases(folder, tmp_path):
     """At the truth it comes closer than what was not trained on them."""
     test = pd.read_parquet(folder / "test.parquet")
     files = folder / "train.parquet", folder / "test.parquet"
-    stand_in.fit_stand_in(*files, PARAMETERS, CHANNELS, 1, tmp_path / "s.pt")
+    stand_in.fit_stand_in(files, PARAMETERS, CHANNELS, 1, tmp_path / "s.pt")
     estimates = test[["sample", *PARAMETERS.names]].assign(estimator="weighted")
     estimates.assign(sample=estimates["sample"].astype(str)).to_parquet(tmp_path / "e.parquet")
     stand_in.predict_estimates(tmp_path / "s.pt", tmp_path / "e.parquet", 3, tmp_path / "c.parquet")

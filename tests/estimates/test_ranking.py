@@ -215,6 +215,19 @@ def test_tables_and_box_plots(study):
     assert (study / "box.png").stat().st_size > 10_000
 
 
+def test_errors_on_a_second_test_set_stand_beside(study):
+    """In the order of the ranking on the first, whatever the second says."""
+    first, _ = rank(study, 1)
+    second = first[::-1].assign(param_mse_weighted=[9.0, 8.0, 7.0])
+    second.to_csv(study / "holdout.csv", index=False)
+    files = [study / name for name in ("ranking.csv", "holdout.csv", "t.csv", "t.tex")]
+    tables.ranking(*files[:2], csv=files[2], tex=files[3])
+    table = pd.read_csv(files[2])
+    assert table["emulator"].tolist() == ["DNN", "MVGP", "VGP"]
+    assert table["param_mse_weighted_holdout"].tolist() == [7.0, 8.0, 9.0]
+    np.testing.assert_allclose(table["output_mse_holdout"], table["output_mse"])
+
+
 def test_transforms_compare_an_emulator_with_itself(study):
     """Whichever of the two it is configured with."""
     for name, other in (("mvgp", "identity"), ("dnn", "log")):

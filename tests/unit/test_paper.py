@@ -172,6 +172,12 @@ def study(tmp_path):
     return files
 
 
+def test_simulations_out_of_tables_have_no_scale(tmp_path):
+    pd.DataFrame({"sample": range(7)}).to_parquet(tmp_path / "train.parquet")
+    found = paper.from_simulations({"train": tmp_path / "train.parquet"})
+    assert [(row["parameter"], row["value"]) for row in found] == [("all", 7)]
+
+
 def test_a_study_is_collected(study, tmp_path):
     written = {"csv": tmp_path / "t" / "p.csv", "md": tmp_path / "t" / "p.md"}
     paper.compare_study(NUMBERS, REASONS, threshold=0.999, **study, **written)

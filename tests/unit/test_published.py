@@ -111,6 +111,43 @@ def test_other_content_is_refused_and_nothing_is_left(tmp_path, mirror):
     assert not (tmp_path / "c.csv").exists()
 
 
+TABLE = b"1.5,2\n0.1,3\n4,0.5\n"
+TWO_ROWS = b"1.5,2\n0.1,3\n"
+
+
+@pytest.fixture
+def cut(monkeypatch):
+    """Name of a published table of three rows, of which the first two are used."""
+    digests = (hashlib.sha256(content).hexdigest() for content in (TABLE, TWO_ROWS))
+    known = published.Published("Data/table.csv", next(digests), 2, next(digests))
+    monkeypatch.setattr(published, "FILES", {"simulations/table_2.csv": known})
+    return "simulations/table_2.csv"
+
+
+@pytest.mark.parametrize(
+    ("place", "content"), [("Data/table.csv", TABLE), ("simulations/table_2.csv", TWO_ROWS)]
+)
+def test_first_rows_come_from_the_whole_table_or_from_a_file_of_them(tmp_path, cut, place, content):
+    held = tmp_path / "mirror" / place
+    held.parent.mkdir(parents=True)
+    held.write_bytes(content)
+    copy = published.fetch_published(cut, str(tmp_path / "mirror"), False, tmp_path / "c.csv")
+    assert copy.read_bytes() == TWO_ROWS
+
+
+@pytest.mark.parametrize("place", ["Data/table.csv", "simulations/table_2.csv"])
+def test_other_rows_are_refused(tmp_path, cut, place):
+    """Neither the whole table nor its first rows."""
+    held = tmp_path / "mirror" / place
+    held.parent.mkdir(parents=True)
+    held.write_bytes(TABLE.splitlines(keepends=True)[0])
+    with pytest.raises(InputError) as error:
+        published.fetch_published(cut, str(tmp_path / "mirror"), False, tmp_path / "c.csv")
+    for words in (str(held), "first 2 rows", "replace it by Data/table.csv of", published.COMMIT):
+        assert words in str(error.value)
+    assert not (tmp_path / "c.csv").exists()
+
+
 @pytest.mark.parametrize("download", [True, False])
 def test_unreachable_file_names_the_remedy(tmp_path, silence, download):
     with pytest.raises(InputError, match=r"resources\.published_mirror") as error:
@@ -177,6 +214,8 @@ CLONE = {
     "LVmeshV/AHALVMeshDivisionPCAReconstructed.mat": published.HEART_SEGMENTS,
     "SimulationData/Data20260110/X_train_Final_10.csv": published.TRAINING_INPUTS,
     "SimulationData/Data20260110/Y_data_train_Final.csv": published.TRAINING_OUTPUTS,
+    "SimulationData/Data20260110/X_test.csv": published.TEST_INPUTS,
+    "SimulationData/Data20260110/Y_data_test_Final.csv": published.TEST_OUTPUTS,
 }
 """Where files lie in the public repository, looked up there, and what the project calls them."""
 
@@ -195,6 +234,17 @@ def test_every_file_is_found_in_a_folder_laid_out_like_the_repository(tmp_path, 
         copy = published.fetch_published(name, str(clone), False, tmp_path / "copy" / name)
         assert copy.read_bytes() == f"what {place} holds".encode()
     assert published.volunteer_available(study(str(clone), download=False))
+
+
+@pytest.mark.parametrize("name", [published.TEST_INPUTS, published.TEST_OUTPUTS])
+def test_a_test_table_of_other_content_is_refused(name, tmp_path, monkeypatch):
+    monkeypatch.setattr(published, "FILES", PINNED)
+    place = tmp_path / PINNED[name].repository_path
+    place.parent.mkdir(parents=True)
+    place.write_bytes(b"1,2\n" * 200)
+    with pytest.raises(InputError, match=rf"{place}: SHA-256 .* first 128 rows.*replace it by"):
+        published.fetch_published(name, str(tmp_path), False, tmp_path / "c.csv")
+    assert not (tmp_path / "c.csv").exists()
 
 
 def test_progress_tells_how_far_and_how_long(caplog):

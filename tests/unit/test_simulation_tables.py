@@ -149,10 +149,10 @@ def test_files_that_are_no_tables(tmp_path, files):
 
 def test_split_holds_out_the_same_rows_whatever_is_kept():
     whole, part = split(100, 20, None, 3), split(100, 20, 30, 3)
-    assert sorted([*whole["test"], *whole["train"]]) == list(range(100))
-    assert (part["test"] == whole["test"]).all() and len(part["train"]) == 30
+    assert sorted([*whole["holdout"], *whole["train"]]) == list(range(100))
+    assert (part["holdout"] == whole["holdout"]).all() and len(part["train"]) == 30
     assert set(part["train"]) < set(whole["train"])
-    assert (split(100, 20, None, 4)["test"] != whole["test"]).any()
+    assert (split(100, 20, None, 4)["holdout"] != whole["holdout"]).any()
     with pytest.raises(InputError, match="holdout"):
         split(100, 100, None, 3)
 
@@ -164,10 +164,13 @@ def test_sets_are_written_in_the_screened_form(tmp_path, files):
     train, test = (pd.read_parquet(tmp_path / f"{name}.parquet") for name in ("train", "test"))
     assert len(train) == ROWS - 6 and len(test) == 6
     assert not set(train["sample"]) & set(test["sample"])
-    # A table of its own is taken whole, and nothing is held out of the training table.
+    # A table of its own is taken whole; the rows held out beside it are those of before.
     import_simulations("test", *files, True, 6, 12, *common, tmp_path / "own.parquet")
     assert len(pd.read_parquet(tmp_path / "own.parquet")) == ROWS
-    import_simulations("train", *files, True, 6, None, *common, tmp_path / "all.parquet")
+    for name, before in (("train", train), ("holdout", test)):
+        import_simulations(name, *files, True, 6, None, *common, tmp_path / "beside.parquet")
+        pd.testing.assert_frame_equal(pd.read_parquet(tmp_path / "beside.parquet"), before)
+    import_simulations("train", *files, True, 0, None, *common, tmp_path / "all.parquet")
     assert len(pd.read_parquet(tmp_path / "all.parquet")) == ROWS
 
 
@@ -187,15 +190,34 @@ def study(files, **changes) -> dict:
     }
 
 
+PUBLISHED = {"inputs": "published", "outputs": "published"}
+
+
+def sizes(given: dict) -> tuple[int, int]:
+    """Test cases and rows held out, which loading once more does not change."""
+    loaded = config.load(given)
+    assert config.load(loaded) == loaded
+    return loaded["design"]["test"], loaded["simulations"]["holdout"]
+
+
 def test_config_counts_the_test_cases(files):
-    assert config.load(study(files))["design"]["test"] == 6
+    assert sizes(study(files)) == (6, 6)
+    unsaid = study(files, simulations={"holdout": None})
+    assert sizes(unsaid | {"design": {"test": 5}}) == (5, 5)
+    published = {"train": PUBLISHED}
+    assert sizes(study(files, simulations={"tables": published, "holdout": 99})) == (99, 99)
+    published["test"] = PUBLISHED
+    assert sizes(study(files, simulations={"tables": published})) == (128, 6)
+
+
+def test_a_test_table_holds_nothing_out_unless_asked(files):
     own = study(files)
     own["simulations"]["tables"]["test"] = own["simulations"]["tables"]["train"]
-    assert config.load(own)["design"]["test"] == ROWS
-    published = {"train": {"inputs": "published", "outputs": "published"}}
-    loaded = config.load(study(files, simulations={"tables": published, "holdout": 99}))
-    assert loaded["design"]["test"] == 99
-    assert config.load(loaded) == loaded
+    assert sizes(own) == (ROWS, 6)
+    own["simulations"]["holdout"] = 0
+    assert sizes(own) == (ROWS, 0)
+    own["simulations"]["holdout"] = None
+    assert sizes(own) == (ROWS, 0)
 
 
 CONFIG_MISTAKES = {
@@ -211,7 +233,7 @@ CONFIG_MISTAKES = {
     "published table of others": (
         {
             "parameters": {"zones": "whole"},
-            "simulations": {"tables": {"train": {"inputs": "published", "outputs": "published"}}},
+            "simulations": {"tables": {"train": PUBLISHED}},
         },
         "leave `parameters`, `observables` and `loading.frames` at their defaults",
     ),
@@ -227,10 +249,20 @@ CONFIG_MISTAKES = {
     "all held out": ({"simulations": {"holdout": 30}}, "leave none to train on"),
     "cases": ({"test_posteriors": {"cases": 7}}, "7 posteriors on 6 test cases"),
     "no table": ({"simulations": {"tables": {}}}, "simulations.tables.train: missing"),
-    "published test": (
-        {"simulations": {"tables": {"test": {"inputs": "published", "outputs": "published"}}}},
-        "is the paper's training table",
+    "published scenario": (
+        {"simulations": {"tables": {"train": PUBLISHED, "local_1_5": PUBLISHED}}},
+        "simulations.tables.local_1_5: `published` is the paper's training or test table",
     ),
+    "published and own": (
+        {"simulations": {"tables": {"train": PUBLISHED, "test": PUBLISHED | {"inputs": "x.csv"}}}},
+        "simulations.tables.test: `published` is the paper's training or test table",
+    ),
+    "a table held out": (
+        {"simulations": {"tables": {"train": PUBLISHED, "holdout": PUBLISHED}}},
+        "simulations.tables.holdout: the study has no set of this name; use one of train, test, ",
+    ),
+    "no test set": ({"simulations": {"holdout": 0}}, "simulations.holdout: 0 leaves no test set"),
+    "less than nothing": ({"simulations": {"holdout": -1}}, "simulations.holdout: -1 is too small"),
     "tables and simulator": ({"simulations": {"source": "dolfinx"}}, "remove them"),
     "synthetic": (
         {

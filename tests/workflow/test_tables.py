@@ -70,6 +70,30 @@ def test_no_rule_needs_the_simulator(study):
         assert f"results/tables/estimates/{emulator}/test.parquet" in output
 
 
+def test_rows_held_out_beside_a_test_table_are_scored_and_nothing_else(study):
+    config = yaml.safe_load((study / "tables.yaml").read_text())
+    config["simulations"]["tables"]["test"] = config["simulations"]["tables"]["train"]
+    (study / "tables.yaml").write_text(yaml.safe_dump(config))
+    status, output = plan(study)
+    assert status == 0, output[-3000:]
+    users = set(
+        re.findall(
+            r"^(?:local)?(?:rule|checkpoint) (\w+):\n    input: [^\n]*screening/holdout\.parquet",
+            output,
+            flags=re.MULTILINE,
+        )
+    )
+    assert users == {
+        *("estimate_parameters", "predict_test_set", "fit_stand_in", "rank_emulators_on_holdout")
+    }
+    assert "results/tables/estimates/dnn/holdout_checked.parquet" in output
+    assert "results/tables/posteriors/final/holdout" not in output
+    config["simulations"]["holdout"] = 0
+    (study / "tables.yaml").write_text(yaml.safe_dump(config))
+    status, output = plan(study)
+    assert status == 0 and "holdout" not in output.replace("simulations.holdout", "")
+
+
 def test_a_bad_table_stops_before_anything_runs(study):
     table = pd.read_csv(study / "outputs.csv")
     table.loc[3, "radial_02"] = np.nan

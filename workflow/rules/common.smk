@@ -37,7 +37,7 @@ from regional_lv.published import (  # noqa: E402
     HEART_SEGMENTS,
     PUBLISHED,
     PUBLISHED_HEART,
-    TRAINING,
+    PUBLISHED_TABLES,
     TRAINING_INPUTS,
     TRAINING_OUTPUTS,
     VOLUNTEER,
@@ -119,10 +119,14 @@ SCENARIOS = {
     if not FROM_TABLES or name in TABLE_SETS
 }
 NOISY = {f"{name}-noisy": name for name in SCENARIOS}
-TEST_SIZE = config["simulations"]["holdout"] if FROM_TABLES else config["design"]["test"]
+# Sets that point estimates and predictions are scored on: the test set, and what is held out of the
+# training table beside it.
+SCORED = ["test"]
+if FROM_TABLES and "test" in TABLE_SETS and config["simulations"]["holdout"]:
+    SCORED.append("holdout")
 # Sets with a known truth whose posteriors are sampled, and how many cases each has.
 SETS = {
-    "test": TEST_SIZE
+    "test": config["design"]["test"]
     if config["test_posteriors"]["cases"] == "all"
     else config["test_posteriors"]["cases"],
     **{name: scenario_size(scenario, PARAMETERS) for name, scenario in SCENARIOS.items()},
@@ -151,8 +155,11 @@ def imported_files():
 def simulation_table(name, kind):
     """File of the `inputs` or `outputs` of a set that comes from a table; what has no table of its
     own is held out of `train`."""
-    path = TABLE_SETS.get(name, TABLE_SETS["train"])[kind]
-    return fetched_path(config["study"], TRAINING[kind]) if path == PUBLISHED else path
+    source = name if name in TABLE_SETS else "train"
+    path = TABLE_SETS[source][kind]
+    if path == PUBLISHED:
+        path = fetched_path(config["study"], PUBLISHED_TABLES[source][kind])
+    return path
 
 
 # Figures and tables of the stage `estimates`, up to the shortlist.
@@ -290,6 +297,20 @@ def volunteer_files(wildcards):
     if config["subjects"][wildcards.subject]["frame"] is not None:
         files["slices"] = [fetched_path(config["study"], path) for path in VOLUNTEER_SLICES]
     return files
+
+
+def to_rank(name):
+    """Files of every emulator that a ranking on the set `name` reads."""
+    files = {
+        "estimates": f"{R}/estimates/{{emulator}}/{name}.parquet",
+        "checked": f"{R}/estimates/{{emulator}}/{name}_checked.parquet",
+        "costs": f"{R}/estimates/{{emulator}}/cost.json",
+        "fits": f"{R}/emulators/{{emulator}}/fit.json",
+        "predictions": f"{R}/emulators/{{emulator}}/{name}_predictions.parquet",
+    }
+    sets = {"train": f"{R}/screening/train.parquet", "test": f"{R}/screening/{name}.parquet"}
+    ranked = config["emulators"]["names"]
+    return {kind: expand(path, emulator=ranked) for kind, path in files.items()} | sets
 
 
 def shortlist():

@@ -1,4 +1,4 @@
-"""Training, and the error on simulations held out."""
+"""Training, and the error on the simulations of the test set and of those held out beside it."""
 
 
 rule train_emulator:
@@ -30,14 +30,16 @@ rule train_emulator:
 rule predict_test_set:
     input:
         emulator_file=f"{R}/emulators/{{emulator}}.pt",
-        test=f"{R}/screening/test.parquet",
+        test=f"{R}/screening/{{set}}.parquet",
     output:
-        predictions=f"{R}/emulators/{{emulator}}/test_predictions.parquet",
-        errors=f"{R}/emulators/{{emulator}}/test_errors.csv",
+        predictions=f"{R}/emulators/{{emulator}}/{{set}}_predictions.parquet",
+        errors=f"{R}/emulators/{{emulator}}/{{set}}_errors.csv",
     params:
         call="emulators:predict_test_set",
+    wildcard_constraints:
+        set=any_of(SCORED),
     log:
-        f"{LOGS}/emulators/{{emulator}}/predict_test_set.log",
+        f"{LOGS}/emulators/{{emulator}}/predict_{{set}}.log",
     threads: 1
     conda:
         "../../envs/statistics.yaml"

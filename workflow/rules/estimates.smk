@@ -1,4 +1,8 @@
-"""Point estimates of the test set by every emulator, checked, ranked, and the shortlist."""
+"""Point estimates of the test set by every emulator, checked, ranked, and the shortlist.
+
+What is held out beside a test table is estimated, checked and ranked in the same way (`SCORED`); the
+shortlist goes by the test set.
+"""
 
 ESTIMATES = f"{R}/estimates"
 RANKED = config["emulators"]["names"]
@@ -7,19 +11,21 @@ RANKED = config["emulators"]["names"]
 rule estimate_parameters:
     input:
         emulator_file=f"{R}/emulators/{{emulator}}.pt",
-        test=f"{R}/screening/test.parquet",
+        test=f"{R}/screening/{{set}}.parquet",
     output:
-        estimates=f"{ESTIMATES}/{{emulator}}/test.parquet",
+        estimates=f"{ESTIMATES}/{{emulator}}/{{set}}.parquet",
     params:
         call="estimates.estimate:estimate_parameters",
         point=config["map"],
         adam_steps=config["estimates"]["adam_steps"],
         hops=config["estimates"]["hops"],
         seed=config["seed"],
+    wildcard_constraints:
+        set=any_of(SCORED),
     log:
-        f"{LOGS}/estimates/{{emulator}}/estimate_parameters.log",
+        f"{LOGS}/estimates/{{emulator}}/estimate_{{set}}.log",
     benchmark:
-        f"{R}/benchmarks/estimates/{{emulator}}.tsv"
+        f"{R}/benchmarks/estimates/{{emulator}}_{{set}}.tsv"
     threads: 1
     conda:
         "../../envs/statistics.yaml"
@@ -49,8 +55,7 @@ if FROM_TABLES:
     rule fit_stand_in:
         """In place of the simulator, which is not there."""
         input:
-            train=f"{R}/screening/train.parquet",
-            test=f"{R}/screening/test.parquet",
+            screened=expand(f"{R}/screening/{{name}}.parquet", name=["train", *SCORED]),
         output:
             stand_in=f"{ESTIMATES}/stand_in.pt",
         params:
@@ -69,14 +74,16 @@ if FROM_TABLES:
     rule predict_estimates:
         input:
             stand_in=f"{ESTIMATES}/stand_in.pt",
-            estimates=f"{ESTIMATES}/{{emulator}}/test.parquet",
+            estimates=f"{ESTIMATES}/{{emulator}}/{{set}}.parquet",
         output:
-            checked=f"{ESTIMATES}/{{emulator}}/checked.parquet",
+            checked=f"{ESTIMATES}/{{emulator}}/{{set}}_checked.parquet",
         params:
             call="estimates.stand_in:predict_estimates",
             cases=config["estimates"]["checked_cases"],
+        wildcard_constraints:
+            set=any_of(SCORED),
         log:
-            f"{LOGS}/estimates/{{emulator}}/predict_estimates.log",
+            f"{LOGS}/estimates/{{emulator}}/predict_{{set}}.log",
         threads: 1
         conda:
             "../../envs/statistics.yaml"
@@ -91,7 +98,7 @@ else:
             predictor=f"{R}/mechanics/predictor.npz",
             estimates=f"{ESTIMATES}/{{emulator}}/test.parquet",
         output:
-            checked=f"{ESTIMATES}/{{emulator}}/checked.parquet",
+            checked=f"{ESTIMATES}/{{emulator}}/test_checked.parquet",
         params:
             call="estimates.check:simulate_estimates",
             physics=PHYSICS,
@@ -109,15 +116,7 @@ else:
 
 checkpoint rank_emulators:
     input:
-        estimates=expand(f"{ESTIMATES}/{{emulator}}/test.parquet", emulator=RANKED),
-        checked=expand(f"{ESTIMATES}/{{emulator}}/checked.parquet", emulator=RANKED),
-        costs=expand(f"{ESTIMATES}/{{emulator}}/cost.json", emulator=RANKED),
-        fits=expand(f"{R}/emulators/{{emulator}}/fit.json", emulator=RANKED),
-        predictions=expand(
-            f"{R}/emulators/{{emulator}}/test_predictions.parquet", emulator=RANKED
-        ),
-        train=f"{R}/screening/train.parquet",
-        test=f"{R}/screening/test.parquet",
+        **to_rank("test"),
     output:
         ranking=f"{ESTIMATES}/ranking.csv",
         pairs=f"{ESTIMATES}/pairs.csv",
@@ -134,6 +133,18 @@ checkpoint rank_emulators:
         "../../envs/statistics.yaml"
     script:
         "../scripts/call.py"
+
+
+if "holdout" in SCORED:
+
+    use rule rank_emulators as rank_emulators_on_holdout with:
+        input:
+            **to_rank("holdout"),
+        output:
+            ranking=f"{ESTIMATES}/holdout_ranking.csv",
+            pairs=f"{ESTIMATES}/holdout_pairs.csv",
+        log:
+            f"{LOGS}/estimates/rank_emulators_on_holdout.log",
 
 
 rule compare_transforms:

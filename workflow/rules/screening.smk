@@ -3,7 +3,8 @@
 if FROM_TABLES:
 
     rule import_simulations:
-        """Checked and in the project's order; a test set without a table is held out of `train`."""
+        """Checked and in the project's order; what has no table of its own is held out of `train`.
+        """
         input:
             inputs=lambda wildcards: simulation_table(wildcards.set, "inputs"),
             outputs=lambda wildcards: simulation_table(wildcards.set, "outputs"),
@@ -18,7 +19,7 @@ if FROM_TABLES:
             channels=OUTPUTS,
             seed=config["seed"],
         wildcard_constraints:
-            set="|".join(["train", "test", *TABLE_SETS]),
+            set=any_of(["train", *SCORED, *TABLE_SETS]),
         log:
             f"{LOGS}/screening/{{set}}.log",
         conda:

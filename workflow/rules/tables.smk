@@ -15,7 +15,8 @@ TABULATED = {
     "ranking": {
         "category": "Emulator",
         "call": "tables.emulators:ranking",
-        "input": {"ranking": f"{ESTIMATES}/ranking.csv"},
+        "input": {"ranking": f"{ESTIMATES}/ranking.csv"}
+        | ({"holdout": f"{ESTIMATES}/holdout_ranking.csv"} if "holdout" in SCORED else {}),
     },
     "pairs": {
         "category": "Emulator",

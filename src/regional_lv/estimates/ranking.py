@@ -38,14 +38,15 @@ def rank_emulators(
     estimator: str,
     ranking: Path,
     pairs: Path,
-    shortlist: Path,
+    shortlist: Path | None = None,
 ) -> None:
     """Rank emulators by the parameter MSE of one `estimator`; write what `rank`, `compare_pairs`
-    and `choose` describe (CSV, CSV, JSON).
+    and, unless `shortlist` is None, `choose` describe (CSV, CSV, JSON).
 
     names: of the emulators, in the order of their files: `estimates` (`estimate_parameters`),
     `checked` (`simulate_estimates`), `costs` (`measure_cost`), `fits` and `predictions`
-    (`train_emulator` and `predict_test_set`). train, test: the screened tables.
+    (`train_emulator` and `predict_test_set`). train: the screened table; test: that of the set
+    that was estimated, the test set or what is held out beside it.
     """
     sd = pd.read_parquet(train, columns=list(channels.names)).std()
     truth = pd.read_parquet(test, columns=["sample", *channels.names])
@@ -71,6 +72,8 @@ def rank_emulators(
     table = rank(pd.DataFrame(rows), estimator)
     table.to_csv(ranking, index=False)
     compare_pairs(estimated).to_csv(pairs, index=False)
+    if shortlist is None:
+        return
     chosen = choose(table, size, estimator)
     Path(shortlist).write_text(json.dumps(chosen, indent=2) + "\n")
     log.info("shortlist: %s", ", ".join(chosen["shortlist"]))

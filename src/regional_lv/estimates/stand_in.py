@@ -1,9 +1,10 @@
 """In place of the simulator, where simulations come from tables: a Gaussian process on all of them.
 
-It learns from the test simulations as well, which no emulator under test does: an estimate near
-the truth is checked well, one far from any simulation is not.
+It learns from the simulations under test as well, which no emulator does: an estimate near the
+truth is checked well, one far from any simulation is not.
 """
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -20,16 +21,15 @@ CHECKED_BY = "exact GP on training and test simulations"
 
 
 def fit_stand_in(
-    train: Path,
-    test: Path,
+    screened: Sequence[Path],
     parameters: Parameterisation,
     channels: Channels,
     seed: int,
     stand_in: Path,
 ) -> None:
-    """Fit the exact GP on log inputs to two screened tables; write it."""
+    """Fit the exact GP on log inputs to screened tables, all together; write it."""
     columns = parameters, channels.names
-    parts = [emulators.read_simulations(path, *columns)[:2] for path in (train, test)]
+    parts = [emulators.read_simulations(path, *columns)[:2] for path in screened]
     theta, y = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
     emulator = emulators.create("exact_gp", {"input_transform": "log", "calibration": "none"})
     emulator.fit(

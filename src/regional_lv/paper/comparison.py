@@ -185,7 +185,8 @@ def from_simulations(screened: dict[str, Path]) -> list[dict]:
         table = pd.read_parquet(path)
         found.append(row_of("simulations_kept", len(table), set=name, parameter="all"))
         if name == "train":
-            for scale, part in table.groupby("scale"):
+            # Tables of finished simulations do not say it.
+            for scale, part in table.groupby("scale") if "scale" in table else ():
                 found.append(row_of("simulations_kept", len(part), set=name, parameter=str(scale)))
             if "cpu_s" in table:
                 found.append(row_of("simulation_minutes", table["cpu_s"].median() / 60))
