@@ -416,6 +416,14 @@ def test_sparse_processes_have_the_zones_of_a_zonal_kernel():
         assert layer.covar_module.base_kernel.blocks == PARAMETERS.blocks
 
 
+@pytest.mark.parametrize("name", ["local_gp", "local_dkmgp"])
+def test_local_processes_have_the_zones_of_a_zonal_kernel(name):
+    emulator = fit(name, kernel="zonal_rq", iterations=2)
+    local = emulator.localise(toy(points(1, 7))[0])
+    assert local.local.covar_module.blocks == PARAMETERS.blocks
+    assert torch.isfinite(local.predict(torch.as_tensor(points(3, 8))).covariance).all()
+
+
 def test_what_reduction_leaves_out_is_uncertain():
     """With fewer components the means get worse, and the variances larger by as much."""
     theta = points(60, 30)

@@ -1,4 +1,4 @@
-"""Scores, intervals and the convergence gate against what is known in closed form."""
+"""Scores, intervals and the convergence check against what is known in closed form."""
 
 import json
 
@@ -10,9 +10,9 @@ from scipy import stats
 
 from regional_lv.inference.diagnostics import (
     ANY_SOFT,
+    check_convergence,
     clustered_interval,
     coverage,
-    gate,
     map_errors,
     recovery,
 )
@@ -97,7 +97,7 @@ def chains() -> np.ndarray:
 
 
 def test_gate_passes_independent_draws(chains):
-    table, verdict = gate(chains, ["a", "b", "c"], np.zeros((2, 600), bool), 1.01, 400)
+    table, verdict = check_convergence(chains, ["a", "b", "c"], np.zeros((2, 600), bool), 1.01, 400)
     assert verdict == "passed" and table["passed"].all()
     assert table["parameter"].tolist() == ["a", "b", "c"]
 
@@ -106,7 +106,7 @@ def test_gate_names_every_reason(chains):
     chains[1, :, 1] += 1.0
     diverging = np.zeros((2, 600), bool)
     diverging[0, 5] = True
-    table, verdict = gate(chains, ["a", "b", "c"], diverging, 1.01, 400)
+    table, verdict = check_convergence(chains, ["a", "b", "c"], diverging, 1.01, 400)
     assert verdict.startswith("failed: R-hat") and "ESS" in verdict and "1 divergences" in verdict
     assert not table["passed"].any()
 

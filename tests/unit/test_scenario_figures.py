@@ -429,4 +429,4 @@ def test_agreement(tmp_path, paths, titles):
     assert "5 cases: 80 % agree" in titles[0]
     pd.DataFrame(columns=columns).to_csv(tmp_path / "a.csv", index=False)
     sampler_agreement.draw(tmp_path / "a.csv", PARAMETERS, *paths)
-    assert "0 cases: none passed its gate" in titles[1]
+    assert "0 cases: none passed the convergence check" in titles[1]

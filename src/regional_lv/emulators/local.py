@@ -16,7 +16,7 @@ from linear_operator.utils.cholesky import psd_safe_cholesky
 
 from regional_lv.emulators import networks
 from regional_lv.emulators.base import row_jacobian
-from regional_lv.emulators.kernels import make_kernel, weighted_slopes
+from regional_lv.emulators.kernels import Blocks, make_kernel, weighted_slopes
 from regional_lv.emulators.optimise import fit
 from regional_lv.emulators.reduced import ReducedEmulator, held_out
 from regional_lv.emulators.shared_kernel import fit_hyperparameters, regular, subset
@@ -64,14 +64,20 @@ class LocalModel(gpytorch.models.ExactGP):
     """
 
     def __init__(
-        self, kernel: str, inputs: int, scores: int, joint: bool, hidden: list[int] | None
+        self,
+        kernel: str,
+        inputs: int,
+        scores: int,
+        joint: bool,
+        hidden: list[int] | None,
+        blocks: Blocks | None = None,
     ):
         batch = torch.Size(() if joint else (scores,))
         noise = GreaterThan(LEAST_NUGGET, transform=torch.exp, inv_transform=torch.log)
         super().__init__(None, None, GaussianLikelihood(noise_constraint=noise, batch_shape=batch))
         self.joint = joint
         self.mean_module = gpytorch.means.ConstantMean(batch_shape=torch.Size([scores]))
-        self.covar_module = make_kernel(kernel, inputs, batch=batch)
+        self.covar_module = make_kernel(kernel, inputs, blocks, batch)
         self.network = None
         if hidden is not None:
             layers = []
@@ -227,13 +233,16 @@ class LocalGP(ReducedEmulator):
 
     def _model(self, joint: bool) -> LocalModel:
         sizes = self.inputs.shape[1], self.scores.shape[1]
-        return LocalModel(self.kernel, *sizes, joint, self.settings.get("hidden"))
+        hidden, blocks = self.settings.get("hidden"), self.parameters.blocks
+        return LocalModel(self.kernel, *sizes, joint, hidden, blocks)
 
     def _start(self, x, z, seed) -> dict[str, torch.Tensor]:
         """Parameters of a GP for all scores on some of all simulations."""
         rows = subset(len(x), START_ROWS, seed)
         x, z = x[rows], z[rows]
-        h = fit_hyperparameters(x, z, self.kernel, LEAST_NUGGET, START_ITERATIONS, 1, seed)
+        h = fit_hyperparameters(
+            *(x, z, self.kernel, LEAST_NUGGET, START_ITERATIONS, 1, seed, self.parameters.blocks)
+        )
         model = self._model(joint=True)
         model.covar_module, model.likelihood = h.covar_module, h.likelihood
         if model.network is not None:

@@ -48,7 +48,7 @@ START_ROWS, START_ITERATIONS = 500, 60
 CG_STEPS, CG_TOLERANCE = 60, 1e-8
 """Conjugate gradients for the means of coupled latent processes."""
 
-CACHE_ROWS = 32
+CACHE_ROWS = 64
 """Points predicted at a time: larger matrices take longer, as the cache does not hold them."""
 
 BOUNDS = {

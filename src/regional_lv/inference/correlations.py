@@ -45,7 +45,7 @@ def average(matrices: np.ndarray, names: tuple[str, ...], kind: str) -> pd.DataF
 def correlate(draws: np.ndarray, parameters: Parameterisation) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Tables of `average` between the parameters and between the zones.
 
-    draws: (C, M, P) posterior draws of theta. Posteriors that failed their gate count.
+    draws: (C, M, P) posterior draws of theta. Posteriors that failed the convergence check count.
     """
     each = np.stack([np.atleast_2d(np.corrcoef(case, rowvar=False)) for case in draws])
     zones = np.stack([zone_correlation(case, parameters) for case in draws])

@@ -18,7 +18,7 @@ LEVELS = (50, 80, 95)
 # -------------------------------------------------------------------------------- convergence
 
 
-def gate(
+def check_convergence(
     chains: np.ndarray,
     names: Sequence[str],
     diverging: np.ndarray,
@@ -61,14 +61,14 @@ def diagnose(data: az.InferenceData) -> pd.DataFrame:
 
     Columns: case, parameter, rhat, ess_bulk, ess_tail, divergences, passed, verdict, outside (share
     of the draws that lie where no simulation of the training set is near), seconds, sampler.
-    Inferred noise scales appear as `sigma_<quantity>`. The gate is the one that the sampler
-    worked with, kept in the file.
+    Inferred noise scales appear as `sigma_<quantity>`. The limits of the convergence check are
+    those that the sampler worked with, kept in the file.
     """
     posterior = data.posterior
     tables = []
     for case in posterior["case"].to_numpy():
         chains, names = chains_of(posterior.sel(case=case))
-        table, verdict = gate(
+        table, verdict = check_convergence(
             chains,
             names,
             data.sample_stats["diverging"].sel(case=case).transpose("chain", "draw").to_numpy(),
@@ -178,10 +178,10 @@ def coverage(table: pd.DataFrame) -> pd.DataFrame:
     """Per parameter and over `all`: how often the truth lies in the central intervals, and errors.
 
     table: of `recovery`. The last row, `ANY_SOFT`, is over all parameters of the cases of which one
-    lies below `SOFT`, if there are any. Columns: parameter, cases, failed (posteriors whose gate
-    failed; they count), coverage<level>, its 95 % interval coverage<level>_lower and _upper for 50,
-    80 and 95 %, bias and mse of the MAP, mean_mse (of the posterior mean), crps, variance_ratio
-    (posterior to prior), hpd_width95 (means).
+    lies below `SOFT`, if there are any. Columns: parameter, cases, failed (posteriors that did not
+    pass the convergence check; they count), coverage<level>, its 95 % interval
+    coverage<level>_lower and _upper for 50, 80 and 95 %, bias and mse of the MAP, mean_mse (of the
+    posterior mean), crps, variance_ratio (posterior to prior), hpd_width95 (means).
     """
     single = dict(iter(table.groupby("parameter", sort=False)))
     groups = single | {"all": table}

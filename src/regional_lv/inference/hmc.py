@@ -12,7 +12,7 @@ surrogate that fits badly costs draws, not correctness.
 Every case is moved and whitened as for NUTS, which leaves a step size per chain to adapt, by dual
 averaging (Hoffman and Gelman 2014). Numbers of leapfrog steps are drawn at random, which keeps
 trajectories from closing (Neal 2011, doi 10.1201/b10905-6). Whoever calls sees to it that every
-posterior passes the same gate as one of NUTS.
+posterior passes the same convergence check as one of NUTS.
 """
 
 import math
@@ -42,9 +42,9 @@ one, and after all of them the exact density. Of 16 hearts with 5,541 simulation
 13 pass at the first attempt, and 10 without such a look and in log theta."""
 
 ATTEMPTS = ("hmc", "careful hmc", "patient hmc")
-"""What is tried in turn with posteriors that fail their gate. Careful: narrow ones are treated as
-if they were wide, and wide ones with twice the effort. Patient: that in smaller steps, against
-divergences, and with four times the effort."""
+"""What is tried in turn with posteriors that fail the convergence check. Careful: narrow ones are
+treated as if they were wide, and wide ones with twice the effort. Patient: that in smaller steps,
+against divergences, and with four times the effort."""
 
 FIRST_STEP = 0.5
 

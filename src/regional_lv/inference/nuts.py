@@ -9,8 +9,8 @@ correlated; warm-up would spend its few hundred draws on finding that out with t
 posterior is close to a standard normal, M M' is the dense mass matrix, and warm-up is left with the
 step size: a dense matrix estimated from a hundred correlated draws serves less well (18,700 to
 20,500 gradients per posterior instead of 13,200 for the same effective sample size, mean of six
-posteriors on published simulations). Where the gate shows that this was not good enough, the second
-attempt adapts the dense matrix too.
+posteriors on published simulations). Where the convergence check shows that this was not good
+enough, the second attempt adapts the dense matrix too.
 """
 
 import logging
@@ -28,7 +28,7 @@ from scipy.optimize import minimize
 from regional_lv.emulators.base import Prediction
 from regional_lv.inference import importance
 from regional_lv.inference.box import POWER, Box
-from regional_lv.inference.diagnostics import gate
+from regional_lv.inference.diagnostics import check_convergence
 from regional_lv.inference.in_step import Ask, run_in_step
 from regional_lv.inference.likelihood import Likelihood
 from regional_lv.inference.point import CHUNK
@@ -58,7 +58,7 @@ PATIENT = 0.95
 
 THIN = 2
 """Draws made for one that is kept. The energy, and with it the tails, moves once per trajectory:
-1,200 draws in a row have a tail size near 400, where the gate stands, and half of the posteriors
+1,200 draws in a row have a tail size near 400, the least that passes, and half of the posteriors
 would have to be sampled a second time."""
 
 
@@ -299,8 +299,8 @@ def sample_in_step(
     seeds: Sequence[int],
     names: Sequence[str],
 ) -> list[Draws]:
-    """Sample posteriors; those that fail their gate once more, with a doubled warm-up, smaller
-    steps and twice the thinning.
+    """Sample posteriors; those that fail the convergence check once more, with a doubled warm-up,
+    smaller steps and twice the thinning.
 
     likelihoods: one per case, of one observation (D,) each, all with the same kind of noise.
     theta_map (C, P), log_sigma_map (C, G): where to start. All chains of all cases go on in step,
@@ -337,10 +337,10 @@ def sample_in_step(
 
 
 def verdict(draws: Draws, settings: Settings) -> str:
-    """`passed`, or `failed:` and what of R-hat, ESS and divergences misses the gate."""
+    """`passed`, or `failed:` and which of R-hat, ESS and divergences did not pass."""
     chains = np.concatenate([draws.theta, draws.sigma], axis=-1)
     names = range(chains.shape[-1])
-    return gate(chains, names, draws.diverging, settings.rhat_max, settings.ess_min)[1]
+    return check_convergence(chains, names, draws.diverging, settings.rhat_max, settings.ess_min)[1]
 
 
 @dataclass(frozen=True)

@@ -130,8 +130,8 @@ def sample_cases(likelihoods: Sequence[Likelihood], cases: Sequence[str], how: S
 def sample_together(
     likelihoods: Sequence[Likelihood], cases: Sequence[str], how: Sampling
 ) -> Sampled:
-    """As `sample_cases`, all cases at once by batched HMC; those that fail their gate again,
-    with more care each time (`hmc.ATTEMPTS`), and those that always fail by NUTS.
+    """As `sample_cases`, all cases at once by batched HMC; those that fail the convergence check
+    again, with more care each time (`hmc.ATTEMPTS`), and those that always fail by NUTS.
 
     Numbers depend in their last digits on which cases share a batch.
     """

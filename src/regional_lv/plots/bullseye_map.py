@@ -27,7 +27,7 @@ def draw(
 
     recoveries: `recovery.csv` of the sets called `labels`. zones: `stiffened` or `baseline`: which
     zones of a case count. The numbers under a MAP are its root mean square error. The table: set,
-    quantity, zone, cases, truth, map (means), rmse, failed (posteriors whose gate failed).
+    quantity, zone, cases, truth, map (means), rmse, failed (posteriors, of the convergence check).
     """
     table = scenarios.read_sets(recoveries, labels, parameters)
     chosen = table[table["stiffened"] == (zones == "stiffened")]

@@ -26,7 +26,7 @@ class CasePosterior:
 
     draws: name -> (chain, draw), the `parameters` and then the noise scales if inferred
     (`sigma_<direction>`, in standardised units). truth: name -> value, empty if unknown.
-    verdict: "passed" or "failed: ..." of the convergence gate.
+    verdict: "passed" or "failed: ..." of the convergence check.
     """
 
     case: str
@@ -37,10 +37,10 @@ class CasePosterior:
 
     @property
     def warning(self) -> str:
-        """Empty if the posterior passed its gate, else the sentence that every figure shows."""
+        """Empty if the posterior passed the convergence check, else what every figure says."""
         if self.verdict == "passed":
             return ""
-        return f"POSTERIOR FAILED ITS CONVERGENCE GATE ({self.verdict.removeprefix('failed: ')})"
+        return f"POSTERIOR FAILED ITS CONVERGENCE CHECK ({self.verdict.removeprefix('failed: ')})"
 
     @property
     def noise(self) -> list[str]:

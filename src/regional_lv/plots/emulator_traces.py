@@ -55,7 +55,7 @@ def draw(
     first = next(iter(found.values()))
     legend(fig, axes[0, 0], len(first.draws[shown[0]]), bool(first.truth))
     failed = [label_of(name) for name, posterior in found.items() if posterior.warning]
-    warning = "FAILED ITS CONVERGENCE GATE: " + ", ".join(failed) if failed else ""
+    warning = "FAILED ITS CONVERGENCE CHECK: " + ", ".join(failed) if failed else ""
     style.suptitle(fig, f"Test case {case} under each emulator", warning)
     table = pd.concat(tables, ignore_index=True)
     table.insert(1, "case", case)

@@ -18,7 +18,7 @@ MANY = 18
 """More labels than this stand upright."""
 
 OUTCOMES = {"covers": style.BLUE, "misses": style.VERMILLION, "failed": style.GREY}
-"""Of a case's interval: covers the truth, misses it, or its posterior failed its gate."""
+"""Of a case's interval: covers the truth, misses it, or its posterior did not converge."""
 
 LEVEL_COLOURS = {50: style.SKY, 80: style.GREEN, 95: style.BLUE}
 
@@ -162,7 +162,11 @@ def _legend(table: pd.DataFrame) -> list[Line2D]:
     if table["failed"].any():
         handles.append(
             Line2D(
-                [], [], color=OUTCOMES["failed"], linestyle="--", label="posterior failed its gate"
+                [],
+                [],
+                color=OUTCOMES["failed"],
+                linestyle="--",
+                label="posterior failed its check",
             )
         )
     return handles

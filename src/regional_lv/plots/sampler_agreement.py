@@ -51,6 +51,10 @@ def draw(agreement: Path, parameters: Parameterisation, png: Path, csv: Path) ->
     for ax in (left, right):
         ax.tick_params(axis="x", labelsize=7)
     cases = table["case"].nunique()
-    outcome = f"{100 * table['agrees'].mean():.0f} % agree" if cases else "none passed its gate"
+    outcome = (
+        f"{100 * table['agrees'].mean():.0f} % agree"
+        if cases
+        else "none passed the convergence check"
+    )
     style.suptitle(fig, f"Fast sampler against NUTS, {cases} cases: {outcome}")
     style.save(fig, table, png, csv)

@@ -56,7 +56,7 @@ def draw(
     legend(fig, axes[0, 0], len(draws), bool(found.truth))
     style.suptitle(
         fig,
-        found.title(f"Convergence gate {found.verdict.split(':')[0]}", source),
+        found.title(f"Convergence check {found.verdict.split(':')[0]}", source),
         found.warning,
     )
     table = pd.DataFrame(rows, columns=["parameter", "item", "chain", "x", "y"])

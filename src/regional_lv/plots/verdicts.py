@@ -1,5 +1,5 @@
 """What is known of posteriors without their draws: whose they are, which emulator was chosen, which
-passed their gate, and what a figure says of those that did not."""
+passed the convergence check, and what a figure says of those that did not."""
 
 import json
 from collections.abc import Sequence
@@ -56,8 +56,11 @@ def by_posteriors(paths: Sequence[Path]) -> dict[str, Path]:
 
 
 def warning_of(failed: int, cases: int, drawn: str = "") -> str:
-    """Sentence about posteriors that failed their gate, `drawn` in some way; empty if none did."""
+    """Sentence about posteriors that failed the convergence check; empty if none did.
+
+    drawn: how a figure shows them.
+    """
     if not failed:
         return ""
     how = f" ({drawn})" if drawn else ""
-    return f"{failed} OF {cases} POSTERIORS FAILED THEIR CONVERGENCE GATE{how}"
+    return f"{failed} OF {cases} POSTERIORS FAILED THEIR CONVERGENCE CHECK{how}"

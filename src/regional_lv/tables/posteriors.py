@@ -59,7 +59,7 @@ def variance_ratios(coverages: list[Path], parameters: Parameterisation) -> pd.D
     """Mean posterior over prior variance per parameter, a column per emulator (Table S2).
 
     coverages: `posteriors/<emulator>/test/coverage.csv`. The last column says how many of the
-    posteriors behind a row failed their gate, all emulators together.
+    posteriors behind a row failed the convergence check, all emulators together.
     """
     read = {
         name: pd.read_csv(paths[0]).set_index("parameter")
@@ -125,8 +125,9 @@ def recovery(coverage: Path) -> pd.DataFrame:
     """Accuracy on the test set per parameter, over all, and over cases with a soft zone.
 
     coverage: `coverage.csv`. Columns: parameter, cases, failed_cases (posteriors that did not pass
-    their gate; they count like the others), map_mse, mean_mse (of the posterior mean), crps,
-    variance_ratio (posterior to prior, mean over cases), then the other columns of `coverage`.
+    the convergence check; they count like the others), map_mse, mean_mse (of the posterior mean),
+    crps, variance_ratio (posterior to prior, mean over cases), then the other columns of
+    `coverage`.
     """
     table = pd.read_csv(coverage).rename(columns={"failed": "failed_cases", "mse": "map_mse"})
     first = ["parameter", "cases", "failed_cases", "map_mse", "mean_mse", "crps", "variance_ratio"]

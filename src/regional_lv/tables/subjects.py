@@ -31,10 +31,10 @@ def subjects(posteriors: list[Path], diagnostics: list[Path], sources: list[str]
 
 @written
 def convergence(posterior: Path, diagnostics: Path) -> pd.DataFrame:
-    """Convergence of one subject as the paper reports it (Table S6), beside this study's gate.
+    """Convergence of one subject as the paper reports it (Table S6), and this study's check.
 
     Columns: parameter, rhat (conventional), split_rhat, ess (bulk), rhat_rank (rank-normalised
-    and split: what the gate looks at), ess_tail, verdict.
+    and split: what the convergence check looks at), ess_tail, verdict.
     """
     one = read(posterior, diagnostics)
     checks = pd.read_csv(diagnostics).set_index("parameter")
