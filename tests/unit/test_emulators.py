@@ -841,6 +841,14 @@ class FromOutside(ExactGP):
     }
 
 
+def test_a_file_of_another_version_is_refused(tmp_path):
+    fit("exact_gp").save(tmp_path / "e.pt")
+    content = torch.load(tmp_path / "e.pt", weights_only=True)
+    torch.save(content | {"format": 1}, tmp_path / "old.pt")
+    with pytest.raises(InputError, match=r"old\.pt: another version.*train it again"):
+        emulators.load(tmp_path / "old.pt")
+
+
 @pytest.fixture
 def from_outside():
     with temporary():

@@ -17,6 +17,9 @@ from regional_lv.errors import InputError
 from regional_lv.parameters import Parameterisation
 from regional_lv.schema import load_schema
 
+FORMAT = 2
+"""Of emulator files: raised when what they hold changes."""
+
 OUTSIDE_QUANTILE = 0.99
 """Of the training inputs' distances to their nearest neighbours: what is farther is outside."""
 
@@ -312,6 +315,7 @@ class Emulator(ABC):
         """Everything that `from_content` needs, in tensors and plain values."""
         common = {key: getattr(self, key) for key in ("outputs", "settings", "info", *_TENSORS)}
         return {
+            "format": FORMAT,
             "emulator": self.name,
             "parameters": self.parameters.spec(),
             "common": common,
@@ -320,12 +324,18 @@ class Emulator(ABC):
 
     @classmethod
     def load(cls, path: str | Path) -> "Emulator":
-        """Read what `save` wrote. Raises InputError if another emulator wrote it."""
+        """Read what `save` wrote. Raises InputError if another emulator, or another version of the
+        project, wrote it."""
         return cls.from_content(torch.load(path, weights_only=True), path)
 
     @classmethod
     def from_content(cls, content: dict, path: str | Path) -> "Emulator":
         """The emulator of whose `content` this is; `path` is named in the error, as by `load`."""
+        if content.get("format") != FORMAT:
+            raise InputError(
+                f"{path}: another version of this project wrote this emulator; delete the file and "
+                "train it again"
+            )
         if content["emulator"] != cls.name:
             raise InputError(
                 f"{path}: holds the emulator {content['emulator']}, not {cls.name}; load it with "
