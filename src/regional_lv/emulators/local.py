@@ -19,7 +19,7 @@ from regional_lv.emulators.base import row_jacobian
 from regional_lv.emulators.kernels import Blocks, make_kernel, weighted_slopes
 from regional_lv.emulators.optimise import fit
 from regional_lv.emulators.reduced import ReducedEmulator, held_out
-from regional_lv.emulators.shared_kernel import fit_hyperparameters, regular, subset
+from regional_lv.emulators.shared_kernel import fit_hyperparameters, profile, subset
 from regional_lv.errors import InputError
 
 START_ROWS, START_ITERATIONS = 500, 60
@@ -118,18 +118,7 @@ class LocalModel(gpytorch.models.ExactGP):
         (K, 1, 1), constants (1, K) or (K, 1, 1), whitened scores less these, and 1' C^-1 1."""
         z = self.train_targets
         columns = z.T if self.joint else z[..., None]
-        both = torch.cat([columns, torch.ones_like(columns[..., :1])], -1)
-        white = torch.linalg.solve_triangular(factor, both, upper=False)
-        white, one = white[..., :-1], white[..., -1:]
-        total = one.square().sum(-2)
-        constant = (one.mT @ white) / total[..., None]
-        white = white - one * constant
-        n, d = columns.shape[-2:]
-        b = white.mT @ white / (n - 1)
-        if n <= d:
-            # No more simulations than scores leave B singular.
-            b = torch.diag_embed(b.diagonal(dim1=-2, dim2=-1))
-        return regular(b), constant, white, total
+        return profile(factor, columns)
 
     def loss(self) -> torch.Tensor:
         """Minus the restricted log likelihood, with the signal variances (or B) at their maximum;

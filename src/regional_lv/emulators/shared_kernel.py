@@ -88,16 +88,9 @@ class SharedKernelGP(gpytorch.models.ExactGP):
         matrix = self.covar_module(x).to_dense()
         matrix = matrix + self.likelihood.noise * torch.eye(n, dtype=x.dtype)
         factor = torch.linalg.cholesky(matrix)
-        both = torch.cat([y, torch.ones_like(y[:, :1])], dim=1)
-        white, one = torch.linalg.solve_triangular(factor, both, upper=False).split([d, 1], dim=1)
-        total = one.square().sum()
-        white = white - one * ((one.T @ white) / total)
-        b = regular(white.T @ white / (n - 1))
-        if n <= d:
-            # Fewer simulations than outputs leave B singular, and the likelihood without bound.
-            b = torch.diag(b.diagonal())
+        b, _, _, total = profile(factor, y)
         value = (n - 1) * torch.linalg.cholesky(b).diagonal().log().sum()
-        return value + d * (factor.diagonal().log().sum() + 0.5 * total.log())
+        return value + d * (factor.diagonal().log().sum() + 0.5 * total[0].log())
 
 
 BOUNDS = {"raw_lengthscale": (-2.0, 6.0), "raw_alpha": (-3.0, 5.0), "raw_noise": (-30.0, 0.0)}
@@ -214,6 +207,24 @@ def condition(
     solved = torch.cholesky_solve(constant.expand(*factor.shape[:-1], 1), factor)
     mean = solved.mT @ y / (solved.mT @ constant)
     return mean[..., 0, :], torch.cholesky_solve(y - constant * mean, factor)
+
+
+def profile(factor: torch.Tensor, y: torch.Tensor) -> tuple[torch.Tensor, ...]:
+    """What is most likely given the Cholesky factor (..., N, N) of the covariance matrix K: B
+    (..., D, D), constants (..., 1, D), outputs (..., N, D) whitened and less these, and 1' K^-1 1
+    (..., 1)."""
+    both = torch.cat([y, torch.ones_like(y[..., :1])], -1)
+    white = torch.linalg.solve_triangular(factor, both, upper=False)
+    white, one = white[..., :-1], white[..., -1:]
+    total = one.square().sum(-2)
+    constant = (one.mT @ white) / total[..., None]
+    white = white - one * constant
+    n, d = y.shape[-2:]
+    b = white.mT @ white / (n - 1)
+    if n <= d:
+        # No more simulations than outputs leave B singular, and the likelihood without bound.
+        b = torch.diag_embed(b.diagonal(dim1=-2, dim2=-1))
+    return regular(b), constant, white, total
 
 
 def regular(b: torch.Tensor) -> torch.Tensor:
