@@ -38,10 +38,12 @@ def scores(emulator, theta: np.ndarray, y: np.ndarray) -> dict[str, float]:
     moved = torch.linalg.solve(white.mT @ white, white.mT @ error)[..., 0]
     # Where errors have a t, a posterior is as wide as those tell that its maximum leaves.
     left = torch.as_tensor(y) - (slopes @ moved[..., None])[..., 0]
-    likelihood = Likelihood(emulator, left, Noise.none(emulator))
-    covariance = torch.linalg.inv(likelihood.information(at))
-    # A t is wider than the Gaussian with its curvature (`exact_gp.interval_factor`).
-    n = prediction.determinant_weight * (prediction.freedom + y.shape[1]) - theta.shape[1]
+    rows = zip(left, at, strict=True)
+    likelihoods = [Likelihood(emulator, one, Noise.none(emulator)).near(x) for one, x in rows]
+    pairs = zip(likelihoods, at, strict=True)
+    covariance = torch.linalg.inv(torch.stack([one.information(x) for one, x in pairs]))
+    # A t is wider than the Gaussian with its curvature (`recalibration.interval_factor`).
+    n = prediction.freedom + y.shape[1] - theta.shape[1]
     sd = (covariance.diagonal(dim1=-2, dim2=-1) * (1 + theta.shape[1] / n)).sqrt()
     z = (moved / sd).abs().numpy()
     inside = {f"cover{p}": float((z < stats.t.isf((1 - p / 100) / 2, n)).mean()) for p in (50, 95)}

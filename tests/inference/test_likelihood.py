@@ -9,7 +9,7 @@ import torch
 from scipy import stats
 
 from regional_lv.emulators import Emulator, Prediction, SeparablePrediction
-from regional_lv.inference.likelihood import Likelihood, Noise, draw_observations
+from regional_lv.inference.likelihood import Likelihood, Noise, inflate
 from regional_lv.parameters import Parameterisation
 
 PARAMETERS = Parameterisation()
@@ -112,7 +112,7 @@ def test_draws_with_a_t_are_large_or_small_together():
     emulator, rows = linear(0.3, freedom=7.0), 20000
     generator = torch.Generator().manual_seed(1)
     theta, none = THETA[:1].expand(rows, 10), torch.zeros(rows, 0, dtype=torch.float64)
-    draws = draw_observations(emulator, Noise.none(emulator), theta, none, generator)
+    draws = Likelihood(emulator, emulator.base, Noise.none(emulator)).draw(theta, none, generator)
     factor = torch.linalg.cholesky(emulator.matrix)
     errors = (draws - emulator.predict(THETA[0]).mean).T
     white = torch.linalg.solve_triangular(factor, errors, upper=False)
@@ -143,7 +143,8 @@ def test_information_is_the_expected_curvature(kind):
     position = torch.cat([THETA[0].log(), torch.zeros(groups, dtype=torch.float64)])
     many = position.expand(n, -1).clone().requires_grad_(True)
     theta, log_sigma = many[:, :10].exp(), many[:, 10:]
-    y = draw_observations(emulator, noise, theta.detach(), log_sigma.detach(), generator)
+    common = Likelihood(emulator, emulator.base, noise)
+    y = common.draw(theta.detach(), log_sigma.detach(), generator)
     value = Likelihood(emulator, y, noise).log_density(theta, log_sigma)
     (score,) = torch.autograd.grad(value.sum(), many)
     simulated = score.T @ score / n
@@ -163,6 +164,47 @@ def test_emulator_uncertainty_enters():
     torch.testing.assert_close(information[0], 4 * information[1])
 
 
+def test_errors_along_the_jacobian_have_a_variance_of_their_own():
+    """The generalised least-squares estimate stays, its variance is `factor` times as large, and
+    errors that no parameter explains are as likely as before."""
+    emulator = linear(0.3)
+    jacobian = emulator.slopes.clone()
+    jacobian[:, 3] = 0.0  # moves no output
+    moving = [i for i in range(10) if i != 3]
+    inflated = inflate(emulator.matrix, jacobian, 2.5)
+
+    def estimator(covariance):
+        weighted = torch.linalg.solve(covariance, jacobian[:, moving]).T
+        return torch.linalg.solve(weighted @ jacobian[:, moving], weighted)
+
+    torch.testing.assert_close(estimator(inflated), estimator(emulator.matrix))
+    before, after = (estimator(m) @ m @ estimator(m).T for m in (emulator.matrix, inflated))
+    torch.testing.assert_close(after, 2.5 * before)
+    torch.testing.assert_close(
+        torch.linalg.slogdet(inflated).logabsdet,
+        torch.linalg.slogdet(emulator.matrix).logabsdet + 9 * math.log(2.5),
+    )
+
+
+@pytest.mark.parametrize("kind", ["none", "known", "inferred"])
+@pytest.mark.parametrize("factor", [1.0, 1.7])
+def test_cases_together_have_the_densities_that_they_have_alone(kind, factor):
+    emulator = linear(0.3, 0.1, freedom=6.0)
+    emulator.jacobian_factor = factor
+    noise = noises(emulator)[kind]
+    common = Likelihood(emulator, emulator.base, noise)
+    parts = [common.at(emulator.base + i).near(at) for i, at in enumerate(THETA)]
+    theta = torch.stack([THETA, 1.1 * THETA], dim=1)  # (C, K, P)
+    log_sigma = torch.full((3, 2, len(noise.groups)), -0.5, dtype=torch.float64)
+    alone = torch.stack(
+        [one.log_density(t, s) for one, t, s in zip(parts, theta, log_sigma, strict=True)]
+    )
+    torch.testing.assert_close(Likelihood.together(parts).log_density(theta, log_sigma), alone)
+    if factor != 1.0:
+        plain = Likelihood.together([common.at(one.y) for one in parts])
+        assert (plain.log_density(theta, log_sigma) - alone).abs().min() > 1e-3
+
+
 def test_determinant_enters():
     """With nothing to choose between the means, the density prefers the smaller covariance."""
     emulator = linear(0.3, 0.5)
@@ -179,7 +221,8 @@ def test_draws_have_the_covariance_of_the_likelihood():
     noise = noises(emulator)["inferred"]
     theta = THETA[:1].expand(40000, -1)
     log_sigma = torch.tensor([[-1.0, 0.2, 0.5]], dtype=torch.float64).expand(40000, -1)
-    y = draw_observations(emulator, noise, theta, log_sigma, torch.Generator().manual_seed(2))
+    generator = torch.Generator().manual_seed(2)
+    y = Likelihood(emulator, emulator.base, noise).draw(theta, log_sigma, generator)
     expected = emulator.matrix + torch.diag(noise.variance(log_sigma[0]))
     scale = expected.diagonal().sqrt()
     assert ((y.T.cov() - expected) / torch.outer(scale, scale)).abs().max() < 0.04

@@ -654,11 +654,11 @@ def test_intervals_hold_the_share_that_they_state(freedom):
     across = size * rng.chisquare(4, 4000)
     factor = interval_factor(torch.as_tensor(moved)[:, None], torch.as_tensor(across), freedom, 5)
     shift = np.linspace(-60, 60, 6001)
-    square = across[:, None] + shift**2
+    square = across[:, None] + shift**2 / factor
     if np.isfinite(freedom):
-        density = (1 + square / freedom) ** (-(freedom + 5) / (2 * factor))
+        density = (1 + square / freedom) ** (-(freedom + 5) / 2)
     else:
-        density = np.exp(-0.5 * (square - across[:, None]) / factor)
+        density = np.exp(-0.5 * (square - across[:, None]))
     below = density.cumsum(1) / density.sum(1, keepdims=True)
     at = below[np.arange(4000), np.searchsorted(shift, moved)]
     assert factor > 1.2

@@ -17,7 +17,7 @@ from regional_lv.errors import InputError
 from regional_lv.parameters import Parameterisation
 from regional_lv.schema import load_schema
 
-FORMAT = 2
+FORMAT = 3
 """Of emulator files: raised when what they hold changes."""
 
 OUTSIDE_QUANTILE = 0.99
@@ -49,14 +49,6 @@ class SeparablePrediction(Prediction):
 
     The likelihood diagonalises `output_covariance` once instead of factorising at every theta.
 
-    determinant_weight: 1 / f for a covariance that was inflated by f to be right for inference.
-    Errors of the outputs are no larger than the covariance before says, but more of them lies in
-    the few directions in which theta moves the outputs. Inflating all directions for that makes
-    the distances to the data f times smaller; the log determinant has to give way by the same
-    factor, or it pulls the estimate to where the emulator is most certain. Together this is the
-    magnitude adjustment of a misspecified likelihood (Ribatet, Cooley and Davison 2012,
-    doi 10.5705/ss.2009.249), and it leaves the maximum where it was.
-
     freedom: nu of a multivariate t with this scale matrix, for errors of one simulation that are
     large or small together; infinite: Gaussian.
     """
@@ -66,19 +58,15 @@ class SeparablePrediction(Prediction):
         mean: torch.Tensor,
         variance: torch.Tensor,
         output_covariance: torch.Tensor,
-        determinant_weight: float = 1.0,
         freedom: float = math.inf,
     ):
         super().__init__(mean, output_covariance)
-        self.determinant_weight, self.freedom = determinant_weight, freedom
-        self.variance = variance
+        self.variance, self.freedom = variance, freedom
         self.output_covariance = output_covariance
 
     def at_variance(self, variance: torch.Tensor) -> "SeparablePrediction":
         """The same mean with another variance (...)."""
-        return SeparablePrediction(
-            self.mean, variance, self.output_covariance, self.determinant_weight, self.freedom
-        )
+        return SeparablePrediction(self.mean, variance, self.output_covariance, self.freedom)
 
     @property
     def covariance(self) -> torch.Tensor:
@@ -98,7 +86,6 @@ def join(predictions: Sequence[Prediction]) -> Prediction:
             mean,
             torch.cat([one.variance for one in predictions]),
             first.output_covariance,
-            first.determinant_weight,
             first.freedom,
         )
     return Prediction(mean, torch.cat([one.covariance for one in predictions]))
@@ -161,6 +148,9 @@ class Emulator(ABC):
     error_prior_scale: float | None = None
     """Scale of the half-normal prior on one unknown scale of the errors of all outputs, in training
     sd, for an emulator that leaves it to the likelihood; None: its covariance says it all."""
+    jacobian_factor: float = 1.0
+    """Factor on the variance of the errors along the columns of the Jacobian, which are what
+    inference mistakes for a change of theta (`likelihood.inflate`)."""
 
     def __init__(self, **settings):
         self.settings = _complete(type(self), settings)

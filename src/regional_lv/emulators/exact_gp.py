@@ -60,10 +60,11 @@ class ExactGP(Emulator):
 
     Settings: kernel; nugget, the smallest value added to the diagonal of the correlation matrix (a
     larger one is learnt where the data ask for it); iterations, L-BFGS iterations per start;
-    calibration: `variance_factor` multiplies the predictive variance by what makes 95 % intervals
-    of theta right for the leave-one-out errors of the training set, `variance_trend` by a power of
-    the mean stiffness first, `student` (the default) makes their distribution a multivariate t as
-    well, `none` leaves it as the likelihood has it. The kernel is the same everywhere, but outputs
+    calibration: `variance_factor` multiplies the variance of errors along the Jacobian by what
+    makes 95 % intervals of theta right for the leave-one-out errors of the training set,
+    `variance_trend` that of all errors by a power of the mean stiffness first, `student` (the
+    default) makes their distribution a multivariate t as well, `none` leaves it as the likelihood
+    has it. The kernel is the same everywhere, but outputs
     answer the more to theta the softer a heart is, and so do the errors; and errors of one
     simulation are large or small together, so that those that no theta explains tell how large
     those are that move the estimate.
@@ -201,13 +202,12 @@ class ExactGP(Emulator):
         return rough
 
     def _separable(self, mean, variance) -> SeparablePrediction:
-        return SeparablePrediction(
-            mean,
-            variance,
-            self.output_covariance,
-            determinant_weight=1 / self.calibration.factor,
-            freedom=self.calibration.freedom,
-        )
+        return SeparablePrediction(mean, variance, self.output_covariance, self.calibration.freedom)
+
+    @property
+    def jacobian_factor(self) -> float:
+        """As in the base class."""
+        return self.calibration.factor
 
     def predict_mean(self, theta: torch.Tensor) -> torch.Tensor:
         """As in the base class: a product with the weights, no triangular solve."""

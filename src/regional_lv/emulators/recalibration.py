@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 from scipy import stats
-from scipy.optimize import brentq, minimize
+from scipy.optimize import minimize
 from scipy.special import gammaln
 
 KINDS = ("none", "variance_factor", "variance_trend", "student")
@@ -28,8 +28,9 @@ what is right for their mean square is too narrow there."""
 class Calibration:
     """What a variance is multiplied by, and the distribution of the errors.
 
-    factor: makes 95 % intervals of theta right. trend: level and power (a, b) of a further factor,
-    exp(a + b times the mean of log theta). freedom: nu of a multivariate t; infinite: Gaussian.
+    trend: level and power (a, b) of a factor on the variance of all errors, exp(a + b times the
+    mean of log theta). freedom: nu of a multivariate t; infinite: Gaussian. factor: a further one
+    on errors along the Jacobian, which makes 95 % intervals of theta right.
     """
 
     factor: float = 1.0
@@ -37,10 +38,7 @@ class Calibration:
     freedom: float = math.inf
 
     def scale(self, theta: torch.Tensor) -> torch.Tensor:
-        """Factor (...) on the variance at `theta` (..., P)."""
-        return self.factor * self._of_trend(theta)
-
-    def _of_trend(self, theta: torch.Tensor) -> torch.Tensor:
+        """Factor (...) on the variance of all errors at `theta` (..., P)."""
         level, power = self.trend
         return torch.exp(level + power * theta.log().mean(-1))
 
@@ -64,7 +62,7 @@ class Calibration:
     def _judge(self, errors, slopes, theta):
         """After the trend: errors (N, P) of the estimates in predicted sd, and the squared lengths
         (N,) of what moves them and of the rest."""
-        errors = errors / self._of_trend(theta).sqrt()[:, None]
+        errors = errors / self.scale(theta).sqrt()[:, None]
         moved, along = estimates_move(slopes, errors)
         return moved, along, errors.square().sum(1) - along
 
@@ -142,25 +140,20 @@ def fit_freedom(along: torch.Tensor, across: torch.Tensor, inputs: int, others: 
 def interval_factor(
     moved: torch.Tensor, across: torch.Tensor, freedom: float, outputs: int
 ) -> float:
-    """Factor f >= 1 on the variance for which `JUDGED` intervals of theta hold that share of the
-    estimates' errors.
+    """Factor f >= 1 on the variance of errors along the Jacobian for which `JUDGED` intervals of
+    theta hold that share of the estimates' errors.
 
     moved: (N, P) errors of the estimates, in predicted sd; across: (N,) squared length of the
-    errors that no theta explains; freedom: nu of the errors' t, in `outputs` directions (D).
-    Inference takes the density to the power 1 / f (`SeparablePrediction.determinant_weight`). To
-    first order theta then has a t with n = (nu + D) / f - P degrees of freedom and the squared
-    scale (nu + across) / n, in units of the predicted variance; of Gaussian errors the variance f.
+    errors that no theta explains; freedom: nu of the errors' t, in `outputs` directions (D). To
+    first order theta has a t with n = nu + D - P degrees of freedom and the squared scale
+    f (nu + across) / n, in units of the predicted variance; of Gaussian errors the variance f
+    (`likelihood.inflate`).
     """
     share, inputs = 0.5 + 0.5 * JUDGED, moved.shape[1]
     if math.isinf(freedom):
-        return max(1.0, float(moved.abs().quantile(JUDGED) / stats.norm.ppf(share)) ** 2)
-    judged = float((moved.abs() / (freedom + across).sqrt()[:, None]).quantile(JUDGED))
-
-    def too_narrow(factor):
-        n = (freedom + outputs) / factor - inputs
-        return judged * n**0.5 - stats.t.ppf(share, n)
-
-    widest = (freedom + outputs) / (inputs + 1)  # n = 1
-    if too_narrow(1.0) <= 0:
-        return 1.0
-    return float(brentq(too_narrow, 1.0, widest)) if too_narrow(widest) < 0 else widest
+        half_width = stats.norm.ppf(share)
+    else:
+        n = freedom + max(outputs - inputs, 0)
+        moved = moved / ((freedom + across) / n).sqrt()[:, None]
+        half_width = stats.t.ppf(share, n)
+    return max(1.0, float(moved.abs().quantile(JUDGED) / half_width) ** 2)

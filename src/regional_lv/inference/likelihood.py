@@ -1,6 +1,7 @@
 """How probable the observed outputs are at theta: emulator error and measurement noise together."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import pandas as pd
@@ -116,26 +117,40 @@ class Likelihood:
     known but for one scale, both are made diagonal once: with B = L L' and
     L^-1 R L^-T = U diag(rho) U', the covariance v B + R has the variances v + rho along the columns
     of L^-T U.
+
+    jacobian: d(mean)/d(theta) (D, P) about where the posterior is; B is `inflate`d along it by the
+    emulator's `jacobian_factor` then. See `near`.
     """
 
-    def __init__(self, emulator: Emulator, y: torch.Tensor, noise: Noise):
-        self.emulator, self.y, self.noise = emulator, y, noise
+    def __init__(
+        self,
+        emulator: Emulator,
+        y: torch.Tensor,
+        noise: Noise,
+        jacobian: torch.Tensor | None = None,
+    ):
+        self.emulator, self.y, self.noise, self.jacobian = emulator, y, noise, jacobian
         with torch.no_grad():
             prediction = emulator.predict((emulator.lower * emulator.upper).sqrt())
         self.separable = isinstance(prediction, SeparablePrediction)
         self._whiten, self._freedom = None, math.inf
+        if self.separable:
+            self._output_covariance = prediction.output_covariance
+            if jacobian is not None:
+                self._output_covariance = inflate(
+                    prediction.output_covariance, jacobian, emulator.jacobian_factor
+                )
         # The sd of R, to be multiplied by the one unknown scale if there is one.
         unit = noise.sd
         if len(noise.groups) == 1 and not (noise.sd > 0).any():
             (unit,) = noise.groups.values()
         if self.separable and (unit is not noise.sd or not noise.groups):
-            factor = torch.linalg.cholesky(prediction.output_covariance)
+            factor = torch.linalg.cholesky(self._output_covariance)
             half = torch.linalg.solve_triangular(factor, torch.diag(unit), upper=False)
             rho, basis = torch.linalg.eigh(half @ half.T)
             inverse_rows = torch.linalg.solve_triangular(factor.T, basis, upper=True)
             self._whiten = inverse_rows.contiguous()  # residual @ this is whitened, (D, D)
             self._rho = rho.clamp(min=0.0)
-            self._weight = prediction.determinant_weight
             self._freedom = noise.freedom_beside(prediction)
             self._constant = -factor.diagonal().log().sum() - 0.5 * len(rho) * LOG_2PI
 
@@ -170,12 +185,27 @@ class Likelihood:
         other.emulator = rough
         return other
 
-    def with_full_determinant(self) -> "Likelihood":
-        """The density that the emulator's predictions are drawn from (`draw_observations`): a log
-        determinant with a smaller weight belongs to no model."""
-        other = self.at(self.y)
-        other._weight = 1.0
-        return other
+    def near(self, theta: torch.Tensor) -> "Likelihood":
+        """The same observations with the emulator's errors as large as they are along the Jacobian
+        at `theta` (P,), about where the posterior is; itself for an emulator that is none the worse
+        there."""
+        if not self.separable or self.emulator.jacobian_factor == 1.0:
+            return self
+        jacobian = self.emulator.linearise(theta[None])[1][0]
+        return Likelihood(self.emulator, self.y, self.noise, jacobian)
+
+    @staticmethod
+    def together(parts: Sequence["Likelihood"]) -> "Likelihood":
+        """Those of C cases with the same emulator and noise as one, about theta (C, K, P)."""
+        joint = parts[0].at(torch.stack([part.y for part in parts])[:, None])
+        if any(part.jacobian is not None for part in parts):
+            covariances = [part._output_covariance for part in parts]
+            joint._output_covariance = torch.stack(covariances)[:, None]
+            if joint._whiten is not None:
+                joint._whiten = torch.stack([part._whiten for part in parts])
+                joint._rho = torch.stack([part._rho for part in parts])[:, None]
+                joint._constant = torch.stack([part._constant for part in parts])[:, None]
+        return joint
 
     def tempered(self, level: float) -> "Likelihood":
         """The same observations with further noise of `level` training sd on every output."""
@@ -199,7 +229,7 @@ class Likelihood:
 
     def _with_noise(self, sd: torch.Tensor) -> "Likelihood":
         more = (self.noise.sd.square() + sd.square()).sqrt()
-        return Likelihood(self.emulator, self.y, replace(self.noise, sd=more))
+        return Likelihood(self.emulator, self.y, replace(self.noise, sd=more), self.jacobian)
 
     def log_density(
         self, theta: torch.Tensor, log_sigma: torch.Tensor | None = None
@@ -217,35 +247,61 @@ class Likelihood:
             variances = prediction.variance[..., None] + scale * self._rho
             white = residual @ self._whiten
             length = self.of_length((white * white / variances).sum(-1))
-            return self._constant - length - 0.5 * self._weight * variances.log().sum(-1)
-        return _LogNormal.apply(residual, self._covariance(prediction, log_sigma))
+            return self._constant - length - 0.5 * variances.log().sum(-1)
+        return _LogNormal.apply(residual, self.covariance(prediction, log_sigma))
 
     def of_length(self, square: torch.Tensor) -> torch.Tensor:
         """What the squared length (...) of whitened residuals takes from the log density.
 
-        Of the t, weighted as the determinant is (`SeparablePrediction`), w (nu + D) / 2 times
-        log(1 + square / (w nu)); square / 2 in the limit of a Gaussian.
+        Of the t, (nu + D) / 2 times log(1 + square / nu); square / 2 in the limit of a Gaussian.
         """
         if math.isinf(self._freedom):
             return 0.5 * square
-        nu, weight, outputs = self._freedom, self._weight, self.y.shape[-1]
+        nu, outputs = self._freedom, self.y.shape[-1]
         constant = math.lgamma(nu / 2) - math.lgamma((nu + outputs) / 2)
         constant += 0.5 * outputs * math.log(nu / 2)
-        power = 0.5 * weight * (nu + outputs)
-        return constant + power * torch.log1p(square / (weight * nu))
+        return constant + 0.5 * (nu + outputs) * torch.log1p(square / nu)
 
     def of_length_slope(self, square: torch.Tensor) -> torch.Tensor:
         """Twice the slope (...) of `of_length`: what the errors' precision is multiplied by when
         their size is known to be that of the residuals."""
         if math.isinf(self._freedom):
             return torch.ones_like(square)
-        nu, weight, outputs = self._freedom, self._weight, self.y.shape[-1]
-        return weight * (nu + outputs) / (weight * nu + square)
+        return (self._freedom + self.y.shape[-1]) / (self._freedom + square)
 
-    def _covariance(self, prediction, log_sigma) -> torch.Tensor:
+    def covariance(
+        self, prediction: Prediction, log_sigma: torch.Tensor | None = None
+    ) -> torch.Tensor:
+        """Of the observations (..., D, D) where the emulator predicts `prediction`."""
         if log_sigma is None:
             log_sigma = torch.zeros(*prediction.mean.shape[:-1], 0, dtype=torch.float64)
-        return prediction.covariance + torch.diag_embed(self.noise.variance(log_sigma))
+        error = prediction.covariance
+        if self.separable:
+            error = prediction.variance[..., None, None] * self._output_covariance
+        return error + torch.diag_embed(self.noise.variance(log_sigma))
+
+    def draw(
+        self, theta: torch.Tensor, log_sigma: torch.Tensor, generator: torch.Generator
+    ) -> torch.Tensor:
+        """One draw of the outputs (S, D), natural units, per row of `theta` (S, P) and `log_sigma`
+        (S, G), from this density: the emulator's error and the measurement noise included."""
+        with torch.no_grad():
+            prediction = self.emulator.predict(theta)
+            mean = prediction.mean
+            deviates = torch.randn(mean.shape, generator=generator, dtype=torch.float64)
+            if self.separable:
+                factor = torch.linalg.cholesky(self._output_covariance)
+                error = prediction.variance[:, None].sqrt() * (deviates @ factor.T)
+                freedom = self.noise.freedom_beside(prediction)
+                if math.isfinite(freedom):
+                    share = torch.rand((len(theta), 1), generator=generator, dtype=torch.float64)
+                    chi2 = torch.as_tensor(stats.chi2.ppf(share.numpy(), freedom))
+                    error = error * (freedom / chi2).sqrt()
+            else:
+                factor = torch.linalg.cholesky(prediction.covariance)
+                error = (factor @ deviates[..., None])[..., 0]
+            more = torch.randn(mean.shape, generator=generator, dtype=torch.float64)
+            return mean + error + more * self.noise.variance(log_sigma).sqrt()
 
     def information(
         self, theta: torch.Tensor, log_sigma: torch.Tensor | None = None
@@ -275,7 +331,7 @@ class Likelihood:
             return self._dense_information(theta, log_sigma, prediction, jacobian, variance_slope)
 
     def _dense_information(self, theta, log_sigma, prediction, jacobian, variance_slope):
-        factor = torch.linalg.cholesky(self._covariance(prediction, log_sigma))
+        factor = torch.linalg.cholesky(self.covariance(prediction, log_sigma))
         white = torch.linalg.solve_triangular(factor, jacobian, upper=False)
         p, g = jacobian.shape[-1], len(self.noise.groups)
         information = torch.zeros(*theta.shape[:-1], p + g, p + g, dtype=theta.dtype)
@@ -288,7 +344,7 @@ class Likelihood:
         to_parameters = torch.zeros(*theta.shape[:-1], len(changes), p + g, dtype=theta.dtype)
         to_parameters[..., range(g), range(p, p + g)] = 1.0
         if self.separable:
-            changes.insert(0, prediction.output_covariance.expand(*theta.shape[:-1], -1, -1))
+            changes.insert(0, self._output_covariance.expand(*theta.shape[:-1], -1, -1))
             row = torch.zeros(*theta.shape[:-1], 1, p + g, dtype=theta.dtype)
             row[..., 0, :p] = variance_slope * theta
             to_parameters = torch.cat([row, to_parameters], dim=-2)
@@ -303,6 +359,22 @@ class Likelihood:
             )
             information = information + to_parameters.mT @ fisher @ to_parameters
         return information
+
+
+def inflate(covariance: torch.Tensor, jacobian: torch.Tensor, factor: float) -> torch.Tensor:
+    """B + (f - 1) J (J' B^-1 J)^-1 J': a covariance B (D, D) of errors with `factor` f times the
+    variance along the columns of the Jacobian J (D, P), and the same variance across them.
+
+    Errors along the Jacobian are what inference mistakes for a change of theta, and an emulator's
+    covariance, the same for all theta, can be right for the mean square of all errors and wrong
+    there. The generalised least-squares estimate is that of B, with f times its variance.
+    """
+    half = torch.linalg.cholesky(covariance)
+    white = torch.linalg.solve_triangular(half, jacobian, upper=False)
+    basis, size, _ = torch.linalg.svd(white, full_matrices=False)
+    # A parameter that moves no output has no direction.
+    moved = half @ (basis * (size > 1e-8 * size[..., :1])[..., None, :])
+    return covariance + (factor - 1) * moved @ moved.mT
 
 
 class _LogNormal(torch.autograd.Function):
@@ -330,30 +402,3 @@ class _LogNormal(torch.autograd.Function):
         alpha, factor = ctx.saved_tensors
         by_covariance = 0.5 * (alpha * alpha.mT - torch.cholesky_inverse(factor))
         return -by_value[..., None] * alpha[..., 0], by_value[..., None, None] * by_covariance
-
-
-def draw_observations(
-    emulator: Emulator,
-    noise: Noise,
-    theta: torch.Tensor,
-    log_sigma: torch.Tensor,
-    generator: torch.Generator,
-) -> torch.Tensor:
-    """One draw of the outputs (S, D), natural units, per row of `theta` (S, P): posterior
-    predictive with the emulator's error and the measurement noise."""
-    with torch.no_grad():
-        prediction = emulator.predict(theta)
-        deviates = torch.randn(prediction.mean.shape, generator=generator, dtype=torch.float64)
-        if isinstance(prediction, SeparablePrediction):
-            factor = torch.linalg.cholesky(prediction.output_covariance)
-            error = prediction.variance[:, None].sqrt() * (deviates @ factor.T)
-            freedom = noise.freedom_beside(prediction)
-            if math.isfinite(freedom):
-                share = torch.rand((len(theta), 1), generator=generator, dtype=torch.float64)
-                chi2 = torch.as_tensor(stats.chi2.ppf(share.numpy(), freedom))
-                error = error * (freedom / chi2).sqrt()
-        else:
-            factor = torch.linalg.cholesky(prediction.covariance)
-            error = (factor @ deviates[..., None])[..., 0]
-        more = torch.randn(prediction.mean.shape, generator=generator, dtype=torch.float64)
-        return prediction.mean + error + more * noise.variance(log_sigma).sqrt()

@@ -113,9 +113,9 @@ class Target:
         one_emulator = all(t.likelihood.emulator is first.emulator for t in targets)
         if isinstance(box, Shell) or not one_emulator:
             return _Separate(targets)
-        y = torch.stack([target.likelihood.y for target in targets])[:, None]
+        likelihood = Likelihood.together([target.likelihood for target in targets])
         width = torch.stack([target.box.width for target in targets])[:, None]
-        return cls(first.at(y), Box(box.lower, box.upper, width))
+        return cls(likelihood, Box(box.lower, box.upper, width))
 
     @classmethod
     def near(cls, likelihood: Likelihood, theta: torch.Tensor, log_sigma: torch.Tensor) -> "Target":

@@ -15,7 +15,7 @@ from scipy import stats
 from statsmodels.stats.multitest import multipletests
 
 from regional_lv import emulators
-from regional_lv.inference.likelihood import Likelihood, draw_observations
+from regional_lv.inference.likelihood import Likelihood
 from regional_lv.inference.nuts import verdict
 from regional_lv.inference.sampling import SAMPLERS, Sampled, Sampling, error_model
 from regional_lv.seeds import derive
@@ -43,8 +43,7 @@ def calibrate_chain(
     """Ranks of `cases` prior draws, their histogram and its tests (three CSV).
 
     simulations: screened table; a local emulator trains around the simulation nearest to the prior
-    draw, and that fit both makes the outputs and infers from them. The log determinant counts in
-    full here (see `SeparablePrediction`): with less, there is no model to draw from.
+    draw, and that fit both makes the outputs and infers from them.
 
     ranks: case, parameter, rank, draws, verdict. `tabulate` and `test_ranks` say what is in the
     others.
@@ -62,9 +61,9 @@ def calibrate_chain(
     for at, scale in zip(theta, log_sigma, strict=True):
         nearest = np.abs(np.log(known / at.numpy())).sum(axis=1).argmin()
         local = emulator.localise(torch.as_tensor(outputs[nearest]))
-        y = draw_observations(local, noise, at[None], scale[None], generator)[0]
         if common is None or local is not emulator:
-            common = Likelihood(local, y, noise).with_full_determinant()
+            common = Likelihood(local, local.output_mean, noise)
+        y = common.near(at).draw(at[None], scale[None], generator)[0]
         likelihoods.append(common.at(y))
     how = Sampling(nuts, point, seed, "calibration")
     names, size = [str(i) for i in range(cases)], nuts["cases_per_batch"]

@@ -19,7 +19,7 @@ from regional_lv.emulators.base import Emulator
 from regional_lv.errors import InputError
 from regional_lv.inference.diagnostics import diagnose
 from regional_lv.inference.hmc import ATTEMPTS, sample_batch
-from regional_lv.inference.likelihood import Likelihood, Noise, draw_observations
+from regional_lv.inference.likelihood import Likelihood, Noise
 from regional_lv.inference.nuts import Draws, Settings, sample_in_step, verdict
 from regional_lv.inference.point import Candidates, PointEstimate, find_map
 from regional_lv.measured import read_measured
@@ -115,10 +115,16 @@ def make_likelihoods(emulator: Emulator, y: torch.Tensor, noise: Noise) -> list[
     return [Likelihood(one, row, noise) for one, row in zip(local, y, strict=True)]
 
 
+def _near(likelihoods: Sequence[Likelihood], maxima: Sequence[PointEstimate]) -> list[Likelihood]:
+    """Those whose densities are sampled, errors along the Jacobian at the maxima included."""
+    return [one.near(best.theta[0]) for one, best in zip(likelihoods, maxima, strict=True)]
+
+
 def sample_cases(likelihoods: Sequence[Likelihood], cases: Sequence[str], how: Sampling) -> Sampled:
     """Maximum, then NUTS, of every case."""
     progress = Progress(f"{likelihoods[0].emulator.name}, {how.set_name}: posteriors", len(cases))
     maxima, draws = how.find_maxima(likelihoods), []
+    likelihoods = _near(likelihoods, maxima)
     # One by one, for the same reason as the maxima.
     for one in zip(likelihoods, maxima, cases, strict=True):
         draws += how.by_nuts(*([part] for part in one))
@@ -137,6 +143,7 @@ def sample_together(
     """
     name, settings = likelihoods[0].emulator.name, how.settings
     maxima = how.find_maxima(likelihoods, together=True)
+    likelihoods = _near(likelihoods, maxima)
     draws: list = [None] * len(cases)
     samplers, waiting = ["hmc"] * len(cases), list(range(len(cases)))
     progress = Progress(f"{name}, {how.set_name}: posteriors", len(cases))
@@ -327,7 +334,7 @@ def predict_observations(sampled: Sampled, seed: int) -> np.ndarray:
     theta = torch.as_tensor(draws.theta).reshape(-1, draws.theta.shape[-1])
     log_sigma = torch.log(torch.as_tensor(draws.sigma)).reshape(len(theta), -1)
     parts = [
-        draw_observations(likelihood.emulator, likelihood.noise, t, s, generator)
+        likelihood.draw(t, s, generator)
         for t, s in zip(theta.split(256), log_sigma.split(256), strict=True)
     ]
     return torch.cat(parts).reshape(*draws.theta.shape[:2], -1).numpy()

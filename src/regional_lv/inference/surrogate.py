@@ -139,8 +139,7 @@ class Polynomial(Surrogate):
     def fit(cls, target: Target, frame: Frame, position, potential, prediction) -> "Polynomial":
         """From exact evaluations: `potential` (M,) and `prediction` at `position` (M, P)."""
         best, likelihood = potential.argmin(), target.likelihood
-        spread = prediction.covariance[best] + torch.diag(likelihood.noise.sd.square())
-        factor = torch.linalg.cholesky(spread)
+        factor = torch.linalg.cholesky(likelihood.covariance(prediction)[best])
         residual = (likelihood.y - prediction.mean).T
         white = torch.linalg.solve_triangular(factor, residual, upper=False).T
         features, weight = frame.features(position), _weights(potential)
