@@ -99,7 +99,7 @@ def test_posteriors_and_their_tables(study):
     path = folder / "p.nc"
     sampling.sample_set_batch(
         *(folder / "e.pt", folder / "scenario.parquet", "local", "0000", 1, 2, None),
-        *("hmc", NUTS, POINT, 1, path),
+        *("importance", NUTS, POINT, 1, path),
     )
     data = az.from_netcdf(path)
     assert parameters_of(data) == parameters
@@ -133,7 +133,8 @@ def test_posteriors_and_their_tables(study):
 def test_ranks_of_the_chain(study):
     parameters, folder = study
     files = [folder / f"sbc_{name}.csv" for name in ("ranks", "histogram", "tests")]
-    calibrate_chain(*(folder / "e.pt", folder / "train.parquet", 2, "hmc", NUTS, POINT, 1), *files)
+    of_study = folder / "e.pt", folder / "train.parquet", 2, "importance", NUTS, POINT, 1
+    calibrate_chain(*of_study, *files)
     ranks, _, tests = (pd.read_csv(file) for file in files)
     assert len(ranks) == 2 * len(parameters)
     assert tests["parameter"].tolist() == [*parameters.names, "all"]
@@ -149,7 +150,7 @@ def test_noisy_sets_leave_out_what_has_no_noise():
     assert (noisy[:, np.invert(torsion)] != 1).all()
 
 
-@pytest.mark.parametrize("sampler", ["hmc", "nuts"])
+@pytest.mark.parametrize("sampler", ["importance", "nuts"])
 def test_subject_with_torsion_and_two_loads(study, sampler, tmp_path):
     """Strains and torsion without sd: a noise scale for each, at both loads the same."""
     parameters, folder = study
@@ -168,7 +169,7 @@ def test_subject_with_torsion_and_two_loads(study, sampler, tmp_path):
     assert list(likelihood.noise.groups) == ["circumferential", "torsion"]
     few = NUTS | {"warmup": 30, "draws": 20, "rhat_max": 10.0, "ess_min": 0}
     how = sampling.Sampling(few, POINT, 1, "subjects")
-    sampled = sampling.SAMPLERS[sampler]([likelihood], ["someone"], how)
+    sampled = sampling.sample_cases([likelihood], ["someone"], how, sampler)
     data = sampling.to_inference_data(sampled, few)
     assert data.posterior["sigma"].shape[-1] == 2
     theta = data.posterior["theta"].to_numpy()

@@ -29,7 +29,7 @@ def posteriors(study):
     path = study / "checks.nc"
     sampling.sample_set_batch(
         *(study / "emulator.pt", study / "scenario.parquet", "test", 0, 1, 4, None),
-        *("hmc", FEW, POINT, 1, path),
+        *("importance", FEW, POINT, 1, path),
     )
     return path
 
@@ -58,7 +58,7 @@ def test_zones_are_told_apart(study, posteriors):
 
 def test_samplers_are_compared(study, posteriors):
     files = study / "emulator.pt", [posteriors]
-    compare_samplers(*files, 1, FEW, POINT, 1, study / "agreement.csv")
+    compare_samplers(*files, "test", 1, None, FEW, POINT, 1, study / "agreement.csv")
     table = pd.read_csv(study / "agreement.csv")
     assert tuple(table.columns) == COLUMNS and len(table) == 10
     assert (table["mean_difference_in_sd"].abs() < 6 * table["monte_carlo_error"]).all()
@@ -69,14 +69,14 @@ def test_no_case_of_the_fast_sampler_is_no_error(study, posteriors):
     data.constant_data["sampler"][:] = "nuts"
     sampling.write(data, study / "by_nuts.nc")
     files = study / "emulator.pt", [study / "by_nuts.nc"]
-    compare_samplers(*files, 1, FEW, POINT, 1, study / "agreement.csv")
+    compare_samplers(*files, "test", 1, None, FEW, POINT, 1, study / "agreement.csv")
     assert pd.read_csv(study / "agreement.csv").empty
 
 
 def test_chain_is_calibrated(study):
     names = [study / f"sbc_{name}.csv" for name in ("ranks", "histogram", "tests")]
     files = study / "emulator.pt", study / "test.parquet"
-    calibrate_chain(*files, 6, "hmc", FEW, POINT, 1, *names)
+    calibrate_chain(*files, 6, "importance", FEW, POINT, 1, *names)
     ranks, histogram, tests = (pd.read_csv(name) for name in names)
     assert len(ranks) == 60 and ranks["rank"].between(0, 99).all()
     # Six cases prove little, but that no rank of sixty is stuck at an end they do.
@@ -114,7 +114,7 @@ def test_noise_priors_are_compared(study):
             study / "emulator.pt",
             study / "subject.csv",
             "someone",
-            "hmc",
+            "importance",
             FEW,
             POINT,
             0.2,

@@ -186,25 +186,6 @@ def test_errors_along_the_jacobian_have_a_variance_of_their_own():
     )
 
 
-@pytest.mark.parametrize("kind", ["none", "known", "inferred"])
-@pytest.mark.parametrize("factor", [1.0, 1.7])
-def test_cases_together_have_the_densities_that_they_have_alone(kind, factor):
-    emulator = linear(0.3, 0.1, freedom=6.0)
-    emulator.jacobian_factor = factor
-    noise = noises(emulator)[kind]
-    common = Likelihood(emulator, emulator.base, noise)
-    parts = [common.at(emulator.base + i).near(at) for i, at in enumerate(THETA)]
-    theta = torch.stack([THETA, 1.1 * THETA], dim=1)  # (C, K, P)
-    log_sigma = torch.full((3, 2, len(noise.groups)), -0.5, dtype=torch.float64)
-    alone = torch.stack(
-        [one.log_density(t, s) for one, t, s in zip(parts, theta, log_sigma, strict=True)]
-    )
-    torch.testing.assert_close(Likelihood.together(parts).log_density(theta, log_sigma), alone)
-    if factor != 1.0:
-        plain = Likelihood.together([common.at(one.y) for one in parts])
-        assert (plain.log_density(theta, log_sigma) - alone).abs().min() > 1e-3
-
-
 def test_determinant_enters():
     """With nothing to choose between the means, the density prefers the smaller covariance."""
     emulator = linear(0.3, 0.5)

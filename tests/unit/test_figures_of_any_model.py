@@ -366,8 +366,8 @@ def test_checks_of_the_chain(parameters, tmp_path, paths):
     pd.DataFrame(rows, columns=columns).to_csv(tmp_path / "r.csv", index=False)
     resimulation.draw(tmp_path / "r.csv", *paths)
     assert list(read(paths)["quantity"].unique()) == list(CHANNELS.quantities)
-    rows = [("1", name, 0.05, 1.0, True) for name in parameters.names]
-    columns = "case parameter mean_difference_in_sd sd_ratio agrees".split()
+    rows = [("test", "1", name, 0.05, 1.0, True) for name in parameters.names]
+    columns = "set case parameter mean_difference_in_sd sd_ratio agrees".split()
     pd.DataFrame(rows, columns=columns).to_csv(tmp_path / "a.csv", index=False)
     sampler_agreement.draw(tmp_path / "a.csv", parameters, *paths)
     assert len(read(paths)) == len(parameters)

@@ -4,20 +4,72 @@
 rule compare_samplers:
     input:
         emulator_file=f"{R}/emulators/{{emulator}}.pt",
-        posteriors=lambda wildcards: posterior_files(wildcards.emulator, "test"),
+        posteriors=lambda wildcards: posterior_files(wildcards.emulator, wildcards.set),
     output:
-        table=f"{R}/posteriors/{{emulator}}/sampler_agreement.csv",
+        table=f"{R}/posteriors/{{emulator}}/{{set}}/sampler_agreement.csv",
     params:
         call="inference.agreement:compare_samplers",
+        set_name=lambda wildcards: wildcards.set,
         cases=config["trust"]["agreement_cases"],
+        noise=lambda wildcards: config["scenarios"]["noise"] if wildcards.set in NOISY else None,
         nuts=config["nuts"],
         point=config["map"],
         seed=config["seed"],
+    wildcard_constraints:
+        set=any_of(SETS),
     log:
-        f"{LOGS}/posteriors/{{emulator}}/compare_samplers.log",
+        f"{LOGS}/posteriors/{{emulator}}/{{set}}/compare_samplers.log",
     benchmark:
-        f"{R}/benchmarks/posteriors/{{emulator}}/compare_samplers.tsv"
+        f"{R}/benchmarks/posteriors/{{emulator}}/{{set}}/compare_samplers.tsv"
     threads: 1
+    conda:
+        "../../envs/statistics.yaml"
+    script:
+        "../scripts/call.py"
+
+
+rule compare_subject:
+    input:
+        emulator_file=f"{R}/emulators/{{emulator}}.pt",
+        measured=f"{R}/measured/{{subject}}.csv",
+        posterior=f"{R}/posteriors/{{emulator}}/subjects/{{subject}}.nc",
+    output:
+        table=f"{R}/posteriors/{{emulator}}/subjects/{{subject}}_sampler_agreement.csv",
+    params:
+        call="inference.agreement:compare_subject",
+        nuts=SUBJECT_NUTS,
+        point=config["map"],
+        noise_prior_scale=config["clinical"]["noise_prior_scale"],
+        seed=config["seed"],
+    wildcard_constraints:
+        subject=any_of(SUBJECTS),
+    log:
+        f"{LOGS}/posteriors/{{emulator}}/subjects/{{subject}}_sampler_agreement.log",
+    benchmark:
+        f"{R}/benchmarks/posteriors/{{emulator}}/subjects/{{subject}}_sampler_agreement.tsv"
+    threads: 1
+    conda:
+        "../../envs/statistics.yaml"
+    script:
+        "../scripts/call.py"
+
+
+rule gather_agreement:
+    input:
+        tables=expand(
+            f"{R}/posteriors/{{{{emulator}}}}/{{set}}/sampler_agreement.csv",
+            set=["test", *SCENARIOS, *NOISY],
+        )
+        + expand(
+            f"{R}/posteriors/{{{{emulator}}}}/subjects/{{subject}}_sampler_agreement.csv",
+            subject=SUBJECTS,
+        ),
+    output:
+        table=f"{R}/posteriors/{{emulator}}/sampler_agreement.csv",
+    params:
+        call="inference.agreement:gather",
+    log:
+        f"{LOGS}/posteriors/{{emulator}}/gather_agreement.log",
     conda:
         "../../envs/statistics.yaml"
     script:

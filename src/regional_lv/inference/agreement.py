@@ -1,6 +1,5 @@
-"""Does the fast sampler agree with Pyro's NUTS?"""
+"""Does importance sampling agree with Pyro's NUTS?"""
 
-import logging
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -10,10 +9,14 @@ import pandas as pd
 import torch
 
 from regional_lv import emulators
-from regional_lv.inference.sampling import Sampling, error_model, make_likelihoods
+from regional_lv.inference.sampling import (
+    Sampled,
+    Sampling,
+    likelihoods_of_set,
+    sample_cases,
+    subject_likelihood,
+)
 from regional_lv.seeds import derive
-
-log = logging.getLogger(__name__)
 
 MEANS, SDS = 0.1, 0.1
 """Largest difference of means, in posterior sd, and of sds, relative, that counts as agreement."""
@@ -22,53 +25,84 @@ MEANS, SDS = 0.1, 0.1
 def compare_samplers(
     emulator_file: str | Path,
     posteriors: Sequence[str | Path],
+    set_name: str,
     cases: int,
+    noise: dict | None,
     nuts: dict,
     point: dict,
     seed: int,
     table: str | Path,
 ) -> None:
-    """Sample random cases of the test set by NUTS and compare with batched HMC (CSV).
+    """Sample random cases of a set by NUTS and compare with importance sampling (CSV).
 
-    posteriors: batches of the test set. cases: how many to draw among those that batched HMC
-    sampled; all if there are fewer. Columns: case, parameter, mean_fast, mean_nuts, sd_fast,
-    sd_nuts, mean_difference_in_sd, its Monte Carlo error, sd_ratio, agrees.
+    posteriors: batches of the set. cases: how many to draw among those that were sampled by
+    importance; all if there are fewer. noise: as in `sampling.sample_set_batch`. For the columns
+    see `COLUMNS`.
     """
-    batches = [az.from_netcdf(path) for path in posteriors]
     fast = {
-        str(case): (data, case)
-        for data in batches
+        str(case): data.sel(case=case)
+        for data in map(az.from_netcdf, posteriors)
         for case in data.posterior["case"].to_numpy()
-        if str(data.constant_data["sampler"].sel(case=case).item()) == "hmc"
+        if str(data.constant_data["sampler"].sel(case=case).item()) == "importance"
     }
-    names = sorted(fast)
-    rng = np.random.default_rng(derive(seed, "agreement"))
-    chosen = sorted(rng.choice(names, min(cases, len(names)), replace=False)) if names else []
-    emulator, kind = error_model(emulators.load(emulator_file))
-    how, rows = Sampling(nuts, point, seed, "test"), []
+    rng = np.random.default_rng(derive(seed, "agreement", set_name))
+    chosen = sorted(rng.choice(sorted(fast), min(cases, len(fast)), replace=False)) if fast else []
+    rows = []
     if chosen:
-        data = [fast[case] for case in chosen]
-        y = [one.observed_data["y"].sel(case=label).to_numpy() for one, label in data]
-        likelihoods = make_likelihoods(emulator, torch.as_tensor(np.stack(y)), kind)
-        log.info("%s: %d posteriors by NUTS, in step", emulator.name, len(chosen))
-        reference = how.by_nuts(likelihoods, how.find_maxima(likelihoods), chosen)
-        for case, (one, label), draws in zip(chosen, data, reference, strict=True):
-            ours = one.posterior["theta"].sel(case=label).transpose("chain", "draw", "parameter")
-            rows += compare(case, ours.to_numpy(), draws.theta, emulator.parameters.names)
+        observed = [fast[case].observed_data["y"] for case in chosen]
+        emulator = emulators.load(emulator_file).select(observed[0]["output"].to_numpy().tolist())
+        y = torch.as_tensor(np.stack([one.to_numpy() for one in observed]))
+        likelihoods = likelihoods_of_set(emulator, y, noise)
+        reference = sample_cases(likelihoods, chosen, Sampling(nuts, point, seed, set_name), "nuts")
+        rows = _compare(set_name, [fast[case].posterior for case in chosen], reference)
     pd.DataFrame(rows, columns=COLUMNS).to_csv(table, index=False)
 
 
+def compare_subject(
+    emulator_file: str | Path,
+    measured: str | Path,
+    posterior: str | Path,
+    subject: str,
+    nuts: dict,
+    point: dict,
+    noise_prior_scale: float,
+    seed: int,
+    table: str | Path,
+) -> None:
+    """The same table for the posterior of a measured file; empty if NUTS has sampled it."""
+    data, rows = az.from_netcdf(posterior), []
+    if str(data.constant_data["sampler"].item()) == "importance":
+        likelihood = subject_likelihood(emulator_file, measured, noise_prior_scale)
+        how = Sampling(nuts, point, seed, "subjects")
+        reference = sample_cases([likelihood], [subject], how, "nuts")
+        rows = _compare("subjects", [data.sel(case=subject).posterior], reference)
+    pd.DataFrame(rows, columns=COLUMNS).to_csv(table, index=False)
+
+
+def gather(tables: Sequence[str | Path], table: str | Path) -> None:
+    """All of these tables as one."""
+    pd.concat([pd.read_csv(one) for one in tables], ignore_index=True).to_csv(table, index=False)
+
+
+def _compare(set_name: str, posteriors: Sequence, reference: Sampled) -> list[dict]:
+    names, rows = reference.likelihoods[0].emulator.parameters.names, []
+    for case, fast, draws in zip(reference.cases, posteriors, reference.draws, strict=True):
+        theta = fast["theta"].transpose("chain", "draw", "parameter").to_numpy()
+        rows += compare(set_name, case, theta, draws.theta, names)
+    return rows
+
+
 COLUMNS = (
-    *("case", "parameter", "mean_fast", "mean_nuts", "sd_fast", "sd_nuts"),
+    *("set", "case", "parameter", "mean_fast", "mean_nuts", "sd_fast", "sd_nuts"),
     *("mean_difference_in_sd", "monte_carlo_error", "sd_ratio", "agrees"),
 )
 
 
 def compare(
-    case: str, fast: np.ndarray, reference: np.ndarray, parameters: Sequence[str]
+    set_name: str, case: str, fast: np.ndarray, reference: np.ndarray, parameters: Sequence[str]
 ) -> list[dict]:
     """Rows of the table for draws (chain, draw, P) of one case and of `parameters` by both
-    samplers."""
+    samplers; mean_difference_in_sd has a Monte Carlo error."""
     rows = []
     for i, name in enumerate(parameters):
         a, b = fast[..., i], reference[..., i]
@@ -76,6 +110,7 @@ def compare(
         ratio = a.std() / b.std()
         rows.append(
             {
+                "set": set_name,
                 "case": case,
                 "parameter": name,
                 "mean_fast": a.mean(),

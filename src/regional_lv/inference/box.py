@@ -40,6 +40,13 @@ class Box:
         self.low, self.high = _scaled(lower), _scaled(upper)
         self.width = torch.minimum(width, WIDEST * (self.high - self.low))
 
+    @classmethod
+    def around(cls, theta: torch.Tensor, weight: torch.Tensor, emulator) -> "Box":
+        """With soft bounds as wide as draws `theta` (N, P) of normalised `weight` (N,) are."""
+        scaled = _scaled(theta)
+        spread = (weight @ (scaled - weight @ scaled).square()).sqrt()
+        return cls(emulator.lower, emulator.upper, spread)
+
     def theta(self, v: torch.Tensor) -> torch.Tensor:
         """Theta (..., P), within the bounds."""
         return torch.exp(self._log_theta(v)).clamp(self.lower, self.upper)

@@ -15,6 +15,11 @@ LEVELS = (50, 80, 95)
 """Central credible intervals whose coverage is counted, in per cent."""
 
 
+PARETO_K = 0.7
+"""Largest shape of the tail of importance weights that smoothing puts right (Vehtari et al. 2024,
+JMLR 25:72)."""
+
+
 # -------------------------------------------------------------------------------- convergence
 
 
@@ -24,13 +29,16 @@ def check_convergence(
     diverging: np.ndarray,
     rhat_max: float,
     ess_min: float,
+    pareto_k: float,
+    weighted_ess: float,
 ) -> tuple[pd.DataFrame, str]:
     """Convergence of one case: a row per parameter, and the verdict.
 
     chains: (chain, draw, P). diverging: (chain, draw). Rank-normalised split R-hat, bulk and tail
     effective sample size (Vehtari et al. 2021, doi 10.1214/20-BA1221), both at least `ess_min`.
-    Columns: parameter, rhat, ess_bulk, ess_tail, divergences, passed. The verdict is "passed", or
-    "failed: " and every reason; one diverging draw is reason enough.
+    pareto_k, weighted_ess: of the draws' importance weights; k may be NaN (nothing was weighted).
+    Columns: parameter, rhat, ess_bulk, ess_tail, divergences, pareto_k, weighted_ess, passed. The
+    verdict is "passed", or "failed: " and every reason; one diverging draw is reason enough.
     """
     data = az.convert_to_dataset({"x": chains})
     table = pd.DataFrame(
@@ -40,11 +48,15 @@ def check_convergence(
             "ess_bulk": az.ess(data, method="bulk")["x"].to_numpy(),
             "ess_tail": az.ess(data, method="tail")["x"].to_numpy(),
             "divergences": int(diverging.sum()),
+            "pareto_k": pareto_k,
+            "weighted_ess": weighted_ess,
         }
     )
     mixed = table["rhat"] <= rhat_max
     enough = {kind: table[f"ess_{kind}"] >= ess_min for kind in ("bulk", "tail")}
+    weighted = not pareto_k > PARETO_K and weighted_ess >= ess_min
     table["passed"] = mixed & enough["bulk"] & enough["tail"] & (table["divergences"] == 0)
+    table["passed"] &= weighted
     reasons = []
     if not mixed.all():
         reasons.append(f"R-hat {table['rhat'].max():.3f} > {rhat_max:g}")
@@ -53,18 +65,22 @@ def check_convergence(
             reasons.append(f"{kind} ESS {table[f'ess_{kind}'].min():.0f} < {ess_min:g}")
     if diverging.any():
         reasons.append(f"{int(diverging.sum())} divergences")
+    if pareto_k > PARETO_K:
+        reasons.append(f"Pareto k {pareto_k:.2f} > {PARETO_K:g}")
+    if weighted_ess < ess_min:
+        reasons.append(f"ESS of the weights {weighted_ess:.0f} < {ess_min:g}")
     return table, "failed: " + "; ".join(reasons) if reasons else "passed"
 
 
 def diagnose(data: az.InferenceData) -> pd.DataFrame:
     """Diagnostics of every case in a file of posteriors.
 
-    Columns: case, parameter, rhat, ess_bulk, ess_tail, divergences, passed, verdict, outside (share
-    of the draws that lie where no simulation of the training set is near), seconds, sampler.
+    Columns: case, those of `check_convergence`, verdict, outside (share of the draws that lie where
+    no simulation of the training set is near), seconds, sampler.
     Inferred noise scales appear as `sigma_<quantity>`. The limits of the convergence check are
     those that the sampler worked with, kept in the file.
     """
-    posterior = data.posterior
+    posterior, constant = data.posterior, data.constant_data
     tables = []
     for case in posterior["case"].to_numpy():
         chains, names = chains_of(posterior.sel(case=case))
@@ -74,12 +90,13 @@ def diagnose(data: az.InferenceData) -> pd.DataFrame:
             data.sample_stats["diverging"].sel(case=case).transpose("chain", "draw").to_numpy(),
             posterior.attrs["rhat_max"],
             posterior.attrs["ess_min"],
+            *(float(constant[key].sel(case=case)) for key in ("pareto_k", "weighted_ess")),
         )
         table.insert(0, "case", str(case))
         table["verdict"] = verdict
         table["outside"] = float(data.sample_stats["outside"].sel(case=case).mean())
-        table["seconds"] = float(data.constant_data["seconds"].sel(case=case))
-        table["sampler"] = str(data.constant_data["sampler"].sel(case=case).item())
+        table["seconds"] = float(constant["seconds"].sel(case=case))
+        table["sampler"] = str(constant["sampler"].sel(case=case).item())
         tables.append(table)
     return pd.concat(tables, ignore_index=True)
 

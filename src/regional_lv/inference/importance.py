@@ -13,6 +13,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
+import arviz as az
 import torch
 from sklearn.cluster import KMeans
 
@@ -21,6 +22,9 @@ PARTS = 8
 
 FREEDOM = 5
 """Degrees of freedom of the proposals: heavier tails than any posterior in a box."""
+
+EVEN = 0.02
+"""Standard deviation of log weights below which they count as even."""
 
 TRUNCATION = 20
 """Draws that may carry the weight of the proposal's next form, at least: a few lucky draws of an
@@ -67,14 +71,14 @@ def sample(
     *,
     rounds: int,
     most_rounds: int | None = None,
-    least_ess: float = 0.0,
+    least_ess: float = math.inf,
     largest_sd: float = math.inf,
 ) -> Weighted:
     """Draws of a `log_density` (M,) of u (M, P), which need not be normalised.
 
     mean (P,), covariance (P, P): of the first proposal. draws: per round. rounds: of proposals of
-    one distribution; further ones are of mixtures, until the effective sample size reaches
-    `least_ess`, `most_rounds` at most (None: `rounds`). largest_sd: of a proposal, per coordinate.
+    one distribution; further ones are of mixtures, `most_rounds` in all (None: `rounds`). Ends when
+    the effective sample size reaches `least_ess`. largest_sd: of a proposal, per coordinate.
     """
     proposal = Student(mean, tame(covariance, largest_sd))
     proposals, us, targets = [], [], []
@@ -88,7 +92,7 @@ def sample(
         u = torch.cat(us[recent])
         log_weight = torch.cat(targets[recent])
         found = Weighted(u, log_weight - Mixture.equal(proposals[recent]).log_density(u))
-        if turn >= rounds - 1 and found.ess >= least_ess:
+        if found.ess >= least_ess:
             break
         tempered = found.tempered()
         if turn < rounds - 1:
@@ -110,6 +114,30 @@ def moments(u: torch.Tensor, weight: torch.Tensor) -> tuple[torch.Tensor, torch.
     """Weighted mean (P,) and covariance (P, P) of draws (N, P)."""
     covariance = torch.cov(u.mT, correction=0, aweights=weight)
     return weight @ u, covariance.reshape(u.shape[1], u.shape[1])
+
+
+def smooth(log_weight: torch.Tensor) -> tuple[torch.Tensor, float]:
+    """Pareto-smoothed log weights (N,) and the shape k of their tail (Vehtari et al. 2024).
+
+    Weights that are all but even are left as they are, and have no k (NaN): a tail fitted to
+    round-off says nothing.
+    """
+    if log_weight.std() < EVEN:
+        return log_weight, math.nan
+    smoothed, k = az.psislw(log_weight.numpy())
+    return torch.as_tensor(smoothed), float(k)
+
+
+def resample(
+    weight: torch.Tensor, count: int, generator: torch.Generator | None = None
+) -> torch.Tensor:
+    """Systematic resampling: `count` indices in ascending order, each as often as its normalised
+    weight (N,) says, but for rounding, which `generator` decides."""
+    shift = 0.5
+    if generator is not None:
+        shift = torch.rand(1, generator=generator, dtype=weight.dtype)
+    points = (torch.arange(count, dtype=weight.dtype) + shift) / count
+    return torch.searchsorted(weight.cumsum(0), points).clamp(max=len(weight) - 1)
 
 
 def temper(log_weight: torch.Tensor, least: float) -> torch.Tensor:

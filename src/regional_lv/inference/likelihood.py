@@ -1,7 +1,6 @@
 """How probable the observed outputs are at theta: emulator error and measurement noise together."""
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import pandas as pd
@@ -193,19 +192,6 @@ class Likelihood:
             return self
         jacobian = self.emulator.linearise(theta[None])[1][0]
         return Likelihood(self.emulator, self.y, self.noise, jacobian)
-
-    @staticmethod
-    def together(parts: Sequence["Likelihood"]) -> "Likelihood":
-        """Those of C cases with the same emulator and noise as one, about theta (C, K, P)."""
-        joint = parts[0].at(torch.stack([part.y for part in parts])[:, None])
-        if any(part.jacobian is not None for part in parts):
-            covariances = [part._output_covariance for part in parts]
-            joint._output_covariance = torch.stack(covariances)[:, None]
-            if joint._whiten is not None:
-                joint._whiten = torch.stack([part._whiten for part in parts])
-                joint._rho = torch.stack([part._rho for part in parts])[:, None]
-                joint._constant = torch.stack([part._constant for part in parts])[:, None]
-        return joint
 
     def tempered(self, level: float) -> "Likelihood":
         """The same observations with further noise of `level` training sd on every output."""

@@ -16,13 +16,12 @@ from statsmodels.stats.multitest import multipletests
 
 from regional_lv import emulators
 from regional_lv.inference.likelihood import Likelihood
-from regional_lv.inference.nuts import verdict
-from regional_lv.inference.sampling import SAMPLERS, Sampled, Sampling, error_model
+from regional_lv.inference.sampling import Sampled, Sampling, error_model, sample_cases
 from regional_lv.seeds import derive
 
 DRAWS = 99
-"""Draws of each posterior that the truth is ranked among: thinned, for ranks of correlated draws
-pile up at the ends."""
+"""Draws of each posterior that the truth is ranked among: a few of many, for ranks of dependent
+draws pile up at the ends."""
 
 BINS = 10
 LEVEL = 0.05
@@ -68,7 +67,7 @@ def calibrate_chain(
     how = Sampling(nuts, point, seed, "calibration")
     names, size = [str(i) for i in range(cases)], nuts["cases_per_batch"]
     parts = [
-        SAMPLERS[sampler](likelihoods[i : i + size], names[i : i + size], how)
+        sample_cases(likelihoods[i : i + size], names[i : i + size], how, sampler)
         for i in range(0, cases, size)
     ]
     table = pd.concat(
@@ -91,7 +90,7 @@ def rank(sampled: Sampled, truth: np.ndarray, how: Sampling) -> pd.DataFrame:
         theta = draws.theta.reshape(-1, draws.theta.shape[-1])
         count = min(DRAWS, len(theta))
         thinned = theta[np.linspace(0, len(theta) - 1, count).astype(int)]
-        outcome = verdict(draws, how.settings)
+        outcome = draws.verdict(how.settings)
         for name, below in zip(names, (thinned < true).sum(axis=0), strict=True):
             rows.append((case, name, int(below), count, outcome))
     return pd.DataFrame(rows, columns=["case", "parameter", "rank", "draws", "verdict"])

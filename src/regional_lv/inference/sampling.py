@@ -1,4 +1,4 @@
-"""From observations to posteriors: of sets of simulated cases in batches, and of subjects."""
+"""From observations to posteriors: of sets of simulated cases, and of subjects."""
 
 import json
 import logging
@@ -17,11 +17,12 @@ from regional_lv import emulators
 from regional_lv.channels import Channels
 from regional_lv.emulators.base import Emulator
 from regional_lv.errors import InputError
+from regional_lv.inference.by_importance import sample_by_importance
 from regional_lv.inference.diagnostics import diagnose
-from regional_lv.inference.hmc import ATTEMPTS, sample_batch
+from regional_lv.inference.draws import Draws, Settings
 from regional_lv.inference.likelihood import Likelihood, Noise
-from regional_lv.inference.nuts import Draws, Settings, sample_in_step, verdict
-from regional_lv.inference.point import Candidates, PointEstimate, find_map
+from regional_lv.inference.nuts import sample_by_nuts
+from regional_lv.inference.point import PointEstimate, find_map
 from regional_lv.measured import read_measured
 from regional_lv.progress import Progress
 from regional_lv.seeds import derive
@@ -34,7 +35,7 @@ class Sampled:
     """Posteriors of some cases with the same outputs and the same kind of noise.
 
     likelihoods: one per case, of one observation (D,). theta_map: (C, P). truth: (C, P) or None.
-    zones: the stiffened zone of each case of a scenario, or None. samplers: `hmc` or `nuts`.
+    zones: the stiffened zone of each case of a scenario, or None. samplers: keys of `SAMPLERS`.
     """
 
     cases: tuple[str, ...]
@@ -63,46 +64,27 @@ class Sampling:
     def settings(self) -> Settings:
         return Settings.from_config(self.nuts)
 
-    def find_maxima(
-        self, likelihoods: Sequence[Likelihood], together: bool = False
-    ) -> list[PointEstimate]:
-        """The maximum of each case.
-
-        One by one by default: matrix products round differently in batches of another size, and a
-        case must not depend on the batch that it is in. together: in one go, which is several times
-        as fast with many training simulations.
-        """
+    def find_maxima(self, likelihoods: Sequence[Likelihood]) -> list[PointEstimate]:
+        """The maximum of each case; in one go where all share an emulator, which is several times
+        as fast and leaves the last digits to the batch."""
         emulator = likelihoods[0].emulator
         seed = derive(self.seed, "map", emulator.name, self.set_name)
         starts, iterations = self.point["starts"], self.point["iterations"]
         if any(one.emulator is not emulator for one in likelihoods):
             return [find_map(one.at(one.y[None]), starts, iterations, seed) for one in likelihoods]
-        candidates = Candidates.of(emulator, starts, seed)
-        if together:
-            every = likelihoods[0].at(torch.stack([one.y for one in likelihoods]))
-            return find_map(every, starts, iterations, seed, candidates).each()
-        return [
-            find_map(one.at(one.y[None]), starts, iterations, seed, candidates)
-            for one in likelihoods
-        ]
+        every = likelihoods[0].at(torch.stack([one.y for one in likelihoods]))
+        return find_map(every, starts, iterations, seed).each()
 
-    def seeds(self, sampler: str, emulator: str, cases: Sequence[str]) -> list[int]:
-        return [derive(self.seed, sampler, emulator, self.set_name, case) for case in cases]
-
-    def by_nuts(
-        self,
-        likelihoods: Sequence[Likelihood],
-        maxima: Sequence[PointEstimate],
-        cases: Sequence[str],
-    ) -> list[Draws]:
-        """The reference: Pyro's NUTS from the maxima."""
-        return sample_in_step(
-            likelihoods,
-            torch.cat([maximum.theta for maximum in maxima]),
-            torch.cat([maximum.log_sigma for maximum in maxima]),
+    def draw(
+        self, sampler: str, likelihood: Likelihood, maximum: PointEstimate, case: str
+    ) -> Draws:
+        """The posterior of one case, by one of `SAMPLERS`."""
+        return SAMPLERS[sampler](
+            likelihood,
+            maximum.theta[0],
+            maximum.log_sigma[0],
             self.settings,
-            self.seeds("nuts", likelihoods[0].emulator.name, cases),
-            [f"{self.set_name}/{case}" for case in cases],
+            derive(self.seed, sampler, likelihood.emulator.name, self.set_name, case),
         )
 
 
@@ -115,72 +97,36 @@ def make_likelihoods(emulator: Emulator, y: torch.Tensor, noise: Noise) -> list[
     return [Likelihood(one, row, noise) for one, row in zip(local, y, strict=True)]
 
 
-def _near(likelihoods: Sequence[Likelihood], maxima: Sequence[PointEstimate]) -> list[Likelihood]:
-    """Those whose densities are sampled, errors along the Jacobian at the maxima included."""
-    return [one.near(best.theta[0]) for one, best in zip(likelihoods, maxima, strict=True)]
+SAMPLERS = {"importance": sample_by_importance, "nuts": sample_by_nuts}
+"""`test_posteriors.sampler` of the config -> how one posterior is sampled."""
 
 
-def sample_cases(likelihoods: Sequence[Likelihood], cases: Sequence[str], how: Sampling) -> Sampled:
-    """Maximum, then NUTS, of every case."""
-    progress = Progress(f"{likelihoods[0].emulator.name}, {how.set_name}: posteriors", len(cases))
-    maxima, draws = how.find_maxima(likelihoods), []
-    likelihoods = _near(likelihoods, maxima)
-    # One by one, for the same reason as the maxima.
-    for one in zip(likelihoods, maxima, cases, strict=True):
-        draws += how.by_nuts(*([part] for part in one))
-        progress.step()
-    theta = torch.cat([maximum.theta for maximum in maxima])
-    return Sampled(tuple(cases), likelihoods, theta, tuple(draws), ("nuts",) * len(cases))
-
-
-def sample_together(
-    likelihoods: Sequence[Likelihood], cases: Sequence[str], how: Sampling
+def sample_cases(
+    likelihoods: Sequence[Likelihood], cases: Sequence[str], how: Sampling, sampler: str
 ) -> Sampled:
-    """As `sample_cases`, all cases at once by batched HMC; those that fail the convergence check
-    again, with more care each time (`hmc.ATTEMPTS`), and those that always fail by NUTS.
+    """Maximum, then draws of the posterior, of every case.
 
-    Numbers depend in their last digits on which cases share a batch.
+    sampler: one of `SAMPLERS`. What does not pass the convergence check is sampled by NUTS.
     """
-    name, settings = likelihoods[0].emulator.name, how.settings
-    maxima = how.find_maxima(likelihoods, together=True)
-    likelihoods = _near(likelihoods, maxima)
-    draws: list = [None] * len(cases)
-    samplers, waiting = ["hmc"] * len(cases), list(range(len(cases)))
-    progress = Progress(f"{name}, {how.set_name}: posteriors", len(cases))
-    for attempt in ATTEMPTS:
-        done = sample_batch(
-            [likelihoods[i] for i in waiting],
-            torch.cat([maxima[i].theta for i in waiting]),
-            torch.cat([maxima[i].log_sigma for i in waiting]),
-            settings,
-            how.seeds(attempt, name, [cases[i] for i in waiting]),
-            attempt,
-        )
-        for i, one in zip(waiting, done, strict=True):
-            draws[i] = replace(one, repeated=attempt != ATTEMPTS[0])
-        tried = len(waiting)
-        waiting = [i for i in waiting if verdict(draws[i], settings) != "passed"]
-        progress.step(count=tried - len(waiting))
-        for i in waiting:
-            log.info("%s: case %s %s", attempt, cases[i], verdict(draws[i], settings))
-        if not waiting:
-            break
-    if waiting:
-        for i in waiting:
-            log.warning(
-                "case %s/%s %s by batched HMC; sampled by NUTS",
-                *(how.set_name, cases[i], verdict(draws[i], settings)),
-            )
-        left = [[part[i] for i in waiting] for part in (likelihoods, maxima, cases)]
-        for i, one in zip(waiting, how.by_nuts(*left), strict=True):
-            draws[i], samplers[i] = one, "nuts"
-            progress.step(failed=verdict(one, settings) != "passed")
+    progress = Progress(f"{likelihoods[0].emulator.name}, {how.set_name}: posteriors", len(cases))
+    maxima = how.find_maxima(likelihoods)
+    # Errors along the Jacobian are as large as they are at the maximum.
+    likelihoods = [one.near(best.theta[0]) for one, best in zip(likelihoods, maxima, strict=True)]
+    every, samplers = [], []
+    for likelihood, maximum, case in zip(likelihoods, maxima, cases, strict=True):
+        used, draws = sampler, how.draw(sampler, likelihood, maximum, case)
+        outcome = draws.verdict(how.settings)
+        if outcome != "passed" and sampler != "nuts":
+            log.warning("case %s/%s %s; sampled by NUTS", how.set_name, case, outcome)
+            used, draws = "nuts", how.draw("nuts", likelihood, maximum, case)
+            outcome = draws.verdict(how.settings)
+        if outcome != "passed":
+            log.warning("case %s/%s %s by NUTS", how.set_name, case, outcome)
+        every.append(draws)
+        samplers.append(used)
+        progress.step(failed=outcome != "passed")
     theta = torch.cat([maximum.theta for maximum in maxima])
-    return Sampled(tuple(cases), likelihoods, theta, tuple(draws), tuple(samplers))
-
-
-SAMPLERS = {"hmc": sample_together, "nuts": sample_cases}
-"""`test_posteriors.sampler` of the config -> how posteriors are sampled."""
+    return Sampled(tuple(cases), likelihoods, theta, tuple(every), tuple(samplers))
 
 
 def sample_set_batch(
@@ -215,19 +161,33 @@ def sample_set_batch(
             f"{simulations}: {count} simulations converged, too few for {batches} batches of "
             "posteriors; simulate more, or raise nuts.cases_per_batch"
         )
-    if noise is None:
-        emulator, kind = error_model(emulator)
-    else:
+    if noise is not None:
         y, sd = add_noise(y, emulator.channels, samples, noise, seed, set_name)
         measured = ~np.isnan(sd)
-        emulator = emulator.select(list(np.array(emulator.outputs)[measured]))
-        y, kind = y[:, measured], Noise.known(torch.tensor(sd[measured].tolist()))
-    observed = torch.as_tensor(y[chosen])
+        emulator, y = emulator.select(list(np.array(emulator.outputs)[measured])), y[:, measured]
+    likelihoods = likelihoods_of_set(emulator, torch.as_tensor(y[chosen]), noise)
     how = Sampling(nuts, point, seed, set_name)
-    sampled = SAMPLERS[sampler](make_likelihoods(emulator, observed, kind), samples[chosen], how)
+    sampled = sample_cases(likelihoods, samples[chosen], how, sampler)
     zones = read_zones(simulations)
     sampled = replace(sampled, truth=theta[chosen], zones=None if zones is None else zones[chosen])
     write(to_inference_data(sampled, nuts), posteriors)
+
+
+def likelihoods_of_set(emulator: Emulator, y: torch.Tensor, noise: dict | None) -> list[Likelihood]:
+    """One for each row of `y` (C, D), the measured outputs.
+
+    noise: sd by quantity (`scenarios.noise`); None: the emulator's error is all there is.
+    """
+    if noise is None:
+        emulator, kind = error_model(emulator)
+        return make_likelihoods(emulator, y, kind)
+    return make_likelihoods(emulator, y, Noise.known(noise_sd(emulator.channels, noise)))
+
+
+def noise_sd(channels: Channels, noise: dict) -> torch.Tensor:
+    """(D,), NaN for what is not measured: quantities that `noise` has no sd for."""
+    sd = np.array([noise.get(channel.quantity) for channel in channels], dtype=float)
+    return torch.as_tensor(sd)
 
 
 def read_zones(simulations: str | Path) -> np.ndarray | None:
@@ -257,12 +217,12 @@ def add_noise(
     seed: int,
     set_name: str,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Outputs (N, D) with Gaussian noise, and its sd (D,), NaN for what is not measured.
+    """Outputs (N, D) with Gaussian noise, and its sd (D,), as in `noise_sd`.
 
     noise: sd by quantity. A quantity that has none, or null, is not measured and keeps its values.
     Each sample has its own random numbers.
     """
-    sd = np.array([noise.get(channel.quantity) for channel in channels], dtype=float)
+    sd = noise_sd(channels, noise).numpy()
     deviates = np.stack(
         [
             np.random.default_rng(derive(seed, "noise", set_name, sample)).normal(size=len(sd))
@@ -293,7 +253,8 @@ def sample_subject(
     Raises InputError if the measured file cannot be used.
     """
     likelihood = subject_likelihood(emulator_file, measured, noise_prior_scale)
-    sampled = SAMPLERS[sampler]([likelihood], [subject], Sampling(nuts, point, seed, "subjects"))
+    how = Sampling(nuts, point, seed, "subjects")
+    sampled = sample_cases([likelihood], [subject], how, sampler)
     data = to_inference_data(sampled, nuts)
     name = likelihood.emulator.name
     predictive = predict_observations(
@@ -362,8 +323,8 @@ def to_inference_data(sampled: Sampled, nuts: dict) -> az.InferenceData:
     diverging, acceptance_rate, energy (potential), outside (no simulation of the training set is
     near; `Emulator.outside`) (chain, draw, case).
     observed_data: y (case, output). constant_data: theta_map, theta_true (if known), y_obs, zone
-    (the stiffened one, of a scenario), and what the sampling took: sampler, seconds (the one number
-    that differs between runs) and repeated.
+    (the stiffened one, of a scenario), sampler, pareto_k, weighted_ess, and seconds, the one number
+    that differs between runs.
     """
     base, likelihood = _coordinates(sampled), sampled.likelihoods[0]
     sampling = {key: base[key] for key in ("chain", "draw", "case")}
@@ -403,7 +364,8 @@ def to_inference_data(sampled: Sampled, nuts: dict) -> az.InferenceData:
             "theta_map": (("case", "parameter"), sampled.theta_map.numpy()),
             "y_obs": y,
             "seconds": ("case", np.array([d.seconds for d in sampled.draws])),
-            "repeated": ("case", np.array([d.repeated for d in sampled.draws])),
+            "pareto_k": ("case", np.array([d.pareto_k for d in sampled.draws])),
+            "weighted_ess": ("case", np.array([d.weighted_ess for d in sampled.draws])),
             "sampler": ("case", list(sampled.samplers)),
         },
         coords=outputs | parameter,

@@ -133,8 +133,8 @@ def flatten(
     centre: torch.Tensor,
     whitening: torch.Tensor,
     generator: torch.Generator,
-) -> tuple[Shell, torch.Tensor, torch.Tensor]:
-    """The shell of the first `exact` output of `likelihood`, and centre and whitening about it.
+) -> tuple[Shell, torch.Tensor]:
+    """The shell of the first `exact` output of `likelihood`, and how thick it is, one sd.
 
     centre (P + G,), whitening (P + G, P + G): where the posterior is and how wide, about (v, log
     sigma), of a likelihood that is `blurred`.
@@ -159,15 +159,9 @@ def flatten(
     fit = torch.linalg.lstsq(weight * products(y), weight * height[:, None])
     shell = Shell(box, emulator, output, value, origin, frame, fit.solution[:, 0])
 
-    to_shell = torch.eye(len(centre), dtype=origin.dtype)
-    to_shell[:p, :p] = torch.linalg.inv(frame)
-    covariance = to_shell @ covariance @ to_shell.T
     with torch.no_grad():
         error = emulator.predict(box.theta(origin)).covariance[output, output]
-    covariance[p - 1], covariance[:, p - 1] = 0.0, 0.0
-    covariance[p - 1, p - 1] = error + likelihood.noise.sd[output].square()
-    centre = torch.cat([torch.zeros_like(origin), centre[p:]])
-    return shell, centre, torch.linalg.cholesky(covariance)
+    return shell, (error + likelihood.noise.sd[output].square()).sqrt()
 
 
 def products(y: torch.Tensor) -> torch.Tensor:

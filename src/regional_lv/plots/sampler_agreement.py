@@ -1,4 +1,4 @@
-"""The fast sampler's posteriors against those of NUTS."""
+"""Posteriors by importance sampling against those of NUTS."""
 
 from pathlib import Path
 
@@ -15,11 +15,11 @@ MEAN_LIMIT, SD_LIMIT = 0.1, 0.1
 
 @style.context
 def draw(agreement: Path, parameters: Parameterisation, png: Path, csv: Path) -> None:
-    """Draw the fast sampler's posteriors against NUTS: means and standard deviations.
+    """Draw posteriors by importance sampling against NUTS: means and standard deviations.
 
-    agreement: CSV with case, parameter, mean_fast, mean_nuts, sd_fast, sd_nuts,
+    agreement: CSV with set, case, parameter, mean_fast, mean_nuts, sd_fast, sd_nuts,
     mean_difference_in_sd, sd_ratio, agrees; the figure's table. Between the dashed lines the two
-    agree. Without any case that the fast sampler finished, the figure is empty and says so.
+    agree. Without any case sampled by importance, the figure is empty and says so.
     """
     table = pd.read_csv(agreement)
     fig = style.figure(max(12.0, 1.0 * len(parameters)), 4.0)
@@ -33,7 +33,7 @@ def draw(agreement: Path, parameters: Parameterisation, png: Path, csv: Path) ->
             x=place,
             y=table[column],
             hue=table["agrees"],
-            palette=COLOURS,
+            palette=COLOURS if len(table) else None,
             s=9,
             linewidth=0,
             legend=False,
@@ -45,16 +45,16 @@ def draw(agreement: Path, parameters: Parameterisation, png: Path, csv: Path) ->
     for limit in (1 - SD_LIMIT, 1 + SD_LIMIT):
         right.axhline(limit, color=style.GREY, linestyle="--", linewidth=0.8)
     left.set(title="Difference of posterior means", ylabel="in posterior sd")
-    right.set(title="Ratio of posterior standard deviations", ylabel="fast sampler / NUTS")
+    right.set(title="Ratio of posterior standard deviations", ylabel="importance sampling / NUTS")
     names = [style.in_lines(style.label(name)) for name in parameters.names]
     left.set_xticks(range(len(names)), names)
     for ax in (left, right):
         ax.tick_params(axis="x", labelsize=7)
-    cases = table["case"].nunique()
+    cases = len(table[["set", "case"]].drop_duplicates())
     outcome = (
         f"{100 * table['agrees'].mean():.0f} % agree"
         if cases
         else "none passed the convergence check"
     )
-    style.suptitle(fig, f"Fast sampler against NUTS, {cases} cases: {outcome}")
+    style.suptitle(fig, f"Importance sampling against NUTS, {cases} posteriors: {outcome}")
     style.save(fig, table, png, csv)

@@ -1,0 +1,118 @@
+"""Where and how wide a posterior is: weighted draws of a surrogate of its density.
+
+Posteriors of simulated outputs are narrow and nearly Gaussian. Those of measured hearts are wide,
+bent and, where a volume is known to a tenth of a mL beside strains whose noise is inferred, thin
+shells: an approximation at the maximum says little of them, and chains take hundreds of steps to
+cross them. A batch of two thousand densities costs as much as a dozen gradients one after the
+other, so that proposals are fitted to weighted draws instead (`importance.sample`).
+"""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import torch
+
+from regional_lv.inference import importance
+from regional_lv.inference.box import Box
+from regional_lv.inference.importance import Student, Weighted
+from regional_lv.inference.likelihood import Likelihood
+from regional_lv.inference.point import CHUNK
+from regional_lv.inference.shell import flatten
+from regional_lv.inference.surrogate import Potential, fit_surrogate
+from regional_lv.inference.target import Target
+
+EFFORT = {"draws": 2000, "rounds": 4, "most_rounds": 24, "least_ess": 2500}
+"""Draws of a round, rounds of one proposal, of mixtures, and the effective sample size that is
+enough."""
+
+PLACES = 600
+"""Evaluations that a surrogate is fitted to."""
+
+NARROW = 0.7
+"""Of the Gaussian at a maximum, where the first ones are made: it is too wide where the posterior
+bends."""
+
+REFINEMENTS = 2
+"""Approximations at the end, each about the draws of the one before."""
+
+
+@dataclass(frozen=True)
+class Approximation:
+    """Weighted draws `found` of the density exp(-surrogate), which is near that of `target`."""
+
+    target: Target
+    surrogate: Potential
+    found: Weighted
+
+    def moments(self) -> tuple[torch.Tensor, torch.Tensor]:
+        """Mean (S,) of the positions, and M with covariance M M'."""
+        return _spread(self.found.u, self.found.tempered())
+
+    def places(self, generator: torch.Generator) -> torch.Tensor:
+        """Positions (PLACES, S) spread like the posterior."""
+        return self.found.u[importance.resample(self.found.weight, PLACES, generator)]
+
+
+def approximate(
+    likelihood: Likelihood,
+    theta_map: torch.Tensor,
+    log_sigma_map: torch.Tensor,
+    generator: torch.Generator,
+) -> Iterator[Approximation]:
+    """Approximations of one posterior, each better than the one before; the first often suffices.
+
+    theta_map (P,), log_sigma_map (G,): its maximum. The first is about the Gaussian at the maximum,
+    the second in coordinates that fit the draws of the first. Where the posterior is a thin shell
+    these are of the density that is `blurred`, and the first to be handed out is of the density
+    itself, in the coordinates of a `Shell`.
+    """
+    target = Target.near(likelihood, theta_map, log_sigma_map)
+    broad = target.broadened(theta_map)
+    thin = broad is not target
+    mode, whitening = broad.gaussian(theta_map, log_sigma_map)
+    student = Student(torch.zeros_like(mode), NARROW**2 * torch.eye(len(mode), dtype=mode.dtype))
+    best = _explore(broad, mode + student.draw(PLACES, generator) @ whitening.mT, generator)
+    if not thin:
+        yield best
+
+    theta, log_sigma = broad.constrain(best.found.u)
+    box = Box.around(theta, best.found.weight, likelihood.emulator)
+    wide = Target(broad.likelihood, box)
+    kept = importance.resample(best.found.weight, PLACES, generator)
+    best = _explore(wide, wide.unconstrain(theta[kept], log_sigma[kept]), generator)
+    if thin:
+        shell, thickness = flatten(likelihood, box, *best.moments(), generator)
+        flat = Target(likelihood, shell)
+        places = flat.unconstrain(*wide.constrain(best.places(generator)))
+        across = likelihood.inputs - 1
+        places[:, across] *= thickness / places[:, across].std()
+        best = _explore(flat, places, generator)
+    yield best
+
+    for _ in range(REFINEMENTS):
+        best = _explore(best.target, best.places(generator), generator)
+        yield best
+
+
+def _explore(target: Target, places: torch.Tensor, generator: torch.Generator) -> Approximation:
+    """The approximation from `places` (PLACES, S), which the posterior is near."""
+    centre, whitening = _spread(places, torch.full((PLACES,), 1 / PLACES, dtype=places.dtype))
+    surrogate = fit_surrogate(target, places, centre, whitening)
+
+    @torch.no_grad()
+    def log_density(z):
+        position = centre + z @ whitening.mT
+        return -torch.cat([surrogate(part) for part in position.split(CHUNK)])
+
+    zero, one = torch.zeros_like(centre), torch.eye(len(centre), dtype=centre.dtype)
+    found = importance.sample(log_density, zero, one, generator=generator, **EFFORT)
+    return Approximation(
+        target, surrogate, Weighted(centre + found.u @ whitening.mT, found.log_weight)
+    )
+
+
+def _spread(u: torch.Tensor, weight: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+    """Mean (S,) of weighted positions (N, S), and M with covariance M M'."""
+    mean, covariance = importance.moments(u, weight)
+    return mean, torch.linalg.cholesky(importance.tame(covariance, math.inf))
