@@ -57,8 +57,8 @@ def test_contrasts_are_of_segments_at_all_loads(table):
 
 def test_noise_that_is_inferred_has_a_scale_for_each_quantity(table):
     o = observe({"a": table.assign(sd=np.nan)}, OtherStandIn(), 1.0)
-    assert o.scaled == ("radial", "torsion")
-    assert o.units.shape == (2, len(CHANNELS))
+    assert tuple(o.noise.groups) == ("radial", "torsion")
+    assert o.noise.units.shape == (2, len(CHANNELS))
 
 
 def test_units_of_quantities_that_nobody_has_measured_yet(monkeypatch):

@@ -62,7 +62,7 @@ def test_noise_that_is_inferred_is_found():
     for seed in range(4):
         model = model_of(measured(StandIn(), seed=seed, known=False))
         sigma = fit_from_nothing(model, 1).x[0, model.first_sigma :].exp()
-        errors.append((sigma * model.observations.units.amax(1)).log() - np.log(0.01))
+        errors.append((sigma * model.observations.noise.units.amax(1)).log() - np.log(0.01))
     mean = torch.stack(errors).mean(0)
     assert (mean > -0.8).all() and (mean < 0.2).all()
 

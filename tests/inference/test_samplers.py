@@ -155,7 +155,7 @@ def test_along_the_shell_of_an_exact_volume(sampler):
     (maximum,) = how.find_maxima([likelihood])
     start = maximum.theta[0], maximum.log_sigma[0]
     first = next(approximate(likelihood, *start, torch.Generator()))
-    assert isinstance(first.surrogate, Surrogate) and isinstance(first.target.box, Shell)
+    assert isinstance(first.surrogate, Surrogate) and isinstance(first.target.transform, Shell)
     sampled = sampling.sample_cases([likelihood], ["shell"], how, sampler)
     assert sampled.samplers == (sampler,)
     (draws,) = sampled.draws
@@ -202,7 +202,7 @@ def test_a_wrong_surrogate_costs_draws_and_not_correctness(monkeypatch):
 
     def wrong(likelihood, *rest):
         for found in approximate(elsewhere, *rest):
-            yield replace(found, target=Target(likelihood, found.target.box))
+            yield replace(found, target=Target(likelihood, found.target.transform))
 
     monkeypatch.setattr(by_importance, "approximate", wrong)
     settings = Settings(ess_min=50)

@@ -31,7 +31,7 @@ def posterior() -> tuple[Shell, torch.Tensor]:
     log_sigma = torch.full((len(likelihood.noise.groups),), -1.0, dtype=torch.float64)
     target = Target.near(likelihood, truth, log_sigma)
     place = target.broadened(truth).gaussian(truth, log_sigma)
-    return flatten(likelihood, target.box, *place, torch.Generator().manual_seed(1))
+    return flatten(likelihood, target.transform, *place, torch.Generator().manual_seed(1))
 
 
 def places(posterior, size: int, spread: float = 1.0) -> torch.Tensor:

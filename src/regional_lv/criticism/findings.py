@@ -215,7 +215,7 @@ def _theta(before: Sampled, after: Sampled) -> list[dict]:
 def _noise(before: Sampled, after: Sampled) -> list[dict]:
     """Inferred noise scales per quantity (in training sd), medians before and after."""
     rows = []
-    for i, quantity in enumerate(before.model.observations.scaled):
+    for i, quantity in enumerate(before.model.observations.noise.groups):
         values = [
             s.posterior.quantile(s.posterior.x[:, s.model.first_sigma + i].exp(), [0.5])[0]
             for s in (before, after)
@@ -263,7 +263,7 @@ def _limits(first: Round, channels: Channels) -> list[str]:
     for family in ("direction", "level", "wall"):
         if first.misfit.families and family not in first.misfit.families:
             said.append(f"too few channels for the tests by {family}")
-    if len(o.units):
+    if o.noise.groups:
         said.append(
             "the noise is inferred: a misfit spread evenly over a direction counts as noise, and "
             "the overall test of the size of residuals does not apply"

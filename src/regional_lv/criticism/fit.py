@@ -1,4 +1,4 @@
-"""Thousands of fits of one model at once: bounded Levenberg-Marquardt with exact Jacobians."""
+"""Thousands of fits of one model at once, with exact Jacobians (`inference.optimise`)."""
 
 import math
 from dataclasses import dataclass
@@ -8,11 +8,15 @@ import torch
 
 from regional_lv.criticism.model import Model
 from regional_lv.design import sobol
+from regional_lv.inference.optimise import maximise
 from regional_lv.seeds import derive
 
 ITERATIONS = 60
 STARTS, SCREENED = 12, 512
 """Fits of the data themselves: points kept, and points tried."""
+
+LEAST_GAIN, LEAST_MOVE = 1e-6, 1e-8
+"""Of the objective and of a coordinate, at which a fit ends."""
 
 FIRST_SIGMA = 0.3
 """Noise scale that fits start from, in training sd."""
@@ -53,48 +57,27 @@ def fit(
     The prior is uniform in the box and half-normal in the noise scales; the maximum is that of
     the density of theta, psi and sigma themselves, as in `inference.point`.
     """
-    x = torch.minimum(torch.maximum(start, model.low), model.high)
-    sigmas = model.first_sigma < x.shape[1]
-    shared = None if sigmas else model.whitening(x[:1], mask)
-    damping = torch.full((len(x),), 1e-3, dtype=torch.float64)
+    shared = None
+    if model.first_sigma == start.shape[1]:
+        shared = model.whitening(start[:1], mask)
+    residual = torch.empty_like(y)
+    jacobian = y.new_empty(*y.shape, model.means)
 
-    def state(rows, at):
-        """Objective, whitened residual and whitening of some rows, without derivatives."""
-        w = _whitening(model, shared, mask, rows, at)
-        residual = y[rows] - model.mean(at)
-        return _objective(model, w, residual, at), residual, w
+    def value(rows, x):
+        w = _whitening(model, shared, mask, rows, x)
+        return _objective(model, w, y[rows] - model.mean(x), x)
 
-    rows = torch.arange(len(x))
-    value, residual, _ = state(rows, x)
-    jacobian = model.linearise(x)[1]
-    active = rows
-    for _ in range(iterations):
-        if not len(active):
-            break
-        here = x[active]
-        w = _whitening(model, shared, mask, active, here)
-        gradient, curvature = _normal_equations(model, w, residual[active], jacobian[active], here)
-        held = ((here <= model.low) & (gradient < 0)) | ((here >= model.high) & (gradient > 0))
-        free = (~held).double()
-        curvature = curvature * free[:, :, None] * free[:, None, :]
-        diagonal = curvature.diagonal(dim1=-2, dim2=-1)
-        extra = damping[active, None] * diagonal + 1e-9 * diagonal.amax(1, keepdim=True) + 1e-12
-        step = torch.linalg.solve(curvature + torch.diag_embed(extra + (1 - free)), gradient * free)
-        step = step * (1.0 / step.abs().amax(1, keepdim=True)).clamp(max=1.0)
-        trial = torch.minimum(torch.maximum(here + step, model.low), model.high)
-        new, new_residual, _ = state(active, trial)
-        better = new > value[active]
-        gain = torch.where(better, new - value[active], 0.0)
-        rising = active[better]
-        if len(rising):
-            x[rising], value[rising] = trial[better], new[better]
-            residual[rising] = new_residual[better]
-            jacobian[rising] = model.linearise(trial[better])[1]
-        damping[rising] = (damping[rising] / 6).clamp(min=1e-9)
-        damping[active[~better]] *= 5
-        ended = (better & (gain < 1e-6)) | ((trial - here).abs().amax(1) < 1e-8)
-        active = active[~(ended | (damping[active] > 1e6))]
-    return Fit(x, value, residual, jacobian, _whitening(model, shared, mask, rows, x))
+    def derivatives(rows, x):
+        mean, jacobian[rows] = model.linearise(x)
+        residual[rows] = y[rows] - mean
+        w = _whitening(model, shared, mask, rows, x)
+        return _normal_equations(model, w, residual[rows], jacobian[rows], x)
+
+    x, objective, _ = maximise(
+        *(value, derivatives, start, model.low, model.high, iterations, LEAST_GAIN, LEAST_MOVE)
+    )
+    w = _whitening(model, shared, mask, torch.arange(len(x)), x)
+    return Fit(x, objective, residual, jacobian, w)
 
 
 def _whitening(model, shared, mask, rows, x):
@@ -108,8 +91,8 @@ def _objective(model, w, residual, x):
     distance = white(w, residual[..., None]).square().sum((-3, -2, -1))
     diagonal = w.diagonal(dim1=-2, dim2=-1)
     logs = torch.where(diagonal > 0, diagonal, 1.0).log().sum((-2, -1))
-    scales = torch.exp(2 * x[:, model.first_sigma :]).sum(-1)
-    return -0.5 * distance + logs - 0.5 * scales / model.observations.prior_scale**2
+    noise, scales = model.observations.noise, torch.exp(2 * x[:, model.first_sigma :]).sum(-1)
+    return -0.5 * distance + logs - 0.5 * scales / noise.prior_scale**2
 
 
 def _normal_equations(model, w, residual, jacobian, x):
@@ -120,16 +103,16 @@ def _normal_equations(model, w, residual, jacobian, x):
     gradient, curvature = x.new_zeros(m, p), x.new_zeros(m, p, p)
     gradient[:, :r] = (slopes.mT @ error.flatten(1, 2))[..., 0]
     curvature[:, :r, :r] = slopes.mT @ slopes
-    first, units = model.first_sigma, model.observations.units
+    first, noise = model.first_sigma, model.observations.noise
     if first < p:
         precision = w.mT @ w
         alpha = (w.mT @ error)[..., 0]
-        change = 2 * torch.exp(2 * x[:, first:])[:, :, None] * units.square()  # (M, G, D)
+        change = 2 * torch.exp(2 * x[:, first:])[:, :, None] * noise.units.square()  # (M, G, D)
         by_change = 0.5 * (alpha.square() - precision.diagonal(dim1=-2, dim2=-1)).sum(1)
         gradient[:, first:] = (change * by_change[:, None, :]).sum(-1)
         shared = 0.5 * precision.square().sum(1)  # sum over hearts of P_ij^2 / 2
         curvature[:, first:, first:] = change @ shared @ change.mT
-        prior = torch.exp(2 * x[:, first:]) / model.observations.prior_scale**2
+        prior = torch.exp(2 * x[:, first:]) / noise.prior_scale**2
         gradient[:, first:] -= prior
         curvature.diagonal(dim1=-2, dim2=-1)[:, first:] += 2 * prior
     return gradient, curvature

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from torch.distributions import HalfNormal
 
 from regional_lv.criticism.extended import ExtendedEmulator
 from regional_lv.criticism.observations import Observations
@@ -95,7 +94,7 @@ class Model:
         self.observations, self.emulator, self.layout = observations, emulator, layout
         self.tails = tails
         hypotheses = [e.hypothesis for e in emulator.extensions] + ([tails] if tails else [])
-        q, g = len(layout.names), len(observations.scaled)
+        q, groups = len(layout.names), observations.noise.groups
         self.psi = slice(q, q + len(emulator.extensions))
         self.tail = q + len(emulator.extensions) if tails else None
         self.means = self.psi.stop
@@ -103,10 +102,10 @@ class Model:
         self.names = (
             *layout.names,
             *(h.name for h in hypotheses),
-            *(f"log_sigma_{quantity}" for quantity in observations.scaled),
+            *(f"log_sigma_{quantity}" for quantity in groups),
         )
         self.low, self.high = (
-            torch.cat([edge, torch.tensor([*values, *[bound] * g], dtype=torch.float64)])
+            torch.cat([edge, torch.tensor([*values, *[bound] * len(groups)], dtype=torch.float64)])
             for edge, values, bound in (
                 (layout.low, [h.low for h in hypotheses], LOG_SIGMA_BOUNDS[0]),
                 (layout.high, [h.high for h in hypotheses], LOG_SIGMA_BOUNDS[1]),
@@ -176,12 +175,9 @@ class Model:
 
     def noise_variance(self, x: torch.Tensor) -> torch.Tensor:
         """(M, S, D) at x (M, P); (1, S, D) if all of it is known. 1 where nothing was observed."""
-        o = self.observations
-        total = o.sd.square()[None]
-        if len(o.units):
-            scale = torch.exp(2 * x[:, self.first_sigma :])
-            total = total + (scale @ o.units.square())[:, None, :]
-        return torch.where(o.present, total, 1.0)
+        noise = self.observations.noise
+        log_sigma = x[:, None, self.first_sigma :] if noise.groups else x.new_zeros(1, 1, 0)
+        return torch.where(self.observations.present, noise.variance(log_sigma), 1.0)
 
     def covariance(self, x: torch.Tensor) -> torch.Tensor:
         """(M or 1, S, D, D) of what was observed; unit rows where nothing was."""
@@ -212,9 +208,9 @@ class Model:
         else:
             total = total - width[:q].log().sum()
         if self.first_sigma < x.shape[-1]:
-            log_sigma, s = x[..., self.first_sigma :], self.observations.prior_scale
-            density = HalfNormal(x.new_tensor(s)).log_prob(log_sigma.exp())
-            total = total + (density + log_sigma).sum(-1)  # log_sigma: the Jacobian of exp
+            log_sigma = x[..., self.first_sigma :]
+            total = total + self.observations.noise.log_prior(log_sigma)
+            total = total + log_sigma.sum(-1)  # the Jacobian of exp
         return total
 
     @property

@@ -37,19 +37,15 @@ def noise_units(channels: Channels, spread: np.ndarray) -> np.ndarray:
 class Observations:
     """Observed outputs of S hearts, of D different kinds.
 
-    y: (S, D), 0 where absent. present: (S, D). sd: (S, D) known noise, natural units. scaled (names
-    of G quantities), units (G, D) and prior_scale: noise that is inferred, one scale per quantity,
-    the same in all hearts (`likelihood.Noise`).
+    y: (S, D), 0 where absent. present: (S, D). noise: with sd (S, D); scales that are inferred are
+    the same in all hearts.
     """
 
     subjects: tuple[str, ...]
     outputs: tuple[str, ...]
     y: torch.Tensor
     present: torch.Tensor
-    sd: torch.Tensor
-    scaled: tuple[str, ...]
-    units: torch.Tensor
-    prior_scale: float
+    noise: Noise
 
     @cached_property
     def channels(self) -> Channels:
@@ -82,16 +78,19 @@ class Observations:
     def apart(self) -> list["Observations"]:
         """Each heart by itself."""
         return [
-            replace(self, subjects=(name,), **{k: getattr(self, k)[i : i + 1] for k in _PER_HEART})
+            replace(
+                self,
+                subjects=(name,),
+                y=self.y[i : i + 1],
+                present=self.present[i : i + 1],
+                noise=replace(self.noise, sd=self.noise.sd[i : i + 1]),
+            )
             for i, name in enumerate(self.subjects)
         ]
 
     def with_values(self, y: torch.Tensor) -> "Observations":
         """The same channels with other values (S, D)."""
         return replace(self, y=torch.where(self.present, y, 0.0))
-
-
-_PER_HEART = ("y", "present", "sd")
 
 
 def _elsewhere(channel) -> str:
@@ -127,10 +126,7 @@ def observe(
             "of them one or none, or criticise them apart"
         )
     groups = Noise.inferred(emulator, prior_scale).groups if unknown.pop() else {}
-    units = torch.stack([*groups.values()]) if groups else torch.zeros(0, len(outputs)).double()
-    return Observations(
-        tuple(tables), outputs, y, present, sd, tuple(groups), units, float(prior_scale)
-    )
+    return Observations(tuple(tables), outputs, y, present, Noise(sd, groups, float(prior_scale)))
 
 
 WALLS = {

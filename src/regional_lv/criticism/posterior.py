@@ -14,16 +14,14 @@ from statsmodels.stats.weightstats import DescrStatsW
 from regional_lv.criticism.fit import Fit
 from regional_lv.criticism.model import LOG_2PI, Model
 from regional_lv.inference import importance
+from regional_lv.inference.transform import BoundedTransform
 from regional_lv.seeds import derive
 
 ROUNDS, MOST_ROUNDS = 6, 30
 """Of importance sampling: rounds of proposals of one distribution, and rounds at most."""
 
-EDGE = 0.02
-"""Share of a range that keeps the Laplace approximation away from its ends."""
-
-LARGEST_SD = 2.0
-"""Of a proposal, per unconstrained coordinate: a uniform density on the range has 1.8."""
+LARGEST_SD = 0.4
+"""Of a proposal, as a share of the range: a uniform density has 0.29."""
 
 LEAST_ESS = 150.0
 """Effective draws below which a fold is sampled by itself, and a posterior is called poor."""
@@ -62,28 +60,6 @@ class Posterior:
         return mean, (weight * (values - mean).square()).sum(0).sqrt()
 
 
-class _Box:
-    """x (N, P) in the box and its unconstrained form u: the logit of the share of each range."""
-
-    def __init__(self, model: Model):
-        self.low, self.width = model.low, model.high - model.low
-
-    def inside(self, u: torch.Tensor) -> torch.Tensor:
-        return self.low + self.width * torch.sigmoid(u)
-
-    def outside(self, x: torch.Tensor) -> torch.Tensor:
-        return torch.logit(((x - self.low) / self.width).clamp(EDGE, 1 - EDGE))
-
-    def slope(self, u: torch.Tensor) -> torch.Tensor:
-        """dx/du."""
-        share = torch.sigmoid(u)
-        return self.width * share * (1 - share)
-
-    def log_jacobian(self, u: torch.Tensor) -> torch.Tensor:
-        logs = -torch.nn.functional.softplus(u) - torch.nn.functional.softplus(-u)
-        return (self.width.log() + logs).sum(-1)
-
-
 def laplace(model: Model, found: Fit) -> tuple[torch.Tensor, torch.Tensor]:
     """Centre (P,) and covariance (P, P) in x of a fit (M = 1), with the weak prior."""
     w = found.whitening[0]
@@ -94,7 +70,7 @@ def laplace(model: Model, found: Fit) -> tuple[torch.Tensor, torch.Tensor]:
     first = model.first_sigma
     if first < p:
         scales = torch.exp(2 * found.x[0, first:])
-        change = 2 * scales[:, None] * model.observations.units.square()
+        change = 2 * scales[:, None] * model.observations.noise.units.square()
         squares = (w.mT @ w).square().sum(0) / 2
         precision[first:, first:] += change @ squares @ change.mT
     return found.x[0], torch.linalg.inv(precision)
@@ -112,31 +88,31 @@ def sample(
 
     draws: per round. keep: (D,) channels that count as observed; all if None.
     """
-    box = _Box(model)
-    u0 = box.outside(centre)
-    slope = box.slope(u0)
+    sd = covariance.diagonal().sqrt()
+    transform = BoundedTransform(model.low, model.high, sd)
+    start = transform.outside(centre)
     residuals = []
 
     def density(u):
-        x = box.inside(u)
+        x = transform.inside(u)
         residuals.append(model.observations.y - model.mean(x))
         logs = log_density(model, residuals[-1], x, keep)
-        return logs + model.log_prior(x) + box.log_jacobian(u)
+        return logs + model.log_prior(x) + transform.log_slope(u).sum(-1)
 
     found = importance.sample(
         density,
-        u0,
-        2.0 * covariance / slope[:, None] / slope,
+        start,
+        2.0 * covariance,
         draws,
         torch.Generator().manual_seed(seed),
         rounds=ROUNDS,
         most_rounds=MOST_ROUNDS,
         least_ess=2 * LEAST_ESS,
-        largest_sd=LARGEST_SD,
+        largest_sd=LARGEST_SD * (model.high - model.low),
     )
     return Posterior(
         model,
-        box.inside(found.u),
+        transform.inside(found.u),
         found.log_weight - torch.logsumexp(found.log_weight, 0),
         found.log_evidence,
         found.evidence_error,
@@ -157,7 +133,7 @@ def log_density(
     if model.tails is not None:
         return torch.where(mask, _student(model, residual, x), 0.0).sum((-2, -1))
     count = int(mask.sum())
-    if not len(model.observations.units):
+    if not model.observations.noise.groups:
         w = model.whitening(x[:1], mask)
         diagonal = w.diagonal(dim1=-2, dim2=-1)
         logs = torch.where(diagonal > 0, diagonal, 1.0).log().sum((-2, -1))
@@ -206,7 +182,7 @@ def left_out_errors(
         variance = model.error.diagonal(dim1=-2, dim2=-1) + model.noise_variance(x)
         variance = variance * inflation
         return [(logs[..., g].sum((-2, -1)), residual[..., g], variance[..., g]) for g in groups]
-    shared = not len(model.observations.units)
+    shared = not model.observations.noise.groups
     parts = []
     for r, at in zip(residual.split(_ROWS), x.split(_ROWS), strict=True):
         factor = torch.linalg.cholesky(model.covariance(at[:1] if shared else at))

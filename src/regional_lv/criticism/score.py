@@ -117,7 +117,7 @@ def statistics(model: Model, found: Fit, extensions) -> Statistics:
     projected = Projected.of(found, model)
     o = model.observations
     misfit, names = {}, {}
-    if not len(o.units):
+    if not o.noise.groups:
         misfit["overall"] = found.deviance[:, None]
         names["overall"] = ("all channels together",)
     error, sd = projected.left_out(_channel_groups(model))

@@ -14,13 +14,13 @@ from dataclasses import dataclass
 import torch
 
 from regional_lv.inference import importance
-from regional_lv.inference.box import Box
 from regional_lv.inference.importance import Student, Weighted
 from regional_lv.inference.likelihood import Likelihood
 from regional_lv.inference.point import CHUNK
 from regional_lv.inference.shell import flatten
 from regional_lv.inference.surrogate import Potential, fit_surrogate
 from regional_lv.inference.target import Target
+from regional_lv.inference.transform import ThetaTransform
 
 EFFORT = {"draws": 2000, "rounds": 4, "most_rounds": 24, "least_ess": 2500}
 """Draws of a round, rounds of one proposal, of mixtures, and the effective sample size that is
@@ -77,12 +77,12 @@ def approximate(
         yield best
 
     theta, log_sigma = broad.constrain(best.found.u)
-    box = Box.around(theta, best.found.weight, likelihood.emulator)
-    wide = Target(broad.likelihood, box)
+    transform = ThetaTransform.around(theta, best.found.weight, likelihood.emulator)
+    wide = Target(broad.likelihood, transform)
     kept = importance.resample(best.found.weight, PLACES, generator)
     best = _explore(wide, wide.unconstrain(theta[kept], log_sigma[kept]), generator)
     if thin:
-        shell, thickness = flatten(likelihood, box, *best.moments(), generator)
+        shell, thickness = flatten(likelihood, transform, *best.moments(), generator)
         flat = Target(likelihood, shell)
         places = flat.unconstrain(*wide.constrain(best.places(generator)))
         across = likelihood.inputs - 1

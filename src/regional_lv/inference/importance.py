@@ -31,6 +31,10 @@ TRUNCATION = 20
 early round would make it collapse."""
 
 
+Limit = float | torch.Tensor
+"""Of the sd of every coordinate: one for all, or (P,)."""
+
+
 @dataclass(frozen=True)
 class Weighted:
     """Draws u (N, P), the last ones that were made, and their log weights (N,), not normalised."""
@@ -72,13 +76,13 @@ def sample(
     rounds: int,
     most_rounds: int | None = None,
     least_ess: float = math.inf,
-    largest_sd: float = math.inf,
+    largest_sd: Limit = math.inf,
 ) -> Weighted:
     """Draws of a `log_density` (M,) of u (M, P), which need not be normalised.
 
     mean (P,), covariance (P, P): of the first proposal. draws: per round. rounds: of proposals of
     one distribution; further ones are of mixtures, `most_rounds` in all (None: `rounds`). Ends when
-    the effective sample size reaches `least_ess`. largest_sd: of a proposal, per coordinate.
+    the effective sample size reaches `least_ess`. largest_sd: of a proposal.
     """
     proposal = Student(mean, tame(covariance, largest_sd))
     proposals, us, targets = [], [], []
@@ -151,7 +155,7 @@ def temper(log_weight: torch.Tensor, least: float) -> torch.Tensor:
     return weight
 
 
-def tame(covariance: torch.Tensor, largest_sd: float) -> torch.Tensor:
+def tame(covariance: torch.Tensor, largest_sd: Limit) -> torch.Tensor:
     """The covariance with no coordinate's sd above `largest_sd`, and safely positive."""
     sd = covariance.diagonal().sqrt()
     factor = (largest_sd / sd).clamp(max=1.0)
@@ -201,7 +205,7 @@ class Mixture:
         return cls(parts, torch.full((len(parts),), 1 / len(parts), dtype=torch.float64))
 
     @classmethod
-    def split(cls, u: torch.Tensor, weight: torch.Tensor, largest_sd: float) -> "Mixture":
+    def split(cls, u: torch.Tensor, weight: torch.Tensor, largest_sd: Limit) -> "Mixture":
         """Around the centres of clusters of weighted draws, all as wide as the draws within."""
         mean, spread = moments(u, weight)
         factor = torch.linalg.cholesky(tame(spread, largest_sd))
@@ -214,7 +218,7 @@ class Mixture:
         spread = tame(factor @ within @ factor.mT, largest_sd)
         return cls.equal([Student(mean + factor @ centre, spread) for centre in centres])
 
-    def adapted(self, u: torch.Tensor, weight: torch.Tensor, largest_sd: float) -> "Mixture":
+    def adapted(self, u: torch.Tensor, weight: torch.Tensor, largest_sd: Limit) -> "Mixture":
         """After one step of expectation maximisation on weighted draws."""
         logs = self._logs(u)
         share = torch.softmax(logs, 0) * weight

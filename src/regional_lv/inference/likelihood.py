@@ -83,13 +83,19 @@ class Noise:
         """Whether there is any."""
         return bool(self.groups) or bool((self.sd > 0).any())
 
+    @property
+    def units(self) -> torch.Tensor:
+        """Of all groups, (G, D)."""
+        empty = self.sd.new_zeros(0, self.sd.shape[-1])
+        return torch.stack([*self.groups.values()]) if self.groups else empty
+
     def freedom_beside(self, prediction: SeparablePrediction) -> float:
         """Degrees of freedom with which the emulator's errors count beside this noise."""
         return math.inf if self.present else prediction.freedom
 
     def variance(self, log_sigma: torch.Tensor) -> torch.Tensor:
         """Variance of each output, (..., D), at `log_sigma` (..., G)."""
-        total = self.sd.square().expand(*log_sigma.shape[:-1], -1)
+        total = self.sd.square() + log_sigma.new_zeros(*log_sigma.shape[:-1], 1)
         for i, unit in enumerate(self.groups.values()):
             total = total + torch.exp(2 * log_sigma[..., i, None]) * unit.square()
         return total

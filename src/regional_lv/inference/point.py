@@ -15,6 +15,7 @@ import torch
 from regional_lv.design import sobol
 from regional_lv.emulators.base import Emulator, Prediction, join
 from regional_lv.inference.likelihood import Likelihood
+from regional_lv.inference.optimise import maximise
 from regional_lv.seeds import derive
 
 log = logging.getLogger(__name__)
@@ -164,47 +165,24 @@ def _meet(owner: torch.Tensor, position: torch.Tensor) -> tuple[torch.Tensor, to
 
 
 def climb(likelihood, y, position, low, high, iterations, least=LEAST_GAIN):
-    """Levenberg-Marquardt from every row of `position` (M, P); rows that have ended drop out."""
-    position = position.clone()
-    damping = torch.full((len(position),), 1e-2, dtype=torch.float64)
-    value, gradient, curvature = _evaluate(likelihood, y, position)
-    active = torch.arange(len(position))
-    for _ in range(iterations):
-        if not len(active):
-            break
-        here, g, h = position[active], gradient[active], curvature[active]
-        # At a bound and pushed outwards: the coordinate stays where it is.
-        held = ((here <= low) & (g < 0)) | ((here >= high) & (g > 0))
-        free = (~held).double()
-        h = h * free[:, :, None] * free[:, None, :]
-        diagonal = h.diagonal(dim1=-2, dim2=-1)
-        extra = damping[active, None] * diagonal + 1e-8 * diagonal.amax(1, keepdim=True) + 1e-12
-        step = torch.linalg.solve(h + torch.diag_embed(extra + (1 - free)), g * free)
-        step = step * (1.0 / step.abs().amax(1, keepdim=True)).clamp(max=1.0)
-        trial = torch.minimum(torch.maximum(here + step, low), high)
-        with torch.no_grad():
-            new = _density(likelihood, y[active], trial)
-        better = new > value[active]
-        gain = torch.where(better, new - value[active], 0.0)
-        moved = (trial - here).abs().amax(1)
-        rising = active[better]
-        position[rising], value[rising] = trial[better], new[better]
-        damping[rising] = (damping[rising] / 5).clamp(min=1e-9)
-        damping[active[~better]] *= 4
-        if len(rising):
-            _, gradient[rising], curvature[rising] = _evaluate(
-                likelihood, y[rising], position[rising]
-            )
-        ended = (better & (gain < least) & (damping[active] < 1.0)) | (moved < 1e-10)
-        ended |= damping[active] > 1e8
-        active = active[~ended]
-    if len(active):
-        log.info("maximum: %d of %d starts had iterations left to do", len(active), len(position))
-    return position, value
+    """Levenberg-Marquardt from every row of `position` (M, P): where it ends, and values (M,)."""
+    found, values, left = maximise(
+        lambda rows, at: _density(likelihood, y[rows], at),
+        lambda rows, at: _derivatives(likelihood, y[rows], at),
+        *(position, low, high, iterations, least),
+    )
+    if len(left):
+        log.info("maximum: %d of %d starts had iterations left to do", len(left), len(position))
+    return found, values
 
 
+@torch.no_grad()
 def _density(likelihood, y, position) -> torch.Tensor:
     """Log posterior density (M,) at (log theta, log sigma), in chunks."""
+    return _with_gradient(likelihood, y, position)
+
+
+def _with_gradient(likelihood, y, position) -> torch.Tensor:
     parts = []
     for i in range(0, len(position), CHUNK):
         theta, log_sigma = _split(likelihood, position[i : i + CHUNK])
@@ -213,14 +191,13 @@ def _density(likelihood, y, position) -> torch.Tensor:
     return torch.cat(parts)
 
 
-def _evaluate(likelihood, y, position):
-    """Value (M,), gradient (M, P) and curvature (M, P, P) of the log posterior density."""
-    values, gradients, curvatures = [], [], []
+def _derivatives(likelihood, y, position):
+    """Gradient (M, P) and curvature (M, P, P) of the log posterior density."""
+    gradients, curvatures = [], []
     for i in range(0, len(position), CHUNK):
         here = position[i : i + CHUNK].detach().requires_grad_(True)
-        value = _density(likelihood, y[i : i + CHUNK], here)
+        value = _with_gradient(likelihood, y[i : i + CHUNK], here)
         gradients.append(torch.autograd.grad(value.sum(), here)[0])
-        values.append(value.detach())
         theta, log_sigma = _split(likelihood, here.detach())
         curvature = likelihood.at(y[i : i + CHUNK]).information(theta, log_sigma)
         p = theta.shape[-1]
@@ -228,7 +205,7 @@ def _evaluate(likelihood, y, position):
             prior = 2 * torch.exp(2 * log_sigma[:, k]) / likelihood.noise.prior_scale**2
             curvature[:, p + k, p + k] += prior
         curvatures.append(curvature)
-    return torch.cat(values), torch.cat(gradients), torch.cat(curvatures)
+    return torch.cat(gradients), torch.cat(curvatures)
 
 
 def _split(likelihood, position) -> tuple[torch.Tensor, torch.Tensor]:

@@ -7,9 +7,9 @@ from functools import cached_property
 import torch
 
 from regional_lv.emulators.base import Emulator
-from regional_lv.inference.box import Box
 from regional_lv.inference.likelihood import Likelihood
 from regional_lv.inference.point import CHUNK
+from regional_lv.inference.transform import ThetaTransform
 
 PLACES, SPREAD = 2000, 1.3
 """Places on the shell that first guesses of its height are fitted to, and how far across."""
@@ -33,8 +33,8 @@ class Shell:
     observed.
 
     A volume known to a tenth of a mL beside strains with inferred noise leaves a curved shell, a
-    hundred times as wide as thick. About w it is the slab u = 0: v, the coordinates of `box`, is
-    origin + frame (y, a), and the height a the one at which the emulator's mean of the output is
+    hundred times as wide as thick. About w it is the slab u = 0: v, the coordinates of `transform`,
+    is origin + frame (y, a), and the height a the one at which the emulator's mean of the output is
     `value` + u. Along the axis of a every theta changes towards a larger output, so that there is
     no more than one such height.
 
@@ -42,7 +42,7 @@ class Shell:
     guess (F,): coefficients of a quadratic polynomial of y, where a is looked for first.
     """
 
-    box: Box
+    transform: ThetaTransform
     emulator: Emulator
     output: int
     value: torch.Tensor
@@ -65,7 +65,7 @@ class Shell:
         below, above = self._excess(y.expand(2, *y.shape), ends)
         slope = ((above - below) / (2 * STEP)).clamp(min=STEEPNESS)
         v = self._v(y, height)
-        theta, log_jacobian = self.box.open(v)
+        theta, log_jacobian = self.transform.open(v)
         log_jacobian = log_jacobian - slope.log() + self._log_volume
         lost = (missing.abs() > self._tolerance) | (slope <= STEEPNESS)
         return theta, torch.where(lost, -math.inf, log_jacobian)
@@ -76,7 +76,8 @@ class Shell:
 
     def position(self, theta: torch.Tensor) -> torch.Tensor:
         """w (..., P) of `theta`."""
-        across = torch.linalg.solve(self.frame, (self.box.position(theta) - self.origin)[..., None])
+        away = self.transform.position(theta) - self.origin
+        across = torch.linalg.solve(self.frame, away[..., None])
         y, height = across[..., :-1, 0], across[..., -1, 0]
         return torch.cat([y, self._excess(y, height)[..., None]], dim=-1)
 
@@ -93,7 +94,7 @@ class Shell:
 
     def _excess(self, y: torch.Tensor, height: torch.Tensor) -> torch.Tensor:
         """The emulator's mean of the output, less the observed value, (...)."""
-        theta = self.box.theta(self._v(y, height))
+        theta = self.transform.theta(self._v(y, height))
         parts = theta.reshape(-1, theta.shape[-1]).split(CHUNK)
         mean = torch.cat([self.emulator.predict_mean(part)[:, self.output] for part in parts])
         return mean.reshape(height.shape) - self.value
@@ -129,7 +130,7 @@ class Shell:
 
 def flatten(
     likelihood: Likelihood,
-    box: Box,
+    transform: ThetaTransform,
     centre: torch.Tensor,
     whitening: torch.Tensor,
     generator: torch.Generator,
@@ -144,23 +145,23 @@ def flatten(
     p = likelihood.inputs
     origin, spread = centre[:p], torch.linalg.cholesky(covariance[:p, :p])
     v = origin.clone().requires_grad_()
-    (slope,) = torch.autograd.grad(emulator.predict_mean(box.theta(v))[output], v)
+    (slope,) = torch.autograd.grad(emulator.predict_mean(transform.theta(v))[output], v)
     axis = torch.linalg.solve(spread, covariance.diagonal()[:p] * slope)
     basis = torch.linalg.svd((axis / axis.norm())[None])[2].clone()
     basis[0] *= torch.sign(basis[0] @ axis)
     frame = spread @ basis.roll(-1, 0).T
     value = likelihood.y[output]
     guess = torch.zeros(len(products(origin[1:])), dtype=origin.dtype)
-    rough = Shell(box, emulator.rough, output, value, origin, frame, guess)
+    rough = Shell(transform, emulator.rough, output, value, origin, frame, guess)
     y = SPREAD * torch.randn(PLACES, p - 1, generator=generator, dtype=origin.dtype)
     height, _ = rough._find(y, torch.zeros(PLACES, dtype=origin.dtype))
     # What lies far off the posterior matters less.
     weight = torch.exp(-0.125 * height.square())[:, None]
     fit = torch.linalg.lstsq(weight * products(y), weight * height[:, None])
-    shell = Shell(box, emulator, output, value, origin, frame, fit.solution[:, 0])
+    shell = Shell(transform, emulator, output, value, origin, frame, fit.solution[:, 0])
 
     with torch.no_grad():
-        error = emulator.predict(box.theta(origin)).covariance[output, output]
+        error = emulator.predict(transform.theta(origin)).covariance[output, output]
     return shell, (error + likelihood.noise.sd[output].square()).sqrt()
 
 

@@ -4,9 +4,9 @@ import numpy as np
 import torch
 
 from regional_lv.emulators.base import Prediction
-from regional_lv.inference.box import POWER, Box
 from regional_lv.inference.likelihood import Likelihood
 from regional_lv.inference.shell import Shell
+from regional_lv.inference.transform import POWER, ThetaTransform
 
 WEAKEST_CURVATURE = 0.3
 """Where the data say nothing, a parameter has about this curvature from its soft bounds; flatter
@@ -18,13 +18,13 @@ BLUR = 0.03
 
 
 class Target:
-    """-log posterior density of positions (..., P + G): theta through `box`, then log sigma.
+    """-log posterior density of positions (..., P + G): theta through `transform`, then log sigma.
 
-    box: a `Shell`, where an output is exact and the posterior thin.
+    transform: a `Shell`, where an output is exact and the posterior thin.
     """
 
-    def __init__(self, likelihood: Likelihood, box: Box | Shell):
-        self.likelihood, self.box = likelihood, box
+    def __init__(self, likelihood: Likelihood, transform: ThetaTransform | Shell):
+        self.likelihood, self.transform = likelihood, transform
         self.inputs = likelihood.inputs
 
     @classmethod
@@ -32,13 +32,13 @@ class Target:
         """With soft bounds as wide as the posterior around `theta` (P,), `log_sigma` (G,) is."""
         emulator = likelihood.emulator
         information = likelihood.information(theta, log_sigma)
-        # A parameter of which the data say nothing has the variance of the box; a scale of the
+        # A parameter of which the data say nothing has the variance of its range; a scale of the
         # noise has about as wide a prior.
         span = np.log((emulator.upper / emulator.lower).numpy())
         spans = np.concatenate([span, np.full(len(log_sigma), span.max())])
         covariance = torch.linalg.inv(information + torch.diag(torch.as_tensor(12 / spans**2)))
         width = covariance.diagonal()[: len(theta)].sqrt() * theta**POWER
-        return cls(likelihood, Box(emulator.lower, emulator.upper, width))
+        return cls(likelihood, ThetaTransform(emulator.lower, emulator.upper, width))
 
     def broadened(self, theta: torch.Tensor) -> "Target":
         """Itself, or, if it is a thin shell at `theta` (P,), that which is `blurred`."""
@@ -51,15 +51,15 @@ class Target:
         variance = prediction.covariance.diagonal() + likelihood.noise.sd.square()
         thin = likelihood.exact & (variance.sqrt() < BLUR * likelihood.emulator.output_sd)
         thin = thin & likelihood.emulator.linearise(theta)[1].any(-1)  # what never moves has none
-        return Target(likelihood.blurred(BLUR), self.box) if thin.any() else self
+        return Target(likelihood.blurred(BLUR), self.transform) if thin.any() else self
 
     def unconstrain(self, theta: torch.Tensor, log_sigma: torch.Tensor) -> torch.Tensor:
         """Position (..., P + G)."""
-        return torch.cat([self.box.position(theta), log_sigma], dim=-1)
+        return torch.cat([self.transform.position(theta), log_sigma], dim=-1)
 
     def constrain(self, position: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Theta (..., P) and log sigma (..., G)."""
-        return self.box.theta(position[..., : self.inputs]), position[..., self.inputs :]
+        return self.transform.theta(position[..., : self.inputs]), position[..., self.inputs :]
 
     def potential(
         self, position: torch.Tensor, variance: torch.Tensor | None = None
@@ -80,7 +80,7 @@ class Target:
 
     def _value(self, position, predict) -> tuple[torch.Tensor, Prediction]:
         log_sigma = position[..., self.inputs :]
-        theta, jacobian = self.box.open(position[..., : self.inputs])
+        theta, jacobian = self.transform.open(position[..., : self.inputs])
         prediction = predict(theta)
         if log_sigma.shape[-1]:
             jacobian = jacobian + log_sigma.sum(-1) + self.likelihood.noise.log_prior(log_sigma)
@@ -93,10 +93,10 @@ class Target:
         with covariance M M', from the expected information and the curvature of the soft bounds."""
         position, p = self.unconstrain(theta, log_sigma), self.inputs
         bounds = -torch.autograd.functional.hessian(
-            lambda v: self.box.log_jacobian(v[:p]), position
+            lambda v: self.transform.log_jacobian(v[:p]), position
         )
         slope = torch.autograd.functional.jacobian(
-            lambda v: torch.cat([torch.log(self.box.theta(v[:p])), v[p:]]), position
+            lambda v: torch.cat([torch.log(self.transform.theta(v[:p])), v[p:]]), position
         )
         precision = slope.T @ self.likelihood.information(theta, log_sigma) @ slope
         precision = precision + torch.diag(bounds.diagonal().clamp(min=0))
