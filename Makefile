@@ -2,7 +2,7 @@
 # make paper    the paper's study
 # make published  the statistical half on the paper's own simulations, no simulator needed
 # make smoke    every step once
-# make hidden-effects   effects planted in a synthetic heart, criticised blind, and the score
+# make hidden-effects   effects injected into synthetic hearts, criticised blind, and the score
 # make test     lint, format, workflow lint, all tests
 # make env      the environment (the targets above make it themselves)
 # make test-dolfinx-next   the physics tests with dolfinx 0.9 (as root; Debian 13, 2.6 GB, kept)

@@ -501,7 +501,7 @@ def _check_effects(key: str, effects: dict, config: dict) -> Iterator[str]:
             continue
         why_not = hypothesis.why_not(described)
         if why_not:
-            yield f"{key}.{name}: cannot be planted, {why_not}; remove it"
+            yield f"{key}.{name}: cannot be injected, {why_not}; remove it"
         psi = value["multiplier"] if isinstance(value, dict) else value
         if not hypothesis.low <= psi <= hypothesis.high:
             yield (

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from regional_lv.criticism.planted import Ventricles, read_effects, unit_noise
+from regional_lv.criticism.injection import Ventricles, read_effects, unit_noise
 from regional_lv.errors import InputError
 from regional_lv.measured import synthetic_subject, write_measured, write_truth
 from regional_lv.parameters import Parameterisation

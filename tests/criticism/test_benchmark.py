@@ -13,7 +13,7 @@ from regional_lv.criticism.observations import observe
 from regional_lv.criticism.rates import rate
 from regional_lv.measured import read_measured, write_measured
 from regional_lv.plots import hidden_effects
-from tests.criticism.stand_in import PARAMETERS, THETA, Pressure, StandIn, basal, bias, measured
+from tests.criticism.toy import PARAMETERS, THETA, Pressure, ToyEmulator, basal, bias, measured
 
 
 def case(effect, answer, limits, size=1, covered=True, **more):
@@ -46,7 +46,7 @@ def test_summary_counts(cases):
     found = summarise(cases)
     assert (found["false_positives"]["hits"], found["false_positives"]["of"]) == (1, 20)
     far = found["limit_of_the_test"]
-    assert far["contains_planted"]["share"] == pytest.approx(0.8)
+    assert far["contains_injected"]["share"] == pytest.approx(0.8)
     assert far["mean_members"] == 1.0
     assert far["coverage"]["share"] == pytest.approx(0.8)
     assert found["pressure_not_identifiable"]["hits"] == 1
@@ -63,7 +63,7 @@ def test_rates_have_exact_intervals():
 
 
 def test_expected_score_is_the_effect_over_its_standard_error():
-    emulator = StandIn(bend=0.0)
+    emulator = ToyEmulator(bend=0.0)
     o = observe({"a": measured(emulator)}, emulator, 1.0)
     one, two = (expected_score(o, emulator, bias(), THETA, value) for value in (0.2, 0.4))
     assert two == pytest.approx(2 * one)
@@ -71,8 +71,8 @@ def test_expected_score_is_the_effect_over_its_standard_error():
     assert expected_score(noisier, emulator, bias(), THETA, 0.2) == pytest.approx(one / 2, rel=0.03)
 
 
-def test_planted_rows_are_measured_tables(tmp_path):
-    table = measured(StandIn())
+def test_injected_rows_are_measured_tables(tmp_path):
+    table = measured(ToyEmulator())
     row = pd.Series(
         {"subject": "a"}
         | dict(zip(table["output"], table["value"], strict=True))
@@ -84,7 +84,7 @@ def test_planted_rows_are_measured_tables(tmp_path):
     columns = ["output", "quantity", "segment", "load_fraction", "value", "sd"]
     pd.testing.assert_frame_equal(found[columns], read[columns], check_exact=False)
     assert torch.equal(
-        observe({"a": found}, StandIn(), 1.0).present, observe({"a": read}, StandIn(), 1.0).present
+        *(observe({"a": table}, ToyEmulator(), 1.0).present for table in (found, read))
     )
 
 
@@ -100,11 +100,11 @@ def test_figure_shows_confusions_and_power(cases, tmp_path):
 def test_from_subjects_to_score(tmp_path, monkeypatch):
     """Two hearts in closed form through the files, one with an effect."""
     catalogue = [Pressure(), bias(), basal()]
-    monkeypatch.setattr(benchmark.emulators, "load", lambda path: StandIn())
+    monkeypatch.setattr(benchmark.emulators, "load", lambda path: ToyEmulator())
     monkeypatch.setattr(benchmark, "read_extensions", lambda paths: catalogue)
     rows, truths = [], []
     for name, extension, psi in (("a", basal(), 1.0), ("b", None, 0.0)):
-        table = measured(StandIn(), extension, psi, seed=5)
+        table = measured(ToyEmulator(), extension, psi, seed=5)
         rows.append(
             {"subject": name}
             | dict(zip(table["output"], table["value"], strict=True))
@@ -128,6 +128,6 @@ def test_from_subjects_to_score(tmp_path, monkeypatch):
     assert cases["answer"].to_dict() == {"a": "basal_motion", "b": "none"}
     assert float(cases.loc["a", "limits"]) > 3
     summary = json.loads(outputs[2].read_text())
-    assert summary["limit_of_the_test"]["contains_planted"]["hits"] == 1
+    assert summary["limit_of_the_test"]["contains_injected"]["hits"] == 1
     assert summary["false_positives"] == rate(pd.Series([False]))
     hidden_effects.draw(outputs[0], tmp_path / "a.png", tmp_path / "a.csv")

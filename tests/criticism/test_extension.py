@@ -19,12 +19,12 @@ from regional_lv.criticism.hypotheses import (
     asked,
 )
 from regional_lv.criticism.hypotheses.base import value_at, with_value
-from regional_lv.criticism.planted import read_effects
+from regional_lv.criticism.injection import read_effects
 from regional_lv.emulators.base import Prediction
 from regional_lv.errors import InputError
 from regional_lv.parameters import Parameterisation
 from regional_lv.registry import load_plugins, temporary
-from tests.criticism.stand_in import CHANNELS, OUTPUTS, PARAMETERS
+from tests.criticism.toy import CHANNELS, OUTPUTS, PARAMETERS
 
 
 class KnownEmulator:
@@ -448,7 +448,7 @@ def test_an_effect_that_changes_nothing(tmp_path, physics):
 
 
 def test_a_hypothesis_from_outside(tmp_path, theta, physics):
-    """One class in a plugin: asked, planted, trained and read again like those of the package."""
+    """One class in a plugin: asked, simulated, trained and read again like those of the package."""
     plugin = tmp_path / "plugin.py"
     plugin.write_text(
         """

@@ -1,4 +1,4 @@
-"""The whole way on a coarse heart: plant an effect with the simulator, hide it, find it.
+"""The whole way on a coarse heart: inject an effect with the simulator, hide it, find it.
 
 One small study is made by the workflow; what is asked of it then costs seconds each.
 """
@@ -22,7 +22,7 @@ THETA = {
     **{"C_a_apical": 1.0, "C_b_apical": 1.0},
 }
 NOISE = {"strain": 0.01, "volume": 1.0}
-PLANTED = {"mixed_frames": 0.35}
+INJECTED = {"mixed_frames": 0.35}
 STUDY = {
     "study": "smoke",
     "mesh": {"circumferential": 16, "basal": 1, "mid": 1, "transmural": 1},
@@ -37,9 +37,9 @@ STUDY = {
         "bootstrap": 199,
         "draws": 800,
     },
-    "subjects": {"planted": {"source": "synthetic"}, "healthy": {"source": "synthetic"}},
+    "subjects": {"injected": {"source": "synthetic"}, "healthy": {"source": "synthetic"}},
     "synthetic_subjects": {
-        "planted": {"theta": THETA, "effects": PLANTED, "noise": NOISE},
+        "injected": {"theta": THETA, "effects": INJECTED, "noise": NOISE},
         "healthy": {"theta": THETA, "noise": NOISE},
     },
 }
@@ -67,14 +67,14 @@ def criticise_again(results, table, without=()):
     extensions, noises = split(read_extensions([f for f in files if f.stem not in without]))
     emulator = emulators.load(results / "emulators" / "gradient_gp.pt")
     settings = Settings(199, 0.05, 0.1, 1, 800, 3)
-    tables = {"planted": table}
+    tables = {"injected": table}
     return criticise_tables(
-        "planted", tables, emulator, extensions, noises, settings, 1.0, seed=11
+        "injected", tables, emulator, extensions, noises, settings, 1.0, seed=11
     )[0]
 
 
-def test_the_planted_effect_is_found(results):
-    found = findings(results, "planted")
+def test_the_injected_effect_is_found(results):
+    found = findings(results, "injected")
     assert "mixed_frames" in answered(found) and len(answered(found)) <= 2
     (frames,) = [h for h in found["hypotheses"] if h["name"] == "mixed_frames"]
     low, high = frames["interval95"]
@@ -89,13 +89,13 @@ def test_nothing_is_found_in_the_heart_without_it(results):
 
 
 def test_pages_are_there(results):
-    for subject in ("planted", "healthy"):
+    for subject in ("injected", "healthy"):
         page = (results / "criticism" / subject / "report.html").read_text()
         assert "data:image/png;base64," in page
 
 
 def test_shuffled_channels_are_not_explained(results):
-    table, rng = read_measured(results / "measured" / "planted.csv"), np.random.default_rng(0)
+    table, rng = read_measured(results / "measured" / "injected.csv"), np.random.default_rng(0)
     for _, rows in table.groupby("quantity"):
         table.loc[rows.index, "value"] = rng.permutation(rows["value"].to_numpy())
     found = criticise_again(results, table, without=["heavy_tails"])
@@ -104,7 +104,7 @@ def test_shuffled_channels_are_not_explained(results):
 
 
 def test_without_the_cause_in_the_catalogue(results):
-    table = read_measured(results / "measured" / "planted.csv")
+    table = read_measured(results / "measured" / "injected.csv")
     found = criticise_again(results, table, without=["mixed_frames", "heavy_tails"])
     assert found["misfit"]["detected"]
     assert any("No listed cause explains the misfit" in s for s in found["words"])

@@ -9,13 +9,13 @@ from regional_lv.criticism.model import Layout
 from regional_lv.criticism.observations import REACHED, contrasts, noise_units, observe
 from regional_lv.measured import synthetic_subject
 from regional_lv.parameters import ZONES, Parameterisation
-from tests.criticism.stand_in import StandIn
+from tests.criticism.toy import ToyEmulator
 
 CHANNELS = Channels.of(("volume", "radial", "torsion"), load_fractions=(0.5,))
 NOISE = {"strain": 0.01, "volume": 1.0, "torsion": 0.02}
 
 
-class OtherStandIn(StandIn):
+class OtherToyEmulator(ToyEmulator):
     """Has other channels; its predictions do not matter here."""
 
     def __init__(self):
@@ -34,7 +34,7 @@ def table():
 
 def test_groups_that_are_left_out_together(table):
     """A segment with all its loads; a quantity without segments at one load."""
-    o = observe({"a": table}, OtherStandIn(), 1.0)
+    o = observe({"a": table}, OtherToyEmulator(), 1.0)
     assert list(o.group_names.values())[:4] == ["volume", "torsion", "volume@0.5", "torsion@0.5"]
     assert [o.group_names[n] for n in range(1, 18)] == [str(n) for n in range(1, 18)]
     named = {o.group_names[n]: mask for n, mask in o.groups.items()}
@@ -44,11 +44,11 @@ def test_groups_that_are_left_out_together(table):
     ]
     assert torch.stack([*o.groups.values()]).sum(0).eq(1).all()
     few = table[table["output"].isin(["volume_ml", "radial_03", "radial_04@0.5"])]
-    assert list(observe({"a": few}, OtherStandIn(), 1.0).group_names) == [0, 3, 4]
+    assert list(observe({"a": few}, OtherToyEmulator(), 1.0).group_names) == [0, 3, 4]
 
 
 def test_contrasts_are_of_segments_at_all_loads(table):
-    found = contrasts(observe({"a": table}, OtherStandIn(), 1.0))
+    found = contrasts(observe({"a": table}, OtherToyEmulator(), 1.0))
     assert set(found["direction"]) == {"radial"}
     assert found["direction"]["radial"].sum() == 34
     assert found["level"]["basal radial"].sum() == 12
@@ -56,7 +56,7 @@ def test_contrasts_are_of_segments_at_all_loads(table):
 
 
 def test_noise_that_is_inferred_has_a_scale_for_each_quantity(table):
-    o = observe({"a": table.assign(sd=np.nan)}, OtherStandIn(), 1.0)
+    o = observe({"a": table.assign(sd=np.nan)}, OtherToyEmulator(), 1.0)
     assert tuple(o.noise.groups) == ("radial", "torsion")
     assert o.noise.units.shape == (2, len(CHANNELS))
 

@@ -13,7 +13,7 @@ from regional_lv.criticism.model import LOG_2PI, Layout, Model
 from regional_lv.criticism.observations import observe
 from regional_lv.criticism.posterior import gain_of, laplace, leave_out, sample
 from regional_lv.criticism.verdict import stack
-from tests.criticism.stand_in import PARAMETERS, StandIn, bias, measured
+from tests.criticism.toy import PARAMETERS, ToyEmulator, bias, measured
 
 
 def log_evidence(model: Model, keep=None) -> float:
@@ -40,7 +40,7 @@ def log_evidence(model: Model, keep=None) -> float:
 
 
 def build(extensions=(), seed=0, strain=0.002):
-    emulator = StandIn(bend=0.0)
+    emulator = ToyEmulator(bend=0.0)
     o = observe({"a": measured(emulator, seed=seed, strain=strain)}, emulator, 1.0)
     return Model(o, ExtendedEmulator(emulator, extensions), Layout.inferred(("a",), PARAMETERS))
 
@@ -117,7 +117,7 @@ def test_laplace_agrees_where_it_is_exact(base):
 
 def test_standard_error_of_the_gain_is_its_spread_over_measurements():
     """An effect of one size, measured again and again."""
-    emulator, gains, errors = StandIn(bend=0.0), [], []
+    emulator, gains, errors = ToyEmulator(bend=0.0), [], []
     extension = bias()
     for seed in range(12):
         table = measured(emulator, extension, 0.15, seed=seed)

@@ -10,7 +10,7 @@ from regional_lv.criticism.extended import ExtendedEmulator
 from regional_lv.criticism.fit import fit_from_nothing
 from regional_lv.criticism.model import Layout, Model
 from regional_lv.criticism.observations import observe
-from tests.criticism.stand_in import PARAMETERS, Bent, StandIn, basal, bias, measured
+from tests.criticism.toy import PARAMETERS, Bent, ToyEmulator, basal, bias, measured
 
 
 @pytest.fixture
@@ -21,7 +21,7 @@ def causes(monkeypatch):
 
 
 def p_values(causes, psi):
-    emulator = StandIn()
+    emulator = ToyEmulator()
     table = measured(emulator, causes[0], psi, seed=5, known=False)
     observations = observe({"heart": table}, emulator, 1.0)
     layout = Layout.inferred(("heart",), PARAMETERS)

@@ -11,13 +11,13 @@ from regional_lv.criticism.fit import fit, fit_from_nothing
 from regional_lv.criticism.identify import identify
 from regional_lv.criticism.model import Layout, Model
 from regional_lv.criticism.observations import observe
-from tests.criticism.stand_in import (
+from tests.criticism.toy import (
     PARAMETERS,
     THETA,
     Extension,
     Hypothesis,
     Pressure,
-    StandIn,
+    ToyEmulator,
     basal,
     bias,
     catalogue,
@@ -27,7 +27,7 @@ from tests.criticism.stand_in import (
 
 
 def model_of(table, emulator=None, extensions=()):
-    emulator = emulator or StandIn()
+    emulator = emulator or ToyEmulator()
     observations = observe({"a": table}, emulator, 1.0)
     chosen = emulator.select(observations.outputs)
     layout = Layout.inferred(("a",), PARAMETERS)
@@ -36,11 +36,11 @@ def model_of(table, emulator=None, extensions=()):
 
 @pytest.fixture(scope="module")
 def null():
-    return model_of(measured(StandIn(), seed=3))
+    return model_of(measured(ToyEmulator(), seed=3))
 
 
 def test_fit_finds_theta_without_noise():
-    model = model_of(measured(StandIn(), strain=1e-6))
+    model = model_of(measured(ToyEmulator(), strain=1e-6))
     found = fit_from_nothing(model, 1)
     assert torch.allclose(model.theta(found.x)[0, 0], THETA, rtol=1e-3)
 
@@ -60,7 +60,7 @@ def test_noise_that_is_inferred_is_found():
     """Below the truth, as maxima are: ten parameters follow a part of it."""
     errors = []
     for seed in range(4):
-        model = model_of(measured(StandIn(), seed=seed, known=False))
+        model = model_of(measured(ToyEmulator(), seed=seed, known=False))
         sigma = fit_from_nothing(model, 1).x[0, model.first_sigma :].exp()
         errors.append((sigma * model.observations.noise.units.amax(1)).log() - np.log(0.01))
     mean = torch.stack(errors).mean(0)
@@ -70,7 +70,7 @@ def test_noise_that_is_inferred_is_found():
 def test_deviance_is_chi_squared(null):
     best = fit_from_nothing(null, 1)
     y = torch.cat(
-        [model_of(measured(StandIn(), seed=s)).observations.y[None] for s in range(100, 160)]
+        [model_of(measured(ToyEmulator(), seed=s)).observations.y[None] for s in range(100, 160)]
     )
     found = fit(null, y, best.x.repeat(60, 1))
     p = stats.kstest(found.deviance.numpy(), stats.chi2(52 - 10).cdf).pvalue
@@ -87,7 +87,7 @@ def test_scores_are_standard_normal_under_the_model(null):
 
 def test_p_values_of_null_subjects_are_uniform():
     """Of the misfit and over the catalogue: 40 hearts with nothing wrong, each at its own theta."""
-    emulator, rng = StandIn(), np.random.default_rng(1)
+    emulator, rng = ToyEmulator(), np.random.default_rng(1)
     extensions, found = catalogue(), []
     for seed in range(40):
         theta = torch.as_tensor(rng.uniform(0.5, 2.5, 10))
@@ -108,7 +108,7 @@ def test_p_values_of_null_subjects_are_uniform():
 
 
 def test_misfit_shows_in_its_direction():
-    table = measured(StandIn(), bias(), 0.5, seed=2)
+    table = measured(ToyEmulator(), bias(), 0.5, seed=2)
     model = model_of(table)
     best = fit_from_nothing(model, 1)
     observed = score.statistics(model, best, [])
@@ -128,7 +128,7 @@ def test_heavy_tails_show():
 
 def test_left_out_residuals_match_refits(null):
     """The linear form against fits without the segment, where the model is linear."""
-    model = model_of(measured(StandIn(bend=0.0), seed=4), StandIn(bend=0.0))
+    model = model_of(measured(ToyEmulator(bend=0.0), seed=4), ToyEmulator(bend=0.0))
     best = fit_from_nothing(model, 1)
     projected = score.Projected.of(best, model)
     at = torch.tensor([i for i, o in enumerate(model.observations.outputs) if o.endswith("_07")])
@@ -149,7 +149,7 @@ def test_pressure_hides_in_global_stiffness(null):
 
 
 def test_effect_on_channels_that_were_not_measured(null):
-    table = measured(StandIn())
+    table = measured(ToyEmulator())
     model = model_of(table[table["quantity"] != "longitudinal"])
     extension = Extension(
         Hypothesis("lengthening", 0.0, -1.0, 1.0), pattern("longitudinal", range(1, 18), 0.1)
@@ -161,7 +161,7 @@ def test_effect_on_channels_that_were_not_measured(null):
 
 
 def test_few_channels_are_tested_for_what_they_support():
-    table = measured(StandIn())
+    table = measured(ToyEmulator())
     table = table[(table["quantity"] == "volume") | (table["segment"].isin([1, 4, 6]))]
     table = table[table["quantity"].isin(["volume", "circumferential"])]
     model = model_of(table)

@@ -1,4 +1,4 @@
-"""The whole criticism of hearts in closed form: what is planted is found, and nothing else."""
+"""The whole criticism of hearts in closed form: what is injected is found, and nothing else."""
 
 import json
 from dataclasses import replace
@@ -13,12 +13,12 @@ from regional_lv.criticism.observations import observe
 from regional_lv.criticism.report import write_report
 from regional_lv.criticism.verdict import Settings, criticise
 from regional_lv.errors import InputError
-from tests.criticism.stand_in import (
+from tests.criticism.toy import (
     TAILS,
     THETA,
     Extension,
     Hypothesis,
-    StandIn,
+    ToyEmulator,
     basal,
     bias,
     catalogue,
@@ -32,7 +32,7 @@ SETTINGS = Settings(bootstrap=119, level=0.05, leading_p=0.02, leading_least=1, 
 
 
 def findings(table, extensions=None, noises=(TAILS,), settings=SETTINGS):
-    emulator = StandIn()
+    emulator = ToyEmulator()
     extensions = catalogue() if extensions is None else extensions
     o = observe({"heart": table}, emulator, 1.0)
     criticism = criticise(o, emulator, extensions, list(noises), settings, 7)
@@ -40,16 +40,16 @@ def findings(table, extensions=None, noises=(TAILS,), settings=SETTINGS):
 
 
 @pytest.fixture(scope="module")
-def planted():
-    return measured(StandIn(), basal(), 0.8, seed=5)
+def injected():
+    return measured(ToyEmulator(), basal(), 0.8, seed=5)
 
 
 @pytest.fixture(scope="module")
-def found(planted):
-    return findings(planted)
+def found(injected):
+    return findings(injected)
 
 
-def test_planted_effect_is_named(found):
+def test_injected_effect_is_named(found):
     assert found["named_cause"] == "basal_motion"
     assert found["misfit"]["detected"]
     (basal_motion,) = [h for h in found["hypotheses"] if h["name"] == "basal_motion"]
@@ -98,15 +98,15 @@ def test_report_needs_nothing_but_itself(found, tmp_path):
 
 
 def test_nothing_is_found_once_the_effect_is_removed():
-    found = findings(measured(StandIn(), seed=5))
+    found = findings(measured(ToyEmulator(), seed=5))
     assert found["named_cause"] is None and found["indistinguishable"] == []
     assert found["words"][0].startswith("The model fits")
     assert any("Nothing was found" in s for s in found["words"])
 
 
-def test_shuffled_channels_name_nothing(planted):
+def test_shuffled_channels_name_nothing(injected):
     """Within each direction: a mess that no listed cause explains."""
-    shuffled = planted.copy()
+    shuffled = injected.copy()
     rng = np.random.default_rng(0)
     for _, rows in shuffled.groupby("quantity"):
         shuffled.loc[rows.index, "value"] = rng.permutation(rows["value"].to_numpy())
@@ -121,30 +121,30 @@ def test_a_cause_that_is_not_listed():
     sign = np.tile([1.0, -1.0], 9)[:17]
     wave = sum(pattern("longitudinal", [s], 0.05 * sign[s - 1]) for s in range(1, 18))
     cause = Extension(Hypothesis("unheard_of", 0.0, 0.0, 2.0), wave)
-    found = findings(measured(StandIn(), cause, 1.0, seed=5), noises=())
+    found = findings(measured(ToyEmulator(), cause, 1.0, seed=5), noises=())
     assert found["misfit"]["detected"]
     assert found["named_cause"] is None
     assert any("No listed cause explains the misfit" in s for s in found["words"])
 
 
-def test_causes_that_look_alike_are_named_together(planted):
+def test_causes_that_look_alike_are_named_together(injected):
     """A twin with the same signature but for a hair in one channel."""
     twin = basal()
     twin = Extension(
         replace(twin.hypothesis, name="twin"), twin.pattern + pattern("radial", [17], 0.01)
     )
-    found = findings(planted, [bias(), basal(), twin])
+    found = findings(injected, [bias(), basal(), twin])
     assert found["named_cause"] is None
     assert set(found["indistinguishable"]) == {"basal_motion", "twin"}
     assert found["separating"][0]["channels"][0]["output"] == "radial_17"
 
 
-def test_a_lower_load_tells_apart_what_end_diastole_cannot(planted):
+def test_a_lower_load_tells_apart_what_end_diastole_cannot(injected):
     """A twin with the same signature, of an effect that shrinks with the load as springs do."""
     twin = basal()
     twin = Extension(replace(twin.hypothesis, name="twin", load_power=1.0), twin.pattern)
     settings = replace(SETTINGS, load_fractions=(0.75, 0.5))
-    found = findings(planted, [bias(), basal(), twin], settings=settings)
+    found = findings(injected, [bias(), basal(), twin], settings=settings)
     assert set(found["indistinguishable"]) == {"basal_motion", "twin"}
     best = found["separating"][0]["channels"][0]
     assert best["load_fraction"] == 0.5 and best["output"].endswith(BASAL)
@@ -152,12 +152,12 @@ def test_a_lower_load_tells_apart_what_end_diastole_cannot(planted):
 
 
 def test_a_scar_is_found_in_its_segment():
-    found = findings(measured(StandIn(), scars()[9], 0.8, seed=5))
+    found = findings(measured(ToyEmulator(), scars()[9], 0.8, seed=5))
     assert (found["named_cause"], found["named_component"]) == ("focal_scar", "10")
 
 
 def test_two_effects_come_one_after_the_other():
-    emulator = StandIn()
+    emulator = ToyEmulator()
     table = measured(emulator, basal(), 1.0, seed=5)
     more = bias().mean(emulator, THETA, torch.tensor(0.5, dtype=torch.float64))
     table["value"] += more.numpy()
@@ -168,7 +168,7 @@ def test_two_effects_come_one_after_the_other():
 
 def test_noise_that_is_inferred():
     few = replace(SETTINGS, bootstrap=79, draws=250, rounds=1)
-    table = measured(StandIn(), bias(), 1.0, seed=5, known=False)
+    table = measured(ToyEmulator(), bias(), 1.0, seed=5, known=False)
     found = findings(table, [bias(), basal()], settings=few)
     assert found["named_cause"] == "radial_scale"
     assert "overall" not in found["misfit"]["families"]
@@ -180,7 +180,7 @@ def test_noise_that_is_inferred():
 
 
 def test_few_channels_say_what_they_cannot():
-    table = measured(StandIn())
+    table = measured(ToyEmulator())
     table = table[table["quantity"].isin(["volume", "circumferential"])]
     table = table[table["segment"].isna() | (table["segment"] <= 6)]
     found = findings(table, [bias(), basal()])
@@ -193,7 +193,7 @@ def test_few_channels_say_what_they_cannot():
 
 
 def together(known: bool):
-    emulator, rng = StandIn(), np.random.default_rng(2)
+    emulator, rng = ToyEmulator(), np.random.default_rng(2)
     thetas = torch.as_tensor(rng.uniform(0.6, 1.6, (3, 10)))
     scaled = thetas.clone()
     if known:
@@ -230,14 +230,14 @@ def test_hearts_of_unknown_theta_share_the_cause():
 
 
 def test_known_noise_and_unknown_do_not_mix():
-    emulator = StandIn()
+    emulator = ToyEmulator()
     tables = {"a": measured(emulator), "b": measured(emulator, known=False)}
     with pytest.raises(InputError, match="criticise them apart"):
         observe(tables, emulator, 1.0)
 
 
 def test_known_thetas_need_room_for_common_factors():
-    emulator = StandIn()
+    emulator = ToyEmulator()
     theta = torch.ones(2, 10).double()
     theta[0], theta[1] = 0.11, 4.9
     o = observe({"a": measured(emulator), "b": measured(emulator)}, emulator, 1.0)

@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from regional_lv import emulators
-from regional_lv.estimates import stand_in
+from regional_lv.estimates import reference
 from regional_lv.estimates.check import first_cases
 from regional_lv.estimates.efficiency import measure_efficiency
 from regional_lv.estimates.estimate import (
@@ -144,13 +144,14 @@ def test_stand_in_knows_the_test_cases(folder, tmp_path):
     """At the truth it comes closer than what was not trained on them."""
     test = pd.read_parquet(folder / "test.parquet")
     files = folder / "train.parquet", folder / "test.parquet"
-    stand_in.fit_stand_in(files, PARAMETERS, CHANNELS, 1, tmp_path / "s.pt")
+    reference.fit_reference(files, PARAMETERS, CHANNELS, 1, tmp_path / "s.pt")
     estimates = test[["sample", *PARAMETERS.names]].assign(estimator="weighted")
     estimates.assign(sample=estimates["sample"].astype(str)).to_parquet(tmp_path / "e.parquet")
-    stand_in.predict_estimates(tmp_path / "s.pt", tmp_path / "e.parquet", 3, tmp_path / "c.parquet")
+    files = tmp_path / "s.pt", tmp_path / "e.parquet"
+    reference.predict_estimates(*files, 3, tmp_path / "c.parquet")
     checked = pd.read_parquet(tmp_path / "c.parquet")
     assert checked["sample"].tolist() == ["0", "1", "2"]
-    assert checked["checked_by"].unique().tolist() == [stand_in.CHECKED_BY]
+    assert checked["checked_by"].unique().tolist() == [reference.CHECKED_BY]
     error = checked[list(CHANNELS.names)].to_numpy() - test[list(CHANNELS.names)].to_numpy()[:3]
     with torch.no_grad():
         other = emulators.load(folder / "exact_gp.pt").predict_mean(

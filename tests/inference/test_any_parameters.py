@@ -11,12 +11,12 @@ from regional_lv.channels import Channels
 from regional_lv.errors import InputError
 from regional_lv.estimates.least_squares import find_least_squares
 from regional_lv.inference import sampling
+from regional_lv.inference.classification import classify_zones, score_classification
 from regional_lv.inference.diagnostics import parameters_of
 from regional_lv.inference.likelihood import Likelihood, Noise
 from regional_lv.inference.point import find_map
 from regional_lv.inference.rank_calibration import calibrate_chain
 from regional_lv.inference.summaries import TABLES, summarise_posteriors
-from regional_lv.inference.told_apart import measure_separation, tell_zones_apart
 from regional_lv.parameters import Parameterisation
 
 ONE = Parameterisation({"whole": range(1, 18)}, bounds={"C_a": (0.1, 5.0), "C_b": (0.5, 2.0)})
@@ -121,11 +121,11 @@ def test_posteriors_and_their_tables(study):
     zones = list(parameters.zones)
     assert stiff == [*dict.fromkeys([zones[0], zones[-1]]), "all"]
     told = folder / "told.csv"
-    tell_zones_apart([path], {"mean": 1.0, "sd": 0.1}, told, folder / "by_zone.csv")
+    classify_zones([path], {"mean": 1.0, "sd": 0.1}, told, folder / "by_zone.csv")
     rows = pd.read_csv(told)
     assert len(rows) == 2 * len(zones) * (len(parameters.factors) + 1)
     assert set(rows["quantity"]) == {*parameters.factors, "both"}
-    measure_separation(told, [], folder / "roc.csv", folder / "auc.csv", 1)
+    score_classification(told, [], folder / "roc.csv", folder / "auc.csv", 1)
     areas = pd.read_csv(folder / "auc.csv")
     assert areas["zone"].drop_duplicates().tolist() == ["all", *zones]
 

@@ -9,10 +9,10 @@ import torch
 from regional_lv import emulators
 from regional_lv.inference import sampling
 from regional_lv.inference.agreement import COLUMNS, compare_samplers
+from regional_lv.inference.classification import classify_zones, score_classification
 from regional_lv.inference.noise_prior import compare_noise_priors
 from regional_lv.inference.rank_calibration import calibrate_chain
 from regional_lv.inference.resimulation import compare_resimulated, pick_draws
-from regional_lv.inference.told_apart import measure_separation, tell_zones_apart
 from tests.inference.conftest import CHANNELS, PARAMETERS
 
 FEW = {"chains": 2, "warmup": 100, "draws": 100, "rhat_max": 1.2, "ess_min": 0}
@@ -36,7 +36,7 @@ def posteriors(study):
 
 def test_zones_are_told_apart(study, posteriors):
     told, zones = study / "told.csv", study / "zones.csv"
-    tell_zones_apart([posteriors], {"mean": 1.0, "sd": 0.05}, told, zones)
+    classify_zones([posteriors], {"mean": 1.0, "sd": 0.05}, told, zones)
     table = pd.read_csv(told)
     assert len(table) == 4 * 5 * 3
     septal = table[table["zone"] == "septal"].groupby("case")["stiffened"].first()
@@ -51,7 +51,7 @@ def test_zones_are_told_apart(study, posteriors):
     assert errors["cases"].sum() == 4 * 10
     squared = (data.constant_data["theta_map"] - data.constant_data["theta_true"]) ** 2
     assert np.average(errors["mse"], weights=errors["cases"]) == pytest.approx(squared.mean())
-    measure_separation(told, [], study / "roc.csv", study / "auc.csv", 1)
+    score_classification(told, [], study / "roc.csv", study / "auc.csv", 1)
     auc = pd.read_csv(study / "auc.csv")
     assert auc.loc[auc["zone"] == "all", "positives"].tolist() == [4] * 3
 

@@ -20,7 +20,7 @@ OUTPUTS = ("volume_ml", *(f"{d}_{s:02d}" for s in (1, 4, 7, 9) for d in DIRECTIO
 class LinearEmulator(Emulator):
     """Mean `base + slopes theta`, covariance `matrix` times exp(growth * sum(log theta)).
 
-    The stand-in with known answers: with growth 0 and bounds far away the posterior is Gaussian.
+    An emulator with known answers: with growth 0 and bounds far away the posterior is Gaussian.
     """
 
     name = "linear"

@@ -11,7 +11,7 @@ from regional_lv import aha
 from regional_lv.channels import Channels
 from regional_lv.criticism.hypotheses import REGISTRY, SimulatorHypothesis
 from regional_lv.criticism.hypotheses.base import with_value
-from regional_lv.criticism.planted import Ventricles, read_effects
+from regional_lv.criticism.injection import Ventricles, read_effects
 from regional_lv.criticism.simulation import SLOPE_STEP, Extended, simulate_extension
 from regional_lv.geometry.mesh import EPICARDIUM, read_mesh
 from regional_lv.geometry.thickness import thickened
@@ -400,7 +400,7 @@ def test_a_failure_is_a_row(small_mesh, physics, known):
     assert table["reason"].str.contains("Newton").any()
 
 
-def test_planted_effects_are_those_of_the_closed_forms(small_mesh, physics, known):
+def test_injected_effects_are_those_of_the_closed_forms(small_mesh, physics, known):
     """Pressure, mixed frames and radial scale by the simulator, against what they stand for."""
     ventricles = Ventricles(small_mesh, physics, known / "predictor.npz")
 

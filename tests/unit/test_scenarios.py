@@ -6,15 +6,15 @@ import pytest
 
 from regional_lv.channels import Channels
 from regional_lv.design import draw_scenario, scenario_size, write_scenario
-from regional_lv.inference.sampling import add_noise
-from regional_lv.inference.told_apart import (
+from regional_lv.inference.classification import (
     area,
     auc_interval,
     curve_of,
     map_errors_by_zone,
-    measure_separation,
+    score_classification,
     stiffness,
 )
+from regional_lv.inference.sampling import add_noise
 from regional_lv.parameters import Parameterisation
 
 PARAMETERS, CHANNELS = Parameterisation(), Channels.of()
@@ -112,7 +112,7 @@ def test_interval_of_an_area_that_is_known():
     assert low < 0.8556 < high and high - low < 0.15  # Phi(1.5 / sqrt 2)
 
 
-def told_apart(stiffened, probability, path):
+def classified(stiffened, probability, path):
     rows = [
         {"case": str(i), "zone": zone, "quantity": q, "stiffened": s, "probability": p}
         for i, (s, p) in enumerate(zip(stiffened, probability, strict=True))
@@ -124,16 +124,17 @@ def told_apart(stiffened, probability, path):
 
 
 def test_global_stiffening_is_compared_with_healthy_zones_elsewhere(tmp_path, monkeypatch):
-    monkeypatch.setattr("regional_lv.inference.told_apart.RESAMPLES", 20)  # none is checked here
-    own = told_apart([True] * 3, [0.9, 0.8, 0.4], tmp_path / "global.csv")
-    local = told_apart([True, False, False], [0.1, 0.5, 0.2], tmp_path / "local.csv")
-    measure_separation(own, [local], tmp_path / "roc.csv", tmp_path / "auc.csv", 1)
+    # None of them is checked here.
+    monkeypatch.setattr("regional_lv.inference.classification.RESAMPLES", 20)
+    own = classified([True] * 3, [0.9, 0.8, 0.4], tmp_path / "global.csv")
+    local = classified([True, False, False], [0.1, 0.5, 0.2], tmp_path / "local.csv")
+    score_classification(own, [local], tmp_path / "roc.csv", tmp_path / "auc.csv", 1)
     auc = pd.read_csv(tmp_path / "auc.csv")
     assert (auc["negatives_from"] == "local").all()
     both = auc[(auc["quantity"] == "both") & (auc["zone"] == "septal")].iloc[0]
     assert both["auc"] == pytest.approx(5 / 6) and both["positives"] == 3
     assert both["negatives"] == 2
-    measure_separation(own, [], tmp_path / "roc.csv", tmp_path / "auc.csv", 1)
+    score_classification(own, [], tmp_path / "roc.csv", tmp_path / "auc.csv", 1)
     assert pd.read_csv(tmp_path / "auc.csv")["auc"].isna().all()
 
 

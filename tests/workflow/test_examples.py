@@ -89,7 +89,7 @@ def test_example(root, tmp_path, monkeypatch, name, emulator, simulations, param
         at, y = (table[list(n)].to_numpy() for n in (study.parameters.names, study.channels.names))
         error = (quadratic.predict(torch.as_tensor(at)).mean.numpy() - y) / y.std(axis=0)
         assert np.sqrt(np.square(error).mean()) < 0.3
-        # The cause from outside, as it is planted: a tethered apex lets the cavity fill less.
+        # The cause from outside, as it is simulated: a tethered apex lets the cavity fill less.
         assert "apical_tether" in asked("all", study.physics)
         free = study.outputs()
         study.physics = REGISTRY["apical_tether"].extend(study.physics, 0.1)

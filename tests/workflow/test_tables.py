@@ -64,7 +64,7 @@ def test_no_rule_needs_the_simulator(study):
     assert status == 0, output[-3000:]
     rules = set(re.findall(r"^(?:local)?(?:rule|checkpoint) (\w+):", output, flags=re.MULTILINE))
     assert {"import_simulations", "estimate_parameters", "rank_emulators"} <= rules
-    assert {"fit_stand_in", "sample_posteriors", "make_table_transforms"} <= rules
+    assert {"fit_reference", "sample_posteriors", "make_table_transforms"} <= rules
     assert not rules & MECHANICS
     for emulator in ("dnn", "dnn-identity"):
         assert f"results/tables/estimates/{emulator}/test.parquet" in output
@@ -84,7 +84,7 @@ def test_rows_held_out_beside_a_test_table_are_scored_and_nothing_else(study):
         )
     )
     assert users == {
-        *("estimate_parameters", "predict_test_set", "fit_stand_in", "rank_emulators_on_holdout")
+        *("estimate_parameters", "predict_test_set", "fit_reference", "rank_emulators_on_holdout")
     }
     assert "results/tables/estimates/dnn/holdout_checked.parquet" in output
     assert "results/tables/posteriors/final/holdout" not in output

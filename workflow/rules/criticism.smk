@@ -14,11 +14,11 @@ CRITICISED = [
     *(name for name, entry in JOINT.items() if set(entry["subjects"]) <= set(SUBJECTS)),
 ]
 VERDICT_BATCHES = batches(
-    config["criticism"]["benchmark"]["planted"] + config["criticism"]["benchmark"]["null"],
+    config["criticism"]["benchmark"]["injected"] + config["criticism"]["benchmark"]["null"],
     config["criticism"]["benchmark"]["subjects_per_batch"],
 )
-PLANTED_BATCHES = batches(
-    config["criticism"]["benchmark"]["planted"] + config["criticism"]["benchmark"]["null"],
+INJECTED_BATCHES = batches(
+    config["criticism"]["benchmark"]["injected"] + config["criticism"]["benchmark"]["null"],
     config["simulations"]["batch_size"],
 )
 EXTENSIONS = expand(f"{C}/extensions/{{hypothesis}}.pt", hypothesis=HYPOTHESES)
@@ -81,7 +81,7 @@ rule train_extension:
         "../scripts/call.py"
 
 
-rule plant_batch:
+rule inject_batch:
     """Ventricles with hidden effects; writes their truth and reads none."""
     input:
         mesh=f"{R}/geometry/mesh.vtu",
@@ -90,7 +90,7 @@ rule plant_batch:
         subjects=temp(f"{C}/benchmark/subjects/batch-{{batch}}.parquet"),
         truth=temp(f"{R}/truth/benchmark/batch-{{batch}}.parquet"),
     params:
-        call="criticism.planted:plant_batch",
+        call="criticism.injection:inject_batch",
         physics=PHYSICS,
         parameters=PARAMETER_SPEC,
         hypotheses=config["criticism"]["hypotheses"],
@@ -98,9 +98,9 @@ rule plant_batch:
         seed=config["seed"],
         batch_size=config["simulations"]["batch_size"],
     log:
-        f"{LOGS}/criticism/benchmark/plant-batch-{{batch}}.log",
+        f"{LOGS}/criticism/benchmark/inject-batch-{{batch}}.log",
     benchmark:
-        f"{R}/benchmarks/criticism/benchmark/plant-batch-{{batch}}.tsv"
+        f"{R}/benchmarks/criticism/benchmark/inject-batch-{{batch}}.tsv"
     threads: 1
     conda:
         "../../envs/mechanics.yaml"
@@ -108,15 +108,15 @@ rule plant_batch:
         "../scripts/call.py"
 
 
-rule plant_subjects:
+rule gather_injected:
     input:
-        batches=expand(f"{C}/benchmark/subjects/{{batch}}.parquet", batch=PLANTED_BATCHES),
+        batches=expand(f"{C}/benchmark/subjects/{{batch}}.parquet", batch=INJECTED_BATCHES),
     output:
         table=f"{C}/benchmark/subjects.parquet",
     params:
         call="criticism.batches:gather",
     log:
-        f"{LOGS}/criticism/benchmark/plant_subjects.log",
+        f"{LOGS}/criticism/benchmark/gather_injected.log",
     conda:
         "../../envs/statistics.yaml"
     script:
@@ -126,7 +126,7 @@ rule plant_subjects:
 rule gather_truth:
     """For the score of the benchmark alone."""
     input:
-        batches=expand(f"{R}/truth/benchmark/{{batch}}.parquet", batch=PLANTED_BATCHES),
+        batches=expand(f"{R}/truth/benchmark/{{batch}}.parquet", batch=INJECTED_BATCHES),
     output:
         table=f"{R}/truth/benchmark.parquet",
     params:
@@ -200,7 +200,7 @@ rule report_criticism:
 
 
 rule hidden_effects:
-    """The benchmark: what is found of effects planted at random."""
+    """The benchmark: what is found of effects injected at random."""
     input:
         f"{C}/benchmark/summary.json",
         f"{C}/benchmark/hidden_effects.png",

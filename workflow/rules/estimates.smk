@@ -52,19 +52,19 @@ rule measure_cost:
 
 if FROM_TABLES:
 
-    rule fit_stand_in:
+    rule fit_reference:
         """In place of the simulator, which is not there."""
         input:
             screened=expand(f"{R}/screening/{{name}}.parquet", name=["train", *SCORED]),
         output:
-            stand_in=f"{ESTIMATES}/stand_in.pt",
+            reference=f"{ESTIMATES}/reference.pt",
         params:
-            call="estimates.stand_in:fit_stand_in",
+            call="estimates.reference:fit_reference",
             parameters=PARAMETER_SPEC,
             channels=OUTPUTS,
             seed=config["seed"],
         log:
-            f"{LOGS}/estimates/fit_stand_in.log",
+            f"{LOGS}/estimates/fit_reference.log",
         threads: 1
         conda:
             "../../envs/statistics.yaml"
@@ -73,12 +73,12 @@ if FROM_TABLES:
 
     rule predict_estimates:
         input:
-            stand_in=f"{ESTIMATES}/stand_in.pt",
+            reference=f"{ESTIMATES}/reference.pt",
             estimates=f"{ESTIMATES}/{{emulator}}/{{set}}.parquet",
         output:
             checked=f"{ESTIMATES}/{{emulator}}/{{set}}_checked.parquet",
         params:
-            call="estimates.stand_in:predict_estimates",
+            call="estimates.reference:predict_estimates",
             cases=config["estimates"]["checked_cases"],
         wildcard_constraints:
             set=any_of(SCORED),

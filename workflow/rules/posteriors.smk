@@ -7,7 +7,7 @@ SET_TABLES = [
         *("correlations", "zone_correlations"),
     )
 ]
-SCENARIO_TABLES = ["told_apart.csv", "map_errors_by_zone.csv", "roc.csv", "auc.csv"]
+SCENARIO_TABLES = ["zone_classification.csv", "map_errors_by_zone.csv", "roc.csv", "auc.csv"]
 SUMMARIES = (
     expand(f"{R}/posteriors/{EMULATOR}/test/{{table}}", table=SET_TABLES)
     + expand(
@@ -117,40 +117,40 @@ ruleorder: adopt_test_posteriors > sample_posteriors
 ruleorder: adopt_test_posteriors > summarise_posteriors
 
 
-rule tell_zones_apart:
+rule classify_zones:
     input:
         posteriors=lambda wildcards: posterior_files(wildcards.emulator, wildcards.set),
     output:
-        told_apart=f"{R}/posteriors/{{emulator}}/{{set}}/told_apart.csv",
+        classified=f"{R}/posteriors/{{emulator}}/{{set}}/zone_classification.csv",
         by_zone=f"{R}/posteriors/{{emulator}}/{{set}}/map_errors_by_zone.csv",
     params:
-        call="inference.told_apart:tell_zones_apart",
+        call="inference.classification:classify_zones",
         healthy=HEALTHY,
     wildcard_constraints:
         set=any_of([*SCENARIOS, *NOISY]),
     log:
-        f"{LOGS}/posteriors/{{emulator}}/{{set}}/tell_zones_apart.log",
+        f"{LOGS}/posteriors/{{emulator}}/{{set}}/classify_zones.log",
     conda:
         "../../envs/statistics.yaml"
     script:
         "../scripts/call.py"
 
 
-rule measure_separation:
+rule score_classification:
     input:
-        told_apart=f"{R}/posteriors/{{emulator}}/{{set}}/told_apart.csv",
+        classified=f"{R}/posteriors/{{emulator}}/{{set}}/zone_classification.csv",
         local=lambda wildcards: expand(
-            f"{R}/posteriors/{wildcards.emulator}/{{set}}/told_apart.csv",
+            f"{R}/posteriors/{wildcards.emulator}/{{set}}/zone_classification.csv",
             set=local_scenarios(noisy=wildcards.set in NOISY),
         ),
     output:
         roc=f"{R}/posteriors/{{emulator}}/{{set}}/roc.csv",
         auc=f"{R}/posteriors/{{emulator}}/{{set}}/auc.csv",
     params:
-        call="inference.told_apart:measure_separation",
+        call="inference.classification:score_classification",
         seed=config["seed"],
     log:
-        f"{LOGS}/posteriors/{{emulator}}/{{set}}/measure_separation.log",
+        f"{LOGS}/posteriors/{{emulator}}/{{set}}/score_classification.log",
     conda:
         "../../envs/statistics.yaml"
     script:

@@ -1,4 +1,4 @@
-"""Hidden effects: criticise many planted hearts blind, then compare with the truth."""
+"""Hidden effects: many hearts with injected effects, criticised blind, compared with the truth."""
 
 import json
 import time
@@ -26,7 +26,7 @@ from regional_lv.progress import Progress
 from regional_lv.seeds import derive
 
 FAR = 3.0
-"""Detection limits from which on a planted effect has to be found."""
+"""Detection limits from which on an injected effect has to be found."""
 
 NOTHING = ""
 
@@ -62,7 +62,7 @@ def criticise_benchmark(
 
 
 def measured_of(row: pd.Series) -> pd.DataFrame:
-    """A measured table, as `read_measured` returns it, of one row of planted subjects."""
+    """A measured table, as `read_measured` returns it, of one row of a batch of subjects."""
     channels = Channels.parse(name for name in row.index if f"sd_{name}" in row.index)
     noise = {channel.kind.noise: float(row[f"sd_{channel.name}"]) for channel in channels}
     values = row[list(channels.names)].to_numpy(float)
@@ -191,15 +191,15 @@ def summarise(cases: pd.DataFrame) -> dict:
     without an effect; of effects found among those far beyond their detection limit, by two
     definitions of it; of intervals that cover; and how many members the sets have."""
     null = cases[cases["effect"] == "none"]
-    planted = cases[cases["effect"] != "none"]
-    visible = planted[planted["identifiable"] == True]  # noqa: E712 - a column of objects
+    injected = cases[cases["effect"] != "none"]
+    visible = injected[injected["identifiable"] == True]  # noqa: E712 - a column of objects
     far = {
         "limit_one_se": visible[visible["expected_z"] >= FAR],
         "limit_of_the_test": visible[visible["limits"] >= FAR],
     }
     found = {
         "null_subjects": len(null),
-        "planted_subjects": len(planted),
+        "injected_subjects": len(injected),
         "false_positives": rate(null["size"] > 0),
         "misfit_false_alarms": rate(null["misfit_p"] <= 0.05),
         "interval_coverage": rate(visible["covered"].dropna().astype(bool)),
@@ -208,11 +208,11 @@ def summarise(cases: pd.DataFrame) -> dict:
     for definition, group in far.items():
         hit = group[group["contains"].astype(bool)]
         found[definition] = {
-            "contains_planted": rate(group["contains"].astype(bool)),
+            "contains_injected": rate(group["contains"].astype(bool)),
             "named_alone": rate(group["answer"] == group["effect"]),
             "mean_members": float(hit["size"].mean()) if len(hit) else None,
             "coverage": rate(group["covered"].dropna().astype(bool)),
         }
-    hidden = planted[planted["effect"] == "end_diastolic_pressure"]
+    hidden = injected[injected["effect"] == "end_diastolic_pressure"]
     found["pressure_not_identifiable"] = rate(hidden["identifiable"] == False)  # noqa: E712
     return found

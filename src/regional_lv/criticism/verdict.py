@@ -241,7 +241,8 @@ def _round(
     # With as many coordinates as channels every residual is round-off.
     misfit = score.judge_misfit(observed, null) if testable else score.Misfit(1.0, {}, [])
     # Of several hearts together the noise is known well enough for scores.
-    both = testable and len(model.observations.units) > 0 and len(model.observations.subjects) == 1
+    observations = model.observations
+    both = testable and bool(observations.noise.groups) and len(observations.subjects) == 1
     level = settings.level / 2 if both else settings.level
     causes, critical = _rank(model, best, extensions, noises, observed, null, level)
     if both:

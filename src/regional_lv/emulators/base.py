@@ -122,7 +122,7 @@ class Architecture(NamedTuple):
 
 
 class Emulator(ABC):
-    """A statistical stand-in for the simulator.
+    """A statistical surrogate of the simulator.
 
     After `fit` (or `load`): `parameters` (the P parameters theta), `outputs` (names of the D
     outputs), `channels` (the same as objects), `lower` and `upper` (P,), the bounds of the

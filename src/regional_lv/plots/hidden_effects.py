@@ -51,7 +51,7 @@ def draw(cases_file: Path, png: Path, csv: Path) -> None:
         ax=left,
     )
     left.set_xticks(np.arange(len(columns)) + 0.5, names[0], rotation=45, ha="right")
-    left.set(xlabel="named cause", ylabel="planted effect")
+    left.set(xlabel="named cause", ylabel="injected effect")
 
     visible = cases[(cases["effect"] != "none") & cases["expected_z"].notna()]
     visible = visible[visible["identifiable"].astype(str) == "True"]
@@ -73,7 +73,7 @@ def draw(cases_file: Path, png: Path, csv: Path) -> None:
 
 
 def _draw_each(ax, visible: pd.DataFrame) -> None:
-    """Every planted effect by the score expected of it, filled where the answer contains it."""
+    """Every injected effect by the score expected of it, filled where the answer contains it."""
     found = (visible["contains"].astype(str) == "True").map(FOUND)
     shown = visible.assign(expected_z=visible["expected_z"].clip(lower=0.1))
     shown["effect"] = shown["effect"].str.replace("_", " ")

@@ -55,7 +55,7 @@ class Hypothesis(ABC):
         """The same with base and range as this study has them."""
         return self
 
-    # What a ventricle with this effect does differently, for planting it. The default of each is
+    # What a ventricle with this effect does differently, for injecting it. The default of each is
     # to leave things as they are.
 
     def extend(self, physics: Mapping, value: float, component: str = "") -> Mapping:

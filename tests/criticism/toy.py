@@ -18,10 +18,10 @@ D = len(OUTPUTS)
 DIRECTIONS = ("circumferential", "radial", "longitudinal")
 
 
-class StandIn(Emulator):
+class ToyEmulator(Emulator):
     """mean = centre + W log theta + bend W2 (log theta)^2; errors of a tenth of a milli-strain."""
 
-    name = "stand_in"
+    name = "toy"
 
     def __init__(self, bend: float = 1.0):
         self.settings, self.info, self.bend = {}, {}, bend
@@ -161,7 +161,7 @@ THETA = torch.tensor([1.0, 1.2, 1.1, 0.9, 1.8, 1.5, 0.9, 1.1, 1.0, 0.8], dtype=t
 
 
 def measured(emulator, extension=None, psi=0.0, seed=0, strain=0.01, theta=THETA, known=True):
-    """Measured table of the stand-in with an effect."""
+    """Measured table of the toy emulator with an effect."""
     with torch.no_grad():
         outputs = emulator.predict(theta).mean
         if extension is not None:

@@ -104,7 +104,7 @@ def unit_noise(effects: list[Effect], size: int, rng: np.random.Generator) -> np
 
 
 def random_subjects(
-    planted: int,
+    injected: int,
     null: int,
     seed: int,
     hypotheses: Mapping[str, Hypothesis],
@@ -112,19 +112,20 @@ def random_subjects(
 ) -> list[dict]:
     """Entries as in `synthetic_subjects` (`theta`, `effects`, `seed`) with a name, `subject`.
 
-    planted: how many have one effect, each hypothesis in turn after a shuffle, its value uniform in
-    the plausible range but for what is close to the base (`LEAST_SHARE`); null: how many have none.
+    injected: how many have one effect, each hypothesis in turn after a shuffle, its value uniform
+    in the plausible range but for what is close to the base (`LEAST_SHARE`); null: how many have
+    none.
     Theta is log-uniform in `PHYSIOLOGICAL`, as far as its bounds allow. Their order tells nothing.
     """
     rng = np.random.default_rng(derive(seed, "benchmark"))
     low = np.log(np.maximum(PHYSIOLOGICAL[0], parameters.lower))
     high = np.log(np.minimum(PHYSIOLOGICAL[1], parameters.upper))
     names = [
-        name for _ in range(-(-planted // len(hypotheses))) for name in _shuffled(hypotheses, rng)
+        name for _ in range(-(-injected // len(hypotheses))) for name in _shuffled(hypotheses, rng)
     ]
-    effects = [_random_effect(hypotheses[name], rng) for name in names[:planted]] + [{}] * null
+    effects = [_random_effect(hypotheses[name], rng) for name in names[:injected]] + [{}] * null
     entries = []
-    for number, place in enumerate(rng.permutation(planted + null)):
+    for number, place in enumerate(rng.permutation(injected + null)):
         theta = np.exp(rng.uniform(low, high))
         entries.append(
             {
@@ -152,7 +153,7 @@ def _random_effect(hypothesis: Hypothesis, rng: np.random.Generator) -> dict:
     return {hypothesis.name: {"segment": segment, "multiplier": value}}
 
 
-def plant_batch(
+def inject_batch(
     mesh: str | Path,
     predictor: str | Path,
     physics: Mapping,
@@ -174,11 +175,11 @@ def plant_batch(
     the truth alone.
     """
     catalogue = asked(hypotheses, physics)
-    counts = benchmark["planted"], benchmark["null"]
+    counts = benchmark["injected"], benchmark["null"]
     entries = random_subjects(*counts, seed, catalogue, parameters)
     first = int(batch) * batch_size
     ventricles = Ventricles(mesh, physics, predictor)
-    tables = _planted(
+    tables = _injected(
         ventricles,
         entries[first : first + batch_size],
         benchmark["noise"],
@@ -188,10 +189,10 @@ def plant_batch(
         table.to_parquet(path, index=False)
 
 
-def _planted(
+def _injected(
     ventricles: Ventricles, entries: list[dict], noise: Mapping[str, float], name: str
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Subjects and truth of some entries, as `plant_batch` writes them."""
+    """Subjects and truth of some entries, as `inject_batch` writes them."""
     channels = ventricles.channels
     progress, subjects, truths = Progress(name, len(entries)), [], []
     for entry in entries:

@@ -5,18 +5,18 @@ import pandas as pd
 import pytest
 
 from regional_lv.config import physics as physics_of
-from regional_lv.criticism import planted
+from regional_lv.criticism import injection
 from regional_lv.criticism.hypotheses import REGISTRY
 from regional_lv.parameters import Parameterisation
-from tests.criticism.stand_in import OUTPUTS, PARAMETERS
+from tests.criticism.toy import OUTPUTS, PARAMETERS
 
 
 @pytest.fixture(scope="module")
 def entries():
-    return planted.random_subjects(10 * len(REGISTRY), 60, 5, REGISTRY, PARAMETERS)
+    return injection.random_subjects(10 * len(REGISTRY), 60, 5, REGISTRY, PARAMETERS)
 
 
-def test_every_hypothesis_is_planted_and_some_have_none(entries):
+def test_every_hypothesis_is_injected_and_some_have_none(entries):
     effects = [next(iter(e["effects"]), None) for e in entries]
     assert effects.count(None) == 60
     assert all(effects.count(name) == 10 for name in REGISTRY)
@@ -28,33 +28,33 @@ def test_every_hypothesis_is_planted_and_some_have_none(entries):
 def test_sizes_are_in_the_range_and_away_from_the_base(entries):
     shares = []
     for entry in entries:
-        for effect in planted.read_effects(entry["effects"]):
+        for effect in injection.read_effects(entry["effects"]):
             h = effect.hypothesis
             assert h.low <= effect.value <= h.high
             end = h.low if effect.value < h.base else h.high
             shares.append((effect.value - h.base) / (end - h.base))
             assert effect.component in h.components
-    assert min(shares) >= planted.LEAST_SHARE - 1e-12
-    assert np.mean(shares) == pytest.approx((1 + planted.LEAST_SHARE) / 2, abs=0.06)
+    assert min(shares) >= injection.LEAST_SHARE - 1e-12
+    assert np.mean(shares) == pytest.approx((1 + injection.LEAST_SHARE) / 2, abs=0.06)
 
 
 def test_theta_is_physiological_and_in_the_box():
-    entries = planted.random_subjects(0, 50, 5, REGISTRY, Parameterisation(bounds=(0.8, 5.0)))
+    entries = injection.random_subjects(0, 50, 5, REGISTRY, Parameterisation(bounds=(0.8, 5.0)))
     theta = np.array([list(e["theta"].values()) for e in entries])
     assert theta.shape == (50, 10) and theta.min() >= 0.8 and theta.max() <= 2.0
 
 
 def test_subjects_follow_the_seed(entries):
-    again = planted.random_subjects(10 * len(REGISTRY), 60, 5, REGISTRY, PARAMETERS)
-    other = planted.random_subjects(10 * len(REGISTRY), 60, 6, REGISTRY, PARAMETERS)
+    again = injection.random_subjects(10 * len(REGISTRY), 60, 5, REGISTRY, PARAMETERS)
+    other = injection.random_subjects(10 * len(REGISTRY), 60, 6, REGISTRY, PARAMETERS)
     assert again == entries
     assert other[0]["theta"] != entries[0]["theta"] and other[0]["seed"] != entries[0]["seed"]
 
 
 def test_heavy_tails_have_outliers():
     rng = np.random.default_rng(0)
-    heavy = planted.unit_noise(planted.read_effects({"heavy_tails": 0.4}), 20000, rng)
-    plain = planted.unit_noise(planted.read_effects({"fibre_rotation": 5.0}), 20000, rng)
+    heavy = injection.unit_noise(injection.read_effects({"heavy_tails": 0.4}), 20000, rng)
+    plain = injection.unit_noise(injection.read_effects({"fibre_rotation": 5.0}), 20000, rng)
     # Of Student's t with 2.5 degrees of freedom 4.1 % lie beyond 4 scales; of a Gaussian none.
     assert np.mean(np.abs(heavy) > 4) == pytest.approx(0.041, abs=0.006)
     assert np.abs(plain).max() < 5 and plain.std() == pytest.approx(1.0, abs=0.03)
@@ -62,8 +62,8 @@ def test_heavy_tails_have_outliers():
 
 def test_a_batch_keeps_subjects_and_truth_apart(monkeypatch, tmp_path, smoke_config):
     """One cannot be inflated: it is in the truth, with the reason, and nowhere else."""
-    physics, counts = physics_of(smoke_config), {"planted": 30, "null": 10}
-    every = planted.random_subjects(*counts.values(), 5, planted.asked("all", physics), PARAMETERS)
+    physics, counts = physics_of(smoke_config), {"injected": 30, "null": 10}
+    every = injection.random_subjects(*counts.values(), 5, injection.asked("all", physics), PARAMETERS)
     entries = every[10:20]
     failing = entries[3]["theta"]["C_a_septal"]
 
@@ -72,10 +72,10 @@ def test_a_batch_keeps_subjects_and_truth_apart(monkeypatch, tmp_path, smoke_con
             raise ArithmeticError("too soft")
         return np.zeros(52)
 
-    monkeypatch.setattr(planted.Ventricles, "outputs", outputs)
+    monkeypatch.setattr(injection.Ventricles, "outputs", outputs)
     files = tmp_path / "subjects.parquet", tmp_path / "truth.parquet"
     benchmark = counts | {"noise": {"strain": 0.01, "volume": 1.0}}
-    planted.plant_batch(*(None, None, physics, PARAMETERS, "all", benchmark, 5, "0001", 10), *files)
+    injection.inject_batch(*(None, None, physics, PARAMETERS, "all", benchmark, 5, "0001", 10), *files)
     subjects, truth = map(pd.read_parquet, files)
     assert list(subjects) == ["subject", *OUTPUTS, *(f"sd_{o}" for o in OUTPUTS)]
     assert truth["subject"].tolist() == [f"subject-{i:04d}" for i in range(10, 20)]

@@ -1,4 +1,5 @@
-"""In place of the simulator, where simulations come from tables: a Gaussian process on all of them.
+"""A reference emulator in place of the simulator, where simulations come from tables: a Gaussian
+process on all of them.
 
 It learns from the simulations under test as well, which no emulator does: an estimate near the
 truth is checked well, one far from any simulation is not.
@@ -20,12 +21,12 @@ from regional_lv.seeds import derive
 CHECKED_BY = "exact GP on training and test simulations"
 
 
-def fit_stand_in(
+def fit_reference(
     screened: Sequence[Path],
     parameters: Parameterisation,
     channels: Channels,
     seed: int,
-    stand_in: Path,
+    reference: Path,
 ) -> None:
     """Fit the exact GP on log inputs to screened tables, all together; write it."""
     columns = parameters, channels.names
@@ -36,16 +37,16 @@ def fit_stand_in(
         *(theta, y),
         parameters=parameters,
         outputs=channels.names,
-        seed=derive(seed, "estimates", "stand-in"),
+        seed=derive(seed, "estimates", "reference"),
     )
-    emulator.save(stand_in)
+    emulator.save(reference)
 
 
-def predict_estimates(stand_in: Path, estimates: Path, cases: int | None, checked: Path) -> None:
-    """The stand-in's outputs at the estimates of the first `cases` samples (all if None), written
-    as the simulator's are (`check`), `checked_by` this stand-in."""
+def predict_estimates(reference: Path, estimates: Path, cases: int | None, checked: Path) -> None:
+    """The outputs of the reference emulator at the estimates of the first `cases` samples (all if
+    None), written as the simulator's are (`check`), `checked_by` it."""
     table = first_cases(pd.read_parquet(estimates), cases)
-    emulator = emulators.load(stand_in)
+    emulator = emulators.load(reference)
     with torch.no_grad():
         theta = table[list(emulator.parameters.names)].to_numpy()
         values = emulator.predict_mean(torch.as_tensor(theta))

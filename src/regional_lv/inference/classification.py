@@ -32,13 +32,13 @@ def stiffness(theta: np.ndarray, parameters: Parameterisation) -> np.ndarray:
     return np.concatenate([factors, gmean(factors, axis=-1, keepdims=True)], axis=-1)
 
 
-def tell_zones_apart(
-    posteriors: Sequence[str | Path], healthy: dict, told_apart: str | Path, by_zone: str | Path
+def classify_zones(
+    posteriors: Sequence[str | Path], healthy: dict, classified: str | Path, by_zone: str | Path
 ) -> None:
     """Probability that each zone of each case is stiffer than baseline, and errors of the MAP.
 
     healthy: `mean` and `sd` of the factors of healthy zones. Baseline ends at mean + 1.96 sd: a
-    zone above it is no ordinary one. told_apart: case, stiff_zone, zone, quantity (a factor, or
+    zone above it is no ordinary one. classified: case, stiff_zone, zone, quantity (a factor, or
     `BOTH`), stiffened (bool), probability, truth, verdict. by_zone: of `map_errors_by_zone`.
     """
     edge = healthy["mean"] + EDGE * healthy["sd"]
@@ -71,7 +71,7 @@ def tell_zones_apart(
                     pair = {"truth": true[i, z, q], "map": found[i, z, q]}
                     errors.append(common | {"quantity": factor} | pair)
     columns = ["case", "stiff_zone", "zone", "quantity", "stiffened", "probability", "truth"]
-    pd.DataFrame(rows)[[*columns, "verdict"]].to_csv(told_apart, index=False)
+    pd.DataFrame(rows)[[*columns, "verdict"]].to_csv(classified, index=False)
     map_errors_by_zone(pd.DataFrame(errors)).to_csv(by_zone, index=False)
 
 
@@ -94,18 +94,18 @@ def map_errors_by_zone(errors: pd.DataFrame) -> pd.DataFrame:
     ).reset_index()
 
 
-def measure_separation(
-    told_apart: str | Path, local: Sequence[str | Path], roc: str | Path, auc: str | Path, seed: int
+def score_classification(
+    classified: str | Path, local: Sequence[str | Path], roc: str | Path, auc: str | Path, seed: int
 ) -> None:
     """ROC and AUC of the probabilities of one scenario.
 
-    told_apart: of that scenario. local: tables of the local scenarios with the same noise; where
+    classified: of that scenario. local: tables of the local scenarios with the same noise; where
     a scenario has no healthy zone (global stiffening), theirs are compared with. roc: quantity,
     zone (`all` or one), threshold, false_positive_rate, true_positive_rate. auc: quantity, zone,
     auc, auc_lower, auc_upper (95 %, cases resampled), positives, negatives, negatives_from
     (`itself` or `local`). Without any healthy zone the numbers are empty.
     """
-    table, source = pd.read_csv(told_apart, dtype={"case": str}), "itself"
+    table, source = pd.read_csv(classified, dtype={"case": str}), "itself"
     if table["stiffened"].all() and local:
         parts = [pd.read_csv(path, dtype={"case": str}).assign(origin=str(path)) for path in local]
         others, source = pd.concat(parts), "local"
