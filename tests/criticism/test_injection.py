@@ -63,7 +63,8 @@ def test_heavy_tails_have_outliers():
 def test_a_batch_keeps_subjects_and_truth_apart(monkeypatch, tmp_path, smoke_config):
     """One cannot be inflated: it is in the truth, with the reason, and nowhere else."""
     physics, counts = physics_of(smoke_config), {"injected": 30, "null": 10}
-    every = injection.random_subjects(*counts.values(), 5, injection.asked("all", physics), PARAMETERS)
+    causes = injection.asked("all", physics)
+    every = injection.random_subjects(*counts.values(), 5, causes, PARAMETERS)
     entries = every[10:20]
     failing = entries[3]["theta"]["C_a_septal"]
 
@@ -75,7 +76,8 @@ def test_a_batch_keeps_subjects_and_truth_apart(monkeypatch, tmp_path, smoke_con
     monkeypatch.setattr(injection.Ventricles, "outputs", outputs)
     files = tmp_path / "subjects.parquet", tmp_path / "truth.parquet"
     benchmark = counts | {"noise": {"strain": 0.01, "volume": 1.0}}
-    injection.inject_batch(*(None, None, physics, PARAMETERS, "all", benchmark, 5, "0001", 10), *files)
+    asked = None, None, physics, PARAMETERS, "all", benchmark, 5, "0001", 10
+    injection.inject_batch(*asked, *files)
     subjects, truth = map(pd.read_parquet, files)
     assert list(subjects) == ["subject", *OUTPUTS, *(f"sd_{o}" for o in OUTPUTS)]
     assert truth["subject"].tolist() == [f"subject-{i:04d}" for i in range(10, 20)]
