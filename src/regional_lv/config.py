@@ -63,6 +63,7 @@ MOVED = {
     "observables.region": "`observables.layer`, such as [0.0, 0.333] for the endocardial third",
     "observables.endocardial_share": "`observables.layer`, such as [0.0, 0.333]",
     "observables.nominal_share": "`observables.strain_exponent`; 1 is nominal strain",
+    "criticism.benchmark.planted": "`criticism.benchmark.injected`",
 }
 """Keys of earlier versions, and what does their work now."""
 

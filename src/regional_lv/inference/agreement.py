@@ -37,7 +37,7 @@ def compare_samplers(
 
     posteriors: batches of the set. cases: how many to draw among those that were sampled by
     importance; all if there are fewer. noise: as in `sampling.sample_set_batch`. For the columns
-    see `COLUMNS`.
+    see `COLUMNS`; cases whose chains fail the convergence check are left out.
     """
     fast = {
         str(case): data.sel(case=case)
@@ -53,8 +53,9 @@ def compare_samplers(
         emulator = emulators.load(emulator_file).select(observed[0]["output"].to_numpy().tolist())
         y = torch.as_tensor(np.stack([one.to_numpy() for one in observed]))
         likelihoods = likelihoods_of_set(emulator, y, noise)
-        reference = sample_cases(likelihoods, chosen, Sampling(nuts, point, seed, set_name), "nuts")
-        rows = _compare(set_name, [fast[case].posterior for case in chosen], reference)
+        how = Sampling(nuts, point, seed, set_name)
+        reference = sample_cases(likelihoods, chosen, how, "nuts")
+        rows = _compare(how, [fast[case].posterior for case in chosen], reference)
     pd.DataFrame(rows, columns=COLUMNS).to_csv(table, index=False)
 
 
@@ -75,7 +76,7 @@ def compare_subject(
         likelihood = subject_likelihood(emulator_file, measured, noise_prior_scale)
         how = Sampling(nuts, point, seed, "subjects")
         reference = sample_cases([likelihood], [subject], how, "nuts")
-        rows = _compare("subjects", [data.sel(case=subject).posterior], reference)
+        rows = _compare(how, [data.sel(case=subject).posterior], reference)
     pd.DataFrame(rows, columns=COLUMNS).to_csv(table, index=False)
 
 
@@ -84,11 +85,13 @@ def gather(tables: Sequence[str | Path], table: str | Path) -> None:
     pd.concat([pd.read_csv(one) for one in tables], ignore_index=True).to_csv(table, index=False)
 
 
-def _compare(set_name: str, posteriors: Sequence, reference: Sampled) -> list[dict]:
+def _compare(how: Sampling, posteriors: Sequence, reference: Sampled) -> list[dict]:
+    """Rows of all cases, but those whose chains failed the convergence check: no reference."""
     names, rows = reference.likelihoods[0].emulator.parameters.names, []
     for case, fast, draws in zip(reference.cases, posteriors, reference.draws, strict=True):
-        theta = fast["theta"].transpose("chain", "draw", "parameter").to_numpy()
-        rows += compare(set_name, case, theta, draws.theta, names)
+        if draws.verdict(how.settings) == "passed":
+            theta = fast["theta"].transpose("chain", "draw", "parameter").to_numpy()
+            rows += compare(how.set_name, case, theta, draws.theta, names)
     return rows
 
 

@@ -45,8 +45,8 @@ class Approximation:
     surrogate: Potential
     found: Weighted
 
-    def moments(self) -> tuple[torch.Tensor, torch.Tensor]:
-        """Mean (S,) of the positions, and M with covariance M M'."""
+    def preconditioner(self) -> tuple[torch.Tensor, torch.Tensor]:
+        """Affine map onto the posterior: its mean (S,), and M with covariance M M'."""
         return _spread(self.found.u, self.found.tempered())
 
     def places(self, generator: torch.Generator) -> torch.Tensor:
@@ -70,9 +70,9 @@ def approximate(
     target = Target.near(likelihood, theta_map, log_sigma_map)
     broad = target.broadened(theta_map)
     thin = broad is not target
-    mode, whitening = broad.gaussian(theta_map, log_sigma_map)
+    mode, scale = broad.gaussian(theta_map, log_sigma_map)
     student = Student(torch.zeros_like(mode), NARROW**2 * torch.eye(len(mode), dtype=mode.dtype))
-    best = _explore(broad, mode + student.draw(PLACES, generator) @ whitening.mT, generator)
+    best = _explore(broad, mode + student.draw(PLACES, generator) @ scale.mT, generator)
     if not thin:
         yield best
 
@@ -82,7 +82,7 @@ def approximate(
     kept = importance.resample(best.found.weight, PLACES, generator)
     best = _explore(wide, wide.unconstrain(theta[kept], log_sigma[kept]), generator)
     if thin:
-        shell, thickness = flatten(likelihood, transform, *best.moments(), generator)
+        shell, thickness = flatten(likelihood, transform, *best.preconditioner(), generator)
         flat = Target(likelihood, shell)
         places = flat.unconstrain(*wide.constrain(best.places(generator)))
         across = likelihood.inputs - 1
@@ -97,19 +97,17 @@ def approximate(
 
 def _explore(target: Target, places: torch.Tensor, generator: torch.Generator) -> Approximation:
     """The approximation from `places` (PLACES, S), which the posterior is near."""
-    centre, whitening = _spread(places, torch.full((PLACES,), 1 / PLACES, dtype=places.dtype))
-    surrogate = fit_surrogate(target, places, centre, whitening)
+    centre, scale = _spread(places, torch.full((PLACES,), 1 / PLACES, dtype=places.dtype))
+    surrogate = fit_surrogate(target, places, centre, scale)
 
     @torch.no_grad()
     def log_density(z):
-        position = centre + z @ whitening.mT
+        position = centre + z @ scale.mT
         return -torch.cat([surrogate(part) for part in position.split(CHUNK)])
 
     zero, one = torch.zeros_like(centre), torch.eye(len(centre), dtype=centre.dtype)
     found = importance.sample(log_density, zero, one, generator=generator, **EFFORT)
-    return Approximation(
-        target, surrogate, Weighted(centre + found.u @ whitening.mT, found.log_weight)
-    )
+    return Approximation(target, surrogate, Weighted(centre + found.u @ scale.mT, found.log_weight))
 
 
 def _spread(u: torch.Tensor, weight: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:

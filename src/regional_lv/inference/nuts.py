@@ -41,7 +41,7 @@ def sample_by_nuts(
     started = time.monotonic()
     generator = torch.Generator().manual_seed(seed)
     *_, found = approximate(likelihood, theta_map, log_sigma_map, generator)
-    centre, whitening = found.moments()
+    centre, scale = found.preconditioner()
     made = THIN * settings.draws
     progress = Progress("NUTS: iterations", settings.chains * (settings.warmup + made))
     chains = []
@@ -49,7 +49,7 @@ def sample_by_nuts(
         start = DISPERSION * torch.randn(len(centre), generator=generator, dtype=centre.dtype)
         mcmc = MCMC(
             NUTS(
-                potential_fn=lambda at: found.surrogate(centre + at["z"] @ whitening.mT),
+                potential_fn=lambda at: found.surrogate(centre + at["z"] @ scale.mT),
                 full_mass=True,
                 adapt_mass_matrix=False,
                 target_accept_prob=settings.target_accept,
@@ -66,16 +66,16 @@ def sample_by_nuts(
             torch.manual_seed(derive(seed, chain))
             mcmc.run()
         chains.append(mcmc)
-    return _weighted(found, centre, whitening, chains, settings, started)
+    return _weighted(found, centre, scale, chains, settings, started)
 
 
 @torch.no_grad()
 def _weighted(
-    found: Approximation, centre, whitening, chains, settings: Settings, started: float
+    found: Approximation, centre, scale, chains, settings: Settings, started: float
 ) -> Draws:
     """Draws of the exact density: every chain thinned, weighted and resampled in its order."""
     z = torch.stack([chain.get_samples()["z"][THIN - 1 :: THIN] for chain in chains])
-    position = (centre + z @ whitening.mT).flatten(0, 1)
+    position = (centre + z @ scale.mT).flatten(0, 1)
     parts = position.split(CHUNK)
     energy = torch.cat([found.target.potential(part) for part in parts])
     cheap = torch.cat([found.surrogate(part) for part in parts])

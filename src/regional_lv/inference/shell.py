@@ -132,16 +132,16 @@ def flatten(
     likelihood: Likelihood,
     transform: ThetaTransform,
     centre: torch.Tensor,
-    whitening: torch.Tensor,
+    scale: torch.Tensor,
     generator: torch.Generator,
 ) -> tuple[Shell, torch.Tensor]:
     """The shell of the first `exact` output of `likelihood`, and how thick it is, one sd.
 
-    centre (P + G,), whitening (P + G, P + G): where the posterior is and how wide, about (v, log
+    centre (P + G,), scale (P + G, P + G): where the posterior is and how wide, about (v, log
     sigma), of a likelihood that is `blurred`.
     """
     emulator, output = likelihood.emulator, int(likelihood.exact.nonzero()[0])
-    covariance = whitening @ whitening.T
+    covariance = scale @ scale.T
     p = likelihood.inputs
     origin, spread = centre[:p], torch.linalg.cholesky(covariance[:p, :p])
     v = origin.clone().requires_grad_()

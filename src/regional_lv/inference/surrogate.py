@@ -45,11 +45,11 @@ class Surrogate:
 
 
 def fit_surrogate(
-    target: Target, places: torch.Tensor, centre: torch.Tensor, whitening: torch.Tensor
+    target: Target, places: torch.Tensor, centre: torch.Tensor, scale: torch.Tensor
 ) -> Potential:
     """The surrogate fitted at `places` (M, S), a few hundred that are spread like the posterior.
 
-    centre (S,), whitening (S, S): M with covariance M M', of the places.
+    centre (S,), scale (S, S): M with covariance M M', of the places.
 
     The exact potential, if the emulator's covariance is not separable, or if it leaves the scale of
     its errors to the likelihood: its mean is all it has then.
@@ -61,7 +61,7 @@ def fit_surrogate(
         evaluated = [target.evaluate(part) for part in places.split(CHUNK)]
     potential = torch.cat([value for value, _ in evaluated])
     logs = join([prediction for _, prediction in evaluated]).variance.log()
-    inverse = torch.linalg.inv(whitening)
+    inverse = torch.linalg.inv(scale)
     features = products((places - centre) @ inverse.mT)
     # What lies far above the smallest potential matters less.
     weight = 1 / (1 + (potential - potential.min()) / SCALE).square()
