@@ -19,7 +19,7 @@ def draw(resimulated: Path, png: Path, csv: Path) -> None:
 
     resimulated: CSV with case, draw, output, mean, sd, simulator, z, outside; its rows with their
     quantity are the figure's table. The curve is the standard normal density that an emulator
-    with honest errors has.
+    with calibrated errors has.
     """
     table = pd.read_csv(resimulated)
     channels = Channels.parse(table["output"].unique())

@@ -1,4 +1,4 @@
-"""Are the posteriors of the shortlisted emulators honest, and sharp? (the paper's Figure 4)"""
+"""Are the posteriors of the shortlisted emulators calibrated, and sharp? (the paper's Figure 4)"""
 
 from collections.abc import Sequence
 from itertools import cycle
