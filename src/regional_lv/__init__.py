@@ -1,1 +1,1 @@
-"""Regional stiffness of the left ventricle from segmental strains, with honest uncertainty."""
+"""Regional stiffness of the left ventricle from segmental strains, with calibrated uncertainty."""

@@ -49,6 +49,14 @@ class Approximation:
         """Affine map onto the posterior: its mean (S,), and M with covariance M M'."""
         return _spread(self.found.u, self.found.tempered())
 
+    @torch.no_grad()
+    def exact(self, position: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Potential of the target at positions (N, S), and log weights of draws of the surrogate
+        for it: (N,) each."""
+        parts = position.split(CHUNK)
+        energy = torch.cat([self.target.potential(part) for part in parts])
+        return energy, torch.cat([self.surrogate(part) for part in parts]) - energy
+
     def places(self, generator: torch.Generator) -> torch.Tensor:
         """Positions (PLACES, S) spread like the posterior."""
         return self.found.u[importance.resample(self.found.weight, PLACES, generator)]

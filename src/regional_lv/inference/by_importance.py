@@ -14,7 +14,6 @@ from regional_lv.inference import importance
 from regional_lv.inference.approximation import Approximation, approximate
 from regional_lv.inference.draws import Draws, Settings
 from regional_lv.inference.likelihood import Likelihood
-from regional_lv.inference.point import CHUNK
 
 CORRECTED = 2
 """Exact densities that are evaluated for each draw that is kept."""
@@ -50,29 +49,25 @@ def sample_by_importance(
 def _draw(
     approximation: Approximation, settings: Settings, generator: torch.Generator, started: float
 ) -> Draws:
-    target, found = approximation.target, approximation.found
+    found = approximation.found
     log_weight, first_k = importance.smooth(found.log_weight)
     kept = importance.resample(
         torch.softmax(EVEN * log_weight, 0), CORRECTED * settings.total, generator
     )
     position = found.u[kept]
-    parts = position.split(CHUNK)
-    energy = torch.cat([target.potential(part) for part in parts])
-    cheap = torch.cat([approximation.surrogate(part) for part in parts])
-    log_weight, k = importance.smooth((1 - EVEN) * log_weight[kept] + cheap - energy)
+    energy, lacking = approximation.exact(position)
+    log_weight, k = importance.smooth((1 - EVEN) * log_weight[kept] + lacking)
     weight = torch.softmax(log_weight, 0)
     # Draws that were chosen twice are one.
     each = torch.zeros(len(found.u), dtype=weight.dtype).index_add(0, kept, weight)
     chosen = importance.resample(weight, settings.total, generator)
     chosen = chosen[torch.randperm(settings.total, generator=generator)]
-    theta, log_sigma = target.constrain(position[chosen])
     shape = settings.chains, settings.draws
-    return Draws(
-        theta=theta.reshape(*shape, -1).numpy(),
-        sigma=log_sigma.exp().reshape(*shape, -1).numpy(),
+    return Draws.of(
+        approximation.target.constrain(position[chosen]),
+        energy[chosen],
         acceptance_rate=np.ones(shape),
         diverging=np.zeros(shape, dtype=bool),
-        energy=energy[chosen].reshape(shape).numpy(),
         pareto_k=float(np.fmax(first_k, k)),
         weighted_ess=1 / (1 / importance.effective(each) + 1 / settings.total),
         seconds=time.monotonic() - started,

@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import torch
 
 from regional_lv.inference.diagnostics import check_convergence
 
@@ -49,6 +50,26 @@ class Draws:
     pareto_k: float
     weighted_ess: float
     seconds: float = math.nan
+
+    @classmethod
+    def of(
+        cls,
+        drawn: tuple[torch.Tensor, torch.Tensor],
+        energy: torch.Tensor,
+        diverging: np.ndarray,
+        **rest,
+    ) -> "Draws":
+        """From theta (N, P) and log sigma (N, G), chain after chain, and energy (N,); the others
+        as they are."""
+        theta, log_sigma = drawn
+        shape = diverging.shape
+        return cls(
+            theta=theta.reshape(*shape, -1).numpy(),
+            sigma=log_sigma.exp().reshape(*shape, -1).numpy(),
+            energy=energy.reshape(shape).numpy(),
+            diverging=diverging,
+            **rest,
+        )
 
     def verdict(self, settings: Settings) -> str:
         """`passed`, or `failed:` and what did not pass."""

@@ -17,7 +17,6 @@ from regional_lv.inference import importance
 from regional_lv.inference.approximation import Approximation, approximate
 from regional_lv.inference.draws import Draws, Settings
 from regional_lv.inference.likelihood import Likelihood
-from regional_lv.inference.point import CHUNK
 from regional_lv.progress import Progress
 from regional_lv.seeds import derive
 
@@ -76,10 +75,8 @@ def _weighted(
     """Draws of the exact density: every chain thinned, weighted and resampled in its order."""
     z = torch.stack([chain.get_samples()["z"][THIN - 1 :: THIN] for chain in chains])
     position = (centre + z @ scale.mT).flatten(0, 1)
-    parts = position.split(CHUNK)
-    energy = torch.cat([found.target.potential(part) for part in parts])
-    cheap = torch.cat([found.surrogate(part) for part in parts])
-    log_weight, k = importance.smooth(cheap - energy)
+    energy, lacking = found.exact(position)
+    log_weight, k = importance.smooth(lacking)
     weight = torch.softmax(log_weight, 0)
     shape = settings.chains, settings.draws
     chosen = torch.cat(
@@ -88,19 +85,17 @@ def _weighted(
             for i, of_chain in enumerate(weight.reshape(shape))
         ]
     )
-    theta, log_sigma = found.target.constrain(position[chosen])
     diverging, acceptance = np.zeros(shape, dtype=bool), np.empty(shape)
     for i, chain in enumerate(chains):
         said = chain.diagnostics()
         # A divergence counts, whether its draw is kept or not.
         diverging[i, np.array(said["divergences"]["chain 0"], dtype=int) // THIN] = True
         acceptance[i] = said["acceptance rate"]["chain 0"]
-    return Draws(
-        theta=theta.reshape(*shape, -1).numpy(),
-        sigma=log_sigma.exp().reshape(*shape, -1).numpy(),
+    return Draws.of(
+        found.target.constrain(position[chosen]),
+        energy[chosen],
         acceptance_rate=acceptance,
         diverging=diverging,
-        energy=energy[chosen].reshape(shape).numpy(),
         pareto_k=k,
         weighted_ess=importance.effective(weight),
         seconds=time.monotonic() - started,

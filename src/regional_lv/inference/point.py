@@ -13,7 +13,7 @@ import numpy as np
 import torch
 
 from regional_lv.design import sobol
-from regional_lv.emulators.base import Emulator, Prediction, join
+from regional_lv.emulators.base import Emulator, join
 from regional_lv.inference.likelihood import Likelihood
 from regional_lv.inference.optimise import maximise
 from regional_lv.seeds import derive
@@ -58,22 +58,6 @@ class PointEstimate:
         return [PointEstimate(*one) for one in zip(*parts, strict=True)]
 
 
-@dataclass(frozen=True)
-class Candidates:
-    """Places (M, P) from which starts are chosen, and what a global emulator predicts there."""
-
-    theta: torch.Tensor
-    prediction: Prediction
-
-    @classmethod
-    def of(cls, emulator: Emulator, starts: int, seed: int) -> "Candidates":
-        """`SCREENED_PER_START` Sobol points for each start, half of them on the natural, half on
-        the log scale."""
-        theta = starting_points(emulator, SCREENED_PER_START * starts // 2, seed)
-        with torch.no_grad():
-            return cls(theta, join([emulator.predict(part) for part in theta.split(CHUNK)]))
-
-
 def starting_points(emulator: Emulator, count: int, seed: int) -> torch.Tensor:
     """Sobol points (2 count, P) between the bounds: `count` on the natural scale, then as many on
     the log scale."""
@@ -99,27 +83,24 @@ def find_map(
     starts: int,
     iterations: int,
     seed: int,
-    candidates: Candidates | None = None,
 ) -> PointEstimate:
     """Maximise the posterior density for every row of `likelihood.y` (C, D).
 
-    `starts` points per case, the most likely ones of `candidates` (by default those that `seed`
-    gives), each improved by at most `iterations` projected Levenberg-Marquardt steps with exact
-    gradients and the expected information as curvature; in the last pass the best `FOLLOWED`.
+    `starts` points per case, the most likely ones of `SCREENED_PER_START` times as many Sobol
+    points, half of them on the natural, half on the log scale; each improved by at most
+    `iterations` projected Levenberg-Marquardt steps with exact gradients and the expected
+    information as curvature; in the last pass the best `FOLLOWED`.
     """
     emulator, noise = likelihood.emulator, likelihood.noise
     y = likelihood.y
     cases, groups = len(y), len(noise.groups)
-    if candidates is None:
-        candidates = Candidates.of(emulator, starts, seed)
-    points = candidates.theta
+    points = starting_points(emulator, SCREENED_PER_START * starts // 2, seed)
     middle = np.log(0.3 * noise.prior_scale)
     log_sigma = torch.full((len(points), groups), middle, dtype=torch.float64)
     broad = likelihood.tempered(TEMPERING[0])
     with torch.no_grad():
-        screened = torch.stack(
-            [broad.at(row).of_prediction(candidates.prediction, log_sigma) for row in y]
-        )
+        prediction = join([emulator.predict(part) for part in points.split(CHUNK)])
+        screened = torch.stack([broad.at(row).of_prediction(prediction, log_sigma) for row in y])
     chosen = screened.topk(min(starts, len(points)), dim=1).indices
     first = torch.cat([points.log()[chosen], log_sigma[chosen]], dim=-1)
     flat = first.reshape(-1, first.shape[-1])
