@@ -109,10 +109,18 @@ def choose(folder, names, wanted="auto"):
 
 
 def test_the_rule(tmp_path):
-    candidate(tmp_path, "narrow", 0.88, 0.90, 0.01)
+    candidate(tmp_path, "narrow", 0.87, 0.89, 0.01)
     candidate(tmp_path, "good", 0.95, 0.97, 0.03)
     candidate(tmp_path, "wide", 0.99, 1.00, 0.08)
     assert choose(tmp_path, ["narrow", "good", "wide"]) == "good"
+    candidate(tmp_path, "sharp", 0.92, 0.938, 0.003)  # a little narrow, and ten times as exact
+    assert choose(tmp_path, ["sharp", "good", "wide"]) == "sharp"
+    why = {
+        c["emulator"]: c["why"]
+        for c in json.loads((tmp_path / "final.json").read_text())["candidates"]
+    }
+    assert "somewhat too narrow" in why["sharp"] and "narrow" not in why["wide"]
+    choose(tmp_path, ["narrow", "good", "wide"])
     assert (tmp_path / "final.pt").read_text() == "good"
     report = json.loads((tmp_path / "final.json").read_text())
     assert report["final"] == "good" and "CRPS" in report["rule"]
@@ -124,7 +132,7 @@ def test_the_rule(tmp_path):
     )
     assert pd.read_csv(tmp_path / "coverage.csv")["crps"].iloc[0] == 0.03
     assert choose(tmp_path, ["narrow", "good"], "narrow") == "narrow"
-    assert choose(tmp_path, ["narrow"]) == "narrow"  # none covers: the nearest
+    assert choose(tmp_path, ["narrow"]) == "narrow"  # none covers: the highest
     with pytest.raises(InputError, match="wide is not on the shortlist"):
         choose(tmp_path, ["good"], "wide")
     with pytest.raises(InputError, match=r"emulators\.shortlist: it is empty"):

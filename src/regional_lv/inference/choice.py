@@ -9,13 +9,13 @@ import pandas as pd
 
 from regional_lv.errors import InputError
 
-NOMINAL = 0.95
+LEAST_COVERAGE = 0.9
 RULE = (
-    "Among the emulators whose interval for the coverage of their 95 % intervals, over all "
-    "parameters, reaches 0.95 or more, the one with the least mean CRPS. If there is none, "
-    "the one whose coverage is nearest to 0.95."
+    "The least mean CRPS, among the emulators whose 95 % intervals do not cover fewer than 90 % "
+    "for certain (the upper end of the interval for their coverage, over all parameters). If "
+    "there is none, the one whose coverage is highest."
 )
-"""Intervals that are too wide are paid for by the CRPS; those that are too narrow need not be."""
+"""The CRPS is a proper score: intervals that are too wide or too narrow are paid for in it."""
 
 
 def choose_final(
@@ -46,7 +46,7 @@ def choose_final(
             for name, path in zip(files, coverages, strict=True)
         ]
     )
-    eligible = table["coverage95_upper"] >= NOMINAL
+    eligible = table["coverage95_upper"] >= LEAST_COVERAGE
     if wanted != "auto":
         if wanted not in files:
             raise InputError(
@@ -57,7 +57,7 @@ def choose_final(
     elif eligible.any():
         final, rule = table.loc[eligible, "crps"].idxmin(), RULE
     else:
-        final, rule = (table["coverage95"] - NOMINAL).abs().idxmin(), RULE
+        final, rule = table["coverage95"].idxmax(), RULE
     numbers = ["coverage95", "coverage95_lower", "coverage95_upper", "crps", "mse"]
     described = [
         {"emulator": name}
@@ -85,7 +85,11 @@ def adopt(
 
 
 def _why(row: pd.Series, eligible: bool) -> str:
-    share = f"95 % intervals cover {100 * row['coverage95']:.1f} %"
-    if eligible:
-        return f"{share}; mean CRPS {row['crps']:.4f}"
-    return f"{share}, at most {100 * row['coverage95_upper']:.1f} %: too narrow"
+    lower, upper = (100 * row[f"coverage95_{end}"] for end in ("lower", "upper"))
+    text = (
+        f"95 % intervals cover {100 * row['coverage95']:.1f} % ({lower:.1f} to {upper:.1f}); "
+        f"mean CRPS {row['crps']:.4f}"
+    )
+    if eligible and upper < 95:
+        return f"{text}; somewhat too narrow"
+    return text if eligible else f"{text}; far too narrow"
