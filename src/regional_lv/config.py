@@ -402,6 +402,8 @@ def _check_model(config: dict, parameters: Parameterisation, channels: Channels)
         key = f"synthetic_subjects.{name}"
         yield from _check_theta(f"{key}.theta", subject["theta"], parameters)
         yield from _check_noise(f"{key}.noise", subject["noise"], channels)
+        if subject["mesh"] == "finer" and config["geometry"]["source"] != "segments":
+            yield f"{key}.mesh: only a table of segments can be meshed anew; write study"
         yield from _check_effects(f"{key}.effects", subject["effects"], config)
     benchmark = config["criticism"]["benchmark"]
     yield from _check_noise("criticism.benchmark.noise", benchmark["noise"], channels)

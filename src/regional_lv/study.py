@@ -171,10 +171,10 @@ class Study:
             name,
             entry,
             self._file("geometry/mesh.vtu"),
-            self._file("mechanics/predictor.npz"),
             self.physics,
             seed=derive(seed, "subject", name) if entry["seed"] is None else entry["seed"],
             measured=measured,
             truth=self._file(f"truth/{name}.json"),
+            predictor=self._file("mechanics/predictor.npz"),
         )
         return measured

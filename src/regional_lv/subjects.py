@@ -15,16 +15,16 @@ def simulate_subject(
     name: str,
     subject: Mapping,
     mesh: str | Path,
-    predictor: str | Path,
     physics: Mapping,
     seed: int,
     measured: str | Path,
     truth: str | Path,
+    predictor: str | Path | None = None,
 ) -> None:
     """Simulate `subject`, the entry `name` of `synthetic_subjects`; write the measured table and,
     apart, the truth.
 
-    The truth (theta, effects, noise, seed) is for a file that no inference reads. Raises
+    mesh: the study's, with its predictor, or a finer one without. The truth (theta, effects, noise, seed) is for a file that no inference reads. Raises
     InputError if the ventricle cannot be inflated at its theta with its effects.
     """
     parameters = Parameterisation.from_spec(physics["parameters"])

@@ -8,24 +8,35 @@ import pytest
 import torch
 
 from regional_lv.criticism import benchmark
-from regional_lv.criticism.benchmark import expected_score, measured_of, summarise
+from regional_lv.criticism.benchmark import expected_scores, measured_of, summarise
 from regional_lv.criticism.observations import observe
 from regional_lv.criticism.rates import rate
 from regional_lv.measured import read_measured, write_measured
 from regional_lv.plots import hidden_effects
-from tests.criticism.toy import PARAMETERS, THETA, Pressure, ToyEmulator, basal, bias, measured
+from tests.criticism.toy import (
+    PARAMETERS,
+    THETA,
+    Pressure,
+    ToyEmulator,
+    basal,
+    bias,
+    measured,
+    simulate,
+)
 
 
-def case(effect, answer, limits, size=1, covered=True, **more):
+def case(subject, kind, effect, answer, z, covered=True, **more):
     row = {
+        "subject": subject,
+        "kind": kind,
         "effect": effect,
         "answer": answer,
-        "limits": limits,
-        "expected_z": 3 * limits,
-        "size": size,
-        "contains": (answer == effect) if effect != "none" else np.nan,
-        "covered": covered if effect != "none" else np.nan,
+        "expected_z": z,
+        "contains": (effect in answer.split()) if effect != "none" else np.nan,
+        "covered": covered if effect in answer.split() and effect != "none" else np.nan,
         "identifiable": True if effect != "none" else np.nan,
+        "wrong_named": bool(set(answer.split()) - {effect, "none"}),
+        "detected": answer != "none",
         "misfit_p": 0.5,
         "seconds": 1.0,
     }
@@ -34,21 +45,28 @@ def case(effect, answer, limits, size=1, covered=True, **more):
 
 @pytest.fixture
 def cases():
-    rows = [case("radial_scale", "radial_scale", 4.0)] * 8
-    rows += [case("radial_scale", "basal_motion", 4.0, covered=False)] * 2
-    rows += [case("radial_scale", "none", 0.5, size=0)] * 5
-    rows += [case("none", "none", np.nan, size=0)] * 19 + [case("none", "focal_scar", np.nan)]
-    rows += [case("end_diastolic_pressure", "none", 0.0, size=0, identifiable=False)]
-    return pd.DataFrame(rows)
+    rows = [case(f"a{i}", "singles", "radial_scale", "radial_scale", 12.0) for i in range(8)]
+    rows += [case(f"b{i}", "singles", "radial_scale", "basal_motion", 12.0) for i in range(2)]
+    rows += [case(f"c{i}", "singles", "radial_scale", "none", 1.5) for i in range(5)]
+    both = "radial_scale basal_motion"
+    for name, answer in (("d0", both), ("d1", "radial_scale")):
+        rows += [
+            case(name, "pairs", effect, answer, 5.0, wrong_named=False) for effect in both.split()
+        ]
+    rows += [case(f"e{i}", "nulls", "none", "none", np.nan) for i in range(19)]
+    rows += [case("e19", "nulls", "none", "focal_scar", np.nan)]
+    hidden = case("f", "singles", "end_diastolic_pressure", "none", 0.0, identifiable=False)
+    return pd.DataFrame([*rows, hidden])
 
 
 def test_summary_counts(cases):
     found = summarise(cases)
-    assert (found["false_positives"]["hits"], found["false_positives"]["of"]) == (1, 20)
-    far = found["limit_of_the_test"]
-    assert far["contains_injected"]["share"] == pytest.approx(0.8)
-    assert far["mean_members"] == 1.0
-    assert far["coverage"]["share"] == pytest.approx(0.8)
+    assert (found["nulls"]["wrong_named"]["hits"], found["nulls"]["subjects"]) == (1, 20)
+    assert found["singles"]["found"]["share"] == pytest.approx(0.8)
+    assert (found["pairs"]["found"]["hits"], found["pairs"]["found"]["of"]) == (1, 2)
+    assert found["pairs"]["effects_found"]["share"] == pytest.approx(0.75)
+    assert found["absent_named"]["hits"] == 2
+    assert found["coverage"]["share"] == 1.0
     assert found["pressure_not_identifiable"]["hits"] == 1
 
 
@@ -65,10 +83,19 @@ def test_rates_have_exact_intervals():
 def test_expected_score_is_the_effect_over_its_standard_error():
     emulator = ToyEmulator(bend=0.0)
     o = observe({"a": measured(emulator)}, emulator, 1.0)
-    one, two = (expected_score(o, emulator, bias(), THETA, value) for value in (0.2, 0.4))
+    (one,), (two,) = (expected_scores(o, emulator, [(bias(), v)], THETA) for v in (0.2, 0.4))
     assert two == pytest.approx(2 * one)
     noisier = observe({"a": measured(emulator, strain=0.02)}, emulator, 1.0)
-    assert expected_score(noisier, emulator, bias(), THETA, 0.2) == pytest.approx(one / 2, rel=0.03)
+    (less,) = expected_scores(noisier, emulator, [(bias(), 0.2)], THETA)
+    assert less == pytest.approx(one / 2, rel=0.03)
+
+
+def test_expected_scores_are_less_beside_an_effect_that_looks_alike():
+    emulator = ToyEmulator(bend=0.0)
+    o = observe({"a": measured(emulator)}, emulator, 1.0)
+    (alone,) = expected_scores(o, emulator, [(bias(), 0.4)], THETA)
+    beside, _ = expected_scores(o, emulator, [(bias(), 0.4), (basal(), 0.5)], THETA)
+    assert beside < 0.98 * alone
 
 
 def test_injected_rows_are_measured_tables(tmp_path):
@@ -93,41 +120,52 @@ def test_figure_shows_confusions_and_power(cases, tmp_path):
     hidden_effects.draw(tmp_path / "cases.csv", tmp_path / "a.png", tmp_path / "a.csv")
     table = pd.read_csv(tmp_path / "a.csv")
     cell = (table["effect"] == "radial_scale") & (table["answer"] == "basal_motion")
-    assert table.loc[cell, "count"].tolist() == [2]
+    assert table.loc[cell, "count"].tolist() == [3]
     assert (tmp_path / "a.png").stat().st_size > 10_000
 
 
 def test_from_subjects_to_score(tmp_path, monkeypatch):
-    """Two hearts in closed form through the files, one with an effect."""
+    """Hearts in closed form through the files: an effect, none, and one that is withheld."""
     catalogue = [Pressure(), bias(), basal()]
     monkeypatch.setattr(benchmark.emulators, "load", lambda path: ToyEmulator())
     monkeypatch.setattr(benchmark, "read_extensions", lambda paths: catalogue)
     rows, truths = [], []
-    for name, extension, psi in (("a", basal(), 1.0), ("b", None, 0.0)):
-        table = measured(ToyEmulator(), extension, psi, seed=5)
+    hearts = ("a", "singles", basal()), ("b", "nulls", None), ("c", "unlisted", basal())
+    for name, kind, extension in hearts:
+        table = measured(ToyEmulator(), extension, 1.0, seed=5)
         rows.append(
-            {"subject": name}
+            {"subject": name, "withheld": "basal_motion" if kind == "unlisted" else ""}
             | dict(zip(table["output"], table["value"], strict=True))
             | {f"sd_{o}": sd for o, sd in zip(table["output"], table["sd"], strict=True)}
         )
-        effect = "basal_motion" if extension else ""
+        effects = json.dumps({"basal_motion": [1.0, ""]} if extension else {})
         theta = dict(zip(PARAMETERS.names, THETA.tolist(), strict=True))
-        truth = {"effect": effect, "component": "", "value": psi or np.nan}
-        truths.append({"subject": name} | theta | truth | {"status": "converged"})
+        truth = {"kind": kind, "effects": effects, "status": "converged"}
+        truths.append({"subject": name} | theta | truth)
     subjects, truth = tmp_path / "subjects.parquet", tmp_path / "truth.parquet"
     pd.DataFrame(rows).to_parquet(subjects)
     pd.DataFrame(truths).to_parquet(truth)
-    settings = {"bootstrap": 99, "level": 0.05, "leading": {"p": 0.02, "least": 1}}
-    settings |= {"draws": 300, "rounds": 2, "load_fractions": []}
-    verdicts = [tmp_path / f"{i}.parquet" for i in range(2)]
-    for i, path in enumerate(verdicts):
-        benchmark.criticise_benchmark(subjects, str(i), 1, "", [], settings, 1.0, 3, path)
+    settings = {"bootstrap": 99, "level": 0.05, "draws": 300, "largest_set": 2}
+    settings |= {"load_fractions": []}
+    settings |= {"confirmation": {"sets": 2, "simulations": 4, "rounds": 1}}
+    verdicts = []
+    for i in range(2):
+        batch = {"subjects": subjects, "batch": str(i), "batch_size": 2, "emulator": ""}
+        batch |= {"extensions": [], "settings": settings, "strain_exponent": 2.0}
+        batch |= {"noise_prior_scale": 1.0, "seed": 3}
+        files = [tmp_path / f"{i}-{name}" for name in ("search", "design", "made", "verdicts")]
+        benchmark.search_batch(files[0], **batch)
+        benchmark.plan_batch(files[0], "0", files[1], **batch)
+        simulate(catalogue)(pd.read_parquet(files[1])).to_parquet(files[2])
+        benchmark.conclude_batch(files[0], [files[2]], files[3], **batch)
+        verdicts.append(files[3])
     outputs = [tmp_path / name for name in ("cases.csv", "confusion.csv", "summary.json")]
     benchmark.score_benchmark(verdicts, truth, subjects, "", [], *outputs)
     cases = pd.read_csv(outputs[0], index_col="subject", keep_default_na=False)
-    assert cases["answer"].to_dict() == {"a": "basal_motion", "b": "none"}
-    assert float(cases.loc["a", "limits"]) > 3
+    assert cases["answer"].to_dict() == {"a": "basal_motion", "b": "none", "c": "none"}
+    assert float(cases.loc["a", "expected_z"]) > 3
     summary = json.loads(outputs[2].read_text())
-    assert summary["limit_of_the_test"]["contains_injected"]["hits"] == 1
-    assert summary["false_positives"] == rate(pd.Series([False]))
+    assert summary["singles"]["found"]["hits"] == 1
+    assert summary["nulls"]["wrong_named"] == rate(pd.Series([False]))
+    assert summary["unlisted"]["detected"]["hits"] == 1
     hidden_effects.draw(outputs[0], tmp_path / "a.png", tmp_path / "a.csv")

@@ -1,5 +1,7 @@
 """Hidden effects: who gets which, how large, and what noise comes with it."""
 
+import json
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -10,19 +12,28 @@ from regional_lv.criticism.hypotheses import REGISTRY
 from regional_lv.parameters import Parameterisation
 from tests.criticism.toy import OUTPUTS, PARAMETERS
 
+HEARTS = {"singles": 10 * len(REGISTRY), "pairs": 30, "triples": 20, "unlisted": 23, "nulls": 60}
+
 
 @pytest.fixture(scope="module")
 def entries():
-    return injection.random_subjects(10 * len(REGISTRY), 60, 5, REGISTRY, PARAMETERS)
+    return injection.random_subjects(HEARTS, 5, REGISTRY, PARAMETERS)
 
 
 def test_every_hypothesis_is_injected_and_some_have_none(entries):
-    effects = [next(iter(e["effects"]), None) for e in entries]
-    assert effects.count(None) == 60
-    assert all(effects.count(name) == 10 for name in REGISTRY)
+    singles = [next(iter(e["effects"])) for e in entries if e["kind"] == "singles"]
+    assert all(singles.count(name) == 10 for name in REGISTRY)
+    kinds = [e["kind"] for e in entries]
+    assert {kind: kinds.count(kind) for kind in HEARTS} == HEARTS
+    for entry in entries:
+        assert len(entry["effects"]) == injection.KINDS[entry["kind"]]
+        # What changes the noise stands alone, or has no pair.
+        assert "heavy_tails" not in entry["effects"] or entry["kind"] == "singles"
+        hidden = list(entry["effects"]) if entry["kind"] == "unlisted" else [""]
+        assert [entry["withheld"]] == hidden
     # The order tells nothing: subjects without effect are not together.
-    places = np.flatnonzero([e is None for e in effects])
-    assert places.min() < 20 and places.max() > len(effects) - 20
+    places = np.flatnonzero([kind == "nulls" for kind in kinds])
+    assert places.min() < 20 and places.max() > len(kinds) - 20
 
 
 def test_sizes_are_in_the_range_and_away_from_the_base(entries):
@@ -39,14 +50,16 @@ def test_sizes_are_in_the_range_and_away_from_the_base(entries):
 
 
 def test_theta_is_physiological_and_in_the_box():
-    entries = injection.random_subjects(0, 50, 5, REGISTRY, Parameterisation(bounds=(0.8, 5.0)))
+    entries = injection.random_subjects(
+        {"nulls": 50}, 5, REGISTRY, Parameterisation(bounds=(0.8, 5.0))
+    )
     theta = np.array([list(e["theta"].values()) for e in entries])
     assert theta.shape == (50, 10) and theta.min() >= 0.8 and theta.max() <= 2.0
 
 
 def test_subjects_follow_the_seed(entries):
-    again = injection.random_subjects(10 * len(REGISTRY), 60, 5, REGISTRY, PARAMETERS)
-    other = injection.random_subjects(10 * len(REGISTRY), 60, 6, REGISTRY, PARAMETERS)
+    again = injection.random_subjects(HEARTS, 5, REGISTRY, PARAMETERS)
+    other = injection.random_subjects(HEARTS, 6, REGISTRY, PARAMETERS)
     assert again == entries
     assert other[0]["theta"] != entries[0]["theta"] and other[0]["seed"] != entries[0]["seed"]
 
@@ -62,9 +75,9 @@ def test_heavy_tails_have_outliers():
 
 def test_a_batch_keeps_subjects_and_truth_apart(monkeypatch, tmp_path, smoke_config):
     """One cannot be inflated: it is in the truth, with the reason, and nowhere else."""
-    physics, counts = physics_of(smoke_config), {"injected": 30, "null": 10}
+    physics, counts = physics_of(smoke_config), {"singles": 20, "pairs": 10, "nulls": 10}
     causes = injection.asked("all", physics)
-    every = injection.random_subjects(*counts.values(), 5, causes, PARAMETERS)
+    every = injection.random_subjects(counts, 5, causes, PARAMETERS)
     entries = every[10:20]
     failing = entries[3]["theta"]["C_a_septal"]
 
@@ -75,18 +88,17 @@ def test_a_batch_keeps_subjects_and_truth_apart(monkeypatch, tmp_path, smoke_con
 
     monkeypatch.setattr(injection.Ventricles, "outputs", outputs)
     files = tmp_path / "subjects.parquet", tmp_path / "truth.parquet"
-    benchmark = counts | {"noise": {"strain": 0.01, "volume": 1.0}}
+    benchmark = {"hearts": counts, "noise": {"strain": 0.01, "volume": 1.0}}
     asked = None, None, physics, PARAMETERS, "all", benchmark, 5, "0001", 10
     injection.inject_batch(*asked, *files)
     subjects, truth = map(pd.read_parquet, files)
-    assert list(subjects) == ["subject", *OUTPUTS, *(f"sd_{o}" for o in OUTPUTS)]
+    assert list(subjects) == ["subject", "withheld", *OUTPUTS, *(f"sd_{o}" for o in OUTPUTS)]
     assert truth["subject"].tolist() == [f"subject-{i:04d}" for i in range(10, 20)]
     assert truth.loc[3, "status"] == "failed" and truth.loc[3, "reason"] == "too soft"
     assert "subject-0013" not in set(subjects["subject"]) and len(subjects) == 9
     for entry, row in zip(entries, truth.itertuples(), strict=True):
-        assert row.effect == next(iter(entry["effects"]), "")
-        assert np.isnan(row.value) == (not entry["effects"])
-    ordinary = [not t.startswith("heavy") for t in truth.drop(3)["effect"]]
+        assert list(json.loads(row.effects)) == list(entry["effects"])
+    ordinary = ["heavy" not in t for t in truth.drop(3)["effects"]]
     noise_seen = subjects.loc[ordinary, list(OUTPUTS[1:])].to_numpy()
     assert noise_seen.std() == pytest.approx(0.01, rel=0.15)
     assert isinstance(subjects, pd.DataFrame) and subjects["sd_volume_ml"].eq(1.0).all()

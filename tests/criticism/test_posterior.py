@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from regional_lv.criticism.extended import ExtendedEmulator
-from regional_lv.criticism.fit import fit_best, fit_from_nothing, spread
+from regional_lv.criticism.fit import fit_best, fit_from_nothing
 from regional_lv.criticism.linear import approximate, leave_out_linearly
 from regional_lv.criticism.model import LOG_2PI, Layout, Model
 from regional_lv.criticism.observations import observe
@@ -87,7 +87,7 @@ def test_extension_and_its_evidence(base):
 
     flat = Flat(bias().hypothesis, bias().pattern)
     extended = build([flat])
-    fitted = fit_best(extended, spread(best.x[0], extended, 10))
+    fitted = fit_best(extended, extended.at_base(best.x))
     posterior = sample(extended, *laplace(extended, fitted), 1000, 2)
     exact, mean, covariance = log_evidence(extended)
     assert posterior.log_evidence == pytest.approx(exact, abs=4 * posterior.evidence_error + 0.02)
@@ -127,7 +127,7 @@ def test_standard_error_of_the_gain_is_its_spread_over_measurements():
         best = fit_from_nothing(model, 1)
         before = leave_out_linearly(model, best)
         extended = Model(o, ExtendedEmulator(emulator, [extension]), layout)
-        fitted = fit_best(extended, spread(best.x[0], extended, 10))
+        fitted = fit_best(extended, extended.at_base(best.x))
         after = leave_out_linearly(extended, fitted)
         gain, error, _ = gain_of(before, after, approximate(extended, fitted, 300, 1))
         gains.append(gain)

@@ -120,10 +120,25 @@ def test_misfit_shows_in_its_direction():
 
 def test_heavy_tails_show():
     rng = np.random.default_rng(0)
-    gaussian, _ = score.tail_score(torch.as_tensor(rng.standard_normal((200, 50))))
-    student, evidence = score.tail_score(torch.as_tensor(rng.standard_t(3, (200, 50))))
+    gaussian = score.tail_score(torch.as_tensor(rng.standard_normal((200, 50))))
+    student = score.tail_score(torch.as_tensor(rng.standard_t(3, (200, 50))))
     assert student.median() > gaussian.quantile(0.95)
-    assert evidence.median() > 0
+
+
+def test_a_pair_scores_what_neither_cause_does():
+    """Two effects of which each hides the other: the fit with both says what they gain."""
+    o = model_of(measured(ToyEmulator(), seed=4))
+    best = fit_from_nothing(o, 1)
+    projected = score.Projected.of(best, o)
+    extensions = [bias(), basal()]
+    patterns = [score.pattern_of(o, e, best.x) for e in extensions]
+    pair = score.pair_score(projected, patterns, ["a", "b"])
+    together = torch.cat(patterns, dim=-1)[0]
+    slope = together.T @ projected.residual[0]
+    chi = slope @ torch.linalg.solve(together.T @ projected.precision[0] @ together, slope)
+    assert float(pair) == pytest.approx(float(chi.sqrt()), rel=1e-9)
+    assert float(pair) >= float(projected.score(together).abs().max())
+    assert float(score.pair_score(projected, patterns, ["a", "a"])) == 0.0
 
 
 def test_left_out_residuals_match_refits(null):

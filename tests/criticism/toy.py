@@ -1,9 +1,11 @@
 """A heart in closed form: 52 smooth functions of ten factors, and causes with known signatures."""
 
+import json
 import math
 from dataclasses import dataclass
 
 import numpy as np
+import pandas as pd
 import torch
 
 from regional_lv.channels import Channels
@@ -185,3 +187,24 @@ class Bent(Extension):
 
     def select(self, outputs):
         return Bent(self.hypothesis, self.pattern, self.component, tuple(outputs))
+
+
+def simulate(extensions, interaction: float = 0.0):
+    """Simulates designs of a confirmation in closed form; effects of several causes at once differ
+    from their sum by a wave of size `interaction`."""
+    by_place = {(e.hypothesis.name, e.component): e for e in extensions}
+    emulator, wave = ToyEmulator(), interaction * torch.sin(torch.arange(D, dtype=torch.float64))
+
+    def made(design: pd.DataFrame) -> pd.DataFrame:
+        rows = []
+        for _, row in design.iterrows():
+            theta = torch.tensor([row[name] for name in PARAMETERS.names], dtype=torch.float64)
+            effects = json.loads(row["effects"])
+            total = emulator.predict_mean(theta) + (wave if len(effects) > 1 else 0.0)
+            for name, (value, component) in effects.items():
+                psi = torch.tensor(value, dtype=torch.float64)
+                total = total + by_place[name, component].mean(emulator, theta, psi)
+            rows.append(dict(zip(OUTPUTS, total.tolist(), strict=True)))
+        return pd.concat([design.reset_index(drop=True), pd.DataFrame(rows)], axis=1)
+
+    return made

@@ -338,6 +338,19 @@ def criticised(name):
     return joint[name]["subjects"] if name in joint else [name]
 
 
+def ventricle_of(wildcards):
+    """Mesh that a synthetic subject is simulated on: the study's, with its predictor, or a finer
+    one."""
+    if config["synthetic_subjects"][wildcards.subject]["mesh"] == "finer":
+        return {"mesh": f"{R}/geometry/finer/mesh.vtu"}
+    return {"mesh": f"{R}/geometry/mesh.vtu", "predictor": f"{R}/mechanics/predictor.npz"}
+
+
+def confirmations(folder, turns):
+    """Simulations of the first `turns` rounds of a confirmation."""
+    return [f"{R}/criticism/{folder}/confirmation/simulations-{turn}.parquet" for turn in range(turns)]
+
+
 def known_theta(name):
     """Tables of the known thetas of a joint criticism, if it has any."""
     joint = config["criticism"]["joint"].get(name, {})

@@ -4,7 +4,8 @@ C = f"{R}/criticism"
 HYPOTHESES = asked(config["criticism"]["hypotheses"], PHYSICS)
 JOINT = config["criticism"]["joint"]
 CRITICISM = {
-    key: config["criticism"][key] for key in ("bootstrap", "level", "leading", "draws", "rounds")
+    key: config["criticism"][key]
+    for key in ("bootstrap", "level", "draws", "largest_set", "confirmation")
 }
 CRITICISM["load_fractions"] = (
     [] if why_not_scaling(PHYSICS) else config["criticism"]["load_fractions"]
@@ -13,14 +14,25 @@ CRITICISED = [
     *SUBJECTS,
     *(name for name, entry in JOINT.items() if set(entry["subjects"]) <= set(SUBJECTS)),
 ]
-VERDICT_BATCHES = batches(
-    config["criticism"]["benchmark"]["injected"] + config["criticism"]["benchmark"]["null"],
-    config["criticism"]["benchmark"]["subjects_per_batch"],
+HEARTS = sum(config["criticism"]["benchmark"]["hearts"].values())
+VERDICT_BATCHES = batches(HEARTS, config["criticism"]["benchmark"]["subjects_per_batch"])
+INJECTED_BATCHES = batches(HEARTS, config["simulations"]["batch_size"])
+INJECTED_MESH = (
+    f"{R}/geometry/finer/mesh.vtu"
+    if config["geometry"]["source"] == "segments"
+    else f"{R}/geometry/mesh.vtu"
 )
-INJECTED_BATCHES = batches(
-    config["criticism"]["benchmark"]["injected"] + config["criticism"]["benchmark"]["null"],
-    config["simulations"]["batch_size"],
-)
+TURNS = range(CRITICISM["confirmation"]["rounds"])
+STEP = {
+    "settings": CRITICISM,
+    "strain_exponent": config["observables"]["strain_exponent"],
+    "noise_prior_scale": config["clinical"]["noise_prior_scale"],
+    "seed": config["seed"],
+}
+BENCHMARK_STEP = STEP | {
+    "settings": CRITICISM | {"bootstrap": config["criticism"]["benchmark"]["bootstrap"]},
+    "batch_size": config["criticism"]["benchmark"]["subjects_per_batch"],
+}
 EXTENSIONS = expand(f"{C}/extensions/{{hypothesis}}.pt", hypothesis=HYPOTHESES)
 
 
@@ -84,8 +96,7 @@ rule train_extension:
 rule inject_batch:
     """Ventricles with hidden effects; writes their truth and reads none."""
     input:
-        mesh=f"{R}/geometry/mesh.vtu",
-        predictor=f"{R}/mechanics/predictor.npz",
+        mesh=INJECTED_MESH,
     output:
         subjects=temp(f"{C}/benchmark/subjects/batch-{{batch}}.parquet"),
         truth=temp(f"{R}/truth/benchmark/batch-{{batch}}.parquet"),
@@ -145,7 +156,7 @@ rule criticism:
         expand(f"{C}/{{subject}}/report.html", subject=CRITICISED),
 
 
-rule criticise_subject:
+rule search_causes:
     """Of one subject, or of several together. Reads what was measured, never a truth."""
     input:
         emulator=f"{R}/emulators/{EMULATOR}.pt",
@@ -155,20 +166,105 @@ rule criticise_subject:
         ),
         known_theta=lambda wildcards: known_theta(wildcards.subject),
     output:
-        findings=f"{C}/{{subject}}/findings.json",
+        search=f"{C}/{{subject}}/search.json",
     params:
-        call="criticism.study:criticise_files",
+        call="criticism.study:search_causes",
+        **STEP,
+        subject=lambda wildcards: wildcards.subject,
         subjects=lambda wildcards: criticised(wildcards.subject),
-        settings=CRITICISM,
-        strain_exponent=config["observables"]["strain_exponent"],
-        noise_prior_scale=config["clinical"]["noise_prior_scale"],
-        seed=config["seed"],
     wildcard_constraints:
         subject="|".join(CRITICISED) or "(?!)",
     log:
-        f"{LOGS}/criticism/{{subject}}.log",
+        f"{LOGS}/criticism/{{subject}}/search.log",
     benchmark:
-        f"{R}/benchmarks/criticism/{{subject}}.tsv"
+        f"{R}/benchmarks/criticism/{{subject}}/search.tsv"
+    threads: 1
+    conda:
+        "../../envs/statistics.yaml"
+    script:
+        "../scripts/call.py"
+
+
+rule plan_confirmation:
+    """What has to be simulated of the leading sets of causes, round by round."""
+    input:
+        emulator=f"{R}/emulators/{EMULATOR}.pt",
+        extensions=EXTENSIONS,
+        measured=lambda wildcards: expand(
+            f"{R}/measured/{{subject}}.csv", subject=criticised(wildcards.subject)
+        ),
+        known_theta=lambda wildcards: known_theta(wildcards.subject),
+        search=f"{C}/{{subject}}/search.json",
+        simulations=lambda wildcards: confirmations(wildcards.subject, int(wildcards.turn)),
+    output:
+        design=f"{C}/{{subject}}/confirmation/design-{{turn}}.parquet",
+    params:
+        call="criticism.study:plan_confirmation",
+        **STEP,
+        subject=lambda wildcards: wildcards.subject,
+        subjects=lambda wildcards: criticised(wildcards.subject),
+    wildcard_constraints:
+        subject="|".join(CRITICISED) or "(?!)",
+    log:
+        f"{LOGS}/criticism/{{subject}}/plan-{{turn}}.log",
+    benchmark:
+        f"{R}/benchmarks/criticism/{{subject}}/plan-{{turn}}.tsv"
+    threads: 1
+    conda:
+        "../../envs/statistics.yaml"
+    script:
+        "../scripts/call.py"
+
+
+rule simulate_sets:
+    """The leading sets with all their effects at once, by the full simulator."""
+    input:
+        mesh=f"{R}/geometry/mesh.vtu",
+        predictor=f"{R}/mechanics/predictor.npz",
+        design=f"{C}/{{subject}}/confirmation/design-{{turn}}.parquet",
+    output:
+        simulations=f"{C}/{{subject}}/confirmation/simulations-{{turn}}.parquet",
+    params:
+        call="criticism.injection:simulate_sets",
+        physics=PHYSICS,
+        parameters=PARAMETER_SPEC,
+    wildcard_constraints:
+        subject="|".join(CRITICISED) or "(?!)",
+    log:
+        f"{LOGS}/criticism/{{subject}}/simulate-{{turn}}.log",
+    benchmark:
+        f"{R}/benchmarks/criticism/{{subject}}/simulate-{{turn}}.tsv"
+    threads: 1
+    conda:
+        "../../envs/mechanics.yaml"
+    script:
+        "../scripts/call.py"
+
+
+rule conclude_criticism:
+    """The verdict, with what the simulations say."""
+    input:
+        emulator=f"{R}/emulators/{EMULATOR}.pt",
+        extensions=EXTENSIONS,
+        measured=lambda wildcards: expand(
+            f"{R}/measured/{{subject}}.csv", subject=criticised(wildcards.subject)
+        ),
+        known_theta=lambda wildcards: known_theta(wildcards.subject),
+        search=f"{C}/{{subject}}/search.json",
+        simulations=lambda wildcards: confirmations(wildcards.subject, len(TURNS)),
+    output:
+        findings=f"{C}/{{subject}}/findings.json",
+    params:
+        call="criticism.study:conclude_criticism",
+        **STEP,
+        subject=lambda wildcards: wildcards.subject,
+        subjects=lambda wildcards: criticised(wildcards.subject),
+    wildcard_constraints:
+        subject="|".join(CRITICISED) or "(?!)",
+    log:
+        f"{LOGS}/criticism/{{subject}}/conclude.log",
+    benchmark:
+        f"{R}/benchmarks/criticism/{{subject}}/conclude.tsv"
     threads: 1
     conda:
         "../../envs/statistics.yaml"
@@ -206,28 +302,94 @@ rule hidden_effects:
         f"{C}/benchmark/hidden_effects.png",
 
 
-rule criticise_benchmark:
+rule search_benchmark:
     """Blind: reads the measured hearts alone."""
     input:
         subjects=f"{C}/benchmark/subjects.parquet",
         emulator=f"{R}/emulators/{EMULATOR}.pt",
         extensions=EXTENSIONS,
     output:
+        searches=f"{C}/benchmark/searches/batch-{{batch}}.json",
+    params:
+        call="criticism.benchmark:search_batch",
+        **BENCHMARK_STEP,
+    log:
+        f"{LOGS}/criticism/benchmark/search-{{batch}}.log",
+    benchmark:
+        f"{R}/benchmarks/criticism/benchmark/search-{{batch}}.tsv"
+    threads: 1
+    conda:
+        "../../envs/statistics.yaml"
+    script:
+        "../scripts/call.py"
+
+
+rule plan_benchmark:
+    """What has to be simulated to confirm what was found of a batch."""
+    input:
+        subjects=f"{C}/benchmark/subjects.parquet",
+        emulator=f"{R}/emulators/{EMULATOR}.pt",
+        extensions=EXTENSIONS,
+        searches=f"{C}/benchmark/searches/batch-{{batch}}.json",
+        simulations=lambda wildcards: confirmations(
+            f"benchmark/batch-{wildcards.batch}", int(wildcards.turn)
+        ),
+    output:
+        design=f"{C}/benchmark/batch-{{batch}}/confirmation/design-{{turn}}.parquet",
+    params:
+        call="criticism.benchmark:plan_batch",
+        **BENCHMARK_STEP,
+    log:
+        f"{LOGS}/criticism/benchmark/plan-{{batch}}-{{turn}}.log",
+    benchmark:
+        f"{R}/benchmarks/criticism/benchmark/plan-{{batch}}-{{turn}}.tsv"
+    threads: 1
+    conda:
+        "../../envs/statistics.yaml"
+    script:
+        "../scripts/call.py"
+
+
+rule simulate_benchmark:
+    """The leading sets of all hearts of a batch."""
+    input:
+        mesh=f"{R}/geometry/mesh.vtu",
+        predictor=f"{R}/mechanics/predictor.npz",
+        design=f"{C}/benchmark/batch-{{batch}}/confirmation/design-{{turn}}.parquet",
+    output:
+        simulations=f"{C}/benchmark/batch-{{batch}}/confirmation/simulations-{{turn}}.parquet",
+    params:
+        call="criticism.injection:simulate_sets",
+        physics=PHYSICS,
+        parameters=PARAMETER_SPEC,
+    log:
+        f"{LOGS}/criticism/benchmark/simulate-{{batch}}-{{turn}}.log",
+    benchmark:
+        f"{R}/benchmarks/criticism/benchmark/simulate-{{batch}}-{{turn}}.tsv"
+    threads: 1
+    conda:
+        "../../envs/mechanics.yaml"
+    script:
+        "../scripts/call.py"
+
+
+rule conclude_benchmark:
+    """The verdicts of a batch."""
+    input:
+        subjects=f"{C}/benchmark/subjects.parquet",
+        emulator=f"{R}/emulators/{EMULATOR}.pt",
+        extensions=EXTENSIONS,
+        searches=f"{C}/benchmark/searches/batch-{{batch}}.json",
+        simulations=lambda wildcards: confirmations(f"benchmark/batch-{wildcards.batch}", len(TURNS)),
+    output:
         verdicts=f"{C}/benchmark/verdicts/batch-{{batch}}.parquet",
     params:
-        call="criticism.benchmark:criticise_benchmark",
-        batch_size=config["criticism"]["benchmark"]["subjects_per_batch"],
-        settings=CRITICISM
-        | {
-            "bootstrap": config["criticism"]["benchmark"]["bootstrap"],
-            "leading": CRITICISM["leading"] | {"least": 1},
-        },
-        noise_prior_scale=config["clinical"]["noise_prior_scale"],
-        seed=config["seed"],
+        call="criticism.benchmark:conclude_batch",
+        **BENCHMARK_STEP,
     log:
-        f"{LOGS}/criticism/benchmark/criticise-batch-{{batch}}.log",
+        f"{LOGS}/criticism/benchmark/conclude-{{batch}}.log",
     benchmark:
-        f"{R}/benchmarks/criticism/benchmark/criticise-batch-{{batch}}.tsv"
+        f"{R}/benchmarks/criticism/benchmark/conclude-{{batch}}.tsv"
     threads: 1
     conda:
         "../../envs/statistics.yaml"

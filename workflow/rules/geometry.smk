@@ -27,6 +27,30 @@ if config["geometry"]["source"] == "segments":
         script:
             "../scripts/call.py"
 
+    rule make_finer_mesh:
+        """What synthetic hearts are simulated on, apart from the study's own errors."""
+        input:
+            table=SEGMENT_TABLE,
+        output:
+            msh=f"{R}/geometry/finer/mesh.msh",
+            vtu=f"{R}/geometry/finer/mesh.vtu",
+            segments=f"{R}/geometry/finer/segments.csv",
+            summary=f"{R}/geometry/finer/summary.json",
+        params:
+            call="geometry.make:make_mesh",
+            endo_apex_z_mm=config["geometry"]["endo_apex_z_mm"],
+            epi_apex_z_mm=config["geometry"]["epi_apex_z_mm"],
+            mesh=config["mesh"],
+            refined=True,
+            fibres=config["fibres"],
+            zones=PARAMETER_SPEC["zones"],
+        log:
+            f"{LOGS}/geometry/make_finer_mesh.log",
+        conda:
+            "../../envs/geometry.yaml"
+        script:
+            "../scripts/call.py"
+
 else:
 
     rule import_mesh:

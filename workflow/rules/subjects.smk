@@ -3,8 +3,7 @@
 rule simulate_subject:
     """The only rule that writes a truth; no rule that infers reads it."""
     input:
-        mesh=f"{R}/geometry/mesh.vtu",
-        predictor=f"{R}/mechanics/predictor.npz",
+        unpack(ventricle_of),
     output:
         measured=f"{R}/measured/{{subject}}.csv",
         truth=f"{R}/truth/{{subject}}.json",

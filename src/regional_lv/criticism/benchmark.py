@@ -2,7 +2,7 @@
 
 import json
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -14,51 +14,113 @@ from regional_lv.channels import Channels
 from regional_lv.criticism.extended import ExtendedEmulator
 from regional_lv.criticism.extension import read_extensions
 from regional_lv.criticism.fit import fit
+from regional_lv.criticism.injection import KINDS
 from regional_lv.criticism.model import Layout, Model
 from regional_lv.criticism.observations import Observations, observe
 from regional_lv.criticism.rates import rate
 from regional_lv.criticism.score import Projected
-from regional_lv.criticism.study import criticise_tables, split
-from regional_lv.criticism.verdict import Settings
+from regional_lv.criticism.study import Inputs, split
+from regional_lv.criticism.verdict import Searched, Settings
 from regional_lv.errors import InputError
 from regional_lv.measured import synthetic_subject
 from regional_lv.progress import Progress
 from regional_lv.seeds import derive
 
 FAR = 3.0
-"""Detection limits from which on an injected effect has to be found."""
-
-NOTHING = ""
+"""Standard errors, given the other effects, from which on an injected effect has to be found."""
 
 
-def criticise_benchmark(
-    subjects: str | Path,
-    batch: str,
-    batch_size: int,
-    emulator: str | Path,
-    extensions: Sequence[str | Path],
-    settings: dict,
-    noise_prior_scale: float,
-    seed: int,
-    verdicts: str | Path,
+class Batch:
+    """One batch of a table of subjects, and what their criticism reads.
+
+    Parameters
+    ----------
+    subjects, batch, batch_size: the table (Parquet), and which of its rows.
+    emulator, extensions, settings, strain_exponent, noise_prior_scale, seed: as of
+        `study.read_critic`.
+    """
+
+    def __init__(
+        self,
+        subjects: str | Path,
+        batch: str,
+        batch_size: int,
+        emulator: str | Path,
+        extensions: Sequence[str | Path],
+        settings: dict,
+        strain_exponent: float,
+        noise_prior_scale: float,
+        seed: int,
+    ):
+        first = int(batch) * batch_size
+        self._rows = pd.read_parquet(subjects).iloc[first : first + batch_size]
+        self._emulator = emulators.load(emulator)
+        self._changing, self._noises = split(read_extensions(extensions))
+        self._rest = Settings.from_config(settings), strain_exponent, noise_prior_scale
+        self._seed = seed
+
+    def inputs(self) -> Iterator[Inputs]:
+        """Of every subject, without the cause that is withheld from it."""
+        progress = Progress("hidden effects", len(self._rows))
+        for _, row in self._rows.iterrows():
+            name = row["subject"]
+            known = [e for e in self._changing if e.hypothesis.name != row["withheld"]]
+            yield Inputs(
+                *(name, {name: measured_of(row)}, self._emulator, known, self._noises),
+                *(*self._rest, derive(self._seed, "criticism", name)),
+            )
+            progress.step()
+
+
+def search_batch(searches: str | Path, **batch) -> None:
+    """What `study.search_causes` does, for the subjects of a batch (as of `Batch`); writes one JSON
+    of all, with the seconds that each took."""
+    found = {}
+    for inputs in Batch(**batch).inputs():
+        started = time.monotonic()
+        found[inputs.name] = {"search": inputs.critic().search().content()}
+        found[inputs.name]["seconds"] = time.monotonic() - started
+    Path(searches).write_text(json.dumps(found) + "\n")
+
+
+def plan_batch(
+    searches: str | Path,
+    turn: str,
+    design: str | Path,
+    simulations: Sequence[str | Path] = (),
+    **batch,
 ) -> None:
-    """Criticise one batch of a table of subjects; write one row per subject and hypothesis
-    (Parquet): subject, what was found, and what was said of the hypothesis."""
-    first = int(batch) * batch_size
-    table = pd.read_parquet(subjects).iloc[first : first + batch_size]
-    trained = emulators.load(emulator)
-    changing, noises = split(read_extensions(extensions))
-    chosen = Settings.from_config(settings)
-    progress, rows = Progress("hidden effects", len(table)), []
-    for _, subject in table.iterrows():
-        name, started = subject["subject"], time.monotonic()
-        content, _ = criticise_tables(
-            *(name, {name: measured_of(subject)}, trained, changing, noises, chosen),
-            *(noise_prior_scale, derive(seed, "criticism", name)),
+    """What `study.plan_confirmation` does, for the subjects of a batch."""
+    found, made = json.loads(Path(searches).read_text()), _by_subject(simulations)
+    tables = [
+        inputs.critic().plan(
+            Searched.of(found[inputs.name]["search"]), made.get(inputs.name), int(turn)
         )
-        rows += _rows(content, time.monotonic() - started)
-        progress.step()
+        for inputs in Batch(**batch).inputs()
+    ]
+    filled = [table for table in tables if len(table)] or tables[:1]
+    pd.concat(filled, ignore_index=True).to_parquet(design, index=False)
+
+
+def conclude_batch(
+    searches: str | Path, simulations: Sequence[str | Path], verdicts: str | Path, **batch
+) -> None:
+    """What `study.conclude_criticism` does, for the subjects of a batch; writes one row per subject
+    and hypothesis (Parquet): subject, what was found, and what was said of the hypothesis."""
+    found, made, rows = json.loads(Path(searches).read_text()), _by_subject(simulations), []
+    for inputs in Batch(**batch).inputs():
+        started, own = time.monotonic(), found[inputs.name]
+        criticism = inputs.critic().conclude(Searched.of(own["search"]), made.get(inputs.name))
+        content = inputs.findings(criticism)
+        rows += _rows(content, own["seconds"] + time.monotonic() - started)
     pd.DataFrame(rows).to_parquet(verdicts, index=False)
+
+
+def _by_subject(simulations: Sequence[str | Path]) -> dict[str, pd.DataFrame]:
+    tables = [table for path in simulations if len(table := pd.read_parquet(path))]
+    if not tables:
+        return {}
+    return dict(tuple(pd.concat(tables, ignore_index=True).groupby("subject")))
 
 
 def measured_of(row: pd.Series) -> pd.DataFrame:
@@ -72,20 +134,26 @@ def measured_of(row: pd.Series) -> pd.DataFrame:
 def _rows(content: dict, seconds: float) -> list[dict]:
     common = {
         "subject": content["subject"],
-        "named": content["named_cause"] or NOTHING,
-        "named_component": content["named_component"] or "",
-        "set": json.dumps(content["indistinguishable"]),
+        "named": json.dumps(content["named"]),
+        "groups": json.dumps(content["groups"]),
+        "acts_like": json.dumps(content["acts_like"]),
+        "best": json.dumps(content["best"] or []),
         "explained": content["explained"],
+        "detected": content["misfit"]["detected"],
         "misfit_p": content["misfit"]["p_value"],
-        "remaining_p": content["remaining"]["p_value"],
-        "critical_z": content["rounds"][0]["critical_z"],
-        "rounds": len(content["rounds"]),
-        "ess": content["rounds"][0]["ess"],
+        "remaining_p": content["remaining"]["p_value"] if content["remaining"] else None,
+        "unlisted": content["unlisted_probability"],
+        "gain": content["gain"]["elpd"],
+        "gain_se": content["gain"]["elpd_se"],
+        "simulations": content["confirmation"]["simulations"],
+        "difference_sd": content["confirmation"]["largest_difference_sd"],
+        "critical_z": content["critical_z"],
+        "ess": content["ess"],
         "seconds": seconds,
     }
     keys = (
-        *("name", "component", "z", "p_value", "p_value_single", "estimate", "identifiable", "sd"),
-        *("why", "elpd_gain", "elpd_gain_se", "probability", "weight", "fitted"),
+        *("name", "component", "z", "p_value", "p_value_single", "probability", "estimate"),
+        *("identifiable", "sd", "at_bound", "fitted", "why"),
     )
     return [
         common
@@ -108,8 +176,9 @@ def score_benchmark(
     confusion: str | Path,
     summary: str | Path,
 ) -> None:
-    """Compare verdicts with the truth: a table of all subjects and one of confusions (CSV), and
-    the rates that count with their intervals (JSON). The one reader of a truth."""
+    """Compare verdicts with the truth: a table with a row per effect, and one per subject without
+    any, a table of confusions (CSV), and the rates that count with their intervals (JSON). The one
+    reader of a truth."""
     every = pd.concat([pd.read_parquet(path) for path in verdicts], ignore_index=True)
     known = pd.read_parquet(truth)
     known = known[known["status"] == "converged"].set_index("subject")
@@ -120,99 +189,113 @@ def score_benchmark(
     rows = []
     for name, said in every.groupby("subject", sort=True):
         true = known.loc[name]
+        effects = {n: tuple(at) for n, at in json.loads(true["effects"]).items()}
         theta = torch.as_tensor(true[list(trained.parameters.names)].to_numpy(float))
-        extension = by_place.get((true["effect"], true["component"]))
-        strength = np.nan
-        if extension is not None:
+        seen = [(n, *at) for n, at in effects.items() if (n, at[1]) in by_place]
+        strength = {}
+        if seen:
             observed = observe({name: measured_of(hearts.loc[name])}, trained, 1.0)
-            strength = expected_score(observed, trained, extension, theta, float(true["value"]))
-        rows.append(_case(name, said, true, strength))
+            extended = [(by_place[n, component], value) for n, value, component in seen]
+            found = expected_scores(observed, trained, extended, theta)
+            strength = dict(zip((n for n, *_ in seen), found, strict=True))
+        rows += _cases(name, said, true["kind"], effects, strength)
     table = pd.DataFrame(rows)
     if table.empty:
         raise InputError(f"{truth}: no subject that was criticised; make the benchmark again")
     table.to_csv(cases, index=False)
-    pd.crosstab(table["effect"], table["answer"]).to_csv(confusion)
+    table.assign(answer=table["answer"].str.split(" ")).explode("answer").pipe(
+        lambda t: pd.crosstab(t["effect"], t["answer"])
+    ).to_csv(confusion)
     Path(summary).write_text(json.dumps(summarise(table), indent=1) + "\n")
 
 
-def expected_score(
-    observed: Observations, emulator, extension, theta: torch.Tensor, value: float
-) -> float:
-    """Score that the effect would have on average: the length of what it does to the outputs, in
-    sds of the noise, after theta took up what it can. One standard error of psi scores one."""
+def expected_scores(
+    observed: Observations, emulator, effects: Sequence, theta: torch.Tensor
+) -> list[float]:
+    """Score that each effect would have on average given the others: the length of what it does to
+    the outputs, in sds of the noise, after theta and the other effects took up what they can. One
+    standard error of psi scores one.
+
+    effects: (extension, value) of each.
+    """
     layout = Layout.inferred(observed.subjects, emulator.parameters)
     chosen = emulator.select(observed.outputs)
     model = Model(observed, ExtendedEmulator(chosen), layout)
     x = theta.log()[None]
     model.settle(x[0])
     at_truth = fit(model, model.mean(x), x, iterations=1)
-    psi = torch.tensor([value], dtype=torch.float64)
-    change = extension.select(observed.outputs).mean(chosen, theta[None], psi)
-    return float(Projected.of(at_truth, model).information(change[..., None]).sqrt())
+    changes = [
+        e.select(observed.outputs).mean(chosen, theta[None], torch.tensor([v]).double())
+        for e, v in effects
+    ]
+    together = torch.stack(changes, dim=-1)
+    projected = Projected.of(at_truth, model)
+    gram = (together.mT @ (projected.precision @ together))[0]
+    gram = gram + 1e-9 * torch.diag(gram.diagonal().clamp(min=1e-12))
+    return torch.linalg.inv(gram).diagonal().clamp(min=1e-300).rsqrt().tolist()
 
 
-def _case(name: str, said: pd.DataFrame, true: pd.Series, strength: float) -> dict:
+def _cases(name: str, said: pd.DataFrame, kind: str, effects: dict, strength: dict) -> list[dict]:
     first = said.iloc[0]
-    members = [first["named"]] if first["named"] else json.loads(first["set"])
-    effect = true["effect"]
-    own = said[said["name"] == effect]
-    row = {
+    named, groups = json.loads(first["named"]), json.loads(first["groups"])
+    answer = [*named, *(n for group in groups for n in group)]
+    common = {
         "subject": name,
-        "effect": effect or "none",
-        "component": true["component"],
-        "value": true["value"],
-        "expected_z": strength,
-        "limits": strength / first["critical_z"],
-        "answer": first["named"] or ("several" if members else "none"),
-        "members": " ".join(members),
-        "size": len(members),
-        "contains": effect in members if effect else np.nan,
-        "right_place": np.nan,
-        "misfit_p": first["misfit_p"],
-        "explained": first["explained"],
-        "critical_z": first["critical_z"],
-        "seconds": first["seconds"],
-        "identifiable": np.nan,
-        "covered": np.nan,
+        "kind": kind,
+        "effects": len(effects),
+        "named": " ".join(named),
+        "answer": " ".join(dict.fromkeys(answer)) or "none",
+        "size": len(set(answer)),
+        "wrong_named": bool(set(named) - set(effects))
+        or any(not set(group) & set(effects) for group in groups),
+        **{k: first[k] for k in ("acts_like", "best", "explained", "detected", "misfit_p")},
+        **{k: first[k] for k in ("remaining_p", "unlisted", "gain", "gain_se", "simulations")},
+        **{k: first[k] for k in ("difference_sd", "critical_z", "seconds")},
     }
-    if len(own):
-        own = own.iloc[0]
-        same = own["component"] == true["component"]
-        row |= {key: own[key] for key in ("z", "p_value", "estimate", "low", "high", "why")}
-        row["identifiable"] = bool(own["identifiable"])
-        row["right_place"] = bool(same)
-        if own["fitted"] and same:
-            row["covered"] = bool(own["low"] <= true["value"] <= own["high"])
-    return row
+    rows = []
+    for effect, (value, component) in effects.items():
+        row = {"effect": effect, "component": component, "value": value}
+        row |= {"expected_z": strength.get(effect, np.nan), "contains": effect in answer}
+        row |= {"identifiable": np.nan, "covered": np.nan, "right_place": np.nan}
+        own = said[said["name"] == effect]
+        if len(own):
+            own = own.iloc[0]
+            same = own["component"] == component
+            row |= {key: own[key] for key in ("z", "p_value", "estimate", "low", "high", "why")}
+            row |= {key: own[key] for key in ("probability", "at_bound")}
+            row |= {"identifiable": bool(own["identifiable"]), "right_place": bool(same)}
+            if effect in answer and own["fitted"] and same:
+                row["covered"] = bool(own["low"] <= value <= own["high"])
+        rows.append(common | row)
+    return rows or [common | {"effect": "none", "contains": np.nan, "covered": np.nan}]
 
 
 def summarise(cases: pd.DataFrame) -> dict:
-    """Rates with exact 95 % intervals (Clopper and Pearson 1934): of false positives among subjects
-    without an effect; of effects found among those far beyond their detection limit, by two
-    definitions of it; of intervals that cover; and how many members the sets have."""
-    null = cases[cases["effect"] == "none"]
-    injected = cases[cases["effect"] != "none"]
-    visible = injected[injected["identifiable"] == True]  # noqa: E712 - a column of objects
-    far = {
-        "limit_one_se": visible[visible["expected_z"] >= FAR],
-        "limit_of_the_test": visible[visible["limits"] >= FAR],
-    }
-    found = {
-        "null_subjects": len(null),
-        "injected_subjects": len(injected),
-        "false_positives": rate(null["size"] > 0),
-        "misfit_false_alarms": rate(null["misfit_p"] <= 0.05),
-        "interval_coverage": rate(visible["covered"].dropna().astype(bool)),
-        "seconds_median": float(cases["seconds"].median()),
-    }
-    for definition, group in far.items():
-        hit = group[group["contains"].astype(bool)]
-        found[definition] = {
-            "contains_injected": rate(group["contains"].astype(bool)),
-            "named_alone": rate(group["answer"] == group["effect"]),
-            "mean_members": float(hit["size"].mean()) if len(hit) else None,
-            "coverage": rate(group["covered"].dropna().astype(bool)),
+    """Rates with exact 95 % intervals (Clopper and Pearson 1934), by kind of subject.
+
+    `found`: of subjects all of whose effects are `FAR` or more standard errors large given the
+    others, the share whose answer holds them all. `wrong_named`: a cause named that is absent, or a
+    group of which none is at work. `coverage`: of the 95 % intervals of causes in the answer.
+    """
+    hearts = cases.groupby("subject", sort=True)
+    summary = {"subjects": int(hearts.ngroups), "seconds_median": float(cases["seconds"].median())}
+    for kind in KINDS:
+        own = cases[cases["kind"] == kind].groupby("subject", sort=True)
+        part = {
+            "subjects": int(own.ngroups),
+            "detected": rate(own["detected"].first().astype(bool)),
+            "wrong_named": rate(own["wrong_named"].first().astype(bool)),
         }
-    hidden = injected[injected["effect"] == "end_diastolic_pressure"]
-    found["pressure_not_identifiable"] = rate(hidden["identifiable"] == False)  # noqa: E712
-    return found
+        if kind in ("singles", "pairs", "triples"):
+            far = own.filter(lambda rows: bool((rows["expected_z"] >= FAR).all()))
+            groups = far.groupby("subject", sort=True)
+            part["found"] = rate(groups["contains"].apply(lambda c: bool(c.astype(bool).all())))
+            part["effects_found"] = rate(far["contains"].astype(bool))
+        summary[kind] = part
+    present = cases[cases["kind"].isin(("singles", "pairs", "triples"))]
+    wrong = present.groupby("subject", sort=True)["wrong_named"].first()
+    summary["absent_named"] = rate(wrong.astype(bool))
+    summary["coverage"] = rate(cases["covered"].dropna().astype(bool))
+    hidden = cases[cases["effect"] == "end_diastolic_pressure"]
+    summary["pressure_not_identifiable"] = rate(hidden["identifiable"] == False)  # noqa: E712
+    return summary

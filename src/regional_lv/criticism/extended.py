@@ -30,19 +30,26 @@ class MeanOnly:
 class ExtendedEmulator:
     """f(theta) plus the differences of its extensions, which add up.
 
-    extensions: `criticism.extension.Extension`s for the same outputs as `emulator`.
+    extensions: `criticism.extension.Extension`s for the same outputs as `emulator`. correction: a
+    `criticism.confirmation.Correction` from simulations with all their effects at once, if there is
+    one; its covariance takes the place of the emulators'.
     """
 
-    def __init__(self, emulator: Emulator, extensions: Sequence = ()):
+    def __init__(self, emulator: Emulator, extensions: Sequence = (), correction=None):
         self.emulator, self.extensions = emulator, tuple(extensions)
+        self.correction = correction
         self._base = MeanOnly(emulator)
 
     @property
     def outputs(self) -> tuple[str, ...]:
         return self.emulator.outputs
 
-    def with_extension(self, extension) -> "ExtendedEmulator":
-        return ExtendedEmulator(self.emulator, (*self.extensions, extension))
+    def with_extensions(self, *extensions) -> "ExtendedEmulator":
+        """The same with more extensions; a correction does not outlive that."""
+        return ExtendedEmulator(self.emulator, (*self.extensions, *extensions))
+
+    def corrected(self, correction) -> "ExtendedEmulator":
+        return ExtendedEmulator(self.emulator, self.extensions, correction)
 
     def predict(self, theta: torch.Tensor, psi: torch.Tensor) -> Prediction:
         """Mean (..., D) and covariance (..., D, D), the sum of all parts, at `theta` (..., P) and
@@ -52,44 +59,65 @@ class ExtendedEmulator:
         for i, extension in enumerate(self.extensions):
             part = extension.difference(self.emulator, theta, psi[..., i])
             mean, covariance = mean + part.mean, covariance + part.covariance
+        if self.correction is not None:
+            mean = mean + self.correction.mean(theta, psi)
+            covariance = self.correction.covariance.expand_as(covariance)
         return Prediction(mean, covariance)
 
     @torch.no_grad()
     def mean(self, theta: torch.Tensor, psi: torch.Tensor) -> torch.Tensor:
-        """Mean (..., D)."""
+        """Mean (..., D). An extension costs nothing where its psi has the base value."""
         base = self.emulator.predict_mean(theta)
-        total = base
+        total = base.clone()
         for i, extension in enumerate(self.extensions):
-            total = total + extension.mean(self._base, theta, psi[..., i], base)
+            at = psi[..., i] != extension.hypothesis.base
+            if at.any():
+                known = (theta[at], psi[..., i][at], base[at])
+                total[at] = total[at] + extension.mean(self._base, *known)
+        if self.correction is not None:
+            total = total + self.correction.mean(theta, psi)
         return total
 
     @torch.no_grad()
     def linearise(
-        self, theta: torch.Tensor, psi: torch.Tensor
+        self, theta: torch.Tensor, psi: torch.Tensor, active: torch.Tensor | None = None
     ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-        """Mean (..., D), its derivatives about log theta (..., D, P) and about psi (..., D, k)."""
+        """Mean (..., D), its derivatives about log theta (..., D, P) and about psi (..., D, k).
+
+        active: (..., k), which extensions are free; the others have the base value, and a
+        derivative of zero. All if None.
+        """
         base, slopes = self.emulator.linearise(theta)
         slopes = slopes * theta[..., None, :]
-        mean, by_base = base, slopes
+        mean, by_base, slopes = base.clone(), slopes, slopes.clone()
         by_psi = torch.zeros(*mean.shape, len(self.extensions), dtype=mean.dtype)
         count = theta.shape[-1]
         for i, extension in enumerate(self.extensions):
-            value = psi[..., i]
+            at = torch.ones_like(psi[..., i], dtype=torch.bool)
+            if active is not None:
+                at = active[..., i]
+            if not at.any():
+                continue
+            own, value, known = theta[at], psi[..., i][at], base[at]
             h = extension.hypothesis
             step = STEP * (h.high - h.low)
             step = torch.where(value + step > h.high, -step, step)
-            moved = theta[..., None, :] * torch.exp(STEP * torch.eye(count, dtype=theta.dtype))
-            points = torch.cat([theta[..., None, :], theta[..., None, :], moved], dim=-2)
+            moved = own[..., None, :] * torch.exp(STEP * torch.eye(count, dtype=theta.dtype))
+            points = torch.cat([own[..., None, :], own[..., None, :], moved], dim=-2)
             values = value[..., None].expand(*value.shape, count + 2).clone()
             values[..., 1] += step
             # To first order, as all of this is: the base model need not be asked again.
-            nearby = base[..., None, :] + STEP * by_base.mT
-            known = torch.cat([base[..., None, :], base[..., None, :], nearby], dim=-2)
-            found = extension.mean(self._base, points, values, known)
+            nearby = known[..., None, :] + STEP * by_base[at].mT
+            outputs = torch.cat([known[..., None, :], known[..., None, :], nearby], dim=-2)
+            found = extension.mean(self._base, points, values, outputs)
             here = found[..., 0, :]
-            mean = mean + here
-            by_psi[..., i] = (found[..., 1, :] - here) / step[..., None]
-            slopes = slopes + (found[..., 2:, :] - here[..., None, :]).mT / STEP
+            mean[at] = mean[at] + here
+            by_psi[..., i][at] = (found[..., 1, :] - here) / step[..., None]
+            slopes[at] = slopes[at] + (found[..., 2:, :] - here[..., None, :]).mT / STEP
+        if self.correction is not None:
+            mean = mean + self.correction.mean(theta, psi)
+            slopes = slopes + self.correction.by_log_theta
+            by_psi = by_psi + self.correction.by_psi
         return mean, slopes, by_psi
 
     @torch.no_grad()

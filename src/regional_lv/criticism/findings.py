@@ -6,12 +6,14 @@ from pathlib import Path
 
 import torch
 from scipy import stats
+from statsmodels.stats.weightstats import DescrStatsW
 
 from regional_lv.channels import Channels
-from regional_lv.criticism import words
-from regional_lv.criticism.posterior import Posterior, gain_of
+from regional_lv.criticism import data_checks, words
+from regional_lv.criticism.posterior import gain_of
+from regional_lv.criticism.score import Misfit
 from regional_lv.criticism.separate import separating_measurement
-from regional_lv.criticism.verdict import Cause, Criticism, Round, Sampled
+from regional_lv.criticism.verdict import CauseSet, Critic, Criticism, Sampled, Tested
 from regional_lv.emulators.base import Emulator
 from regional_lv.measured import shortcomings
 
@@ -20,40 +22,66 @@ BINS = 40
 """Of the posterior of psi."""
 
 
-def findings_of(subject: str, criticism: Criticism, emulator: Emulator, extensions, tables) -> dict:
+LISTED = 20
+"""Sets that the findings list, the most probable first."""
+
+
+def findings_of(
+    subject: str,
+    criticism: Criticism,
+    emulator: Emulator,
+    extensions,
+    tables,
+    strain_exponent: float = 2.0,
+) -> dict:
     """The findings of one subject (or several together, called `subject`), ready for JSON.
 
     emulator, extensions: for all outputs, to find what measurement would tell causes apart.
-    tables: the measured tables, by subject.
+    tables: the measured tables, by subject. strain_exponent: of the study's strain measure.
     """
-    first, last = criticism.rounds[0], criticism.rounds[-1]
-    final, level = _final(criticism), criticism.settings.level
-    named, rivals = criticism.named, criticism.indistinguishable
+    base, final, searched = criticism.base, criticism.final, criticism.searched
+    rivals = [s for s in criticism.sets if s.sampled is not None]
     content = {
         "subject": subject,
         "subjects": list(criticism.observations.subjects),
-        "misfit": _misfit(first, level),
-        "hypotheses": [_hypothesis(cause) for cause in first.causes],
-        "named_cause": named.name if named else None,
-        "named_component": named.component if named else None,
-        "indistinguishable": [cause.name for cause in rivals],
-        "separating": separating_measurement(
-            rivals, emulator, extensions, criticism.settings.load_fractions
-        ),
+        "misfit": _misfit(base, searched.misfit, searched.detected),
+        "data_checks": [
+            {"subject": name} | check
+            for name, table in tables.items()
+            for check in data_checks.check(table, strain_exponent)
+        ],
+        "hypotheses": [_hypothesis(test, criticism) for test in criticism.tests],
+        "sets": [_set(one, criticism) for one in criticism.sets[:LISTED]],
+        "base_probability": criticism.base_probability,
+        "unlisted_probability": criticism.unlisted_probability,
+        "named": criticism.named,
+        "groups": criticism.groups,
+        "acts_like": criticism.acts_like,
         "explained": criticism.explained,
-        "partly": [cause.name for cause in criticism.found] if not criticism.explained else [],
-        "gain": _gain(first.base, final),
-        "theta": _theta(first.base, final),
-        "noise": _noise(first.base, final),
-        "remaining": _misfit(last, level),
-        "rounds": [_round(step, level) for step in criticism.rounds],
+        "outliers": criticism.outliers,
+        "confirmation": _confirmation(criticism),
+        "separating": separating_measurement(
+            rivals if criticism.groups else [],
+            *(emulator, extensions, criticism.settings.load_fractions),
+        ),
+        "best": None if criticism.best is None else list(criticism.best.names),
+        "gain": _gain(base, final),
+        "theta": _theta(base, final),
+        "noise": _noise(base, final),
+        "remaining": None,
+        "critical_z": searched.critical_z,
+        "on_bounds": {"before": _on_bounds(base), "after": _on_bounds(final)},
+        "ess": final.posterior.ess,
         "limits": [
             f"{name}: {text}"
             for name, table in tables.items()
             for text in shortcomings(table, len(emulator.parameters))
         ]
-        + _limits(first, emulator.channels),
+        + _limits(criticism, emulator.channels),
     }
+    if criticism.best is not None:
+        misfit = criticism.best.misfit
+        content["remaining"] = _misfit(final, misfit, not criticism.adequate)
     content["words"] = words.verdict(content)
     return _plain(content)
 
@@ -62,11 +90,6 @@ def write_findings(content: dict, path: str | Path) -> None:
     """As JSON; what is no number becomes null."""
     Path(path).parent.mkdir(parents=True, exist_ok=True)
     Path(path).write_text(json.dumps(content, indent=1, allow_nan=False) + "\n")
-
-
-def _final(criticism: Criticism) -> Sampled:
-    found = criticism.found
-    return found[-1].sampled if found else criticism.rounds[0].base
 
 
 def _plain(value):
@@ -82,8 +105,8 @@ def _plain(value):
 # ------------------------------------------------------------------------------------ parts
 
 
-def _misfit(step: Round, level: float) -> dict:
-    o, left_out = step.base.model.observations, step.base.left_out
+def _misfit(sampled: Sampled, misfit: Misfit, detected: bool) -> dict:
+    o, left_out = sampled.model.observations, sampled.left_out
     channels = []
     for i, subject in enumerate(o.subjects):
         for j, channel in enumerate(o.channels):
@@ -104,68 +127,122 @@ def _misfit(step: Round, level: float) -> dict:
                 }
             )
     return {
-        "detected": step.misfit.p_value <= level,
-        "p_value": step.misfit.p_value,
-        "families": step.misfit.families,
+        "detected": detected,
+        "p_value": misfit.p_value,
+        "families": misfit.families,
         "largest": [
             {"family": family, "what": name, "z": z, "p_value": p}
-            for family, name, z, p in step.misfit.largest
+            for family, name, z, p in misfit.largest
         ],
         "channels": channels,
     }
 
 
-def _hypothesis(cause: Cause) -> dict:
-    h, identified = cause.hypothesis, cause.identified
+def _hypothesis(test: Tested, criticism: Criticism) -> dict:
+    """Estimate and interval are over all sampled sets that hold the cause, as probable as they are;
+    of a cause in none of them, one step from the base value along its score."""
+    h, identified, name = test.hypothesis, test.identified, test.name
     estimate, low, high, posterior = None, h.low, h.high, None
-    if cause.sampled is not None:
-        draws = cause.sampled.posterior
-        psi = draws.x[:, cause.sampled.model.first_sigma - 1]
-        low, estimate, high = draws.quantile(psi, [0.025, 0.5, 0.975])
-        posterior = _density(draws, psi, h.low, h.high)
+    holding = [s for s in criticism.sets if name in s.names and s.sampled is not None]
+    component, bound = test.component, False
+    if holding:
+        component = dict(holding[0].members)[name]
+        same = [s for s in holding if dict(s.members)[name] == component]
+        psi, weight = _pooled(same, name)
+        weighted = DescrStatsW(psi.numpy(), weight.numpy())
+        low, estimate, high = weighted.quantile([0.025, 0.5, 0.975], return_pandas=False).tolist()
+        posterior = _density(weighted, psi, weight, h.low, h.high)
+        bound = same[0].model.tails is None and Critic.at_bound(same[0], name)
     elif identified.identifiable and math.isfinite(identified.sd):
-        # From the score alone: one step from the base, as far as the range goes.
-        middle = h.base + cause.z * identified.sd
+        # From the score alone, as far as the range goes.
+        middle = h.base + test.z * identified.sd
         estimate, low, high = (
             min(max(v, h.low), h.high)
             for v in (middle, middle - Z95 * identified.sd, middle + Z95 * identified.sd)
         )
     return {
-        "name": cause.name,
-        "component": cause.component,
+        "name": name,
+        "component": component,
         "parameter": h.parameter,
         "description": h.description,
         "source": h.source,
         "base": h.base,
         "range": [h.low, h.high],
-        "z": cause.z,
-        "p_value": cause.p_value,
-        "p_value_single": cause.p_single,
+        "z": test.z,
+        "p_value": test.p_value,
+        "p_value_single": test.p_single,
+        "probability": criticism.probability(name),
         "estimate": estimate,
         "interval95": [low, high],
+        "at_bound": bound,
         "unit": h.unit,
-        "elpd_gain": cause.elpd_gain,
-        "elpd_gain_se": cause.elpd_gain_se,
-        "elpd_gain_se_folds": cause.elpd_gain_se_folds,
-        "probability": cause.probability,
-        "weight": cause.weight,
         "identifiable": identified.identifiable,
         "why": identified.why,
         "absorbed": identified.absorbed,
         "sd": identified.sd,
-        "fitted": cause.sampled is not None,
-        "ess": None if cause.sampled is None else cause.sampled.posterior.ess,
-        "fraction_simulated": cause.coverage,
+        "fitted": bool(holding),
+        "fraction_simulated": test.fraction_simulated,
         "posterior": posterior,
     }
 
 
-def _density(draws: Posterior, values: torch.Tensor, low: float, high: float) -> dict:
+def _pooled(sets, name: str) -> tuple[torch.Tensor, torch.Tensor]:
+    """Draws (N,) of a cause's psi from several sets, and their weights (N,)."""
+    values = [s.sampled.posterior.x[:, s.place(name)] for s in sets]
+    # Of sets that are all but impossible, the shares still add up.
+    share = max(sum(s.probability for s in sets), 1e-300)
+    weights = [s.sampled.posterior.weight * max(s.probability, 1e-300) / share for s in sets]
+    return torch.cat(values), torch.cat(weights)
+
+
+def _set(one: CauseSet, criticism: Criticism) -> dict:
+    gain = (None, None, None)
+    if one.sampled is not None:
+        gain = gain_of(criticism.base.left_out, one.sampled.left_out, one.sampled.posterior)
+    found = one.fit.x[0, one.model.psi].tolist()
+    return {
+        "causes": list(one.names),
+        "components": [component for _, component in one.members],
+        "fit": found,
+        "probability": one.probability,
+        "log_evidence": one.log_evidence,
+        "log_prior": one.log_prior,
+        "elpd_gain": gain[0],
+        "elpd_gain_se": gain[1],
+        "misfit_p_value": one.misfit.p_value if one.misfit else None,
+        "confirmed": one.confirmed,
+        "simulations": one.correction.simulations if one.confirmed else 0,
+        "difference_sd": one.difference_sd,
+    }
+
+
+def _confirmation(criticism: Criticism) -> dict:
+    """What stands behind the best set; with what was simulated of all."""
+    best, confirmed = criticism.best, [s for s in criticism.sets if s.confirmed]
+    channels = []
+    if best is not None and best.confirmed:
+        o, sd = criticism.observations, best.model.noise_variance(best.fit.x)[0].sqrt()
+        channels = [
+            {"subject": subject, "output": channel.name, "difference": float(value[i, j])}
+            | {"difference_sd": float(value[i, j] / sd[i, j])}
+            for value in [best.correction.value]
+            for i, subject in enumerate(o.subjects)
+            for j, channel in enumerate(o.channels)
+            if o.present[i, j]
+        ]
+    return {
+        "simulations": sum(s.correction.simulations for s in confirmed),
+        "largest_difference_sd": best.difference_sd if best is not None else math.nan,
+        "channels": channels,
+    }
+
+
+def _density(weighted, values: torch.Tensor, weight: torch.Tensor, low: float, high: float) -> dict:
     """Histogram of `values` (N,), over the part of the range that holds nearly all of the mass."""
-    first, last = draws.quantile(values, [0.0005, 0.9995])
+    first, last = weighted.quantile([0.0005, 0.9995], return_pandas=False).tolist()
     pad = 0.1 * (last - first) + 1e-9
     edges = torch.linspace(max(low, first - pad), min(high, last + pad), BINS + 1).double()
-    counts, _ = torch.histogram(values.double(), edges, weight=draws.weight)
+    counts, _ = torch.histogram(values.double(), edges, weight=weight.double())
     density = counts / (edges[1:] - edges[:-1])
     return {"edges": edges.tolist(), "density": density.tolist()}
 
@@ -224,24 +301,6 @@ def _noise(before: Sampled, after: Sampled) -> list[dict]:
     return rows
 
 
-def _round(step: Round, level: float) -> dict:
-    base = step.base.model
-    return {
-        "model": list(base.names[len(base.layout.names) : base.first_sigma]),
-        "misfit": _misfit(step, level),
-        "hypotheses": [_hypothesis(cause) for cause in step.causes],
-        "rejected": step.rejected,
-        "convincing": step.convincing,
-        "candidates": [cause.name for cause in step.candidates],
-        "found": step.found.name if step.found else None,
-        "found_component": step.found.component if step.found else None,
-        "base_weight": step.base_weight,
-        "critical_z": step.critical_z,
-        "ess": step.base.posterior.ess,
-        "outside": _on_bounds(step.base),
-    }
-
-
 def _on_bounds(sampled: Sampled) -> list[str]:
     """Coordinates of the fit that lie on a bound of their range."""
     model, x = sampled.model, sampled.fit.x[0]
@@ -250,28 +309,28 @@ def _on_bounds(sampled: Sampled) -> list[str]:
     return [name for name, here in zip(model.names, at.tolist(), strict=True) if here]
 
 
-def _limits(first: Round, channels: Channels) -> list[str]:
+def _limits(criticism: Criticism, channels: Channels) -> list[str]:
     """What the data do not support, in sentences. channels: those that the study observes."""
-    o = first.base.model.observations
+    o, families = criticism.observations, criticism.searched.misfit.families
     said = []
-    if not first.misfit.families:
+    if not families:
         said.append("no more channels than parameters: they can be fitted whatever is wrong")
     for channel in {c.quantity: c for c in channels if c.quantity != "volume"}.values():
         if channel.quantity not in o.channels.quantities:
             what = f"{channel.quantity} strain" if channel.kind.is_strain else channel.quantity
             said.append(f"no {what} was measured: nothing is said about it")
     for family in ("direction", "level", "wall"):
-        if first.misfit.families and family not in first.misfit.families:
+        if families and family not in families:
             said.append(f"too few channels for the tests by {family}")
     if o.noise.groups:
         said.append(
             "the noise is inferred: a misfit spread evenly over a direction counts as noise, and "
             "the overall test of the size of residuals does not apply"
         )
-    for cause in first.causes:
-        if cause.coverage < 1:
+    for test in criticism.tests:
+        if test.fraction_simulated < 1:
             said.append(
-                f"{cause.name}: {100 * cause.coverage:.0f} % of its simulations converged; "
+                f"{test.name}: {100 * test.fraction_simulated:.0f} % of its simulations converged; "
                 "where the others lie, its effect is extrapolated"
             )
     return said

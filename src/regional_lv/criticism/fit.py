@@ -50,10 +50,13 @@ def fit(
     start: torch.Tensor,
     mask: torch.Tensor | None = None,
     iterations: int = ITERATIONS,
+    active: torch.Tensor | None = None,
 ) -> Fit:
     """Maximise the density of theta, psi and noise scales for every row of y (M, S, D).
 
     start: (M, P). mask: (M, S, D) or (1, S, D), channels to fit to; all that were observed if None.
+    active: (M, k), which extensions are fitted in each row, the others staying at their base value;
+    all if None.
     The prior is uniform in the box and half-normal in the noise scales; the maximum is that of
     the density of theta, psi and sigma themselves, as in `inference.point`.
     """
@@ -62,20 +65,35 @@ def fit(
         shared = model.whitening(start[:1], mask)
     residual = torch.empty_like(y)
     jacobian = y.new_empty(*y.shape, model.means)
+    # A psi counts in shares of its range: degrees and pressures are no logarithms.
+    unit = torch.ones_like(model.low)
+    unit[model.psi] = (model.high - model.low)[model.psi]
+    low, high = (edge.expand_as(start).clone() for edge in (model.low, model.high))
+    if active is not None:
+        fixed = torch.zeros_like(start, dtype=torch.bool)
+        fixed[:, model.psi] = ~active
+        low, high = torch.where(fixed, start, low), torch.where(fixed, start, high)
 
-    def value(rows, x):
+    def value(rows, u):
+        x = u * unit
         w = _whitening(model, shared, mask, rows, x)
         return _objective(model, w, y[rows] - model.mean(x), x)
 
-    def derivatives(rows, x):
-        mean, jacobian[rows] = model.linearise(x)
+    def derivatives(rows, u):
+        x = u * unit
+        mean, jacobian[rows] = model.linearise(x, None if active is None else active[rows])
         residual[rows] = y[rows] - mean
         w = _whitening(model, shared, mask, rows, x)
-        return _normal_equations(model, w, residual[rows], jacobian[rows], x)
+        gradient, curvature = _normal_equations(model, w, residual[rows], jacobian[rows], x)
+        return gradient * unit, curvature * unit[:, None] * unit
 
-    x, objective, _ = maximise(
-        *(value, derivatives, start, model.low, model.high, iterations, LEAST_GAIN, LEAST_MOVE)
+    u, objective, _ = maximise(
+        *(value, derivatives, start / unit, low / unit, high / unit),
+        *(iterations, LEAST_GAIN, LEAST_MOVE),
     )
+    x = torch.minimum(torch.maximum(u * unit, model.low), model.high)
+    if active is not None:
+        x = torch.where(fixed, start, x)  # to the last digit
     w = _whitening(model, shared, mask, torch.arange(len(x)), x)
     return Fit(x, objective, residual, jacobian, w)
 
@@ -160,13 +178,3 @@ def fit_from_nothing(model: Model, seed: int) -> Fit:
     w = model.whitening(x)
     values = _objective(model, w, model.observations.y - model.mean(x), x)
     return fit_best(model, x[values.topk(STARTS).indices])
-
-
-def spread(near: torch.Tensor, model: Model, at: int, count: int = 7) -> torch.Tensor:
-    """Starts (count, P) for a model that has one coordinate more than where `near` (P - 1) is: the
-    one at `at`, spread over its range."""
-    shares = torch.linspace(0.05, 0.95, count, dtype=near.dtype)
-    new = model.low[at] + shares * (model.high[at] - model.low[at])
-    return torch.cat(
-        [near[:at].expand(count, -1), new[:, None], near[at:].expand(count, -1)], dim=1
-    )

@@ -1,7 +1,8 @@
 """Ventricles with a known fault: simulated in full with it, measured with noise, truth apart."""
 
+import json
 import logging
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -9,14 +10,14 @@ import numpy as np
 import pandas as pd
 
 from regional_lv.channels import Channel, Channels
-from regional_lv.criticism.hypotheses import REGISTRY, Hypothesis, asked
+from regional_lv.criticism.hypotheses import REGISTRY, Hypothesis, NoiseHypothesis, asked
 from regional_lv.criticism.hypotheses.base import with_value
 from regional_lv.measured import synthetic_subject
-from regional_lv.mechanics.continuation import Runner
+from regional_lv.mechanics.continuation import Effort, Runner, Solver
 from regional_lv.parameters import Parameterisation
 from regional_lv.progress import Progress
 from regional_lv.seeds import derive
-from regional_lv.simulations import make_runner
+from regional_lv.simulations import make_runner, make_simulator
 
 log = logging.getLogger(__name__)
 
@@ -52,12 +53,13 @@ class Ventricles:
 
     Parameters
     ----------
-    mesh, physics, predictor: the study's.
+    mesh, physics: the study's, or another mesh of the same ventricle.
+    predictor: of that mesh; None inflates every ventricle from the reference state.
 
     Attributes: `channels`, those of the study.
     """
 
-    def __init__(self, mesh: str | Path, physics: Mapping, predictor: str | Path):
+    def __init__(self, mesh: str | Path, physics: Mapping, predictor: str | Path | None = None):
         self._files, self._physics = (mesh, predictor), physics
         self._base: Runner | None = None
         self.channels = Channels.from_config(physics)
@@ -75,12 +77,28 @@ class Ventricles:
         frames = sorted({c.load_fraction for c in seen} - {1.0})
         if frames != sorted(physics["loading"]["frames"]):
             physics = with_value(physics, ("loading", "frames"), frames)
+        names, values = self._simulated(physics, theta)
+        at = {name: i for i, name in enumerate(names)}
+        return values[[at[channel.name] for channel in seen]]
+
+    def _simulated(self, physics: Mapping, theta: np.ndarray) -> tuple[Sequence[str], np.ndarray]:
+        """Names and values of all channels of one simulation."""
+        if self._files[1] is None:
+            return self._inflated(physics, theta)
         runner = self._runner(physics)
         result = runner.run(theta)
         if result.status != "converged":
             raise ArithmeticError(result.reason)
-        at = {name: i for i, name in enumerate(runner.channels.names)}
-        return result.observables[[at[channel.name] for channel in seen]]
+        return runner.channels.names, result.observables
+
+    def _inflated(self, physics, theta):
+        solver = Solver(make_simulator(self._files[0], physics), physics["solver"])
+        simulator, effort = solver.simulator, Effort()
+        values = np.empty(len(simulator.channels))
+        for load in simulator.channels.load_fractions:
+            state = solver.inflate(theta, load * simulator.full_pressure, effort)
+            values[simulator.places_of(load)] = simulator.observables(state.w, None, load)[0]
+        return simulator.channels.names, values
 
     def _runner(self, physics: Mapping) -> Runner:
         mesh, predictor = self._files
@@ -103,35 +121,52 @@ def unit_noise(effects: list[Effect], size: int, rng: np.random.Generator) -> np
 # ---------------------------------------------------------------------------------- benchmark
 
 
+KINDS = {"singles": 1, "pairs": 2, "triples": 3, "unlisted": 1, "nulls": 0}
+"""Kind of benchmark subjects -> how many effects they have."""
+
+
 def random_subjects(
-    injected: int,
-    null: int,
+    hearts: Mapping[str, int],
     seed: int,
     hypotheses: Mapping[str, Hypothesis],
     parameters: Parameterisation,
 ) -> list[dict]:
-    """Entries as in `synthetic_subjects` (`theta`, `effects`, `seed`) with a name, `subject`.
+    """Entries as in `synthetic_subjects` (`theta`, `effects`, `seed`) with a name, `subject`, their
+    `kind`, and `withheld`, the cause that their criticism may not know.
 
-    injected: how many have one effect, each hypothesis in turn after a shuffle, its value uniform
-    in the plausible range but for what is close to the base (`LEAST_SHARE`); null: how many have
-    none.
-    Theta is log-uniform in `PHYSIOLOGICAL`, as far as its bounds allow. Their order tells nothing.
+    hearts: how many of each of `KINDS`. Of subjects with one effect each hypothesis takes its turn
+    after a shuffle, of the others all combinations are equally likely; what changes the noise
+    stands alone. Values are uniform in the plausible range but for what is close to the base
+    (`LEAST_SHARE`). Theta is log-uniform in `PHYSIOLOGICAL`, as far as its bounds allow. Their
+    order tells nothing.
     """
     rng = np.random.default_rng(derive(seed, "benchmark"))
     low = np.log(np.maximum(PHYSIOLOGICAL[0], parameters.lower))
     high = np.log(np.minimum(PHYSIOLOGICAL[1], parameters.upper))
-    names = [
-        name for _ in range(-(-injected // len(hypotheses))) for name in _shuffled(hypotheses, rng)
-    ]
-    effects = [_random_effect(hypotheses[name], rng) for name in names[:injected]] + [{}] * null
+    physical = [n for n, h in hypotheses.items() if not isinstance(h, NoiseHypothesis)]
+    drawn = []
+    for kind, count in hearts.items():
+        size, among = KINDS[kind], list(hypotheses) if kind == "singles" else physical
+        turns = [name for _ in range(-(-count // len(among))) for name in _shuffled(among, rng)]
+        for number in range(count):
+            names = turns[number : number + 1]
+            if size != 1:
+                names = _shuffled(among, rng)[:size]
+            effects = {}
+            for name in names:
+                effects |= _random_effect(hypotheses[name], rng)
+            drawn.append((kind, effects, names[0] if kind == "unlisted" else ""))
     entries = []
-    for number, place in enumerate(rng.permutation(injected + null)):
+    for number, place in enumerate(rng.permutation(len(drawn))):
         theta = np.exp(rng.uniform(low, high))
+        kind, effects, withheld = drawn[place]
         entries.append(
             {
                 "subject": f"subject-{number:04d}",
+                "kind": kind,
                 "theta": dict(zip(parameters.names, theta.tolist(), strict=True)),
-                "effects": effects[place],
+                "effects": effects,
+                "withheld": withheld,
                 "seed": derive(seed, "benchmark", number),
             }
         )
@@ -155,7 +190,6 @@ def _random_effect(hypothesis: Hypothesis, rng: np.random.Generator) -> dict:
 
 def inject_batch(
     mesh: str | Path,
-    predictor: str | Path,
     physics: Mapping,
     parameters: Parameterisation,
     hypotheses: str | list[str],
@@ -168,17 +202,17 @@ def inject_batch(
 ) -> None:
     """Simulate and measure one batch of `random_subjects`; write the subjects and the truth.
 
-    hypotheses: names, or `all`, as in the configuration; benchmark: its section
+    mesh: finer than the study's, so that nothing rests on errors that both share. hypotheses:
+    names, or `all`, as in the configuration; benchmark: its section
     `criticism.benchmark`; seed: the study's. Subjects (Parquet): `subject`, the D outputs with
-    noise, their `sd_<output>`. Truth, which no inference reads: `subject`, theta, `effect` (empty
-    if none), `component`, `value`, `status` and `reason`; a ventricle that cannot be inflated is in
-    the truth alone.
+    noise, their `sd_<output>`, and `withheld`, the cause that its criticism may not know. Truth,
+    which no inference reads: `subject`, `kind`, theta, `effects` (JSON: name -> [value,
+    component]), `status` and `reason`; a ventricle that cannot be inflated is in the truth alone.
     """
     catalogue = asked(hypotheses, physics)
-    counts = benchmark["injected"], benchmark["null"]
-    entries = random_subjects(*counts, seed, catalogue, parameters)
+    entries = random_subjects(benchmark["hearts"], seed, catalogue, parameters)
     first = int(batch) * batch_size
-    ventricles = Ventricles(mesh, physics, predictor)
+    ventricles = Ventricles(mesh, physics)
     tables = _injected(
         ventricles,
         entries[first : first + batch_size],
@@ -198,17 +232,9 @@ def _injected(
     for entry in entries:
         effects = read_effects(entry["effects"])
         theta = np.array([*entry["theta"].values()])
-        truth = {"subject": entry["subject"]} | entry["theta"]
-        truth |= {
-            "effect": "",
-            "component": "",
-            "value": np.nan,
-            "status": "converged",
-            "reason": "",
-        }
-        for effect in effects:
-            truth |= {"effect": effect.hypothesis.name, "component": effect.component}
-            truth["value"] = effect.value
+        truth = {"subject": entry["subject"], "kind": entry["kind"]} | entry["theta"]
+        said = {e.hypothesis.name: [e.value, e.component] for e in effects}
+        truth |= {"effects": json.dumps(said), "status": "converged", "reason": ""}
         try:
             outputs = ventricles.outputs(theta, effects)
         except ArithmeticError as error:
@@ -218,8 +244,55 @@ def _injected(
             rng = np.random.default_rng(entry["seed"])
             unit = unit_noise(effects, len(channels), rng)
             table = synthetic_subject(outputs, channels, noise, unit).set_index("output")
-            row = {"subject": entry["subject"]} | table["value"].to_dict()
+            row = {"subject": entry["subject"], "withheld": entry["withheld"]}
+            row |= table["value"].to_dict()
             subjects.append(row | table["sd"].add_prefix("sd_").to_dict())
         truths.append(truth)
         progress.step(failed=truth["status"] == "failed")
     return pd.DataFrame(subjects), pd.DataFrame(truths)
+
+
+# ------------------------------------------------------------------------------- confirmation
+
+
+def simulate_design(
+    design: pd.DataFrame, ventricles: Ventricles, physics: Mapping, parameters: Sequence[str]
+) -> pd.DataFrame:
+    """The `design` (rows as of `confirmation.design_rows`) with the outputs, by name; NaN, with the
+    `reason`, where the simulator failed."""
+    names, rows = ventricles.channels.names, []
+    progress = Progress("confirmation", len(design))
+    for _, row in design.iterrows():
+        effects = [
+            Effect(REGISTRY[name].for_study(physics), value, component)
+            for name, (value, component) in json.loads(row["effects"]).items()
+        ]
+        theta, reason = row[list(parameters)].to_numpy(float), ""
+        try:
+            outputs = ventricles.outputs(theta, effects)
+        except ArithmeticError as error:
+            outputs, reason = np.full(len(names), np.nan), str(error)
+        rows.append(dict(zip(names, outputs, strict=True)) | {"reason": reason})
+        progress.step(failed=bool(reason))
+    made = pd.DataFrame(rows, columns=[*names, "reason"], index=design.index)
+    return pd.concat([design, made], axis=1)
+
+
+def simulate_sets(
+    mesh: str | Path,
+    predictor: str | Path,
+    design: str | Path,
+    physics: Mapping,
+    parameters,
+    simulations: str | Path,
+) -> None:
+    """Simulate the design of a confirmation (Parquet); write it with the outputs.
+
+    mesh, predictor, physics, parameters: the study's. A simulation that fails is a row with its
+    reason.
+    """
+    ventricles = Ventricles(mesh, physics, predictor)
+    table = pd.read_parquet(design)
+    simulate_design(table, ventricles, physics, parameters.names).to_parquet(
+        simulations, index=False
+    )

@@ -78,6 +78,7 @@ class Layout:
 class Model:
     """Observations under an extended emulator, with a Gaussian or a Student-t noise.
 
+    discrepancy: covariance (S, D, D) that is added to the emulator's own.
     tails: the noise is Student's t with the known sd as its scale; one more coordinate, 1 / nu,
     comes after the psi.
     The emulator's covariance is taken where `settle` says and kept there while parameters move:
@@ -90,9 +91,10 @@ class Model:
         emulator: ExtendedEmulator,
         layout: Layout,
         tails=None,
+        discrepancy: torch.Tensor | None = None,
     ):
         self.observations, self.emulator, self.layout = observations, emulator, layout
-        self.tails = tails
+        self.tails, self.discrepancy = tails, discrepancy
         hypotheses = [e.hypothesis for e in emulator.extensions] + ([tails] if tails else [])
         q, groups = len(layout.names), observations.noise.groups
         self.psi = slice(q, q + len(emulator.extensions))
@@ -142,15 +144,31 @@ class Model:
         ]
         return torch.cat(parts)
 
-    def linearise(self, x: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+    def linearise(
+        self, x: torch.Tensor, active: torch.Tensor | None = None
+    ) -> tuple[torch.Tensor, torch.Tensor]:
         """Mean (M, S, D) and its derivatives (M, S, D, R) about the first R = `means`
-        coordinates."""
-        parts = [self._linearise(part) for part in x.split(self._rows)]
+        coordinates.
+
+        active: (M, k), which extensions are free in each row; the others stay at their base value.
+        """
+        rows = torch.arange(len(x)).split(self._rows)
+        parts = [self._linearise(x[at], None if active is None else active[at]) for at in rows]
         return tuple(torch.cat(column) for column in zip(*parts, strict=True))
 
-    def _linearise(self, x):
-        mean, by_log_theta, by_psi = self.emulator.linearise(self.theta(x), self.psi_of(x))
+    def _linearise(self, x, active):
+        theta = self.theta(x)
+        if active is not None:
+            active = active[:, None, :].expand(len(x), theta.shape[1], -1)
+        mean, by_log_theta, by_psi = self.emulator.linearise(theta, self.psi_of(x), active)
         return mean, torch.cat([by_log_theta @ self.layout.moves, by_psi], dim=-1)
+
+    def at_base(self, x: torch.Tensor) -> torch.Tensor:
+        """Coordinates (M, P) of this model from those (M, P - k) of the model without its
+        extensions, with every psi at its base value."""
+        base = [e.hypothesis.base for e in self.emulator.extensions]
+        psi = torch.tensor(base, dtype=x.dtype).expand(len(x), -1)
+        return torch.cat([x[:, : self.psi.start], psi, x[:, self.psi.start :]], dim=1)
 
     @property
     def _rows(self) -> int:
@@ -171,6 +189,8 @@ class Model:
             error = self.emulator.predict(self.theta(x), self.psi_of(x)).covariance
         both = self.observations.present[:, :, None] & self.observations.present[:, None, :]
         self.error = torch.where(both, error, 0.0)
+        if self.discrepancy is not None:
+            self.error = self.error + self.discrepancy
         return self
 
     def noise_variance(self, x: torch.Tensor) -> torch.Tensor:

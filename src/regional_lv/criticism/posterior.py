@@ -11,7 +11,7 @@ import arviz as az
 import torch
 from statsmodels.stats.weightstats import DescrStatsW
 
-from regional_lv.criticism.fit import Fit
+from regional_lv.criticism.fit import Fit, white
 from regional_lv.criticism.model import LOG_2PI, Model
 from regional_lv.inference import importance
 from regional_lv.inference.transform import BoundedTransform
@@ -60,20 +60,25 @@ class Posterior:
         return mean, (weight * (values - mean).square()).sum(0).sqrt()
 
 
-def laplace(model: Model, found: Fit) -> tuple[torch.Tensor, torch.Tensor]:
-    """Centre (P,) and covariance (P, P) in x of a fit (M = 1), with the weak prior."""
-    w = found.whitening[0]
-    p, r = len(model.low), model.means
-    slopes = (w @ found.jacobian[0]).flatten(0, 1)
-    precision = torch.diag(12 / (model.high - model.low).square())
-    precision[:r, :r] += slopes.mT @ slopes
+def precisions(model: Model, found: Fit) -> torch.Tensor:
+    """Precision (M, P, P) of the coordinates at M fits, with the weak prior."""
+    m, p, r = len(found.x), len(model.low), model.means
+    slopes = white(found.whitening, found.jacobian).flatten(1, 2)
+    precision = torch.diag(12 / (model.high - model.low).square()).repeat(m, 1, 1)
+    precision[:, :r, :r] += slopes.mT @ slopes
     first = model.first_sigma
     if first < p:
-        scales = torch.exp(2 * found.x[0, first:])
-        change = 2 * scales[:, None] * model.observations.noise.units.square()
-        squares = (w.mT @ w).square().sum(0) / 2
-        precision[first:, first:] += change @ squares @ change.mT
-    return found.x[0], torch.linalg.inv(precision)
+        w = found.whitening
+        scales = torch.exp(2 * found.x[:, first:])
+        change = 2 * scales[:, :, None] * model.observations.noise.units.square()
+        squares = (w.mT @ w).square().sum(1) / 2
+        precision[:, first:, first:] += change @ squares @ change.mT
+    return precision
+
+
+def laplace(model: Model, found: Fit) -> tuple[torch.Tensor, torch.Tensor]:
+    """Centre (P,) and covariance (P, P) in x of a fit (M = 1), with the weak prior."""
+    return found.x[0], torch.linalg.inv(precisions(model, found)[0])
 
 
 def sample(

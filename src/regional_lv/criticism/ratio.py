@@ -57,7 +57,7 @@ def _objective(model: Model, extension, y: torch.Tensor, x: torch.Tensor) -> tor
     """Best objective (M,) of the model with one more extension, fitted to rows of y (M, S, D) from
     where the fits without it ended, x (M, P)."""
     extended = Model(
-        model.observations, model.emulator.with_extension(extension), model.layout, model.tails
+        model.observations, model.emulator.with_extensions(extension), model.layout, model.tails
     )
     # Nested: the emulator's own error is that of the model without the extension.
     extended.error = model.error

@@ -33,65 +33,65 @@ every cause for all of them.</p>{% endif %}
 noise and what the other channels leave open of the stiffness). Seen from the apex, anterior at the
 top, septum on the left.</p>
 <table><tr><th>test</th><th>p-value</th>
-{% if f.rounds|length > 1 %}<th>in the end</th>{% endif %}</tr>
+{% if f.remaining %}<th>with the best set</th>{% endif %}</tr>
 {% for family, p in f.misfit.families.items() %}<tr><td>{{ families.get(family, family) }}</td>
 <td class="n">{{ "%.3f"|format(p) }}</td>
-{% if f.rounds|length > 1 %}<td class="n">{{ "%.3f"|format(f.remaining.families[family]) }}</td>
-{% endif %}</tr>{% endfor %}
+{% if f.remaining %}<td class="n">{% if family in f.remaining.families %}{{
+"%.3f"|format(f.remaining.families[family]) }}{% endif %}</td>{% endif %}</tr>{% endfor %}
 <tr><td><b>all together</b></td><td class="n"><b>{{ "%.3f"|format(f.misfit.p_value) }}</b></td>
-{% if f.rounds|length > 1 %}<td class="n"><b>{{ "%.3f"|format(f.remaining.p_value) }}</b></td>{%
-endif %}
+{% if f.remaining %}<td class="n"><b>{{ "%.3f"|format(f.remaining.p_value) }}</b></td>{% endif %}
 </tr></table>
+{% if f.data_checks %}<p>What the strains say of themselves, whatever the simulator:</p><ul>
+{% for c in f.data_checks %}<li>{% if f.subjects|length > 1 %}{{ c.subject }}: {% endif %}{{ c.says
+}} ({{ "passed" if c.passed else "failed" }}).</li>{% endfor %}</ul>{% endif %}
 
-<h2>Why: the causes that were tried</h2>
-<img alt="Ranking of causes" src="{{ images.causes }}">
-<table><tr><th>cause</th><th>p</th><th>estimate</th><th>gain</th><th>probability</th><th>weight</th>
+<h2>Why: the sets of causes</h2>
+{% if f.sets %}<table><tr><th>set</th><th>probability</th><th>log evidence</th><th>gain</th>
+<th>misfit p</th><th>simulated</th></tr>
+{% for s in f.sets %}<tr><td>{% for c in s.causes %}{{ cause(c, s.components[loop.index0]) }}
+{% if not loop.last %} + {% endif %}{% endfor %}</td>
+<td class="n">{{ "%.3f"|format(s.probability) }}</td>
+<td class="n">{{ "%+.1f"|format(s.log_evidence) }}</td>
+<td class="n">{% if s.elpd_gain is not none %}{{ "%.1f"|format(s.elpd_gain) }} &plusmn;
+{{ "%.1f"|format(s.elpd_gain_se) }}{% else %}-{% endif %}</td>
+<td class="n">{{ "%.3f"|format(s.misfit_p_value) if s.misfit_p_value is not none else "-" }}</td>
+<td class="n">{% if s.confirmed %}{{ s.simulations }}, {{ "%.1f"|format(s.difference_sd) }} sd
+{% else %}-{% endif %}</td></tr>{% endfor %}
+<tr><td><i>nothing is wrong</i></td><td class="n">{{ "%.3f"|format(f.base_probability) }}</td>
+<td class="n">0</td><td></td><td></td><td></td></tr>
+<tr><td><i>a smooth departure that no listed cause makes</i></td>
+<td class="n">{{ "%.3f"|format(f.unlisted_probability) }}</td>
+<td></td><td></td><td></td><td></td></tr>
+</table>
+<p class="small">Log evidence: against the model as it is. Gain: log predictive density of every
+segment (and the volume) given all others; its standard error is over repeated measurements of the
+same heart. Simulated: simulations with all effects of the set at once, and the largest difference
+between simulated and emulated channels, which was corrected.</p>{% endif %}
+<h2>Causes one by one</h2>
+<img alt="Scores and probabilities of causes" src="{{ images.causes }}">
+<table><tr><th>cause</th><th>p</th><th>estimate</th><th>probability</th>
 <th>what can be known of it</th></tr>
 {% for h in f.hypotheses %}<tr><td title="{{ h.description }} ({{ h.source }})">
 {{ cause(h.name, h.component) }}</td><td class="n">{{ "%.3f"|format(h.p_value) }}</td>
 <td>{% if h.estimate is not none %}{{ estimate(h) }}{% if not h.fitted %} (one step){% endif %}
-{% else %}-{% endif %}</td>
-<td class="n">{% if h.elpd_gain is not none %}{{ "%.1f"|format(h.elpd_gain) }} &plusmn;
-{{ "%.1f"|format(h.elpd_gain_se) }}{% else %}-{% endif %}</td>
-<td class="n">{{ "%.2f"|format(h.probability) }}</td><td class="n">{{ "%.2f"|format(h.weight)
-}}</td>
+{% if h.at_bound %}, at the end of its range{% endif %}{% else %}-{% endif %}</td>
+<td class="n">{{ "%.2f"|format(h.probability) }}</td>
 <td>{{ h.why }}{% if h.fraction_simulated < 1 %}; {{ "%.0f"|format(100 * h.fraction_simulated) }}
-% of
-its simulations converged{% endif %}</td></tr>{% endfor %}</table>
-<p class="small">p: score test with what stiffness can take up projected out, calibrated over the
-whole
-catalogue by parametric bootstrap. Gain: log predictive density of every segment (and the volume)
-given
-all others, against the model without the cause; its standard error is over repeated measurements of
-the same heart. Probability: among the causes, from the evidence, all equally likely beforehand.
-Weight:
-stacking of the predictions; the model as it is has {{ "%.2f"|format(f.rounds[0].base_weight)
-}}.</p>
+% of its simulations converged{% endif %}</td></tr>{% endfor %}</table>
+<p class="small">p: score test of this cause alone, with what stiffness can take up projected out,
+calibrated over the whole catalogue by parametric bootstrap. Probability: summed over all sets that
+hold the cause.</p>
 
 {% if images.parameters %}<h2>How much: the new parameter</h2>
 <img alt="Posterior of the parameters" src="{{ images.parameters }}">
-<p class="small">Posterior given each cause alone; dotted: 95 % interval; red: what the model
-assumes.</p>
+<p class="small">Posterior given the other causes of its sets; dotted: 95 % interval; red: what the
+model assumes.</p>
 {% endif %}
 
 <h2>What it changes: stiffness</h2>
 <img alt="Stiffness before and after" src="{{ images.theta }}">
-{% if f.rounds|length > 1 and changed %}<p>{{ changed }}</p>{% endif %}
+{% if f.remaining and changed %}<p>{{ changed }}</p>{% endif %}
 
-{% if ruled_out %}<h2>What was ruled out</h2><ul>
-{% for h in ruled_out %}<li>{{ cause(h.name, h.component) }}: {{ h.parameter }} {{ estimate(h)
-}}.</li>
-{% endfor %}</ul>{% endif %}
-
-{% if f.rounds|length > 1 %}<h2>Step by step</h2><ol>
-{% for r in f.rounds %}<li>Model {{ "with " + r.model|join(" + ") if r.model else "as it is" }}:
-misfit
-p = {{ "%.3f"|format(r.misfit.p_value) }}; {% if r.found %}{{ cause(r.found, r.found_component)
-}} stands
-out{% if r.candidates|length > 1 %}, not to be told apart from
-{{ r.candidates[1:]|join(", ") }}{% endif %}{% else %}nothing more found{% endif %}.</li>{%
-endfor %}
-</ol>{% endif %}
 {% if f.limits %}<h2>What these data cannot say</h2><ul>
 {% for s in f.limits %}<li>{{ s }}</li>{% endfor %}</ul>{% endif %}
 </body></html>
@@ -122,17 +122,11 @@ def write_report(
         csv = Path(table) if name == "residuals" else png.with_suffix(".csv")
         getattr(figures, f"draw_{name}")(content, png, csv)
         drawn[name] = _embedded(png) if png.exists() else ""
-    kept = {content["named_cause"], *content["indistinguishable"], *content["partly"]}
-    ruled_out = [
-        h
-        for h in content["hypotheses"]
-        if h["identifiable"] and h["estimate"] is not None and h["name"] not in kept
-    ]
     moved = [t for t in content["theta"] if abs(t["shift_sd"]) > 1]
     changed = "; ".join(
         f"{t['parameter']} goes from {t['before'][0]:.2f} to {t['after'][0]:.2f}" for t in moved
     )
-    quiet = not content["misfit"]["detected"] and not content["named_cause"]
+    quiet = not content["misfit"]["detected"]
     template = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined)
     html = template.from_string(PAGE).render(
         f=content,
@@ -140,7 +134,6 @@ def write_report(
         families=FAMILIES,
         cause=words.cause,
         estimate=words.estimate,
-        ruled_out=ruled_out,
         changed=f"By more than one posterior sd: {changed}." if changed else "",
         colour="#009E73" if quiet else "#D55E00",
     )

@@ -27,6 +27,9 @@ TAILS = (0.02, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4)
 MENTIONED = 5
 """Largest departures of each family that are named."""
 
+ALIKE = 0.02
+"""Share of two signatures' information that is not common, below which they count as one."""
+
 FEWEST_FOR_TAILS = 20
 """Channels below which nothing is said about the tails of the noise."""
 
@@ -102,14 +105,15 @@ class Statistics:
 
     misfit: family -> (M, K). names: family -> what each column is. causes: (M, C), signed z of
     each candidate; for one whose parameter can go one way only, the other way counts as zero.
-    tails: (M,), and the log evidence (M,) of heavy tails against none; None with few channels.
+    pairs: (M,), root of the largest chi-squared of any two causes together. tails: (M,); None with
+    few channels.
     """
 
     misfit: dict[str, torch.Tensor]
     names: dict[str, tuple[str, ...]]
     causes: torch.Tensor
+    pairs: torch.Tensor
     tails: torch.Tensor | None
-    tail_evidence: torch.Tensor | None
 
 
 def statistics(model: Model, found: Fit, extensions) -> Statistics:
@@ -133,14 +137,20 @@ def statistics(model: Model, found: Fit, extensions) -> Statistics:
         columns = torch.stack([*patterns.values()], dim=-1).repeat(len(o.subjects), 1)
         columns = torch.where(here[:, None], columns, 0.0)
         misfit[family], names[family] = projected.score(columns), tuple(patterns)
-    tails = tail_evidence = None
+    tails = None
     if here.sum() >= FEWEST_FOR_TAILS:
         diagonal = projected.precision.diagonal(dim1=-2, dim2=-1)[:, here]
         standard = projected.residual[:, here] / diagonal.clamp(min=1e-300).sqrt()
-        tails, tail_evidence = tail_score(standard)
-    scores = [cause_score(model, projected, found.x, e) for e in extensions]
-    causes = torch.stack(scores, -1) if scores else torch.zeros(len(found.x), 0).double()
-    return Statistics(misfit, names, causes, tails, tail_evidence)
+        tails = tail_score(standard)
+    patterns = [pattern_of(model, e, found.x) for e in extensions]
+    scores = [
+        _one_way(projected.score(pattern)[:, 0], e.hypothesis)
+        for pattern, e in zip(patterns, extensions, strict=True)
+    ]
+    none = torch.zeros(len(found.x), 0).double()
+    causes = torch.stack(scores, -1) if scores else none
+    pairs = pair_score(projected, patterns, [e.hypothesis.name for e in extensions])
+    return Statistics(misfit, names, causes, pairs, tails)
 
 
 def pattern_of(model: Model, extension, x: torch.Tensor) -> torch.Tensor:
@@ -152,26 +162,47 @@ def pattern_of(model: Model, extension, x: torch.Tensor) -> torch.Tensor:
 def cause_score(model: Model, projected: Projected, x: torch.Tensor, extension) -> torch.Tensor:
     """Signed z (M,) of one cause; a parameter at an end of its range moves one way only."""
     z = projected.score(pattern_of(model, extension, x))[:, 0]
-    h = extension.hypothesis
-    if h.base <= h.low:
+    return _one_way(z, extension.hypothesis)
+
+
+def _one_way(z: torch.Tensor, hypothesis) -> torch.Tensor:
+    if hypothesis.base <= hypothesis.low:
         return z.clamp(min=0.0)
-    return z.clamp(max=0.0) if h.base >= h.high else z
+    return z.clamp(max=0.0) if hypothesis.base >= hypothesis.high else z
 
 
-def tail_score(z: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+def pair_score(projected: Projected, patterns: list, names: list[str]) -> torch.Tensor:
+    """Root of the largest chi-squared (M,) of any two of the `patterns` (M, n, 1) together, of
+    different causes (`names`); zero if there are no two."""
+    largest = torch.zeros(len(projected.residual), dtype=projected.residual.dtype)
+    if len(set(names)) < 2:
+        return largest
+    together = torch.cat(patterns, dim=-1)
+    slope = (together * projected.residual[..., None]).sum(-2)
+    gram = together.mT @ (projected.precision @ together)
+    size = gram.diagonal(dim1=-2, dim2=-1)
+    determinant = size[:, :, None] * size[:, None, :] - gram.square()
+    chi = (
+        slope[:, :, None].square() * size[:, None, :]
+        + slope[:, None, :].square() * size[:, :, None]
+        - 2 * slope[:, :, None] * slope[:, None, :] * gram
+    )
+    apart = torch.tensor([[one != other for other in names] for one in names])
+    # Two signatures that are all but the same say nothing together.
+    known = apart & (determinant > ALIKE * size[:, :, None] * size[:, None, :])
+    chi = torch.where(known, chi / determinant.clamp(min=1e-300), 0.0)
+    return chi.flatten(1).amax(1).clamp(min=0.0).sqrt()
+
+
+def tail_score(z: torch.Tensor) -> torch.Tensor:
     """Of Student's t against the normal, from standardised residuals z (M, n), over `TAILS`: signed
-    root of the largest likelihood ratio (M,), zero if no heavy tail fits better; and the log of
-    the mean ratio (M,), the evidence under a uniform prior on 1 / nu."""
+    root of the largest likelihood ratio (M,), zero if no heavy tail fits better."""
     normal = (-0.5 * z.square() - 0.5 * math.log(2 * math.pi)).sum(-1)
     ratios = [torch.zeros(len(z), dtype=z.dtype)]
     for inverse in TAILS:
         student = torch.distributions.StudentT(torch.tensor(1 / inverse, dtype=z.dtype))
         ratios.append(student.log_prob(z).sum(-1) - normal)
-    ratios = torch.stack(ratios)
-    edges = torch.tensor((0.0, *TAILS), dtype=z.dtype)
-    return (2 * ratios.amax(0)).sqrt(), torch.trapezoid(ratios.exp(), edges, dim=0).log() - (
-        edges[-1].log()
-    )
+    return (2 * torch.stack(ratios).amax(0)).sqrt()
 
 
 def _channel_groups(model: Model) -> list[torch.Tensor]:
@@ -210,8 +241,8 @@ def bootstrap(model: Model, best: Fit, extensions, replicates: int, seed: int) -
         {k: torch.cat([part.misfit[k] for part in parts]) for k in parts[0].misfit},
         parts[0].names,
         torch.cat([part.causes for part in parts]),
+        torch.cat([part.pairs for part in parts]),
         None if parts[0].tails is None else torch.cat([part.tails for part in parts]),
-        None,
     )
 
 
@@ -230,19 +261,33 @@ class Misfit:
     largest: list[tuple[str, str, float, float]]
 
 
-def judge_misfit(observed: Statistics, null: Statistics) -> Misfit:
+def judge_misfit(observed: Statistics, null: Statistics, tails: bool = False) -> Misfit:
     """Families are tested by their largest |z|; together, by the largest of these in sds of their
-    replicates: smallest p-values, being ranks, would need many more replicates."""
+    replicates: smallest p-values, being ranks, would need many more replicates.
+
+    The causes, their pairs and, if `tails`, the tails of the noise are families as well: the
+    p-value over all of them is that of the whole search.
+    """
     families, scaled, largest = {}, [], []
+
+    def judge(family: str, seen: torch.Tensor, extreme: torch.Tensor) -> None:
+        families[family] = share_beyond(float(seen), extreme)
+        # The data and the replicates are one sample if the model is right, and scaled alike.
+        pool = torch.cat([seen[None], extreme])
+        scaled.append((pool - extreme.mean()) / extreme.std())
+
     for family, values in null.misfit.items():
         extreme = values.abs().amax(-1)
         seen = observed.misfit[family][0]
-        families[family] = share_beyond(float(seen.abs().max()), extreme)
-        # The data and the replicates are one sample if the model is right, and scaled alike.
-        pool = torch.cat([seen.abs().max()[None], extreme])
-        scaled.append((pool - extreme.mean()) / extreme.std())
+        judge(family, seen.abs().max(), extreme)
         for at in seen.abs().argsort(descending=True)[:MENTIONED]:
             p = share_beyond(float(seen[at].abs()), extreme)
             largest.append((family, null.names[family][at], float(seen[at]), p))
+    if null.causes.shape[1]:
+        judge("cause", observed.causes[0].abs().max(), null.causes.abs().amax(-1))
+    if null.causes.shape[1] > 1:
+        judge("pair", observed.pairs[0], null.pairs)
+    if tails:
+        judge("tails", observed.tails[0], null.tails)
     together = torch.stack(scaled).amax(0)
     return Misfit(share_beyond(float(together[0]), together[1:]), families, largest)

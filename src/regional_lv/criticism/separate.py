@@ -16,8 +16,8 @@ MENTIONED = 3
 def separating_measurement(
     rivals, emulator: Emulator, extensions, load_fractions: Sequence[float] = ()
 ) -> list[dict]:
-    """For every pair of `rivals` (causes fitted in earnest): the channels, measured or not, in
-    which their predictions differ most, in units of a good measurement's noise (`noise_units`).
+    """For every pair of `rivals` (sets of causes that were sampled): the channels, measured or not,
+    in which their predictions differ most, in units of a good measurement's noise (`noise_units`).
 
     Each rival predicts at its own best fit to the same data, so that only what is left open shows.
     load_fractions: shares of the end-diastolic pressure at which the heart could be imaged. All
@@ -29,8 +29,8 @@ def separating_measurement(
     channels, parameters = emulator.channels, emulator.parameters
     unit = torch.as_tensor(noise_units(channels, emulator.output_sd.numpy()))
     predictions = {}
-    for cause in rivals:
-        model, draws = cause.sampled.model, cause.sampled.posterior
+    for one in rivals:
+        model, draws = one.sampled.model, one.sampled.posterior
         found = [by_place[e.hypothesis.name, e.component] for e in model.emulator.extensions]
         full = ExtendedEmulator(emulator, found)
         x = (draws.weight[:, None] * draws.x).sum(0)[None]
@@ -43,10 +43,13 @@ def separating_measurement(
                 columns = [e.hypothesis.at_load(psi[..., i], fraction) for i, e in enumerate(found)]
                 by_load = torch.stack(columns, -1) if found else psi
                 at[fraction] = full.mean(scaled, by_load)[0].mean(0)
-        predictions[cause.name] = at
+        predictions[one.names] = at
     names = list(predictions)
     return [
-        {"pair": [one, other], "channels": _furthest(predictions, one, other, channels, unit)}
+        {
+            "pair": [list(one), list(other)],
+            "channels": _furthest(predictions, one, other, channels, unit),
+        }
         for i, one in enumerate(names)
         for other in names[i + 1 :]
     ]

@@ -1,7 +1,9 @@
 """From the files of a study to the findings of a subject."""
 
+import json
 import logging
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import pandas as pd
@@ -12,7 +14,8 @@ from regional_lv.criticism.extension import read_extensions
 from regional_lv.criticism.findings import findings_of, write_findings
 from regional_lv.criticism.hypotheses import NoiseHypothesis
 from regional_lv.criticism.observations import observe
-from regional_lv.criticism.verdict import Criticism, Settings, criticise
+from regional_lv.criticism.verdict import Critic, Criticism, Searched, Settings
+from regional_lv.emulators.base import Emulator
 from regional_lv.errors import InputError
 from regional_lv.measured import read_measured
 from regional_lv.seeds import derive
@@ -20,7 +23,7 @@ from regional_lv.seeds import derive
 log = logging.getLogger(__name__)
 
 
-def criticise_files(
+def read_critic(
     subject: str,
     emulator: str | Path,
     extensions: Sequence[str | Path],
@@ -30,10 +33,9 @@ def criticise_files(
     strain_exponent: float,
     noise_prior_scale: float,
     seed: int,
-    findings: str | Path,
     known_theta: Sequence[str | Path] = (),
-) -> None:
-    """Criticise the base model on one measured file, or on several together; write the findings.
+) -> "Inputs":
+    """What all steps of the criticism read.
 
     subject: name of the subject, or of the joint criticism. subjects, measured: whose files they
     are, and the files. settings: section `criticism` of the config. strain_exponent: of the study's
@@ -50,31 +52,109 @@ def criticise_files(
     names = trained.parameters.names
     theta = read_known_theta(known_theta, list(subjects), names) if known_theta else None
     changing, noises = split(read_extensions(extensions))
-    content, _ = criticise_tables(
+    return Inputs(
         *(subject, tables, trained, changing, noises),
-        Settings.from_config(settings),
-        *(noise_prior_scale, derive(seed, "criticism", subject), theta),
+        *(Settings.from_config(settings), strain_exponent, noise_prior_scale),
+        *(derive(seed, "criticism", subject), theta),
     )
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """Measured tables by subject, the emulators, and how to criticise."""
+
+    name: str
+    tables: dict[str, pd.DataFrame]
+    emulator: Emulator
+    extensions: list
+    noises: list
+    settings: Settings
+    strain_exponent: float
+    noise_prior_scale: float
+    seed: int
+    known_theta: torch.Tensor | None = None
+
+    def critic(self) -> Critic:
+        observations = observe(self.tables, self.emulator, self.noise_prior_scale)
+        return Critic(
+            *(observations, self.emulator, self.extensions, self.noises),
+            *(self.settings, self.seed, self.known_theta),
+        )
+
+    def findings(self, criticism: Criticism) -> dict:
+        return findings_of(
+            *(self.name, criticism, self.emulator, self.extensions, self.tables),
+            self.strain_exponent,
+        )
+
+
+def search_causes(search: str | Path, **inputs) -> None:
+    """Test the base model and search for sets of causes; write what was found (JSON).
+
+    inputs: as of `read_critic`.
+    """
+    searched = read_critic(**inputs).critic().search()
+    Path(search).write_text(json.dumps(searched.content()) + "\n")
+
+
+def plan_confirmation(
+    search: str | Path,
+    turn: str,
+    design: str | Path,
+    simulations: Sequence[str | Path] = (),
+    **inputs,
+) -> None:
+    """Write what a round of the confirmation has to simulate (Parquet).
+
+    turn: number of the round. simulations: of the rounds before. inputs: as of `read_critic`.
+    """
+    critic = read_critic(**inputs).critic()
+    rows = critic.plan(_searched(search), _simulated(simulations), int(turn))
+    rows.to_parquet(design, index=False)
+
+
+def conclude_criticism(
+    search: str | Path, simulations: Sequence[str | Path], findings: str | Path, **inputs
+) -> None:
+    """Decide with the simulations of all rounds, and write the findings (JSON).
+
+    inputs: as of `read_critic`.
+    """
+    given = read_critic(**inputs)
+    criticism = given.critic().conclude(_searched(search), _simulated(simulations))
+    content = given.findings(criticism)
     write_findings(content, findings)
     for sentence in content["words"]:
         log.info("%s", sentence)
 
 
-def criticise_tables(
-    name: str,
-    tables: dict[str, pd.DataFrame],
-    emulator,
-    extensions,
-    noises,
-    settings: Settings,
-    noise_prior_scale: float,
-    seed: int,
-    known_theta: torch.Tensor | None = None,
-) -> tuple[dict, Criticism]:
-    """Findings, and the criticism they come from, of measured tables by subject."""
-    observations = observe(tables, emulator, noise_prior_scale)
-    criticism = criticise(observations, emulator, extensions, noises, settings, seed, known_theta)
-    return findings_of(name, criticism, emulator, extensions, tables), criticism
+def criticise(inputs: Inputs, simulate: Callable[[pd.DataFrame], pd.DataFrame] | None) -> dict:
+    """The findings, all steps at once.
+
+    simulate: makes the outputs of a design, as `injection.simulate_design` does; without it nothing
+    is confirmed, and nothing named.
+    """
+    critic = inputs.critic()
+    searched, made = critic.search(), []
+    for turn in range(inputs.settings.rounds if simulate else 0):
+        design = critic.plan(searched, _together(made), turn)
+        if design.empty:
+            break
+        made.append(simulate(design))
+    return inputs.findings(critic.conclude(searched, _together(made)))
+
+
+def _searched(path: str | Path) -> Searched:
+    return Searched.of(json.loads(Path(path).read_text()))
+
+
+def _simulated(paths: Sequence[str | Path]) -> pd.DataFrame | None:
+    return _together([pd.read_parquet(path) for path in paths])
+
+
+def _together(tables: list[pd.DataFrame]) -> pd.DataFrame | None:
+    tables = [table for table in tables if len(table)]
+    return pd.concat(tables, ignore_index=True) if tables else None
 
 
 def split(extensions) -> tuple[list, list]:

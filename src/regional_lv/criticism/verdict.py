@@ -1,20 +1,23 @@
-"""Misfit, causes, extensions, gain and verdict of one subject, round by round.
+"""From measured hearts to a verdict on sets of causes: search, confirmation, conclusion.
 
-A round fits the model at hand, tests it against all causes that are left, fits the leading ones in
-earnest and decides. What it finds becomes part of the model of the next round.
+`Critic.search` tests the base model and looks for sets of causes with the emulators; `Critic.plan`
+says what has to be simulated to confirm the leading ones; `Critic.conclude` takes these simulations
+and decides.
 """
 
 import logging
 import math
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field
 
-import arviz as az
 import pandas as pd
 import torch
 
-from regional_lv.criticism import score
+from regional_lv.criticism import outliers, score
+from regional_lv.criticism.confirmation import Correction, correct, design_rows, label
+from regional_lv.criticism.discrepancy import AMPLITUDES, unlisted_covariance
 from regional_lv.criticism.extended import ExtendedEmulator
-from regional_lv.criticism.fit import Fit, fit_best, fit_from_nothing, spread
+from regional_lv.criticism.fit import Fit, fit_best, fit_from_nothing, white
 from regional_lv.criticism.identify import Identified, identify
 from regional_lv.criticism.linear import approximate, leave_out_linearly
 from regional_lv.criticism.model import Layout, Model
@@ -22,56 +25,132 @@ from regional_lv.criticism.observations import Observations
 from regional_lv.criticism.posterior import (
     LeftOut,
     Posterior,
-    gain_of,
     laplace,
     leave_out,
+    precisions,
     sample,
 )
 from regional_lv.criticism.ratio import likelihood_ratios
+from regional_lv.criticism.search import Search, log_evidence, log_prior
 from regional_lv.emulators.base import Emulator
 from regional_lv.seeds import derive
 
 log = logging.getLogger(__name__)
 
 PROBABILITY = 0.95
-"""Of the causes that are named together when none can be named alone."""
+"""Of a cause that is named; of a group, that one of its members is at work."""
 
 ADEQUATE = 0.01
-"""Level of the last test: a model that misses the data at this level explains nothing, whatever
-it gains."""
+"""Level of the last test: a set that misses the data at this level explains nothing, whatever it
+gains."""
 
-PLACES = 3
-"""Of a cause with many possible places, those that are fitted in earnest."""
+LEADERS, LEADING_MARGIN = 24, 10.0
+"""Sets that are fitted with the covariance of their own emulators: at most so many, and only those
+whose log posterior probability comes so near to the best one's."""
+
+LEAST_PROBABILITY = 0.01
+"""Of a set that is simulated, or sampled."""
+
+SMALLER = 2
+"""Sets with one cause less than the best one that are simulated before rivals of it."""
+
+MOST_SAMPLED = 3
+"""Sets whose posterior is sampled."""
 
 LARGEST_SAMPLED = 20
 """Coordinates up to which posteriors are sampled; beyond, several hearts are too many at once and
 the Laplace approximation takes over."""
 
+LARGEST_GROUP = 5
+"""Causes of which one is at work, at most: more of them say nothing."""
+
+NEAR_END = 0.01
+"""Share of its range at which a median counts as at the end."""
+
+BEYOND = 1.645
+"""Standard errors by which data ask for more than the end of a range."""
+
+Member = tuple[str, str]
+"""Name of a cause and its component, empty for a cause that has one place."""
+
 
 @dataclass(frozen=True)
 class Settings:
-    """bootstrap: replicates. level: family-wise level of the tests. leading_p, leading_least: which
-    causes are fitted in earnest. draws: per round of the sampler. rounds: at most. load_fractions:
-    at which the heart could be imaged to tell causes apart."""
+    """bootstrap: replicates. level: of the test whether anything is wrong. draws: per round of the
+    sampler. largest_set: causes in a set, at most. sets, simulations, rounds: of the confirmation:
+    sets and simulations of each per round, and rounds. load_fractions: at which the heart could be
+    imaged to tell causes apart."""
 
     bootstrap: int
     level: float
-    leading_p: float
-    leading_least: int
     draws: int
+    largest_set: int
+    sets: int
+    simulations: int
     rounds: int
     load_fractions: tuple[float, ...] = ()
 
     @classmethod
     def from_config(cls, section: dict) -> "Settings":
         """From the section `criticism` of the config; other keys are ignored."""
-        flat = section | {f"leading_{key}": value for key, value in section["leading"].items()}
+        flat = section | section["confirmation"]
         return cls(**{key: flat[key] for key in cls.__dataclass_fields__})
 
 
 @dataclass(frozen=True)
+class Tested:
+    """What the base model's fit says of one hypothesis.
+
+    component: the leading place. z: score there, signed. p_single, p_value: by itself, and over the
+    catalogue.
+    """
+
+    hypothesis: object
+    component: str
+    z: float
+    p_single: float
+    p_value: float
+    identified: Identified
+    fraction_simulated: float
+
+    @property
+    def name(self) -> str:
+        return self.hypothesis.name
+
+
+@dataclass(frozen=True)
+class Searched:
+    """What the search leaves for the steps after it; plain numbers (`content`, `of`).
+
+    base_x: fit of the base model. misfit: of it, over all tests. sets: members, fit and log prior
+    of the leading sets. unlisted: log evidence, relative to the base model, of a discrepancy that
+    no listed cause makes. critical_z: score that the test over the catalogue asks for.
+    """
+
+    base_x: list[float]
+    misfit: score.Misfit
+    detected: bool
+    tests: list[dict]
+    sets: list[dict]
+    unlisted: float
+    unlisted_prior: float
+    critical_z: float
+
+    def content(self) -> dict:
+        return asdict(self)
+
+    @classmethod
+    def of(cls, content: dict) -> "Searched":
+        misfit = content["misfit"]
+        largest = [tuple(row) for row in misfit["largest"]]
+        sets = [s | {"members": tuple(map(tuple, s["members"]))} for s in content["sets"]]
+        whole = score.Misfit(misfit["p_value"], misfit["families"], largest)
+        return cls(**(content | {"misfit": whole, "sets": sets}))
+
+
+@dataclass(frozen=True)
 class Sampled:
-    """One model fitted in earnest: its fit, posterior and leave-one-segment-out prediction."""
+    """One model with its fit, posterior and leave-one-segment-out prediction."""
 
     model: Model
     fit: Fit
@@ -80,359 +159,510 @@ class Sampled:
 
 
 @dataclass
-class Cause:
-    """What a round has to say of one hypothesis.
+class CauseSet:
+    """One set of causes, fitted by itself.
 
-    candidate: its extension in the leading place, None for the noise. z: score there, signed.
-    p_single and p_value: by itself, and over the catalogue. places: component -> extension and
-    score. sampled: fitted in earnest. log_evidence: relative to the model of the round.
+    log_evidence: relative to the base model. correction: from its simulations, if there are any.
     """
 
-    hypothesis: object
-    candidate: object
-    z: float
-    p_single: float
-    p_value: float
-    identified: Identified
-    places: dict[str, tuple[object, float]] = field(default_factory=dict)
-    sampled: Sampled | None = None
-    log_evidence: float = -math.inf
-    elpd_gain: float | None = None
-    elpd_gain_se: float | None = None
-    elpd_gain_se_folds: float | None = None
+    members: tuple[Member, ...]
+    model: Model
+    fit: Fit
+    log_evidence: float
+    log_prior: float
     probability: float = 0.0
-    weight: float = 0.0
+    sampled: Sampled | None = None
+    misfit: score.Misfit | None = None
 
     @property
-    def name(self) -> str:
-        return self.hypothesis.name
+    def names(self) -> tuple[str, ...]:
+        return tuple(name for name, _ in self.members)
 
     @property
-    def component(self) -> str:
-        return "" if self.candidate is None else self.candidate.component
+    def correction(self) -> Correction | None:
+        return self.model.emulator.correction
 
     @property
-    def coverage(self) -> float:
-        """Share of the simulations asked for that converged."""
-        return 1.0 if self.candidate is None else float(self.candidate.fraction_simulated)
-
-
-@dataclass
-class Round:
-    """One round: the model at hand, its misfit, all causes (best first), and what was decided."""
-
-    base: Sampled
-    misfit: score.Misfit
-    causes: list[Cause]
-    rejected: bool
-    candidates: list[Cause]
-    convincing: bool
-    base_weight: float
-    critical_z: float
+    def confirmed(self) -> bool:
+        """Whether simulations with all its effects at once stand behind its numbers."""
+        return self.correction is not None
 
     @property
-    def found(self) -> Cause | None:
-        """What the next round's model has: the most probable of the candidates."""
-        return self.candidates[0] if self.candidates else None
+    def difference_sd(self) -> float:
+        """Largest difference of simulated and emulated channels, in sds of the noise."""
+        if self.correction is None:
+            return math.nan
+        sd = self.model.noise_variance(self.fit.x)[0].sqrt()
+        present = self.model.observations.present
+        return float((self.correction.value.abs() / sd)[present].max())
+
+    def place(self, name: str) -> int | None:
+        """Coordinate of a cause among those of the model."""
+        return self.model.psi.start + self.names.index(name) if name in self.names else None
 
 
 @dataclass
 class Criticism:
-    """All rounds of one subject (or of several together), and the model in the end."""
+    """The verdict on one subject, or on several together.
+
+    sets: the most probable first. best: the most probable one that is confirmed. base_probability,
+    unlisted_probability: that nothing is wrong, or what no listed cause makes.
+    """
 
     observations: Observations
-    rounds: list[Round]
     settings: Settings
+    base: Sampled
+    searched: Searched
+    tests: list[Tested]
+    sets: list[CauseSet]
+    base_probability: float
+    unlisted_probability: float
+    best: CauseSet | None = None
+    outliers: str = ""
+    named: list[str] = field(default_factory=list)
+    groups: list[list[str]] = field(default_factory=list)
+    acts_like: list[str] = field(default_factory=list)
 
     @property
-    def found(self) -> list[Cause]:
-        return [r.found for r in self.rounds if r.found]
+    def final(self) -> Sampled:
+        return self.base if self.best is None else self.best.sampled
+
+    @property
+    def adequate(self) -> bool:
+        """Whether the best set is confirmed and fits the data."""
+        return self.best is not None and self.best.misfit.p_value > ADEQUATE
 
     @property
     def explained(self) -> bool:
-        """Whether the last model fits: what was found explains the misfit, not only a part."""
-        last = self.rounds[-1]
-        heavy = last.found is not None and last.found.sampled.model.tails is not None
-        return heavy or last.misfit.p_value > ADEQUATE
+        """Whether a set that fits stands behind all that the verdict says."""
+        return self.adequate and bool(self.named or self.groups)
 
-    @property
-    def named(self) -> Cause | None:
-        first = self.rounds[0]
-        alone = len(first.candidates) == 1 and first.convincing
-        return first.candidates[0] if alone and self.explained else None
-
-    @property
-    def indistinguishable(self) -> list[Cause]:
-        """Causes of the first round of which the data cannot say which it is."""
-        if self.named or not self.explained:
-            return []
-        return self.rounds[0].candidates
+    def probability(self, name: str) -> float:
+        return sum(s.probability for s in self.sets if name in s.names)
 
 
-def criticise(
-    observations: Observations,
-    emulator: Emulator,
-    extensions,
-    noises,
-    settings: Settings,
-    seed: int,
-    known_theta: torch.Tensor | None = None,
-) -> Criticism:
-    """Find out what is wrong with `emulator` as a model of the observations.
+class Critic:
+    """Criticises the base model on some observations.
 
-    extensions: of all causes that change the outputs, for the emulator's outputs; noises:
-    hypotheses that change the noise. known_theta: (S, P), for hearts whose theta is known up to
-    a common number for each factor of the material.
+    Parameters
+    ----------
+    observations: of one heart, or of several together.
+    emulator: the base model's.
+    extensions: of all causes that change the outputs, for the emulator's outputs.
+    noises: hypotheses that change the noise.
+    known_theta: (S, P), for hearts whose theta is known up to a common number for each factor of
+        the material.
     """
-    outputs, subjects = observations.outputs, observations.subjects
-    extensions = [extension.select(outputs) for extension in extensions]
-    if known_theta is None:
-        layout = Layout.inferred(subjects, emulator.parameters)
-    else:
-        layout = Layout.known(known_theta, emulator.parameters)
-    extended = ExtendedEmulator(emulator.select(outputs))
-    model = Model(observations, extended, layout)
-    best = fit_from_nothing(model, derive(seed, "starts"))
-    base = _in_earnest(model, best, settings, derive(seed, "base"))
-    rounds: list[Round] = []
-    while True:
-        own = derive(seed, "round", len(rounds))
-        step = _round(base, extensions, noises, settings, own, first=not rounds)
-        rounds.append(step)
-        found = step.found
-        if found is None or len(rounds) == settings.rounds:
-            break
-        base = found.sampled
-        if base.model.tails is not None:
-            # Whatever is left is within reach of such tails: there is nothing to test.
-            break
-        # One hypothesis may be at work in one place only, or this would go on through all of them.
-        extensions = [e for e in extensions if e.hypothesis.name != found.name]
-    if rounds[-1].found is not None and rounds[-1].found.sampled.model.tails is None:
-        # The last model has not been tested yet.
-        rounds.append(_round(rounds[-1].found.sampled, [], [], settings, derive(seed, "last")))
-    return Criticism(observations, rounds, settings)
 
+    def __init__(
+        self,
+        observations: Observations,
+        emulator: Emulator,
+        extensions: Sequence,
+        noises: Sequence,
+        settings: Settings,
+        seed: int,
+        known_theta: torch.Tensor | None = None,
+    ):
+        outputs, subjects = observations.outputs, observations.subjects
+        self.observations, self.settings, self.seed = observations, settings, seed
+        self.noises = list(noises)
+        self.emulator = emulator.select(outputs)
+        chosen = [extension.select(outputs) for extension in extensions]
+        self._extensions = {(e.hypothesis.name, e.component): e for e in chosen}
+        if known_theta is None:
+            self.layout = Layout.inferred(subjects, emulator.parameters)
+        else:
+            self.layout = Layout.known(known_theta, emulator.parameters)
+        self.testable = int(observations.present.sum()) > len(self._model(()).low)
 
-def _in_earnest(model: Model, best: Fit, settings: Settings, seed: int) -> Sampled:
-    centre, covariance = laplace(model, best)
-    if len(centre) > LARGEST_SAMPLED:
-        posterior = approximate(model, best, settings.draws, derive(seed, "posterior"))
-        left_out = leave_out_linearly(model, best)
-    else:
-        posterior = sample(model, centre, covariance, settings.draws, derive(seed, "posterior"))
-        left_out = leave_out(posterior, settings.draws, derive(seed, "left out"))
-    log.info(
-        "%s: log evidence %.2f, %.0f effective draws, elpd %.2f, %.0f %% of folds sampled anew",
-        " + ".join(model.names[len(model.layout.names) : model.first_sigma]) or "base model",
-        *(posterior.log_evidence, posterior.ess, left_out.elpd.sum(), 100 * left_out.repeated),
-    )
-    return Sampled(model, best, posterior, left_out)
+    # --------------------------------------------------------------------------------- search
 
+    def search(self) -> Searched:
+        """Test the base model, and look for the sets of causes that explain the data."""
+        model = self._model(())
+        best = fit_from_nothing(model, derive(self.seed, "starts"))
+        identified = {at: identify(model, best, e) for at, e in self._extensions.items()}
+        usable = [at for at, found in identified.items() if found.identifiable]
+        tried = [self._extensions[at] for at in usable]
+        observed = score.statistics(model, best, tried)
+        null = score.bootstrap(
+            model, best, tried, self.settings.bootstrap, derive(self.seed, "bootstrap")
+        )
+        tails = bool(self.noises) and observed.tails is not None
+        misfit = score.Misfit(1.0, {}, [])
+        if self.testable:  # otherwise every residual is round-off
+            misfit = score.judge_misfit(observed, null, tails)
+        level = self.settings.level
+        if (
+            self.testable
+            and self.observations.noise.groups
+            and tried
+            and 2 * misfit.p_value > level
+        ):
+            # A larger noise hides what a score sees; then every cause is fitted.
+            ratios = likelihood_ratios(model, best, tried, derive(self.seed, "ratios"))
+            both = min(1.0, 2 * min(misfit.p_value, *ratios.values()))
+            misfit = score.Misfit(both, misfit.families, misfit.largest)
+        detected = self.testable and misfit.p_value <= level
+        tests, critical = self._tests(observed, null, usable, identified, tails)
+        sets, unlisted, prior = [], -math.inf, -math.inf
+        if self.testable:
+            sets, prior = self._sets(model, best, usable, detected)
+            unlisted = self._unlisted(model, best)
+        log.info(
+            "misfit p %.3f; sets: %s",
+            misfit.p_value,
+            "; ".join(f"{label(s['members'])} {s['log_evidence']:.1f}" for s in sets[:5]),
+        )
+        x = best.x[0].tolist()
+        return Searched(x, misfit, detected, tests, sets, unlisted, prior, critical)
 
-def _round(
-    base: Sampled, extensions, noises, settings: Settings, seed: int, first: bool = False
-) -> Round:
-    """One round. What fits best of all that is not rejected is told in the first one only."""
-    model, best = base.model, base.fit
-    observed = score.statistics(model, best, extensions)
-    null = score.bootstrap(model, best, extensions, settings.bootstrap, derive(seed, "bootstrap"))
-    testable = int(model.observations.present.sum()) > len(model.low)
-    # With as many coordinates as channels every residual is round-off.
-    misfit = score.judge_misfit(observed, null) if testable else score.Misfit(1.0, {}, [])
-    # Of several hearts together the noise is known well enough for scores.
-    observations = model.observations
-    both = testable and bool(observations.noise.groups) and len(observations.subjects) == 1
-    level = settings.level / 2 if both else settings.level
-    causes, critical = _rank(model, best, extensions, noises, observed, null, level)
-    if both:
-        causes = _fit_all(model, best, extensions, causes, misfit.p_value, settings.level, seed)
-    rejected = testable and bool(causes) and min(c.p_value for c in causes) <= settings.level
-    if rejected or first:
-        _fit_leading(base, causes, settings, seed)
-    base_weight = _weigh(base, causes)
-    candidates: list[Cause] = []
-    convincing = False
-    if rejected:
-        total = 0.0
-        for cause in sorted(causes, key=lambda c: -c.probability):
-            if total >= PROBABILITY or cause.sampled is None:
-                break
-            candidates.append(cause)
-            total += cause.probability
-        # The gain of the best; of a set, no single member needs to be sure by itself.
-        convincing = bool(candidates) and (candidates[0].elpd_gain > 2 * candidates[0].elpd_gain_se)
-    log.info(
-        "misfit p %.3f; causes: %s",
-        misfit.p_value,
-        ", ".join(
-            f"{c.name} p {c.p_value:.3f} probability {c.probability:.2f}" for c in causes[:4]
-        ),
-    )
-    return Round(base, misfit, causes, rejected, candidates, convincing, base_weight, critical)
+    def _tests(self, observed, null, usable, identified, tails) -> tuple[list[dict], float]:
+        """What the scores say of every hypothesis, the most conspicuous first; and the score that
+        the test over the catalogue asks for."""
+        columns = [null.causes.abs()] + ([null.tails[:, None]] if tails else [])
+        largest = torch.cat(columns, dim=1)
+        largest = largest.amax(1) if largest.shape[1] else torch.zeros(1).double()
+        rows = []
+        for name in dict.fromkeys(name for name, _ in self._extensions):
+            places = [i for i, at in enumerate(usable) if at[0] == name]
+            if places:
+                lead = max(places, key=lambda i: abs(float(observed.causes[0, i])))
+                z, at = float(observed.causes[0, lead]), usable[lead]
+                own = null.causes[:, places].abs().amax(1)
+                p = score.share_beyond(abs(z), own), score.share_beyond(abs(z), largest)
+            else:
+                z, p = 0.0, (1.0, 1.0)
+                at = next(at for at in self._extensions if at[0] == name)
+            rows.append(_row(at, z, p, identified[at]))
+        for hypothesis in self.noises:
+            if not tails:
+                few = "too few channels to see tails of noise"
+                known = Identified(False, math.nan, math.nan, few)
+                rows.append(_row((hypothesis.name, ""), 0.0, (1.0, 1.0), known))
+                continue
+            z = float(observed.tails[0])
+            why = "theta cannot imitate the distribution of noise"
+            p = score.share_beyond(z, null.tails), score.share_beyond(z, largest)
+            known = Identified(True, math.nan, 0.0, why)
+            rows.append(_row((hypothesis.name, ""), z, p, known))
+        rows.sort(key=lambda r: (not r["identified"]["identifiable"], r["p_value"], -abs(r["z"])))
+        return rows, float(largest.quantile(1 - self.settings.level))
 
+    def _sets(self, model: Model, best: Fit, usable: list[Member], detected: bool):
+        """The leading sets, each fitted with its own emulators' covariance, the most probable one
+        first; and the log prior of a discrepancy that is not listed."""
+        causes: dict[str, list[int]] = {}
+        for place, (name, _) in enumerate(usable):
+            causes.setdefault(name, []).append(place)
+        everything = Model(
+            self.observations,
+            ExtendedEmulator(self.emulator, [self._extensions[at] for at in usable]),
+            self.layout,
+        )
+        everything.error = model.error
+        # Where nothing seems wrong, only what single causes could still be is told.
+        largest = min(self.settings.largest_set if detected else 1, len(causes))
+        found = Search(everything, best, causes, largest).run()
 
-def _rank(model, best, extensions, noises, observed, null, level) -> tuple[list[Cause], float]:
-    """All causes, the component with the largest score for each, most conspicuous first; and the
-    score that the test over the catalogue asks for."""
-    identified = [identify(model, best, e) for e in extensions]
-    family = torch.tensor([i.identifiable for i in identified], dtype=torch.bool)
-    extreme = null.causes[:, family].abs()
-    use_tails = observed.tails is not None and len(noises) > 0
-    columns = [extreme] + ([null.tails[:, None]] if use_tails else [])
-    pooled = torch.cat(columns, dim=1)
-    largest = pooled.amax(1) if pooled.shape[1] else None
+        def prior(members) -> float:
+            places = [len(causes[name]) for name, _ in members]
+            # A discrepancy that is not listed counts as one size more.
+            return log_prior(len(members), largest + 1, len(causes), places)
 
-    def over_catalogue(z: float) -> float:
-        return 1.0 if largest is None else score.share_beyond(abs(z), largest)
-
-    causes = []
-    for name in dict.fromkeys(e.hypothesis.name for e in extensions):
-        places = [i for i, e in enumerate(extensions) if e.hypothesis.name == name]
-        usable = [i for i in places if identified[i].identifiable] or places
-        z = observed.causes[0]
-        lead = max(usable, key=lambda i: abs(float(z[i])))
-        own = null.causes[:, usable].abs().amax(1)
-        causes.append(
-            Cause(
-                extensions[lead].hypothesis,
-                extensions[lead],
-                float(z[lead]),
-                score.share_beyond(abs(float(z[lead])), own),
-                over_catalogue(float(z[lead])) if identified[lead].identifiable else 1.0,
-                identified[lead],
-                {extensions[i].component: (extensions[i], float(z[i])) for i in places},
+        named = {tuple(usable[place] for place in c.members): c for c in found if c.members}
+        ranked = sorted(named, key=lambda m: -named[m].log_evidence - prior(m))
+        if ranked:
+            limit = named[ranked[0]].log_evidence + prior(ranked[0]) - LEADING_MARGIN
+            leading = [m for m in ranked[:LEADERS] if named[m].log_evidence + prior(m) >= limit]
+            # What a larger set is for is seen beside the smaller ones that it holds.
+            for whole in ranked[:MOST_SAMPLED]:
+                leading += [m for m in named if set(m) < set(whole)]
+            if not detected:
+                leading = ranked
+        else:
+            leading = []
+        at = everything.psi.start
+        sets = []
+        for members in dict.fromkeys(leading):
+            candidate = named[members]
+            psi = candidate.x[[at + place for place in candidate.members]]
+            x = torch.cat([candidate.x[:at], psi, candidate.x[everything.psi.stop :]])
+            one = self._fitted(members, x, prior(members), best)
+            sets.append(
+                {
+                    "members": members,
+                    "x": one.fit.x[0].tolist(),
+                    "log_prior": one.log_prior,
+                    "log_evidence": one.log_evidence,
+                }
             )
+        sets.sort(key=lambda s: -s["log_evidence"] - s["log_prior"])
+        return sets, log_prior(0, largest + 1, len(causes))
+
+    def _unlisted(self, model: Model, best: Fit) -> float:
+        """Log evidence, relative to the base model, of a discrepancy of unknown size."""
+        pattern, logs = unlisted_covariance(self.observations, self.emulator), []
+        for amplitude in AMPLITUDES:
+            other = Model(
+                *(self.observations, model.emulator, self.layout),
+                discrepancy=amplitude**2 * pattern,
+            )
+            found = fit_best(other, best.x)
+            logs.append(float(log_evidence(other, found)[0]))
+        reference = float(log_evidence(model, best)[0])
+        return _mean_of_logs(logs) - reference
+
+    def _model(self, members: Sequence[Member], tails=None, correction=None) -> Model:
+        extensions = [self._extensions[at] for at in members]
+        emulator = ExtendedEmulator(self.emulator, extensions, correction)
+        return Model(self.observations, emulator, self.layout, tails)
+
+    def _fitted(self, members, x, prior: float, best: Fit, correction=None) -> CauseSet:
+        """A set fitted from `x` (P,), with the covariance of its own emulators."""
+        model = self._model(members, correction=correction)
+        found = fit_best(model, x[None])
+        base = self._model(())
+        base.settle(best.x[0])
+        reference = log_evidence(base, fit_best(base, best.x))
+        evidence = float(log_evidence(model, found)[0] - reference[0])
+        return CauseSet(tuple(members), model, found, evidence, prior)
+
+    # --------------------------------------------------------------------------- confirmation
+
+    def plan(self, searched: Searched, simulations: pd.DataFrame | None, turn: int) -> pd.DataFrame:
+        """What to simulate in a round of the confirmation: draws of the leading sets.
+
+        simulations: of the rounds before. A frame without rows if there is nothing to confirm.
+        """
+        columns = ["set", "draw", "subject", *self.emulator.parameters.names, "effects"]
+        if not searched.detected:
+            return pd.DataFrame(columns=columns)
+        sets = self._weighed(searched, simulations)[0]
+        best, rows = sets[:1], []
+        # What single effects do to each other may pass for one more cause: the sets with one less
+        # are simulated, too.
+        smaller = [s for s in sets for b in best if set(s.members) < set(b.members)]
+        smaller = [s for s in smaller if len(s.members) == len(best[0].members) - 1]
+        likely = [s for s in sets[1:] if s.probability >= LEAST_PROBABILITY]
+        order = [*best, *smaller[:SMALLER], *likely, *smaller[SMALLER:]]
+        for one in list({s.members: s for s in order}.values())[: self.settings.sets]:
+            seed = derive(self.seed, "confirmation", turn, label(one.members))
+            draws = approximate(one.model, one.fit, self.settings.simulations, seed).x
+            rows += design_rows(one.members, one.model, draws)
+        return pd.DataFrame(rows, columns=columns)
+
+    def _weighed(self, searched: Searched, simulations: pd.DataFrame | None):
+        """The leading sets, corrected by what was simulated of them, with their probabilities, the
+        most probable first; and the probabilities of the base model and of what is not listed."""
+        best = self._base_fit(searched)
+        sets = []
+        for row in searched.sets:
+            members, x = row["members"], torch.tensor(row["x"], dtype=torch.float64)
+            correction = None
+            if simulations is not None and len(simulations):
+                correction = correct(self._settled(members, x), members, simulations)
+            sets.append(self._fitted(members, x, row["log_prior"], best, correction))
+        return self._probabilities(searched, sets)
+
+    def _probabilities(self, searched: Searched, sets: list[CauseSet]):
+        logs = [s.log_evidence + s.log_prior for s in sets]
+        rest = [searched.unlisted_prior, searched.unlisted + searched.unlisted_prior]
+        weights = torch.softmax(torch.tensor([*logs, *rest], dtype=torch.float64), 0).tolist()
+        for one, weight in zip(sets, weights, strict=False):
+            one.probability = weight
+        return sorted(sets, key=lambda s: -s.probability), weights[-2], weights[-1]
+
+    def _settled(self, members, x) -> Model:
+        return self._model(members).settle(x)
+
+    def _base_fit(self, searched: Searched) -> Fit:
+        model = self._model(())
+        return fit_best(model, torch.tensor([searched.base_x], dtype=torch.float64))
+
+    # ----------------------------------------------------------------------------- conclusion
+
+    def conclude(self, searched: Searched, simulations: pd.DataFrame | None = None) -> Criticism:
+        """Decide, with the simulations of the leading sets."""
+        best = self._base_fit(searched)
+        model = self._model(()).settle(best.x[0])
+        base = self._in_earnest(model, best, "base")
+        tests = [self._tested(row) for row in searched.tests]
+        if not self.testable:
+            return Criticism(
+                *(self.observations, self.settings, base, searched, tests, []),
+                *(1.0, 0.0),
+            )
+        sets, nothing, unlisted = self._weighed(searched, simulations)
+        if not searched.detected:
+            return Criticism(
+                *(self.observations, self.settings, base, searched, tests, sets, nothing, unlisted)
+            )
+        reference = base.posterior.log_evidence
+        confirmed = [s for s in sets if s.confirmed]
+        likely = [s for s in confirmed if s.probability >= LEAST_PROBABILITY] or confirmed[:1]
+        for one in likely[:MOST_SAMPLED]:
+            one.sampled = self._in_earnest(one.model, one.fit, label(one.members))
+            one.log_evidence = one.sampled.posterior.log_evidence - reference
+        sets, nothing, unlisted = self._probabilities(searched, sets)
+        found = Criticism(
+            *(self.observations, self.settings, base, searched, tests, sets, nothing, unlisted)
         )
-        causes[-1].log_evidence = _mean_evidence(
-            [_laplace_gain(extensions[i], identified[i], float(z[i])) for i in places]
+        found.best = next((s for s in sets if s.sampled is not None), None)
+        if found.best is not None:
+            found.best.misfit = self._misfit_of(found.best.sampled, "best")
+        self._last_resort(found)
+        if found.best is not None and found.best.model.tails is None:
+            self._name(found)
+        return found
+
+    def _in_earnest(self, model: Model, best: Fit, name: str, tails: bool = False) -> Sampled:
+        centre, covariance = laplace(model, best)
+        seed, draws = derive(self.seed, "sampled", name), self.settings.draws
+        if len(centre) > LARGEST_SAMPLED and not tails:
+            posterior = approximate(model, best, draws, seed)
+            left_out = leave_out_linearly(model, best)
+        else:
+            posterior = sample(model, centre, covariance, draws, seed)
+            left_out = leave_out(posterior, draws, derive(seed, "left out"))
+        log.info(
+            "%s: log evidence %.2f, %.0f effective draws, elpd %.2f, %.0f %% of folds sampled anew",
+            name,
+            *(posterior.log_evidence, posterior.ess, left_out.elpd.sum(), 100 * left_out.repeated),
         )
-    for hypothesis in noises:
-        if observed.tails is None:
-            few = Identified(False, math.nan, math.nan, "too few channels to see tails of noise")
-            causes.append(Cause(hypothesis, None, 0.0, 1.0, 1.0, few))
-            continue
-        z = float(observed.tails[0])
-        known = Identified(True, math.nan, 0.0, "theta cannot imitate the distribution of noise")
-        p = score.share_beyond(z, null.tails)
-        causes.append(Cause(hypothesis, None, z, p, over_catalogue(z), known))
-        causes[-1].log_evidence = float(observed.tail_evidence[0])
-    critical = math.nan if largest is None else float(largest.quantile(1 - level))
-    return sorted(causes, key=_conspicuous), critical
+        return Sampled(model, best, posterior, left_out)
+
+    def _misfit_of(self, sampled: Sampled, name: str) -> score.Misfit:
+        """The test of a set's model."""
+        if int(self.observations.present.sum()) <= len(sampled.model.low):
+            return score.Misfit(1.0, {}, [])
+        observed = score.statistics(sampled.model, sampled.fit, [])
+        null = score.bootstrap(
+            *(sampled.model, sampled.fit, [], self.settings.bootstrap),
+            derive(self.seed, "misfit", name),
+        )
+        return score.judge_misfit(observed, null)
+
+    def _last_resort(self, found: Criticism) -> None:
+        """Heavy tails explain anything: they are taken only where no set of physical causes does as
+        well, and where few channels stand alone far off."""
+        best = found.best
+        physical = 0.0 if best is None else best.log_evidence + best.log_prior
+        single = log_prior(1, self.settings.largest_set + 1, max(len(self._extensions), 1))
+        for hypothesis in self.noises:
+            if not any(
+                t.name == hypothesis.name and t.identified.identifiable for t in found.tests
+            ):
+                continue
+            if len(found.base.model.low) > LARGEST_SAMPLED:
+                continue
+            if best is not None and found.adequate and best.misfit.families:
+                # What fits needs no last resort.
+                continue
+            model = self._model((), hypothesis)
+            model.settle(found.base.fit.x[0])
+            old = found.base.fit
+            at = model.tail
+            middle = torch.tensor([(hypothesis.low + hypothesis.high) / 2], dtype=old.x.dtype)
+            x = torch.cat([old.x[0, :at], middle, old.x[0, at:]])[None]
+            start = Fit(x, old.objective, old.residual, old.jacobian, old.whitening)
+            sampled = self._in_earnest(model, start, hypothesis.name, tails=True)
+            evidence = sampled.posterior.log_evidence - found.base.posterior.log_evidence
+            found.outliers = outliers.why_not(sampled)
+            if found.outliers or evidence + single < physical + math.log(19):
+                continue
+            tails = CauseSet(((hypothesis.name, ""),), model, start, evidence, single, 1.0, sampled)
+            tails.misfit = score.Misfit(1.0, {}, [])
+            for one in found.sets:
+                one.probability = 0.0
+            found.sets.insert(0, tails)
+            found.base_probability = found.unlisted_probability = 0.0
+            found.best, found.named = tails, [hypothesis.name]
+
+    def _name(self, found: Criticism) -> None:
+        """Name the causes that are certain, and the groups of which one is."""
+        for name in found.best.names:
+            if self.at_bound(found.best, name):
+                found.acts_like.append(name)
+            elif not found.adequate:
+                continue
+            elif found.probability(name) >= PROBABILITY:
+                found.named.append(name)
+            else:
+                group = _group(found, name)
+                if group and group not in found.groups:
+                    found.groups.append(group)
+
+    @staticmethod
+    def at_bound(one: CauseSet, name: str) -> bool:
+        """Whether the data ask for more than the range of a cause holds."""
+        place, model = one.place(name), one.model
+        low, high = float(model.low[place]), float(model.high[place])
+        if one.sampled is not None:
+            draws = one.sampled.posterior
+            (median,) = draws.quantile(draws.x[:, place], [0.5])
+            if min(median - low, high - median) < NEAR_END * (high - low):
+                return True
+        x = float(one.fit.x[0, place])
+        if min(x - low, high - x) > 1e-6 * (high - low):
+            return False
+        slopes = white(one.fit.whitening, one.fit.jacobian).flatten(1, 2)[0]
+        error = white(one.fit.whitening, one.fit.residual[..., None]).flatten()
+        covariance = torch.linalg.inv(precisions(model, one.fit)[0])
+        gradient = torch.zeros(len(covariance), dtype=error.dtype)
+        gradient[: model.means] = slopes.mT @ error
+        # How far the free maximum lies outside, in its own standard errors.
+        outside = (covariance @ gradient)[place] / covariance[place, place].sqrt()
+        return abs(float(outside)) > BEYOND
+
+    def _tested(self, row: dict) -> Tested:
+        at = (row["name"], row["component"])
+        known = self._extensions.get(at)
+        hypothesis = known.hypothesis if known else _by_name(self.noises, row["name"])
+        share = float(known.fraction_simulated) if known else 1.0
+        own = Identified(**row["identified"])
+        return Tested(
+            *(hypothesis, row["component"], row["z"], row["p_single"], row["p_value"], own, share)
+        )
 
 
-def _fit_all(model, best, extensions, causes, misfit: float, level: float, seed: int):
-    """Causes with the p-values of two tests where the noise is inferred, most conspicuous first.
-
-    Where the model is wrong and no score says why, every cause is fitted. Each test has half the
-    level.
-    """
-    ratios: dict[str, float] = {}
-    if misfit <= level and causes and 2 * min(c.p_value for c in causes) > level:
-        shown = {c.name for c in causes if c.identified.identifiable}
-        tested = [e for e in extensions if e.hypothesis.name in shown]
-        ratios = likelihood_ratios(model, best, tested, derive(seed, "ratios")) if tested else {}
-    for cause in causes:
-        cause.p_value = min(1.0, 2 * min(cause.p_value, ratios.get(cause.name, 1.0)))
-    return sorted(causes, key=_conspicuous)
+def _row(at: Member, z: float, p: tuple[float, float], identified: Identified) -> dict:
+    return {
+        "name": at[0],
+        "component": at[1],
+        "z": z,
+        "p_single": p[0],
+        "p_value": p[1],
+        "identified": asdict(identified),
+    }
 
 
-def _conspicuous(cause: Cause) -> tuple:
-    return cause.p_value, cause.p_single, -abs(cause.z)
+def _by_name(hypotheses, name: str):
+    return next(h for h in hypotheses if h.name == name)
 
 
-def _laplace_gain(extension, identified: Identified, z: float) -> float:
-    """Log evidence of an extension that was not sampled, relative to the model without it: of a
-    normal likelihood in psi under a uniform prior on the range. From the score alone."""
-    if not identified.identifiable:
-        return -math.inf
-    h = extension.hypothesis
-    return 0.5 * z**2 + math.log(
-        min(1.0, math.sqrt(2 * math.pi) * identified.sd / (h.high - h.low))
-    )
+def _group(found: Criticism, name: str) -> list[str]:
+    """The fewest causes, `name` first, of which at least one is at work with `PROBABILITY`; empty
+    if that takes too many."""
+    group, chosen = [name], found.sets
+    while True:
+        without = [s for s in chosen if not set(group) & set(s.names)]
+        if 1 - _total(without) - found.base_probability - found.unlisted_probability >= PROBABILITY:
+            return group
+        shares: dict[str, float] = {}
+        for one in without:
+            for other in set(one.names) - set(found.best.names):
+                shares[other] = shares.get(other, 0.0) + one.probability
+        if not shares or len(group) == LARGEST_GROUP:
+            return []
+        group.append(max(sorted(shares), key=shares.get))
 
 
-def _mean_evidence(logs: list[float]) -> float:
+def _total(sets: list[CauseSet]) -> float:
+    return sum(s.probability for s in sets)
+
+
+def _mean_of_logs(logs: list[float]) -> float:
     values = torch.tensor(logs, dtype=torch.float64)
     return float(torch.logsumexp(values, 0) - math.log(len(logs)))
-
-
-def _fit_leading(base: Sampled, causes: list[Cause], settings: Settings, seed: int) -> None:
-    """Fit the leading causes in earnest, and put their numbers in place."""
-    usable = [c for c in causes if c.identified.identifiable]
-    leading = [
-        c
-        for i, c in enumerate(usable)
-        if i < settings.leading_least or c.p_single < settings.leading_p
-    ]
-    for cause in leading:
-        own = derive(seed, "cause", cause.name)
-        places = sorted(cause.places, key=lambda c: -abs(cause.places[c][1]))[:PLACES] or [""]
-        fitted = {}
-        for place in places:
-            extension = cause.places[place][0] if cause.places else None
-            tails = None if cause.places else cause.hypothesis
-            fitted[place] = _extend(base, extension, tails, settings, derive(own, place))
-        at = max(fitted, key=lambda place: fitted[place].posterior.log_evidence)
-        cause.sampled = fitted[at]
-        if cause.places:
-            cause.candidate, cause.z = cause.places[at]
-        evidence = {p: s.posterior.log_evidence for p, s in fitted.items()}
-        reference = base.posterior.log_evidence
-        # Places that were not sampled are as likely as the least likely one that was, at most.
-        rest = min(evidence.values())
-        count = max(len(cause.places), 1)
-        logs = [*evidence.values(), *[rest] * (count - len(evidence))]
-        cause.log_evidence = _mean_evidence([value - reference for value in logs])
-        cause.elpd_gain, cause.elpd_gain_se, cause.elpd_gain_se_folds = gain_of(
-            base.left_out, cause.sampled.left_out, cause.sampled.posterior
-        )
-
-
-def _extend(base: Sampled, extension, tails, settings: Settings, seed: int) -> Sampled:
-    before = base.model
-    emulator = before.emulator if extension is None else before.emulator.with_extension(extension)
-    model = Model(before.observations, emulator, before.layout, tails)
-    at = before.psi.stop
-    starts = spread(base.fit.x[0], model, at)
-    if tails is None:
-        best = fit_best(model, starts)
-    else:
-        # Least squares say nothing about the tails; the sampler finds them.
-        model.settle(starts[0])
-        old = base.fit
-        best = Fit(starts[2:3], old.objective, old.residual, old.jacobian, old.whitening)
-    return _in_earnest(model, best, settings, seed)
-
-
-def _weigh(base: Sampled, causes: list[Cause]) -> float:
-    """Set probabilities (among the causes) and stacking weights (with the base model, whose weight
-    is returned)."""
-    logs = torch.tensor([c.log_evidence for c in causes], dtype=torch.float64)
-    if len(causes) and torch.isfinite(logs).any():
-        for cause, p in zip(causes, torch.softmax(logs, 0).tolist(), strict=True):
-            cause.probability = p
-    fitted = [c for c in causes if c.sampled is not None]
-    elpd = torch.stack([base.left_out.elpd, *(c.sampled.left_out.elpd for c in fitted)])
-    weights = stack(elpd)
-    for cause, weight in zip(fitted, weights[1:].tolist(), strict=True):
-        cause.weight = weight
-    return float(weights[0])
-
-
-def stack(elpd: torch.Tensor) -> torch.Tensor:
-    """Weights (K,) of K predictive densities, log (K, F) per fold, whose mixture predicts best
-    (stacking, Yao et al. 2018, doi 10.1214/17-BA1091)."""
-    # Only differences within a fold count; without the rest no density underflows.
-    logs = (elpd - elpd.amax(0)).numpy()
-    models = {
-        name: az.ELPDData(
-            {
-                **{"elpd_loo": row.sum(), "se": math.nan, "p_loo": math.nan, "warning": False},
-                **{"scale": "log", "loo_i": pd.Series(row)},
-            }
-        )
-        for name, row in enumerate(logs)
-    }
-    weights = az.compare(models, method="stacking")["weight"]
-    return torch.as_tensor(weights.sort_index().to_numpy(float))

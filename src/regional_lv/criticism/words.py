@@ -113,59 +113,85 @@ def gain(part: dict) -> str:
 def verdict(content: dict) -> list[str]:
     """The verdict in sentences, from the findings."""
     said = [misfit(content["misfit"])]
+    said += [f"{c['says'].capitalize()}." for c in content["data_checks"] if not c["passed"]]
     by_name = {h["name"]: h for h in content["hypotheses"]}
-    rounds = content["rounds"]
-    if content["named_cause"]:
-        h = by_name[content["named_cause"]]
-        said.append(
-            f"The cause is {cause(h['name'], h['component'])}: {h['parameter']} "
-            f"{estimate(h)}. No other listed cause explains the data nearly as well."
-        )
-        said.append(gain(content["gain"]))
-    elif content["indistinguishable"]:
-        members = [cause(n, by_name[n]["component"]) for n in content["indistinguishable"]]
-        if len(members) == 1:
-            said.append(
-                f"{members[0].capitalize()} is suspected; what it gains in prediction does not "
-                "exceed two standard errors, so it is not named as the cause."
-            )
-        else:
-            said.append(
-                f"The data cannot tell {_list(members)} apart: one of them explains the misfit."
-            )
-        for pair in content["separating"]:
-            best = pair["channels"][0]
-            a, b = (cause(n) for n in pair["pair"])
-            at = at_load(best["load_fraction"])
-            said.append(
-                f"{channel(best['output']).capitalize()}{at} would separate {a} and {b} best: they "
-                f"differ there by {abs(best['difference_in_noise_sd']):.1f} sd of a noise of "
-                f"{_with_unit(best['noise'], Channel.parse(best['output']).unit)}."
-            )
-        said.append(gain(content["gain"]))
-    elif not content["explained"]:
-        text = "No listed cause explains the misfit."
-        if content["partly"]:
-            text += (
-                f" {_list([cause(n) for n in content['partly']]).capitalize()} would take away a "
-                f"part of it, and {p_value(content['remaining']['p_value'])} remains."
-            )
-        said.append(text)
-        if content["partly"]:
-            said.append(gain(content["gain"]))
-    elif content["misfit"]["detected"]:
-        said.append("No listed cause explains the misfit: none of them stands out from chance.")
-    else:
+
+    def of(name: str) -> str:
+        return cause(name, by_name[name]["component"])
+
+    def estimated(name: str) -> str:
+        h = by_name[name]
+        return f"{of(name)}, {h['parameter']} {estimate(h)}"
+
+    if not content["misfit"]["detected"]:
         said.append("Nothing was found: no listed cause stands out from chance.")
-    more = [r for r in rounds[1:] if r["found"]]
-    if more and content["explained"]:
-        names = [cause(r["found"], r["found_component"]) for r in more]
-        said.append(f"With that in the model, a further effect shows: {_list(names)}.")
-    hidden = [h for h in content["hypotheses"] if not h["identifiable"]]
-    for h in hidden:
-        said.append(f"Nothing can be said about {cause(h['name'])}: {h['why']}.")
+    elif content["explained"]:
+        for name in content["named"]:
+            share = 100 * by_name[name]["probability"]
+            said.append(
+                f"Named: {estimated(name)}; probability {min(share, 99.9):.1f} % among all sets of "
+                "listed causes."
+            )
+        for group in content["groups"]:
+            said.append(
+                f"One of {_list([of(n) for n in group], 'or')} is at work; the data cannot tell "
+                f"which. The most probable is {estimated(group[0])}."
+            )
+        said += _separating(content, of)
+        said += _confirmed(content)
+        said.append(gain(content["gain"]))
+    else:
+        said.append(f"No listed cause explains the misfit{_why_not(content)}.")
+        if content["best"]:
+            names = [of(n) for n in content["best"]]
+            said.append(f"The best set is {_list(names)}; it is not named.")
+            said.append(gain(content["gain"]))
+    for name in content["acts_like"]:
+        said.append(
+            f"Something acts like {estimated(name)}: the data ask for more than its range holds, "
+            "so that it is not named."
+        )
+    for h in content["hypotheses"]:
+        if not h["identifiable"]:
+            said.append(f"Nothing can be said about {cause(h['name'])}: {h['why']}.")
     return said
 
 
-def _list(names: list[str]) -> str:
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+def _why_not(content: dict) -> str:
+    remaining = content["remaining"]
+    if content["unlisted_probability"] > 0.5:
+        return ": a smooth departure of no listed shape fits better than any set of causes"
+    if content["best"] is None:
+        return ": no set was confirmed by simulation"
+    if remaining["detected"]:
+        return f" ({p_value(remaining['p_value'])} remains with the best set of them)"
+    return ": several sets do as well, and have too little in common"
+
+
+def _separating(content: dict, of) -> list[str]:
+    said = []
+    for pair in content["separating"]:
+        best = pair["channels"][0]
+        a, b = (_list([of(n) for n in names]) for names in pair["pair"])
+        gap = abs(best["difference_in_noise_sd"])
+        said.append(
+            f"{channel(best['output']).capitalize()}{at_load(best['load_fraction'])} would "
+            f"separate {a} from {b} best: they differ there by {gap:.1f} sd "
+            f"of a noise of {_with_unit(best['noise'], Channel.parse(best['output']).unit)}."
+        )
+    return said
+
+
+def _confirmed(content: dict) -> list[str]:
+    part = content["confirmation"]
+    if not part["simulations"]:
+        return []
+    return [
+        f"Confirmed by {part['simulations']} simulations with all effects of a set at once; "
+        f"emulated and simulated differ by {number(part['largest_difference_sd'], 2)} sd of the "
+        "noise at most, which was corrected."
+    ]
+
+
+def _list(names: list[str], last: str = "and") -> str:
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} {last} {names[-1]}"

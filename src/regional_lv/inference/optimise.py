@@ -28,10 +28,11 @@ def maximise(
 
     value: (rows, x) -> (m,) at x (m, P), the numbers of the rows being `rows` (m,).
     derivatives: (rows, x) -> gradient (m, P) and a curvature (m, P, P), positive semi-definite;
-    asked once for each place that a row moves to. low, high: bounds (P,). A row ends at a step that
-    gains less than `least_gain` or is shorter than `least_move`.
+    asked once for each place that a row moves to. low, high: bounds (P,), or (M, P) of each row by
+    itself. A row ends at a step that gains less than `least_gain` or is shorter than `least_move`.
     """
-    x = torch.minimum(torch.maximum(start, low), high)
+    lowest, highest = low.expand_as(start), high.expand_as(start)
+    x = torch.minimum(torch.maximum(start, lowest), highest)
     active = torch.arange(len(x))
     best = value(active, x)
     gradient, curvature = derivatives(active, x)
@@ -40,6 +41,7 @@ def maximise(
         if not len(active):
             break
         here, g, h = x[active], gradient[active], curvature[active]
+        low, high = lowest[active], highest[active]
         # At a bound and pushed outwards: the coordinate stays where it is.
         held = ((here <= low) & (g < 0)) | ((here >= high) & (g > 0))
         free = (~held).to(x.dtype)

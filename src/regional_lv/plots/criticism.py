@@ -31,7 +31,7 @@ def draw_residuals(
     load_fraction, z, observed, predicted, sd (subject by subject).
     """
     steps = {"before": findings["misfit"], "after": findings["remaining"]}
-    if len(findings["rounds"]) == 1:
+    if findings["remaining"] is None:
         steps.pop("after")
     tables = {when: pd.DataFrame(step["channels"]) for when, step in steps.items()}
     whole = tables["before"]["segment"].isna()
@@ -60,8 +60,8 @@ def draw_residuals(
 
 @style.context
 def draw_causes(findings: dict, png: Path, csv: Path) -> None:
-    """All causes of the first round: family-wise p-value of the score test on the left, gain in log
-    predictive density with two standard errors on the right."""
+    """All causes: score against the base model on the left, probability over all sets of causes on
+    the right."""
     table = pd.DataFrame(
         [
             {
@@ -69,8 +69,7 @@ def draw_causes(findings: dict, png: Path, csv: Path) -> None:
                 **{
                     k: h[k]
                     for k in (
-                        *("name", "component", "z", "p_value", "p_value_single", "elpd_gain"),
-                        *("elpd_gain_se", "elpd_gain_se_folds", "probability", "weight"),
+                        *("name", "component", "z", "p_value", "p_value_single", "probability"),
                         *("identifiable", "absorbed", "fitted", "fraction_simulated"),
                     )
                 },
@@ -78,45 +77,37 @@ def draw_causes(findings: dict, png: Path, csv: Path) -> None:
             for h in findings["hypotheses"]
         ]
     )
-    table = table.sort_values(["identifiable", "p_value", "p_value_single"], ascending=[0, 1, 1])
-    fig = style.figure(8.4, 0.3 * len(table) + 1.4)
+    table["size"] = table["z"].abs()
+    table = table.sort_values(["probability", "identifiable", "size"], ascending=False)
+    fig = style.figure(8.4, 0.27 * len(table) + 1.4)
     left, right = fig.subplots(1, 2, sharey=True, width_ratios=[3, 2])
     at = np.arange(len(table))[::-1]
-    named = {findings["named_cause"], *findings["indistinguishable"]}
+    grouped = {name for group in findings["groups"] for name in group}
     colours = [
-        style.VERMILLION if n in named else (style.BLUE if ok else style.LIGHT)
-        for n, ok in zip(table["name"], table["identifiable"], strict=True)
+        style.VERMILLION
+        if name in findings["named"]
+        else (style.ORANGE if name in grouped else (style.BLUE if ok else style.LIGHT))
+        for name, ok in zip(table["name"], table["identifiable"], strict=True)
     ]
-    strength = -np.log10(table["p_value"].to_numpy(float))
-    lengths = np.where(table["identifiable"], strength, 0.0)
+    lengths = np.where(table["identifiable"], table["size"], 0.0)
     left.barh(at, lengths, color=colours, height=0.65)
     for y, length, (_, row) in zip(at, lengths, table.iterrows(), strict=True):
-        text = f"z = {row['z']:+.1f}" if row["identifiable"] else "not identifiable"
+        text = f"{row['z']:+.1f}" if row["identifiable"] else "not identifiable"
         left.text(length, y, f"  {text}", va="center", fontsize=7.5)
-    left.axvline(-np.log10(0.05), color=style.BLACK, linestyle="--", linewidth=0.8)
+    left.axvline(findings["critical_z"] or 0, color=style.BLACK, linestyle="--", linewidth=0.8)
     left.set_yticks(at, table["cause"])
-    least = min(table["p_value"].min(), 0.05)
-    ticks = [p for p in (1, 0.3, 0.1, 0.03, 0.01, 0.003, 0.001) if p >= least / 2]
-    left.set_xlim(0, -1.3 * np.log10(least))
-    left.set_xticks([-np.log10(p) for p in ticks], [f"{p:g}" for p in ticks])
-    left.set_xlabel("family-wise p-value (dashed: 0.05)")
-    fitted = table["elpd_gain"].notna().to_numpy()
-    shown = table[fitted]
-    right.errorbar(
-        *(shown["elpd_gain"], at[fitted]),
-        xerr=2 * shown["elpd_gain_se"],
-        fmt="o",
-        color=style.BLACK,
-        markersize=4,
-    )
-    right.axvline(0, color=style.GREY, linewidth=0.8)
-    right.set_xlabel("gain in log density (± 2 se)")
-    style.save(fig, table, png, csv)
+    left.set_xlim(0, 1.2 * max(lengths.max(), 4.0))
+    left.set_xlabel("score z against the model as it is\n(dashed: 5 % over the catalogue)")
+    right.barh(at, table["probability"], color=colours, height=0.65)
+    right.axvline(0.95, color=style.BLACK, linestyle="--", linewidth=0.8)
+    right.set_xlim(0, 1.02)
+    right.set_xlabel("probability over all sets\n(dashed: 0.95)")
+    style.save(fig, table.drop(columns="size"), png, csv)
 
 
 @style.context
 def draw_parameters(findings: dict, png: Path, csv: Path) -> bool:
-    """Posterior densities of the parameters of the most probable causes that were fitted.
+    """Posterior densities of the parameters of the most probable causes that were sampled.
 
     Returns whether there was anything to draw.
     """
@@ -163,7 +154,7 @@ def draw_theta(findings: dict, png: Path, csv: Path) -> None:
     )
     fig = style.figure(max(4.0, 0.6 * len(table) + 1.5), 2.8)
     ax = fig.subplots()
-    whens = ("before", "after") if len(findings["rounds"]) > 1 else ("before",)
+    whens = ("before",) if findings["remaining"] is None else ("before", "after")
     shown = []
     for when in whens:
         mean, sd = table[f"mean_{when}"], table[f"sd_{when}"]

@@ -19,9 +19,9 @@ FOUND = {True: "in the answer", False: "missed"}
 
 @style.context
 def draw(cases_file: Path, png: Path, csv: Path) -> None:
-    """Left: what was answered (columns) to which effect (rows). Middle: every effect by the score
-    expected of it. Right: the share of effects that the answer contains, by bins of that score,
-    with 95 % intervals.
+    """Left: causes in the answer (columns) to hearts with an effect (rows). Middle: every effect by
+    the score expected of it. Right: the share of effects that the answer contains, by bins of that
+    score, with 95 % intervals.
 
     The table: effect, answer, count of the left; lower, upper, found, of, share, low, high of the
     right. What the middle shows is the table of cases itself.
@@ -30,8 +30,9 @@ def draw(cases_file: Path, png: Path, csv: Path) -> None:
     cases["answer"] = cases["answer"].fillna("none")
     cases["effect"] = cases["effect"].fillna("none")
     rows = [*sorted(set(cases["effect"]) - {"none"}), "none"]
-    columns = [*rows[:-1], *sorted(set(cases["answer"]) - set(rows)), "none"]
-    counts = pd.crosstab(cases["effect"], cases["answer"])
+    long = cases.assign(answer=cases["answer"].str.split(" ")).explode("answer")
+    columns = [*rows[:-1], *sorted(set(long["answer"]) - set(rows)), "none"]
+    counts = pd.crosstab(long["effect"], long["answer"])
     counts = counts.reindex(index=rows, columns=columns, fill_value=0)
 
     fig = style.figure(14.0, 0.3 * len(rows) + 2.6)
@@ -51,7 +52,7 @@ def draw(cases_file: Path, png: Path, csv: Path) -> None:
         ax=left,
     )
     left.set_xticks(np.arange(len(columns)) + 0.5, names[0], rotation=45, ha="right")
-    left.set(xlabel="named cause", ylabel="injected effect")
+    left.set(xlabel="cause in the answer", ylabel="injected effect")
 
     visible = cases[(cases["effect"] != "none") & cases["expected_z"].notna()]
     visible = visible[visible["identifiable"].astype(str) == "True"]
@@ -64,12 +65,14 @@ def draw(cases_file: Path, png: Path, csv: Path) -> None:
     at = [f"{x}\n{n}" for x, n in zip(labels, power["of"], strict=True)]
     style.intervals(right, power.assign(bin=at), "bin", "share", ("low", "high"), color=style.BLUE)
     right.set(ylim=(-0.03, 1.03), ylabel="answers that contain the effect")
-    right.set_xlabel("score expected of the effect (se of psi)\nbelow: number of subjects")
+    right.set_xlabel(
+        "score expected of the effect given the others (se of psi)\nbelow: number of effects"
+    )
     right.axhline(0.9, color=style.GREY, linestyle="--", linewidth=0.8)
 
-    long = counts.stack().rename("count").reset_index()
-    long.columns = ["effect", "answer", "count"]
-    style.save(fig, pd.concat([long, power], ignore_index=True), png, csv)
+    table = counts.stack().rename("count").reset_index()
+    table.columns = ["effect", "answer", "count"]
+    style.save(fig, pd.concat([table, power], ignore_index=True), png, csv)
 
 
 def _draw_each(ax, visible: pd.DataFrame) -> None:
@@ -95,7 +98,7 @@ def _draw_each(ax, visible: pd.DataFrame) -> None:
     ax.xaxis.set_major_locator(FixedLocator([1, 2, 3, 5, 10, 20, 50]))
     ax.xaxis.set_major_formatter("{x:g}")
     ax.xaxis.set_minor_locator(NullLocator())
-    ax.set(xlabel="score expected of the effect (se of psi)", ylabel="")
+    ax.set(xlabel="score expected of the effect given the others (se of psi)", ylabel="")
     ax.legend(loc="upper center", bbox_to_anchor=(0.5, 1.1), ncols=2)
 
 

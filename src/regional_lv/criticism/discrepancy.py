@@ -1,0 +1,36 @@
+"""A discrepancy that no listed cause makes: the rival of all of them.
+
+A smooth departure of unknown size and shape (Kennedy and O'Hagan 2001, doi
+10.1111/1467-9868.00294): in equal parts common to a quantity, to its levels, to its walls, and each
+channel's own. Where it explains the data better than any set of causes, the catalogue lacks
+something.
+"""
+
+import numpy as np
+import torch
+
+from regional_lv import aha
+from regional_lv.criticism.observations import WALLS, Observations, noise_units
+
+AMPLITUDES = (1.0, 2.0, 4.0, 8.0, 16.0)
+"""Its sd, in a good measurement's noise (`noise_units`); all equally likely."""
+
+
+def unlisted_covariance(observations: Observations, emulator) -> torch.Tensor:
+    """(S, D, D) at an amplitude of one; zero where nothing was observed."""
+    channels = observations.channels
+    unit = noise_units(channels, emulator.output_sd.numpy())
+    quantity = np.array([channel.quantity for channel in channels])
+    load = np.array([channel.load_fraction for channel in channels])
+    same = (quantity[:, None] == quantity) & (load[:, None] == load)
+    segments = np.array([channel.segment or 0 for channel in channels])
+    level, wall = (
+        np.array([next((k for k, members in places.items() if s in members), "") for s in segments])
+        for places in (aha.LEVELS, WALLS)
+    )
+    pattern = same + np.eye(len(unit))
+    for place in (level, wall):
+        pattern = pattern + (same & (place[:, None] == place) & (place != ""))
+    covariance = torch.as_tensor(pattern / 4 * unit[:, None] * unit)
+    present = observations.present
+    return torch.where(present[:, :, None] & present[:, None, :], covariance, 0.0)

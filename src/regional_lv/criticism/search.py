@@ -1,0 +1,221 @@
+"""Fits of all sets of causes: which of them explain the data, and with what evidence.
+
+Every single cause and every pair is fitted, by Levenberg and Marquardt's method, from several
+starts. A larger set starts from the sets with one cause less: the score of the last cause says what
+it would gain there and how large it would be. All sets of three are judged by that, from each of
+their pairs, and those that could matter are fitted; beyond three only the best sets grow (beam
+search).
+
+The evidence of a fit is Laplace's, cut at the ends of the ranges. The prior of a set depends on its
+size alone: all sizes are equally likely, and all sets of one size (Scott and Berger 2010, doi
+10.1214/10-AOS792), so that a longer catalogue does not make it more likely that something is found.
+"""
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import torch
+
+from regional_lv.criticism.fit import Fit, fit
+from regional_lv.criticism.model import LOG_2PI, Model
+from regional_lv.criticism.posterior import precisions
+from regional_lv.criticism.score import Projected, pattern_of
+from regional_lv.progress import Progress
+
+EXHAUSTIVE = 3
+"""Size up to which every set is judged."""
+
+ITERATIONS = 25
+"""Of a fit: a set that matters is fitted to the end later."""
+
+MARGIN = 12.0
+"""What a set may gain less, in log density, than the best one of its size and still be fitted."""
+
+MOST_FITTED = 200
+"""Sets of three that are fitted, at most."""
+
+BEAM = 10
+"""Sets from which larger ones than `EXHAUSTIVE` grow, and four times as many that are fitted."""
+
+SHARES = (0.05, 0.2, 0.35, 0.5, 0.65, 0.8, 0.95)
+"""Of the range of a single cause: where its fits start."""
+
+ROWS = 512
+"""Fits that run at once."""
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A fitted set of causes. members: their places in the catalogue of the model, ascending.
+    x: (P,), of that model. objective: of the fit. log_evidence: relative to no cause, without the
+    prior of the set."""
+
+    members: tuple[int, ...]
+    x: torch.Tensor
+    objective: float
+    log_evidence: float
+
+
+def log_prior(size: int, most: int, causes: int, places: Sequence[int] = ()) -> float:
+    """Log prior probability of one set of `size` of all `causes`; of sizes from 0 to `most`.
+
+    places: of each member, how many places it could have.
+    """
+    return -math.log(most + 1) - math.log(math.comb(causes, size)) - sum(map(math.log, places))
+
+
+class Search:
+    """The search over sets of one model.
+
+    Parameters
+    ----------
+    model: with an extension for every place of every cause.
+    base: fit (M = 1) of the model without extensions, in its own coordinates.
+    causes: name of a cause -> its places among the model's extensions.
+    largest: of the sets.
+    """
+
+    def __init__(self, model: Model, base: Fit, causes: Mapping[str, Sequence[int]], largest: int):
+        self.model, self.causes, self.largest = model, causes, largest
+        self._name = {place: name for name, places in causes.items() for place in places}
+        start = model.at_base(base.x)
+        none = torch.zeros(1, len(model.emulator.extensions), dtype=torch.bool)
+        self._base = fit(model, model.observations.y[None], start, active=none)
+        self._reference = float(self._evidence(self._base, none)[0])
+        self.found: dict[tuple[int, ...], Candidate] = {(): self._candidate((), self._base, 0, 0.0)}
+
+    def run(self) -> list[Candidate]:
+        """All fitted sets, the one with the largest evidence first."""
+        rows = [((place,), x) for place in self._name for x in self._spread(place)]
+        self._fit_all(rows, "single causes")
+        for size in range(2, min(self.largest, len(self.causes)) + 1):
+            parents = [c for members, c in self.found.items() if len(members) == size - 1]
+            if size > EXHAUSTIVE:
+                parents = sorted(parents, key=lambda c: -c.objective)[:BEAM]
+            grown = self._grow(parents)
+            if size > 2:
+                grown = self._promising(grown, MOST_FITTED if size <= EXHAUSTIVE else 4 * BEAM)
+            rows = [(members, x) for members, starts in grown.items() for _, x in starts]
+            self._fit_all(rows, f"sets of {size}")
+        return sorted(self.found.values(), key=lambda c: -c.log_evidence)
+
+    # --------------------------------------------------------------------------------- starts
+
+    def _spread(self, place: int) -> list[torch.Tensor]:
+        h, found = self.model.emulator.extensions[place].hypothesis, []
+        for share in SHARES:
+            x = self._base.x[0].clone()
+            x[self.model.psi.start + place] = h.low + share * (h.high - h.low)
+            found.append(x)
+        return found
+
+    def _grow(self, parents: list[Candidate]) -> dict[tuple[int, ...], list]:
+        """Sets with one cause more: members -> (expected objective, start) from each parent.
+
+        A cause with several places takes, from each parent, the one with the largest score.
+        """
+        grown: dict[tuple[int, ...], list] = {}
+        at = self.model.psi.start
+        progress = Progress("scores of further causes", len(parents))
+        for chunk in _chunks(parents):
+            x = torch.stack([c.x for c in chunk])
+            active = self._active([c.members for c in chunk])
+            y = self.model.observations.y.expand(len(chunk), -1, -1)
+            here = fit(self.model, y, x, iterations=0, active=active)
+            projected = Projected.of(here, self.model)
+            steps = {place: self._step(here, projected, place) for place in self._name}
+            for row, parent in enumerate(chunk):
+                names = {self._name[place] for place in parent.members}
+                for name in self.causes.keys() - names:
+                    places = self.causes[name]
+                    place = max(places, key=lambda p: float(steps[p][0][row]))
+                    gain, psi = (float(values[row]) for values in steps[place])
+                    members = tuple(sorted((*parent.members, place)))
+                    single = float(self.found[place,].x[at + place])
+                    for value in dict.fromkeys((psi, single)):
+                        start = parent.x.clone()
+                        start[at + place] = value
+                        grown.setdefault(members, []).append((parent.objective + gain, start))
+            progress.step(count=len(chunk))
+        return dict(sorted(grown.items()))
+
+    def _step(self, here: Fit, projected: Projected, place: int):
+        """Gain (M,) of the objective that one more cause promises at fits, and its psi (M,)."""
+        extension = self.model.emulator.extensions[place]
+        h = extension.hypothesis
+        pattern = pattern_of(self.model, extension, here.x)
+        information = projected.information(pattern)[:, 0].clamp(min=1e-300)
+        slope = (pattern[..., 0] * projected.residual).sum(-1)
+        step = (slope / information).clamp(h.low - h.base, h.high - h.base)
+        return slope * step - 0.5 * information * step.square(), h.base + step
+
+    def _promising(self, grown: dict, most: int) -> dict:
+        """The sets that promise most, each with its best start."""
+        best = {members: max(starts, key=lambda s: s[0]) for members, starts in grown.items()}
+        limit = max((gain for gain, _ in best.values()), default=0.0) - MARGIN
+        ranked = sorted(best.items(), key=lambda item: -item[1][0])
+        return {members: [start] for members, start in ranked[:most] if start[0] >= limit}
+
+    # ----------------------------------------------------------------------------------- fits
+
+    def _fit_all(self, rows: list, what: str) -> None:
+        """Fit every (members, start) and keep the best fit of each set."""
+        progress = Progress(what, len(rows))
+        for chunk in _chunks(rows):
+            members = [m for m, _ in chunk]
+            active = self._active(members)
+            y = self.model.observations.y.expand(len(chunk), -1, -1)
+            start = torch.stack([x for _, x in chunk])
+            fits = fit(self.model, y, start, iterations=ITERATIONS, active=active)
+            evidence = self._evidence(fits, active) - self._reference
+            for row, name in enumerate(members):
+                known = self.found.get(name)
+                if known is None or float(fits.objective[row]) > known.objective:
+                    self.found[name] = self._candidate(name, fits, row, float(evidence[row]))
+            progress.step(count=len(chunk))
+
+    def _active(self, sets: Iterable[tuple[int, ...]]) -> torch.Tensor:
+        """(M, k)."""
+        sets = list(sets)
+        active = torch.zeros(len(sets), len(self.model.emulator.extensions), dtype=torch.bool)
+        for row, members in enumerate(sets):
+            active[row, list(members)] = True
+        return active
+
+    def _evidence(self, found: Fit, active: torch.Tensor) -> torch.Tensor:
+        """(M,)."""
+        return log_evidence(self.model, found, active)
+
+    @staticmethod
+    def _candidate(members, fits: Fit, row: int, evidence: float) -> Candidate:
+        return Candidate(members, fits.x[row].clone(), float(fits.objective[row]), evidence)
+
+
+def _chunks(rows: list) -> list[list]:
+    return [rows[first : first + ROWS] for first in range(0, len(rows), ROWS)]
+
+
+def log_evidence(model: Model, found: Fit, active: torch.Tensor | None = None) -> torch.Tensor:
+    """Laplace's approximation (M,) at fits, but for a number that all sets of one model share.
+
+    active: (M, k), the extensions that are free; all if None. Cut at the ends of their ranges.
+    """
+    count = len(model.emulator.extensions)
+    if active is None:
+        active = torch.ones(len(found.x), count, dtype=torch.bool)
+    free = torch.ones_like(found.x, dtype=torch.bool)
+    free[:, model.psi] = active
+    both = free[:, :, None] & free[:, None, :]
+    identity = torch.eye(free.shape[1], dtype=found.x.dtype)
+    precision = torch.where(both, precisions(model, found), identity)
+    factor = torch.linalg.cholesky(precision)
+    covariance = torch.cholesky_inverse(factor)
+    total = found.objective - factor.diagonal(dim1=-2, dim2=-1).log().sum(-1)
+    if model.layout.uniform_in_theta:
+        total = total + found.x[:, : len(model.layout.names)].sum(-1)
+    width = (model.high - model.low)[model.psi]
+    psi, sd = found.x[:, model.psi], covariance.diagonal(dim1=-2, dim2=-1)[:, model.psi].sqrt()
+    inside = [torch.special.ndtr((edge[model.psi] - psi) / sd) for edge in (model.high, model.low)]
+    each = 0.5 * LOG_2PI - width.log() + (inside[0] - inside[1]).clamp(min=1e-12).log()
+    return total + torch.where(active, each, 0.0).sum(-1)
