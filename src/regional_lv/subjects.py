@@ -24,8 +24,9 @@ def simulate_subject(
     """Simulate `subject`, the entry `name` of `synthetic_subjects`; write the measured table and,
     apart, the truth.
 
-    mesh: the study's, with its predictor, or a finer one without. The truth (theta, effects, noise, seed) is for a file that no inference reads. Raises
-    InputError if the ventricle cannot be inflated at its theta with its effects.
+    mesh: the study's, with its predictor, or a finer one without. The truth (theta, effects, noise,
+    seed) is for a file that no inference reads. Raises InputError if the ventricle cannot be
+    inflated at its theta with its effects.
     """
     parameters = Parameterisation.from_spec(physics["parameters"])
     theta = np.array([subject["theta"][parameter] for parameter in parameters.names])
