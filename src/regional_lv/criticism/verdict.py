@@ -383,13 +383,13 @@ class Critic:
                 leading = ranked
         else:
             leading = []
-        at = everything.psi.start
+        at, reference = everything.psi.start, float(log_evidence(model, best)[0])
         sets = []
         for members in dict.fromkeys(leading):
             candidate = named[members]
             psi = candidate.x[[at + place for place in candidate.members]]
             x = torch.cat([candidate.x[:at], psi, candidate.x[everything.psi.stop :]])
-            one = self._fitted(members, x, prior(members), best)
+            one = self._fitted(members, x, prior(members), reference)
             sets.append(
                 {
                     "members": members,
@@ -419,14 +419,14 @@ class Critic:
         emulator = ExtendedEmulator(self.emulator, extensions, correction)
         return Model(self.observations, emulator, self.layout, tails)
 
-    def _fitted(self, members, x, prior: float, best: Fit, correction=None) -> CauseSet:
-        """A set fitted from `x` (P,), with the covariance of its own emulators."""
+    def _fitted(self, members, x, prior: float, reference: float, correction=None) -> CauseSet:
+        """A set fitted from `x` (P,), with the covariance of its own emulators.
+
+        reference: log evidence of the base model.
+        """
         model = self._model(members, correction=correction)
         found = fit_best(model, x[None])
-        base = self._model(())
-        base.settle(best.x[0])
-        reference = log_evidence(base, fit_best(base, best.x))
-        evidence = float(log_evidence(model, found)[0] - reference[0])
+        evidence = float(log_evidence(model, found)[0]) - reference
         return CauseSet(tuple(members), model, found, evidence, prior)
 
     # --------------------------------------------------------------------------- confirmation
@@ -456,14 +456,13 @@ class Critic:
     def _weighed(self, searched: Searched, simulations: pd.DataFrame | None):
         """The leading sets, corrected by what was simulated of them, with their probabilities, the
         most probable first; and the probabilities of the base model and of what is not listed."""
-        best = self._base_fit(searched)
-        sets = []
+        sets, reference = [], self._base(searched)[1]
         for row in searched.sets:
             members, x = row["members"], torch.tensor(row["x"], dtype=torch.float64)
             correction = None
             if simulations is not None and len(simulations):
                 correction = correct(self._settled(members, x), members, simulations)
-            sets.append(self._fitted(members, x, row["log_prior"], best, correction))
+            sets.append(self._fitted(members, x, row["log_prior"], reference, correction))
         return self._probabilities(searched, sets)
 
     def _probabilities(self, searched: Searched, sets: list[CauseSet]):
@@ -477,16 +476,17 @@ class Critic:
     def _settled(self, members, x) -> Model:
         return self._model(members).settle(x)
 
-    def _base_fit(self, searched: Searched) -> Fit:
+    def _base(self, searched: Searched) -> tuple[Model, float, Fit]:
+        """The base model, its log evidence, and its fit."""
         model = self._model(())
-        return fit_best(model, torch.tensor([searched.base_x], dtype=torch.float64))
+        best = fit_best(model, torch.tensor([searched.base_x], dtype=torch.float64))
+        return model, float(log_evidence(model, best)[0]), best
 
     # ----------------------------------------------------------------------------- conclusion
 
     def conclude(self, searched: Searched, simulations: pd.DataFrame | None = None) -> Criticism:
         """Decide, with the simulations of the leading sets."""
-        best = self._base_fit(searched)
-        model = self._model(()).settle(best.x[0])
+        model, _, best = self._base(searched)
         base = self._in_earnest(model, best, "base")
         tests = [self._tested(row) for row in searched.tests]
         if not self.testable:
