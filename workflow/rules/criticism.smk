@@ -154,6 +154,10 @@ rule criticism:
     """The page of every subject."""
     input:
         expand(f"{C}/{{subject}}/report.html", subject=CRITICISED),
+        expand(
+            f"{C}/{{subject}}/compared.csv",
+            subject=SUBJECTS if config["criticism"]["extends"] else [],
+        ),
 
 
 rule search_causes:
@@ -266,6 +270,48 @@ rule conclude_criticism:
     benchmark:
         f"{R}/benchmarks/criticism/{{subject}}/conclude.tsv"
     threads: 1
+    conda:
+        "../../envs/statistics.yaml"
+    script:
+        "../scripts/call.py"
+
+
+rule extend_study:
+    """The study with the named causes switched on, as a configuration of its own."""
+    input:
+        findings=f"{C}/{{subject}}/findings.json",
+        measured=f"{R}/measured/{{subject}}.csv",
+    output:
+        extended=f"{C}/{{subject}}/extended.yaml",
+        corrected=f"{C}/{{subject}}/extended.csv",
+    params:
+        call="criticism.extend:write_extended",
+        config=config,
+        subject=lambda wildcards: wildcards.subject,
+    wildcard_constraints:
+        subject="|".join(SUBJECTS) or "(?!)",
+    log:
+        f"{LOGS}/criticism/{{subject}}/extend.log",
+    conda:
+        "../../envs/statistics.yaml"
+    script:
+        "../scripts/call.py"
+
+
+rule compare_extended:
+    """A subject before and after its causes became part of the model."""
+    input:
+        before=config["criticism"]["extends"] or [],
+        after=f"{C}/{{subject}}/findings.json",
+    output:
+        table=f"{C}/{{subject}}/compared.csv",
+    params:
+        call="criticism.extend:compare_extended",
+        subject=lambda wildcards: wildcards.subject,
+    wildcard_constraints:
+        subject="|".join(SUBJECTS) or "(?!)",
+    log:
+        f"{LOGS}/criticism/{{subject}}/compare.log",
     conda:
         "../../envs/statistics.yaml"
     script:

@@ -252,6 +252,7 @@ def _gain(before: Sampled, after: Sampled) -> dict:
     o = before.model.observations
     kinds = {"rmse": o.channels.is_strain, "rmse_volume_ml": o.channels.of_quantity("volume")}
     found = {"elpd": elpd, "elpd_se": se, "elpd_se_folds": over_folds}
+    found["elpd_before"] = float(before.left_out.elpd.sum())
     folds = dict(
         zip(
             before.left_out.folds,

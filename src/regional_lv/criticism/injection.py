@@ -14,6 +14,7 @@ from regional_lv.criticism.hypotheses import REGISTRY, Hypothesis, NoiseHypothes
 from regional_lv.criticism.hypotheses.base import with_value
 from regional_lv.measured import synthetic_subject
 from regional_lv.mechanics.continuation import Effort, Runner, Solver
+from regional_lv.mechanics.dolfinx_api import release_unused
 from regional_lv.parameters import Parameterisation
 from regional_lv.progress import Progress
 from regional_lv.seeds import derive
@@ -77,7 +78,11 @@ class Ventricles:
         frames = sorted({c.load_fraction for c in seen} - {1.0})
         if frames != sorted(physics["loading"]["frames"]):
             physics = with_value(physics, ("loading", "frames"), frames)
-        names, values = self._simulated(physics, theta)
+        try:
+            names, values = self._simulated(physics, theta)
+        finally:
+            if physics is not self._physics:
+                release_unused()
         at = {name: i for i, name in enumerate(names)}
         return values[[at[channel.name] for channel in seen]]
 

@@ -28,6 +28,10 @@ def why_not(sampled) -> str:
     far, count = z.abs() > FAR, int(observations.present.sum())
     if int(far.sum()) > max(1, MOST * count):
         return f"{int(far.sum())} of {count} channels are off: too many for outliers"
+    for quantity in observations.channels.quantities:
+        own = observations.present & torch.as_tensor(observations.channels.of_quantity(quantity))
+        if own.any() and bool(far[own].all()):
+            return f"all of the {quantity} is off, which is no outlier"
     patterns = [item for family in contrasts(observations).values() for item in family.items()]
     for name, pattern in patterns:
         inside = observations.present & (pattern > 0)

@@ -7,6 +7,7 @@ never imports dolfinx itself.
 
 import contextlib
 import fcntl
+import gc
 import os
 from pathlib import Path
 
@@ -20,7 +21,7 @@ import numpy as np
 import ufl
 from dolfinx import cpp, fem
 from mpi4py import MPI
-from petsc4py import PETSc  # noqa: F401
+from petsc4py import PETSc
 
 VERSION = tuple(int(part) for part in dolfinx.__version__.split(".")[:2])
 _LEGACY = VERSION < (0, 8)
@@ -222,3 +223,12 @@ def tabulated_dofs(subspace) -> tuple[np.ndarray, np.ndarray]:
     collapsed, parent = subspace.collapse()
     # From 0.11 on there is one array for each type of cell; these meshes have one type.
     return np.asarray(parent).ravel(), collapsed.tabulate_dof_coordinates()
+
+
+def release_unused() -> None:
+    """Free the matrices and factors of simulators that are no longer referred to: PETSc keeps what
+    Python drops until it is asked."""
+    gc.collect()
+    cleanup = getattr(PETSc, "garbage_cleanup", None)  # since 3.18
+    if cleanup is not None:
+        cleanup()

@@ -1,0 +1,74 @@
+"""Inequalities that strains of a wall that keeps its volume obey."""
+
+import numpy as np
+import pytest
+
+from regional_lv.channels import Channels
+from regional_lv.criticism.data_checks import check
+from regional_lv.measured import synthetic_subject
+from tests.criticism.toy import ToyEmulator, measured
+
+CHANNELS = Channels.of()
+
+
+def strains(exponent: float, shear: float = 0.1, thinning: float = 0.15, dilation: float = 1.0):
+    """Measured table of walls of random deformations with det F = `dilation`, without noise."""
+    rng, values = np.random.default_rng(0), np.empty((3, 17))
+    for segment in range(17):
+        f = np.diag([1 - thinning / 2, 1.0, 1 - thinning / 2])
+        f += shear * rng.uniform(-1, 1, (3, 3))
+        rest = np.linalg.det(f[np.ix_([0, 2], [0, 2])])
+        f[1, 1] += (dilation - np.linalg.det(f)) / rest
+        assert np.linalg.det(f) == pytest.approx(dilation)
+        size, axes = np.linalg.eigh(f.T @ f)
+        power = np.log(size) / 2 if exponent == 0 else (size ** (exponent / 2) - 1) / exponent
+        values[:, segment] = np.diag(axes @ np.diag(power) @ axes.T)
+    outputs = np.concatenate([[150.0], values.ravel()])
+    noise = {"strain": 0.002, "volume": 1.0}
+    return synthetic_subject(outputs, CHANNELS, noise, np.zeros(len(outputs)))
+
+
+def of(checks, name):
+    (found,) = [c for c in checks if c["name"] == name]
+    return found
+
+
+@pytest.mark.parametrize("exponent", [-2.0, 0.0, 1.0, 2.0])
+def test_a_wall_that_keeps_its_volume_passes(exponent):
+    checks = check(strains(exponent), exponent)
+    assert all(c["passed"] for c in checks)
+
+
+@pytest.mark.parametrize("exponent", [-2.0, 1.0, 2.0])
+def test_a_wall_that_shrinks_does_not(exponent):
+    found = of(check(strains(exponent, shear=0.02, dilation=0.9), exponent), "volume_preserving")
+    assert not found["passed"] and "keeps its volume" in found["says"]
+
+
+def test_another_measure_shows_and_is_named():
+    """Logarithmic strains add up to zero; read as Green's they lose volume."""
+    found = of(check(strains(0.0, shear=0.0), 2.0), "volume_preserving")
+    assert not found["passed"]
+    assert "logarithmic" in found["says"] and " Green" not in found["says"]
+
+
+def test_impossible_strains_are_named():
+    table = strains(2.0)
+    table.loc[table["output"] == "radial_05", "value"] = -0.6
+    found = of(check(table, 2.0), "possible_stretch")
+    assert not found["passed"] and "radial_05" in found["says"]
+
+
+def test_without_three_directions_there_is_nothing_to_check():
+    table = measured(ToyEmulator())
+    table = table[table["quantity"] != "longitudinal"]
+    assert [c["name"] for c in check(table, 2.0)] == ["possible_stretch"]
+
+
+def test_a_channel_that_shrinks_with_the_load():
+    table = strains(2.0)
+    half = table.assign(load_fraction=0.5, value=0.6 * table["value"])
+    both = table._append(half, ignore_index=True)
+    assert of(check(both, 2.0), "grows_with_load")["passed"]
+    both.loc[both["load_fraction"] == 0.5, "value"] *= 2
+    assert not of(check(both, 2.0), "grows_with_load")["passed"]
