@@ -63,7 +63,12 @@ MOVED = {
     "observables.region": "`observables.layer`, such as [0.0, 0.333] for the endocardial third",
     "observables.endocardial_share": "`observables.layer`, such as [0.0, 0.333]",
     "observables.nominal_share": "`observables.strain_exponent`; 1 is nominal strain",
-    "criticism.benchmark.planted": "`criticism.benchmark.injected`",
+    **{
+        f"criticism.benchmark.{name}": "`criticism.benchmark.hearts`"
+        for name in ("planted", "injected", "null")
+    },
+    "criticism.rounds": "`criticism.largest_set`; causes are searched for in sets, not one by one",
+    "criticism.leading": "nothing: all sets of causes are fitted",
 }
 """Keys of earlier versions, and what does their work now."""
 
@@ -103,6 +108,7 @@ def load(config: str | Path | dict, source: str = "config") -> dict:
     _complete_holdout(complete)
     if "synthetic_subjects" not in config:
         _carry_over(complete)
+        _drop_impossible(complete, named=config.get("subjects", {}))
     _raise(source, list(_cross_check(complete)))
     if complete["simulations"]["source"] == "table":
         # The one place that says how many test cases there are.
@@ -419,6 +425,21 @@ def _check_model(config: dict, parameters: Parameterisation, channels: Channels)
             why_not = REGISTRY[name].why_not(described) if name in REGISTRY else ""
             if why_not:
                 yield f"criticism.hypotheses: {name} cannot be asked, {why_not}; remove it"
+
+
+def _drop_impossible(config: dict, named: Iterable[str]) -> None:
+    """Leave out default synthetic subjects that this study cannot have: whose effects are part of
+    its model, or for which it cannot mesh its geometry anew. named: subjects that the study asks
+    for itself, which stay, to be complained about."""
+    again = config["geometry"]["source"] == "segments"
+    for name, subject in list(config["synthetic_subjects"].items()):
+        try:
+            possible = not list(_check_effects(name, subject["effects"], config))
+        except InputError:
+            return  # said with everything else
+        if name not in named and not (possible and (again or subject["mesh"] == "study")):
+            del config["synthetic_subjects"][name]
+            config["subjects"].pop(name, None)
 
 
 def _check_names(key: str, names: Iterable[str], known: Iterable[str]) -> Iterator[str]:

@@ -41,7 +41,7 @@ def jobs(root, tmp_path_factory):
 
 def test_the_walk_sees_what_it_should(jobs):
     rules = {name for name, _, _ in jobs}
-    assert {"criticise_subject", "report_criticism", "criticise_benchmark"} <= rules
+    assert {"search_causes", "conclude_criticism", "simulate_sets", "conclude_benchmark"} <= rules
     assert any("/truth/" in f for _, _, outputs in jobs for f in outputs)
 
 

@@ -89,7 +89,7 @@ def test_a_batch_keeps_subjects_and_truth_apart(monkeypatch, tmp_path, smoke_con
     monkeypatch.setattr(injection.Ventricles, "outputs", outputs)
     files = tmp_path / "subjects.parquet", tmp_path / "truth.parquet"
     benchmark = {"hearts": counts, "noise": {"strain": 0.01, "volume": 1.0}}
-    asked = None, None, physics, PARAMETERS, "all", benchmark, 5, "0001", 10
+    asked = None, physics, PARAMETERS, "all", benchmark, 5, "0001", 10
     injection.inject_batch(*asked, *files)
     subjects, truth = map(pd.read_parquet, files)
     assert list(subjects) == ["subject", "withheld", *OUTPUTS, *(f"sd_{o}" for o in OUTPUTS)]

@@ -12,7 +12,6 @@ from regional_lv.criticism.linear import approximate, leave_out_linearly
 from regional_lv.criticism.model import LOG_2PI, Layout, Model
 from regional_lv.criticism.observations import observe
 from regional_lv.criticism.posterior import gain_of, laplace, leave_out, sample
-from regional_lv.criticism.verdict import stack
 from tests.criticism.toy import PARAMETERS, ToyEmulator, bias, measured
 
 
@@ -134,27 +133,6 @@ def test_standard_error_of_the_gain_is_its_spread_over_measurements():
         errors.append(error)
     spread_of_gains = torch.tensor(gains).std()
     assert 0.5 < torch.tensor(errors).mean() / spread_of_gains < 2.0
-
-
-def test_stacking_prefers_what_predicts_better():
-    generator = torch.Generator().manual_seed(0)
-    elpd = torch.randn(3, 18, generator=generator, dtype=torch.float64) * 0.1
-    elpd[1] += 1.0
-    weights = stack(elpd)
-    assert float(weights.sum()) == pytest.approx(1.0)
-    assert weights[1] > 0.95
-    assert stack(elpd[:1]).tolist() == [1.0]
-
-
-def test_stacking_of_complements_is_known():
-    """One of two predicts 7 of 10 folds far better: 0.7 to 0.3; a third adds nothing, and what all
-    predict badly does not count."""
-    elpd = torch.full((3, 10), -9.0, dtype=torch.float64)
-    elpd[0, :7] = elpd[1, 7:] = 0.0
-    elpd[:, 4] -= 2000.0
-    torch.testing.assert_close(
-        stack(elpd), torch.tensor([0.7, 0.3, 0.0], dtype=torch.float64), atol=1e-3, rtol=0
-    )
 
 
 def test_the_same_seed_gives_the_same_draws(base):

@@ -40,9 +40,9 @@ log = logging.getLogger(__name__)
 PROBABILITY = 0.95
 """Of a cause that is named; of a group, that one of its members is at work."""
 
-ADEQUATE = 0.01
-"""Level of the last test: a set that misses the data at this level explains nothing, whatever it
-gains."""
+ADEQUATE = 0.02
+"""Level of the last test, for each cause of a set: a set that misses the data at this level
+explains nothing, whatever it gains. Larger sets were chosen among more, and fit more by chance."""
 
 LEADERS, LEADING_MARGIN = 24, 10.0
 """Sets that are fitted with the covariance of their own emulators: at most so many, and only those
@@ -230,7 +230,8 @@ class Criticism:
     @property
     def adequate(self) -> bool:
         """Whether the best set is confirmed and fits the data."""
-        return self.best is not None and self.best.misfit.p_value > ADEQUATE
+        best = self.best
+        return best is not None and best.misfit.p_value > ADEQUATE * len(best.members)
 
     @property
     def explained(self) -> bool:
