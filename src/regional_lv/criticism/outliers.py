@@ -1,12 +1,19 @@
-"""Whether what is far off are outliers: few channels that have nothing in common."""
+"""Whether what is far off are outliers: few channels that stand alone, with nothing in common."""
+
+import itertools
 
 import torch
 from scipy import stats
 
-from regional_lv.criticism.observations import contrasts
+from regional_lv import aha
+from regional_lv.criticism.observations import WALLS, contrasts
 
 FAR = 3.0
 """Standard deviations from which a channel counts as an outlier."""
+
+BESIDE = 2.0
+"""Standard deviations from which a channel beside an outlier is off as well: of the same segment in
+another direction, or of a neighbouring segment in the same one."""
 
 MOST = 0.15
 """Share of the channels that outliers are, at most."""
@@ -32,6 +39,10 @@ def why_not(sampled) -> str:
         own = observations.present & torch.as_tensor(observations.channels.of_quantity(quantity))
         if own.any() and bool(far[own].all()):
             return f"all of the {quantity} is off, which is no outlier"
+    for heart in z:
+        company = _company(heart, observations.channels)
+        if company:
+            return f"{company[0]} and {company[1]} are off together"
     patterns = [item for family in contrasts(observations).values() for item in family.items()]
     for name, pattern in patterns:
         inside = observations.present & (pattern > 0)
@@ -44,3 +55,30 @@ def why_not(sampled) -> str:
             if chance * len(patterns) < COMMON:
                 return f"the outliers lie together: {hits} of them are {name} and {side}"
     return ""
+
+
+def _company(z: torch.Tensor, channels) -> tuple[str, str] | None:
+    """Names of an outlier and of a channel beside it that is off as well; z (D,) of one heart."""
+    for far in torch.nonzero(z.abs() > FAR)[:, 0].tolist():
+        for other in torch.nonzero(z.abs() > BESIDE)[:, 0].tolist():
+            one, two = channels[far], channels[other]
+            if far == other or not (one.segment and two.segment):
+                continue
+            same = one.quantity == two.quantity
+            if one.segment == two.segment or (same and _neighbours(one.segment, two.segment)):
+                return one.name, two.name
+    return None
+
+
+def _neighbours(one: int, two: int) -> bool:
+    """Whether two segments share a border: in one ring, or in one wall of adjacent levels."""
+    rings = [list(ring) for ring in aha.LEVELS.values()]
+    for ring in rings:
+        if one in ring and two in ring:
+            apart = abs(ring.index(one) - ring.index(two))
+            return apart in (1, len(ring) - 1)
+    adjacent = any(
+        {one, two} & set(upper) and {one, two} & set(lower)
+        for upper, lower in itertools.pairwise(rings)
+    )
+    return adjacent and any({one, two} <= set(wall) for wall in WALLS.values())

@@ -248,7 +248,7 @@ def bootstrap(model: Model, best: Fit, extensions, replicates: int, seed: int) -
 
 def share_beyond(value: float, null: torch.Tensor) -> float:
     """Bootstrap p-value: the share of `null` at least as large, the data among them."""
-    return float((1 + (null >= value - 1e-12).sum()) / (1 + len(null)))
+    return (1 + int((null >= value - 1e-12).sum())) / (1 + len(null))
 
 
 @dataclass(frozen=True)

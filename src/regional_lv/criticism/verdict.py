@@ -546,10 +546,12 @@ class Critic:
         return score.judge_misfit(observed, null)
 
     def _last_resort(self, found: Criticism) -> None:
-        """Heavy tails explain anything: they are taken only where no set of physical causes does as
-        well, and where few channels stand alone far off."""
+        """Heavy tails explain anything: they are taken only where neither a set of physical causes
+        nor a smooth departure does as well, and where few channels stand alone far off."""
         best = found.best
-        physical = 0.0 if best is None else best.log_evidence + best.log_prior
+        searched = found.searched
+        rivals = [searched.unlisted + searched.unlisted_prior]
+        rivals += [] if best is None else [best.log_evidence + best.log_prior]
         single = log_prior(1, self.settings.largest_set + 1, max(len(self._extensions), 1))
         for hypothesis in self.noises:
             if not any(
@@ -571,7 +573,7 @@ class Critic:
             sampled = self._in_earnest(model, start, hypothesis.name, tails=True)
             evidence = sampled.posterior.log_evidence - found.base.posterior.log_evidence
             found.outliers = outliers.why_not(sampled)
-            if found.outliers or evidence + single < physical + math.log(19):
+            if found.outliers or evidence + single < max(rivals) + math.log(19):
                 continue
             tails = CauseSet(((hypothesis.name, ""),), model, start, evidence, single, 1.0, sampled)
             tails.misfit = score.Misfit(1.0, {}, [])

@@ -1,0 +1,87 @@
+"""The study with the named causes switched on, and the comparison with the one before."""
+
+import json
+
+import pandas as pd
+import pytest
+
+from regional_lv import config as study_config
+from regional_lv.config import physics
+from regional_lv.criticism.extend import compare_extended, write_extended
+from regional_lv.errors import InputError
+from regional_lv.measured import read_measured, write_measured
+from tests.criticism.toy import ToyEmulator, measured
+
+NAMED = {"septal_load": 3.0, "radial_scale": 1.2, "wall_thickness": 0.9, "mixed_frames": 0.25}
+
+
+@pytest.fixture
+def files(tmp_path):
+    hypotheses = [
+        {"name": name, "estimate": value, "component": ""} for name, value in NAMED.items()
+    ]
+    content = {"named": list(NAMED), "hypotheses": hypotheses}
+    (tmp_path / "findings.json").write_text(json.dumps(content))
+    write_measured(measured(ToyEmulator()), tmp_path / "measured.csv")
+    return tmp_path
+
+
+def extend(files):
+    base = study_config.load({"study": "mine"})
+    given = (files / "findings.json", files / "measured.csv", base, "patient")
+    write_extended(*given, files / "extended.yaml", files / "extended.csv")
+    return base, study_config.load(files / "extended.yaml")
+
+
+def test_the_extended_study_is_valid_and_has_the_causes(files):
+    base, found = extend(files)
+    assert found["study"] == "mine_extended"
+    assert found["loading"]["septal_pressure_mmhg"] == 3.0
+    assert found["observables"]["scale"] == {"radial": 1.2}
+    assert found["geometry"]["wall_thickness_scale"] == pytest.approx(0.9)
+    assert found["loading"]["frames"] == [0.75]
+    assert found["criticism"]["extends"] == str(files / "findings.json")
+    assert list(found["subjects"]) == ["patient"]
+    # Nothing else of the simulator changes.
+    before, after = physics(base), physics(found)
+    assert {k for k in before if before[k] != after[k]} == {"loading", "observables", "geometry"}
+    assert (files / "extended.yaml").read_text().startswith("# The study mine with what")
+
+
+def test_strains_of_an_earlier_frame_say_so(files):
+    extend(files)
+    table = read_measured(files / "extended.csv")
+    volume = table["quantity"] == "volume"
+    assert table.loc[volume, "load_fraction"].tolist() == [1.0]
+    assert (table.loc[~volume, "load_fraction"] == 0.75).all()
+    before = read_measured(files / "measured.csv")
+    assert sorted(table["value"]) == sorted(before["value"])
+
+
+def test_without_a_named_cause_there_is_nothing_to_extend(files):
+    (files / "findings.json").write_text(json.dumps({"named": [], "hypotheses": []}))
+    with pytest.raises(InputError, match="no cause is named"):
+        extend(files)
+
+
+def test_before_and_after_stand_side_by_side(tmp_path):
+    for name, p, error in (("before", 0.001, 0.03), ("after", 0.4, 0.01)):
+        content = {
+            "misfit": {"p_value": p},
+            "named": ["septal_load"] if name == "before" else [],
+            "gain": {"rmse_before": error, "rmse_volume_ml_before": 2.0}
+            | {"coverage_before": 0.9, "elpd_before": 100.0},
+            "noise": [{"quantity": "radial", "before": 0.4}],
+            "theta": [{"parameter": "C_a_septal", "before": [1.2, 0.1]}],
+        }
+        (tmp_path / f"{name}.json").write_text(json.dumps(content))
+    files = (tmp_path / "before.json", tmp_path / "after.json", tmp_path / "table.csv")
+    compare_extended("patient", *files)
+    table = pd.read_csv(files[2]).set_index("what")
+    assert table.loc["error of the strains", ["before", "after"]].astype(float).tolist() == [
+        0.03,
+        0.01,
+    ]
+    assert table.loc["named", "before"] == "septal_load"
+    assert float(table.loc["C_a_septal sd", "after"]) == 0.1
+    assert (table["subject"] == "patient").all()
