@@ -20,7 +20,7 @@ import torch
 from regional_lv.criticism.fit import Fit, fit
 from regional_lv.criticism.model import LOG_2PI, Model
 from regional_lv.criticism.posterior import precisions
-from regional_lv.criticism.score import Projected, pattern_of
+from regional_lv.criticism.score import LARGEST_MATRICES, Projected, pattern_of
 from regional_lv.progress import Progress
 
 EXHAUSTIVE = 3
@@ -42,7 +42,7 @@ SHARES = (0.05, 0.2, 0.35, 0.5, 0.65, 0.8, 0.95)
 """Of the range of a single cause: where its fits start."""
 
 ROWS = 512
-"""Fits that run at once."""
+"""Fits that run at once, at most (of several hearts `score.LARGEST_MATRICES` allows fewer)."""
 
 
 @dataclass(frozen=True)
@@ -82,6 +82,8 @@ class Search:
         start = model.at_base(base.x)
         none = torch.zeros(1, len(model.emulator.extensions), dtype=torch.bool)
         self._base = fit(model, model.observations.y[None], start, active=none)
+        matrix = model.observations.y.numel() ** 2
+        self._rows = max(1, min(ROWS, int(LARGEST_MATRICES / matrix)))
         self._reference = float(self._evidence(self._base, none)[0])
         self.found: dict[tuple[int, ...], Candidate] = {(): self._candidate((), self._base, 0, 0.0)}
 
@@ -118,7 +120,7 @@ class Search:
         grown: dict[tuple[int, ...], list] = {}
         at = self.model.psi.start
         progress = Progress("scores of further causes", len(parents))
-        for chunk in _chunks(parents):
+        for chunk in _chunks(parents, self._rows):
             x = torch.stack([c.x for c in chunk])
             active = self._active([c.members for c in chunk])
             y = self.model.observations.y.expand(len(chunk), -1, -1)
@@ -162,7 +164,7 @@ class Search:
     def _fit_all(self, rows: list, what: str) -> None:
         """Fit every (members, start) and keep the best fit of each set."""
         progress = Progress(what, len(rows))
-        for chunk in _chunks(rows):
+        for chunk in _chunks(rows, self._rows):
             members = [m for m, _ in chunk]
             active = self._active(members)
             y = self.model.observations.y.expand(len(chunk), -1, -1)
@@ -192,8 +194,8 @@ class Search:
         return Candidate(members, fits.x[row].clone(), float(fits.objective[row]), evidence)
 
 
-def _chunks(rows: list) -> list[list]:
-    return [rows[first : first + ROWS] for first in range(0, len(rows), ROWS)]
+def _chunks(rows: list, size: int) -> list[list]:
+    return [rows[first : first + size] for first in range(0, len(rows), size)]
 
 
 def log_evidence(model: Model, found: Fit, active: torch.Tensor | None = None) -> torch.Tensor:

@@ -438,16 +438,15 @@ class Critic:
         simulations: of the rounds before. A frame without rows if there is nothing to confirm.
         """
         columns = ["set", "draw", "subject", *self.emulator.parameters.names, "effects"]
-        if not searched.detected:
+        if not (searched.detected and searched.sets):
             return pd.DataFrame(columns=columns)
-        sets = self._weighed(searched, simulations)[0]
-        best, rows = sets[:1], []
+        best, *others = self._weighed(searched, simulations)[0]
         # What single effects do to each other may pass for one more cause: the sets with one less
         # are simulated, too.
-        smaller = [s for s in sets for b in best if set(s.members) < set(b.members)]
-        smaller = [s for s in smaller if len(s.members) == len(best[0].members) - 1]
-        likely = [s for s in sets[1:] if s.probability >= LEAST_PROBABILITY]
-        order = [*best, *smaller[:SMALLER], *likely, *smaller[SMALLER:]]
+        smaller = [s for s in others if set(s.members) < set(best.members)]
+        smaller = [s for s in smaller if len(s.members) == len(best.members) - 1]
+        likely = [s for s in others if s.probability >= LEAST_PROBABILITY]
+        order, rows = [best, *smaller[:SMALLER], *likely, *smaller[SMALLER:]], []
         for one in list({s.members: s for s in order}.values())[: self.settings.sets]:
             seed = derive(self.seed, "confirmation", turn, label(one.members))
             draws = approximate(one.model, one.fit, self.settings.simulations, seed).x
@@ -462,7 +461,7 @@ class Critic:
             members, x = row["members"], torch.tensor(row["x"], dtype=torch.float64)
             correction = None
             if simulations is not None and len(simulations):
-                correction = correct(self._settled(members, x), members, simulations)
+                correction = correct(self._model(members), members, simulations)
             sets.append(self._fitted(members, x, row["log_prior"], reference, correction))
         return self._probabilities(searched, sets)
 
@@ -473,9 +472,6 @@ class Critic:
         for one, weight in zip(sets, weights, strict=False):
             one.probability = weight
         return sorted(sets, key=lambda s: -s.probability), weights[-2], weights[-1]
-
-    def _settled(self, members, x) -> Model:
-        return self._model(members).settle(x)
 
     def _base(self, searched: Searched) -> tuple[Model, float, Fit]:
         """The base model, its log evidence, and its fit."""
