@@ -34,6 +34,21 @@ def module_of(call: str) -> str:
     return call.partition(":")[0]
 
 
+def passes_on(to: Callable) -> Callable:
+    """Decorator of a function whose `**rest` are arguments of `to`: its signature says so by name,
+    and rules and wildcards are checked against that."""
+
+    def decorate(function: Callable) -> Callable:
+        signature = inspect.signature(function)
+        own = [p for p in signature.parameters.values() if p.kind is not p.VAR_KEYWORD]
+        rest = inspect.signature(to).parameters.values()
+        named = [p.replace(kind=p.KEYWORD_ONLY) for p in (*own, *rest)]
+        function.__signature__ = signature.replace(parameters=named)
+        return function
+
+    return decorate
+
+
 def run(snakemake) -> None:
     """Run the job: log to its log file, use as many threads as it has, call its function.
 

@@ -174,7 +174,6 @@ rule search_causes:
     params:
         call="criticism.study:search_causes",
         **STEP,
-        subject=lambda wildcards: wildcards.subject,
         subjects=lambda wildcards: criticised(wildcards.subject),
     wildcard_constraints:
         subject="|".join(CRITICISED) or "(?!)",
@@ -205,7 +204,6 @@ rule plan_confirmation:
     params:
         call="criticism.study:plan_confirmation",
         **STEP,
-        subject=lambda wildcards: wildcards.subject,
         subjects=lambda wildcards: criticised(wildcards.subject),
     wildcard_constraints:
         subject="|".join(CRITICISED) or "(?!)",
@@ -261,7 +259,6 @@ rule conclude_criticism:
     params:
         call="criticism.study:conclude_criticism",
         **STEP,
-        subject=lambda wildcards: wildcards.subject,
         subjects=lambda wildcards: criticised(wildcards.subject),
     wildcard_constraints:
         subject="|".join(CRITICISED) or "(?!)",

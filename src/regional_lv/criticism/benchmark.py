@@ -22,6 +22,7 @@ from regional_lv.criticism.score import Projected
 from regional_lv.criticism.study import Inputs, split
 from regional_lv.criticism.verdict import Searched, Settings
 from regional_lv.errors import InputError
+from regional_lv.jobs import passes_on
 from regional_lv.measured import synthetic_subject
 from regional_lv.progress import Progress
 from regional_lv.seeds import derive
@@ -72,6 +73,7 @@ class Batch:
             progress.step()
 
 
+@passes_on(Batch)
 def search_batch(searches: str | Path, **batch) -> None:
     """What `study.search_causes` does, for the subjects of a batch (as of `Batch`); writes one JSON
     of all, with the seconds that each took."""
@@ -83,6 +85,7 @@ def search_batch(searches: str | Path, **batch) -> None:
     Path(searches).write_text(json.dumps(found) + "\n")
 
 
+@passes_on(Batch)
 def plan_batch(
     searches: str | Path,
     turn: str,
@@ -102,6 +105,7 @@ def plan_batch(
     pd.concat(filled, ignore_index=True).to_parquet(design, index=False)
 
 
+@passes_on(Batch)
 def conclude_batch(
     searches: str | Path, simulations: Sequence[str | Path], verdicts: str | Path, **batch
 ) -> None:

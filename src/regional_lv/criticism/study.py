@@ -17,6 +17,7 @@ from regional_lv.criticism.observations import observe
 from regional_lv.criticism.verdict import Critic, Criticism, Searched, Settings
 from regional_lv.emulators.base import Emulator
 from regional_lv.errors import InputError
+from regional_lv.jobs import passes_on
 from regional_lv.measured import read_measured
 from regional_lv.seeds import derive
 
@@ -88,6 +89,7 @@ class Inputs:
         )
 
 
+@passes_on(read_critic)
 def search_causes(search: str | Path, **inputs) -> None:
     """Test the base model and search for sets of causes; write what was found (JSON).
 
@@ -97,6 +99,7 @@ def search_causes(search: str | Path, **inputs) -> None:
     Path(search).write_text(json.dumps(searched.content()) + "\n")
 
 
+@passes_on(read_critic)
 def plan_confirmation(
     search: str | Path,
     turn: str,
@@ -113,6 +116,7 @@ def plan_confirmation(
     rows.to_parquet(design, index=False)
 
 
+@passes_on(read_critic)
 def conclude_criticism(
     search: str | Path, simulations: Sequence[str | Path], findings: str | Path, **inputs
 ) -> None:
