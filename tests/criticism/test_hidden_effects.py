@@ -1,7 +1,7 @@
 """The whole way on a coarse heart: hide effects with the simulator on a finer mesh, find them.
 
 One small study is made by the workflow, with extensions of six causes that solve the problem anew
-and of seven that observe it otherwise; two hearts go through the rules, the others through the same
+and of three that observe it otherwise; two hearts go through the rules, the others through the same
 functions.
 """
 
@@ -46,8 +46,7 @@ STUDY = {
         "hypotheses": [
             *("end_diastolic_pressure", "fibre_rotation", "basal_motion", "septal_load"),
             *("anisotropy", "wall_thickness", "epicardial_support", "strain_measure"),
-            *("endocardial_sampling", "radial_scale", "mixed_frames", "segment_rotation"),
-            "heavy_tails",
+            *("radial_scale", "mixed_frames", "heavy_tails"),
         ],
         "bootstrap": 199,
         "draws": 800,
@@ -87,11 +86,13 @@ def physics(project):
 def plant(results, physics):
     """Measured table of a heart with effects, on the finer mesh."""
     ventricles = Ventricles(results / "geometry" / "finer" / "mesh.vtu", physics)
-    theta = np.array([*THETA.values()])
+    theta, simulated = np.array([*THETA.values()]), {}
 
     def planted(effects, seed=13, noise=NOISE):
-        hidden = read_effects(effects)
-        outputs = ventricles.outputs(theta, hidden)
+        hidden, key = read_effects(effects), json.dumps(effects)
+        if key not in simulated:
+            simulated[key] = ventricles.outputs(theta, hidden)
+        outputs = simulated[key]
         unit = unit_noise(hidden, len(outputs), np.random.default_rng(seed))
         return synthetic_subject(outputs, ventricles.channels, noise, unit)
 
