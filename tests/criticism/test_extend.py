@@ -26,8 +26,8 @@ def files(tmp_path):
     return tmp_path
 
 
-def extend(files):
-    base = study_config.load({"study": "mine"})
+def extend(files, hypotheses="all"):
+    base = study_config.load({"study": "mine", "criticism": {"hypotheses": hypotheses}})
     given = (files / "findings.json", files / "measured.csv", base, "patient")
     write_extended(*given, files / "extended.yaml", files / "extended.csv")
     return base, study_config.load(files / "extended.yaml")
@@ -46,6 +46,11 @@ def test_the_extended_study_is_valid_and_has_the_causes(files):
     before, after = physics(base), physics(found)
     assert {k for k in before if before[k] != after[k]} == {"loading", "observables", "geometry"}
     assert (files / "extended.yaml").read_text().startswith("# The study mine with what")
+
+
+def test_what_became_part_of_the_model_is_not_asked_again(files):
+    _, found = extend(files, ["septal_load", "mixed_frames", "basal_motion", "heavy_tails"])
+    assert found["criticism"]["hypotheses"] == ["basal_motion", "heavy_tails"]
 
 
 def test_strains_of_an_earlier_frame_say_so(files):

@@ -9,7 +9,7 @@ import yaml
 
 from regional_lv.channels import Channel, Channels
 from regional_lv.config import physics as physics_of
-from regional_lv.criticism.hypotheses.base import REGISTRY, NoiseHypothesis
+from regional_lv.criticism.hypotheses import REGISTRY, NoiseHypothesis, asked
 from regional_lv.errors import InputError
 from regional_lv.measured import read_measured, write_measured
 
@@ -51,6 +51,11 @@ def write_extended(
     loading = {**physics["loading"], "frames": frames}
     sections = {key: value for key, value in physics.items() if key in config}
     geometry = {**config["geometry"], **physics["geometry"]}
+    wanted = config["criticism"]["hypotheses"]
+    if wanted != "all":
+        # What is part of the model can no longer be asked.
+        wanted = list(asked(wanted, {**physics, "loading": loading})) or "all"
+    criticism = {**config["criticism"], "joint": {}, "extends": str(findings)}
     study = {
         **config,
         **{key: value for key, value in sections.items() if key not in ("geometry", "parameters")},
@@ -59,7 +64,7 @@ def write_extended(
         "study": f"{config['study']}_extended",
         "subjects": {subject: {"source": "file", "measured": str(corrected)}},
         "synthetic_subjects": {},
-        "criticism": {**config["criticism"], "joint": {}, "extends": str(findings)},
+        "criticism": criticism | {"hypotheses": wanted},
     }
     table["output"] = [channel.name for channel in channels]
     table["load_fraction"] = [channel.load_fraction for channel in channels]
