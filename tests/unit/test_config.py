@@ -360,7 +360,7 @@ def test_theta_outside_the_design_names_the_bounds(subject):
         ({"fibre_rotatio": 5.0}, r"effects: 'fibre_rotatio' .*did you mean fibre_rotation"),
         ({"fibre_rotation": {"segment": 7, "multiplier": 2.0}}, r"rotation: .*give a number"),
         ({"focal_scar": 3.0}, r"focal_scar: 3.0 is not its form; give \{segment: "),
-        ({"fibre_rotation": 40.0}, r"effects\.fibre_rotation: 40.0 .*-15.0 to 15.0 deg; move it"),
+        ({"fibre_rotation": 40.0}, r"effects\.fibre_rotation: 40.0 .*-30.0 to 30.0 deg; move it"),
         ({"focal_scar": {"segment": 18, "multiplier": 2.0}}, r"segment: 18 is too large"),
         ({"focal_scar": {"segment": 7}}, r"focal_scar: missing multiplier"),
         ({"focal_scar": {"segment": 7, "multiplier": 30.0}}, r"focal_scar: 30.0 lies outside"),

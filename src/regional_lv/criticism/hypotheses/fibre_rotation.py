@@ -7,9 +7,9 @@ class FibreRotation(SimulatorHypothesis):
     name = "fibre_rotation"
     parameter = "rotation of the helix angle"
     unit = "deg"
-    base, low, high = 0.0, -15.0, 15.0
+    base, low, high = 0.0, -30.0, 30.0
     path = ("fibres", "rotation_deg")
-    nodes = (-15.0, -6.0, 15.0)
+    nodes = (-30.0, -12.0, 12.0, 30.0)
     description = (
         "Fibres of a living ventricle are not imaged; a rule gives them one helix angle at the "
         "endocardium and one at the epicardium. Measured angles differ between hearts by ten "

@@ -7,10 +7,10 @@ class HelixEndo(ChangedValue):
     name = "helix_endo"
     parameter = "change of the endocardial helix angle"
     unit = "deg"
-    low, high = -20.0, 20.0
+    low, high = -30.0, 30.0
     path = ("fibres",)
     signs = (("helix_endo_deg", 1),)
-    nodes = (-20.0, -8.0, 20.0)
+    nodes = (-30.0, -12.0, 12.0, 30.0)
     description = (
         "The rule sets one helix angle at each surface of the wall; measured ones differ between "
         "hearts by ten degrees and more, at the endocardium most, where trabeculae begin. Psi is "
