@@ -34,6 +34,14 @@ BENCHMARK_STEP = STEP | {
     "batch_size": config["criticism"]["benchmark"]["subjects_per_batch"],
 }
 EXTENSIONS = expand(f"{C}/extensions/{{hypothesis}}.pt", hypothesis=HYPOTHESES)
+EMULATORS_OF = {"emulator": f"{R}/emulators/{EMULATOR}.pt", "extensions": EXTENSIONS}
+OF_SUBJECT = EMULATORS_OF | {
+    "measured": lambda wildcards: expand(
+        f"{R}/measured/{{subject}}.csv", subject=criticised(wildcards.subject)
+    ),
+    "known_theta": lambda wildcards: known_theta(wildcards.subject),
+}
+OF_BATCH = EMULATORS_OF | {"subjects": f"{C}/benchmark/subjects.parquet"}
 
 
 rule extensions:
@@ -163,12 +171,7 @@ rule criticism:
 rule search_causes:
     """Of one subject, or of several together. Reads what was measured, never a truth."""
     input:
-        emulator=f"{R}/emulators/{EMULATOR}.pt",
-        extensions=EXTENSIONS,
-        measured=lambda wildcards: expand(
-            f"{R}/measured/{{subject}}.csv", subject=criticised(wildcards.subject)
-        ),
-        known_theta=lambda wildcards: known_theta(wildcards.subject),
+        **OF_SUBJECT,
     output:
         search=f"{C}/{{subject}}/search.json",
     params:
@@ -191,12 +194,7 @@ rule search_causes:
 rule plan_confirmation:
     """What has to be simulated of the leading sets of causes, round by round."""
     input:
-        emulator=f"{R}/emulators/{EMULATOR}.pt",
-        extensions=EXTENSIONS,
-        measured=lambda wildcards: expand(
-            f"{R}/measured/{{subject}}.csv", subject=criticised(wildcards.subject)
-        ),
-        known_theta=lambda wildcards: known_theta(wildcards.subject),
+        **OF_SUBJECT,
         search=f"{C}/{{subject}}/search.json",
         simulations=lambda wildcards: confirmations(wildcards.subject, int(wildcards.turn)),
     output:
@@ -219,7 +217,8 @@ rule plan_confirmation:
 
 
 rule simulate_sets:
-    """The leading sets with all their effects at once, by the full simulator."""
+    """The leading sets with all their effects at once, by the full simulator; of a subject, or of
+    all hearts of a batch of the benchmark."""
     input:
         mesh=f"{R}/geometry/mesh.vtu",
         predictor=f"{R}/mechanics/predictor.npz",
@@ -231,7 +230,7 @@ rule simulate_sets:
         physics=PHYSICS,
         parameters=PARAMETER_SPEC,
     wildcard_constraints:
-        subject="|".join(CRITICISED) or "(?!)",
+        subject="|".join([*CRITICISED, r"benchmark/batch-\d+"]),
     log:
         f"{LOGS}/criticism/{{subject}}/simulate-{{turn}}.log",
     benchmark:
@@ -246,12 +245,7 @@ rule simulate_sets:
 rule conclude_criticism:
     """The verdict, with what the simulations say."""
     input:
-        emulator=f"{R}/emulators/{EMULATOR}.pt",
-        extensions=EXTENSIONS,
-        measured=lambda wildcards: expand(
-            f"{R}/measured/{{subject}}.csv", subject=criticised(wildcards.subject)
-        ),
-        known_theta=lambda wildcards: known_theta(wildcards.subject),
+        **OF_SUBJECT,
         search=f"{C}/{{subject}}/search.json",
         simulations=lambda wildcards: confirmations(wildcards.subject, len(TURNS)),
     output:
@@ -348,9 +342,7 @@ rule hidden_effects:
 rule search_benchmark:
     """Blind: reads the measured hearts alone."""
     input:
-        subjects=f"{C}/benchmark/subjects.parquet",
-        emulator=f"{R}/emulators/{EMULATOR}.pt",
-        extensions=EXTENSIONS,
+        **OF_BATCH,
     output:
         searches=f"{C}/benchmark/searches/batch-{{batch}}.json",
     params:
@@ -370,9 +362,7 @@ rule search_benchmark:
 rule plan_benchmark:
     """What has to be simulated to confirm what was found of a batch."""
     input:
-        subjects=f"{C}/benchmark/subjects.parquet",
-        emulator=f"{R}/emulators/{EMULATOR}.pt",
-        extensions=EXTENSIONS,
+        **OF_BATCH,
         searches=f"{C}/benchmark/searches/batch-{{batch}}.json",
         simulations=lambda wildcards: confirmations(
             f"benchmark/batch-{wildcards.batch}", int(wildcards.turn)
@@ -393,35 +383,10 @@ rule plan_benchmark:
         "../scripts/call.py"
 
 
-rule simulate_benchmark:
-    """The leading sets of all hearts of a batch."""
-    input:
-        mesh=f"{R}/geometry/mesh.vtu",
-        predictor=f"{R}/mechanics/predictor.npz",
-        design=f"{C}/benchmark/batch-{{batch}}/confirmation/design-{{turn}}.parquet",
-    output:
-        simulations=f"{C}/benchmark/batch-{{batch}}/confirmation/simulations-{{turn}}.parquet",
-    params:
-        call="criticism.injection:simulate_sets",
-        physics=PHYSICS,
-        parameters=PARAMETER_SPEC,
-    log:
-        f"{LOGS}/criticism/benchmark/simulate-{{batch}}-{{turn}}.log",
-    benchmark:
-        f"{R}/benchmarks/criticism/benchmark/simulate-{{batch}}-{{turn}}.tsv"
-    threads: 1
-    conda:
-        "../../envs/mechanics.yaml"
-    script:
-        "../scripts/call.py"
-
-
 rule conclude_benchmark:
     """The verdicts of a batch."""
     input:
-        subjects=f"{C}/benchmark/subjects.parquet",
-        emulator=f"{R}/emulators/{EMULATOR}.pt",
-        extensions=EXTENSIONS,
+        **OF_BATCH,
         searches=f"{C}/benchmark/searches/batch-{{batch}}.json",
         simulations=lambda wildcards: confirmations(f"benchmark/batch-{wildcards.batch}", len(TURNS)),
     output:
@@ -445,9 +410,7 @@ rule score_benchmark:
     input:
         verdicts=expand(f"{C}/benchmark/verdicts/{{batch}}.parquet", batch=VERDICT_BATCHES),
         truth=f"{R}/truth/benchmark.parquet",
-        subjects=f"{C}/benchmark/subjects.parquet",
-        emulator=f"{R}/emulators/{EMULATOR}.pt",
-        extensions=EXTENSIONS,
+        **OF_BATCH,
     output:
         cases=f"{C}/benchmark/cases.csv",
         confusion=f"{C}/benchmark/confusion.csv",

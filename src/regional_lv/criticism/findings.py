@@ -13,7 +13,7 @@ from regional_lv.criticism import data_checks, words
 from regional_lv.criticism.posterior import gain_of
 from regional_lv.criticism.score import Misfit
 from regional_lv.criticism.separate import separating_measurement
-from regional_lv.criticism.verdict import CauseSet, Critic, Criticism, Sampled, Tested
+from regional_lv.criticism.verdict import CauseSet, Criticism, Sampled, Tested
 from regional_lv.emulators.base import Emulator
 from regional_lv.measured import shortcomings
 
@@ -152,7 +152,7 @@ def _hypothesis(test: Tested, criticism: Criticism) -> dict:
         weighted = DescrStatsW(psi.numpy(), weight.numpy())
         low, estimate, high = weighted.quantile([0.025, 0.5, 0.975], return_pandas=False).tolist()
         posterior = _density(weighted, psi, weight, h.low, h.high)
-        bound = same[0].model.tails is None and Critic.at_bound(same[0], name)
+        bound = same[0].model.tails is None and same[0].at_bound(name)
     elif identified.identifiable and math.isfinite(identified.sd):
         # From the score alone, as far as the range goes.
         middle = h.base + test.z * identified.sd
@@ -221,11 +221,10 @@ def _confirmation(criticism: Criticism) -> dict:
     best, confirmed = criticism.best, [s for s in criticism.sets if s.confirmed]
     channels = []
     if best is not None and best.confirmed:
-        o, sd = criticism.observations, best.model.noise_variance(best.fit.x)[0].sqrt()
+        o, value, in_sds = criticism.observations, best.correction.value, best.difference_sds
         channels = [
             {"subject": subject, "output": channel.name, "difference": float(value[i, j])}
-            | {"difference_sd": float(value[i, j] / sd[i, j])}
-            for value in [best.correction.value]
+            | {"difference_sd": float(in_sds[i, j])}
             for i, subject in enumerate(o.subjects)
             for j, channel in enumerate(o.channels)
             if o.present[i, j]

@@ -10,11 +10,12 @@ import pandas as pd
 import torch
 
 from regional_lv import emulators
+from regional_lv.criticism.critic import Critic
 from regional_lv.criticism.extension import read_extensions
 from regional_lv.criticism.findings import findings_of, write_findings
 from regional_lv.criticism.hypotheses import NoiseHypothesis
 from regional_lv.criticism.observations import observe
-from regional_lv.criticism.verdict import Critic, Criticism, Searched, Settings
+from regional_lv.criticism.verdict import Criticism, Searched, Settings
 from regional_lv.emulators.base import Emulator
 from regional_lv.errors import InputError
 from regional_lv.jobs import passes_on
@@ -22,42 +23,6 @@ from regional_lv.measured import read_measured
 from regional_lv.seeds import derive
 
 log = logging.getLogger(__name__)
-
-
-def read_critic(
-    subject: str,
-    emulator: str | Path,
-    extensions: Sequence[str | Path],
-    subjects: Sequence[str],
-    measured: Sequence[str | Path],
-    settings: dict,
-    strain_exponent: float,
-    noise_prior_scale: float,
-    seed: int,
-    known_theta: Sequence[str | Path] = (),
-) -> "Inputs":
-    """What all steps of the criticism read.
-
-    subject: name of the subject, or of the joint criticism. subjects, measured: whose files they
-    are, and the files. settings: section `criticism` of the config. strain_exponent: of the study's
-    strain measure. known_theta: tables (CSV) with `subject` and the parameters, for hearts whose
-    theta is known up to a common number for each factor of the material.
-
-    Raises InputError for files that cannot be used, before anything is fitted.
-    """
-    tables = {
-        name: read_measured(path, strain_exponent=strain_exponent)
-        for name, path in zip(subjects, measured, strict=True)
-    }
-    trained = emulators.load(emulator)
-    names = trained.parameters.names
-    theta = read_known_theta(known_theta, list(subjects), names) if known_theta else None
-    changing, noises = split(read_extensions(extensions))
-    return Inputs(
-        *(subject, tables, trained, changing, noises),
-        *(Settings.from_config(settings), strain_exponent, noise_prior_scale),
-        *(derive(seed, "criticism", subject), theta),
-    )
 
 
 @dataclass(frozen=True)
@@ -87,6 +52,42 @@ class Inputs:
             *(self.name, criticism, self.emulator, self.extensions, self.tables),
             self.strain_exponent,
         )
+
+
+def read_critic(
+    subject: str,
+    emulator: str | Path,
+    extensions: Sequence[str | Path],
+    subjects: Sequence[str],
+    measured: Sequence[str | Path],
+    settings: dict,
+    strain_exponent: float,
+    noise_prior_scale: float,
+    seed: int,
+    known_theta: Sequence[str | Path] = (),
+) -> Inputs:
+    """What all steps of the criticism read.
+
+    subject: name of the subject, or of the joint criticism. subjects, measured: whose files they
+    are, and the files. settings: section `criticism` of the config. strain_exponent: of the study's
+    strain measure. known_theta: tables (CSV) with `subject` and the parameters, for hearts whose
+    theta is known up to a common number for each factor of the material.
+
+    Raises InputError for files that cannot be used, before anything is fitted.
+    """
+    tables = {
+        name: read_measured(path, strain_exponent=strain_exponent)
+        for name, path in zip(subjects, measured, strict=True)
+    }
+    trained = emulators.load(emulator)
+    names = trained.parameters.names
+    theta = read_known_theta(known_theta, list(subjects), names) if known_theta else None
+    changing, noises = split(read_extensions(extensions))
+    return Inputs(
+        *(subject, tables, trained, changing, noises),
+        *(Settings.from_config(settings), strain_exponent, noise_prior_scale),
+        *(derive(seed, "criticism", subject), theta),
+    )
 
 
 @passes_on(read_critic)

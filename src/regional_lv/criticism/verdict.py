@@ -1,41 +1,18 @@
-"""From measured hearts to a verdict on sets of causes: search, confirmation, conclusion.
+"""The verdict on sets of causes: what was searched, sampled and confirmed, and what is named."""
 
-`Critic.search` tests the base model and looks for sets of causes with the emulators; `Critic.plan`
-says what has to be simulated to confirm the leading ones; `Critic.conclude` takes these simulations
-and decides.
-"""
-
-import logging
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field
 
-import pandas as pd
 import torch
 
-from regional_lv.criticism import outliers, score
-from regional_lv.criticism.confirmation import Correction, correct, design_rows, label
-from regional_lv.criticism.discrepancy import AMPLITUDES, unlisted_covariance
-from regional_lv.criticism.extended import ExtendedEmulator
-from regional_lv.criticism.fit import Fit, fit_best, fit_from_nothing, white
-from regional_lv.criticism.identify import Identified, identify
-from regional_lv.criticism.linear import approximate, leave_out_linearly
-from regional_lv.criticism.model import Layout, Model
+from regional_lv.criticism import score
+from regional_lv.criticism.confirmation import Correction
+from regional_lv.criticism.fit import Fit, white
+from regional_lv.criticism.identify import Identified
+from regional_lv.criticism.model import Model
 from regional_lv.criticism.observations import Observations
-from regional_lv.criticism.posterior import (
-    LeftOut,
-    Posterior,
-    laplace,
-    leave_out,
-    precisions,
-    sample,
-)
-from regional_lv.criticism.ratio import likelihood_ratios
-from regional_lv.criticism.search import Search, log_evidence, log_prior
-from regional_lv.emulators.base import Emulator
-from regional_lv.seeds import derive
-
-log = logging.getLogger(__name__)
+from regional_lv.criticism.posterior import LeftOut, Posterior, precisions
 
 PROBABILITY = 0.95
 """Of a cause that is named; of a group, that one of its members is at work."""
@@ -43,23 +20,6 @@ PROBABILITY = 0.95
 ADEQUATE = 0.02
 """Level of the last test, for each cause of a set: a set that misses the data at this level
 explains nothing, whatever it gains. Larger sets were chosen among more, and fit more by chance."""
-
-LEADERS, LEADING_MARGIN = 24, 10.0
-"""Sets that are fitted with the covariance of their own emulators: at most so many, and only those
-whose log posterior probability comes so near to the best one's."""
-
-LEAST_PROBABILITY = 0.01
-"""Of a set that is simulated, or sampled."""
-
-SMALLER = 2
-"""Sets with one cause less than the best one that are simulated before rivals of it."""
-
-MOST_SAMPLED = 3
-"""Sets whose posterior is sampled."""
-
-LARGEST_SAMPLED = 20
-"""Coordinates up to which posteriors are sampled; beyond, several hearts are too many at once and
-the Laplace approximation takes over."""
 
 LARGEST_GROUP = 5
 """Causes of which one is at work, at most: more of them say nothing."""
@@ -188,17 +148,41 @@ class CauseSet:
         return self.correction is not None
 
     @property
-    def difference_sd(self) -> float:
-        """Largest difference of simulated and emulated channels, in sds of the noise."""
-        if self.correction is None:
-            return math.nan
-        sd = self.model.noise_variance(self.fit.x)[0].sqrt()
-        present = self.model.observations.present
-        return float((self.correction.value.abs() / sd)[present].max())
+    def difference_sds(self) -> torch.Tensor:
+        """(S, D) differences of simulated and emulated channels, in sds of the noise."""
+        return self.correction.value / self.model.noise_variance(self.fit.x)[0].sqrt()
 
-    def place(self, name: str) -> int | None:
-        """Coordinate of a cause among those of the model."""
-        return self.model.psi.start + self.names.index(name) if name in self.names else None
+    @property
+    def difference_sd(self) -> float:
+        """The largest of them, whatever its sign."""
+        if not self.confirmed:
+            return math.nan
+        return float(self.difference_sds.abs()[self.model.observations.present].max())
+
+    def place(self, name: str) -> int:
+        """Coordinate of a cause of the set among those of the model."""
+        return self.model.psi.start + self.names.index(name)
+
+    def at_bound(self, name: str) -> bool:
+        """Whether the data ask for more than the range of a cause holds."""
+        place, model = self.place(name), self.model
+        low, high = float(model.low[place]), float(model.high[place])
+        if self.sampled is not None:
+            draws = self.sampled.posterior
+            (median,) = draws.quantile(draws.x[:, place], [0.5])
+            if min(median - low, high - median) < NEAR_END * (high - low):
+                return True
+        x = float(self.fit.x[0, place])
+        if min(x - low, high - x) > 1e-6 * (high - low):
+            return False
+        slopes = white(self.fit.whitening, self.fit.jacobian).flatten(1, 2)[0]
+        error = white(self.fit.whitening, self.fit.residual[..., None]).flatten()
+        covariance = torch.linalg.inv(precisions(model, self.fit)[0])
+        gradient = torch.zeros(len(covariance), dtype=error.dtype)
+        gradient[: model.means] = slopes.mT @ error
+        # How far the free maximum lies outside, in its own standard errors.
+        outside = (covariance @ gradient)[place] / covariance[place, place].sqrt()
+        return abs(float(outside)) > BEYOND
 
 
 @dataclass
@@ -239,429 +223,38 @@ class Criticism:
         return self.adequate and bool(self.named or self.groups)
 
     def probability(self, name: str) -> float:
-        return sum(s.probability for s in self.sets if name in s.names)
+        return _total(s for s in self.sets if name in s.names)
 
-
-class Critic:
-    """Criticises the base model on some observations.
-
-    Parameters
-    ----------
-    observations: of one heart, or of several together.
-    emulator: the base model's.
-    extensions: of all causes that change the outputs, for the emulator's outputs.
-    noises: hypotheses that change the noise.
-    known_theta: (S, P), for hearts whose theta is known up to a common number for each factor of
-        the material.
-    """
-
-    def __init__(
-        self,
-        observations: Observations,
-        emulator: Emulator,
-        extensions: Sequence,
-        noises: Sequence,
-        settings: Settings,
-        seed: int,
-        known_theta: torch.Tensor | None = None,
-    ):
-        outputs, subjects = observations.outputs, observations.subjects
-        self.observations, self.settings, self.seed = observations, settings, seed
-        self.noises = list(noises)
-        self.emulator = emulator.select(outputs)
-        chosen = [extension.select(outputs) for extension in extensions]
-        self._extensions = {(e.hypothesis.name, e.component): e for e in chosen}
-        if known_theta is None:
-            self.layout = Layout.inferred(subjects, emulator.parameters)
-        else:
-            self.layout = Layout.known(known_theta, emulator.parameters)
-        self.testable = int(observations.present.sum()) > len(self._model(()).low)
-
-    # --------------------------------------------------------------------------------- search
-
-    def search(self) -> Searched:
-        """Test the base model, and look for the sets of causes that explain the data."""
-        model = self._model(())
-        best = fit_from_nothing(model, derive(self.seed, "starts"))
-        identified = {at: identify(model, best, e) for at, e in self._extensions.items()}
-        usable = [at for at, found in identified.items() if found.identifiable]
-        tried = [self._extensions[at] for at in usable]
-        observed = score.statistics(model, best, tried)
-        null = score.bootstrap(
-            model, best, tried, self.settings.bootstrap, derive(self.seed, "bootstrap")
-        )
-        tails = bool(self.noises) and observed.tails is not None
-        misfit = score.Misfit(1.0, {}, [])
-        if self.testable:  # otherwise every residual is round-off
-            misfit = score.judge_misfit(observed, null, tails)
-        level = self.settings.level
-        if (
-            self.testable
-            and self.observations.noise.groups
-            and tried
-            and 2 * misfit.p_value > level
-        ):
-            # A larger noise hides what a score sees; then every cause is fitted.
-            ratios = likelihood_ratios(model, best, tried, derive(self.seed, "ratios"))
-            both = min(1.0, 2 * min(misfit.p_value, *ratios.values()))
-            misfit = score.Misfit(both, misfit.families, misfit.largest)
-        detected = self.testable and misfit.p_value <= level
-        tests, critical = self._tests(observed, null, usable, identified, tails)
-        sets, unlisted, prior = [], -math.inf, -math.inf
-        if self.testable:
-            sets, prior = self._sets(model, best, usable, detected)
-            unlisted = self._unlisted(model, best)
-        log.info(
-            "misfit p %.3f; sets: %s",
-            misfit.p_value,
-            "; ".join(f"{label(s['members'])} {s['log_evidence']:.1f}" for s in sets[:5]),
-        )
-        x = best.x[0].tolist()
-        return Searched(x, misfit, detected, tests, sets, unlisted, prior, critical)
-
-    def _tests(self, observed, null, usable, identified, tails) -> tuple[list[dict], float]:
-        """What the scores say of every hypothesis, the most conspicuous first; and the score that
-        the test over the catalogue asks for."""
-        columns = [null.causes.abs()] + ([null.tails[:, None]] if tails else [])
-        largest = torch.cat(columns, dim=1)
-        largest = largest.amax(1) if largest.shape[1] else torch.zeros(1).double()
-        rows = []
-        for name in dict.fromkeys(name for name, _ in self._extensions):
-            places = [i for i, at in enumerate(usable) if at[0] == name]
-            if places:
-                lead = max(places, key=lambda i: abs(float(observed.causes[0, i])))
-                z, at = float(observed.causes[0, lead]), usable[lead]
-                own = null.causes[:, places].abs().amax(1)
-                p = score.share_beyond(abs(z), own), score.share_beyond(abs(z), largest)
-            else:
-                z, p = 0.0, (1.0, 1.0)
-                at = next(at for at in self._extensions if at[0] == name)
-            rows.append(_row(at, z, p, identified[at]))
-        for hypothesis in self.noises:
-            if not tails:
-                few = "too few channels to see tails of noise"
-                known = Identified(False, math.nan, math.nan, few)
-                rows.append(_row((hypothesis.name, ""), 0.0, (1.0, 1.0), known))
-                continue
-            z = float(observed.tails[0])
-            why = "theta cannot imitate the distribution of noise"
-            p = score.share_beyond(z, null.tails), score.share_beyond(z, largest)
-            known = Identified(True, math.nan, 0.0, why)
-            rows.append(_row((hypothesis.name, ""), z, p, known))
-        rows.sort(key=lambda r: (not r["identified"]["identifiable"], r["p_value"], -abs(r["z"])))
-        return rows, float(largest.quantile(1 - self.settings.level))
-
-    def _sets(self, model: Model, best: Fit, usable: list[Member], detected: bool):
-        """The leading sets, each fitted with its own emulators' covariance, the most probable one
-        first; and the log prior of a discrepancy that is not listed."""
-        causes: dict[str, list[int]] = {}
-        for place, (name, _) in enumerate(usable):
-            causes.setdefault(name, []).append(place)
-        everything = Model(
-            self.observations,
-            ExtendedEmulator(self.emulator, [self._extensions[at] for at in usable]),
-            self.layout,
-        )
-        everything.error = model.error
-        # Where nothing seems wrong, only what single causes could still be is told.
-        largest = min(self.settings.largest_set if detected else 1, len(causes))
-        found = Search(everything, best, causes, largest).run()
-
-        def prior(members) -> float:
-            places = [len(causes[name]) for name, _ in members]
-            # A discrepancy that is not listed counts as one size more.
-            return log_prior(len(members), largest + 1, len(causes), places)
-
-        named = {tuple(usable[place] for place in c.members): c for c in found if c.members}
-        ranked = sorted(named, key=lambda m: -named[m].log_evidence - prior(m))
-        if ranked:
-            limit = named[ranked[0]].log_evidence + prior(ranked[0]) - LEADING_MARGIN
-            leading = [m for m in ranked[:LEADERS] if named[m].log_evidence + prior(m) >= limit]
-            # What a larger set is for is seen beside the smaller ones that it holds.
-            for whole in ranked[:MOST_SAMPLED]:
-                leading += [m for m in named if set(m) < set(whole)]
-            if not detected:
-                leading = ranked
-        else:
-            leading = []
-        at, reference = everything.psi.start, float(log_evidence(model, best)[0])
-        sets = []
-        for members in dict.fromkeys(leading):
-            candidate = named[members]
-            psi = candidate.x[[at + place for place in candidate.members]]
-            x = torch.cat([candidate.x[:at], psi, candidate.x[everything.psi.stop :]])
-            one = self._fitted(members, x, prior(members), reference)
-            sets.append(
-                {
-                    "members": members,
-                    "x": one.fit.x[0].tolist(),
-                    "log_prior": one.log_prior,
-                    "log_evidence": one.log_evidence,
-                }
-            )
-        sets.sort(key=lambda s: -s["log_evidence"] - s["log_prior"])
-        return sets, log_prior(0, largest + 1, len(causes))
-
-    def _unlisted(self, model: Model, best: Fit) -> float:
-        """Log evidence, relative to the base model, of a discrepancy of unknown size."""
-        pattern, logs = unlisted_covariance(self.observations, self.emulator), []
-        for amplitude in AMPLITUDES:
-            other = Model(
-                *(self.observations, model.emulator, self.layout),
-                discrepancy=amplitude**2 * pattern,
-            )
-            found = fit_best(other, best.x)
-            logs.append(float(log_evidence(other, found)[0]))
-        reference = float(log_evidence(model, best)[0])
-        return _mean_of_logs(logs) - reference
-
-    def _model(self, members: Sequence[Member], tails=None, correction=None) -> Model:
-        extensions = [self._extensions[at] for at in members]
-        emulator = ExtendedEmulator(self.emulator, extensions, correction)
-        return Model(self.observations, emulator, self.layout, tails)
-
-    def _fitted(self, members, x, prior: float, reference: float, correction=None) -> CauseSet:
-        """A set fitted from `x` (P,), with the covariance of its own emulators.
-
-        reference: log evidence of the base model.
-        """
-        model = self._model(members, correction=correction)
-        found = fit_best(model, x[None])
-        evidence = float(log_evidence(model, found)[0]) - reference
-        return CauseSet(tuple(members), model, found, evidence, prior)
-
-    # --------------------------------------------------------------------------- confirmation
-
-    def plan(self, searched: Searched, simulations: pd.DataFrame | None, turn: int) -> pd.DataFrame:
-        """What to simulate in a round of the confirmation: draws of the leading sets.
-
-        simulations: of the rounds before. A frame without rows if there is nothing to confirm.
-        """
-        columns = ["set", "draw", "subject", *self.emulator.parameters.names, "effects"]
-        if not (searched.detected and searched.sets):
-            return pd.DataFrame(columns=columns)
-        best, *others = self._weighed(searched, simulations)[0]
-        # What single effects do to each other may pass for one more cause: the sets with one less
-        # are simulated, too.
-        smaller = [s for s in others if set(s.members) < set(best.members)]
-        smaller = [s for s in smaller if len(s.members) == len(best.members) - 1]
-        likely = [s for s in others if s.probability >= LEAST_PROBABILITY]
-        order, rows = [best, *smaller[:SMALLER], *likely, *smaller[SMALLER:]], []
-        for one in list({s.members: s for s in order}.values())[: self.settings.sets]:
-            seed = derive(self.seed, "confirmation", turn, label(one.members))
-            draws = approximate(one.model, one.fit, self.settings.simulations, seed).x
-            rows += design_rows(one.members, one.model, draws)
-        return pd.DataFrame(rows, columns=columns)
-
-    def _weighed(self, searched: Searched, simulations: pd.DataFrame | None):
-        """The leading sets, corrected by what was simulated of them, with their probabilities, the
-        most probable first; and the probabilities of the base model and of what is not listed."""
-        sets, reference = [], self._base(searched)[1]
-        for row in searched.sets:
-            members, x = row["members"], torch.tensor(row["x"], dtype=torch.float64)
-            correction = None
-            if simulations is not None and len(simulations):
-                correction = correct(self._model(members), members, simulations)
-            sets.append(self._fitted(members, x, row["log_prior"], reference, correction))
-        return self._probabilities(searched, sets)
-
-    def _probabilities(self, searched: Searched, sets: list[CauseSet]):
-        logs = [s.log_evidence + s.log_prior for s in sets]
-        rest = [searched.unlisted_prior, searched.unlisted + searched.unlisted_prior]
-        weights = torch.softmax(torch.tensor([*logs, *rest], dtype=torch.float64), 0).tolist()
-        for one, weight in zip(sets, weights, strict=False):
-            one.probability = weight
-        return sorted(sets, key=lambda s: -s.probability), weights[-2], weights[-1]
-
-    def _base(self, searched: Searched) -> tuple[Model, float, Fit]:
-        """The base model, its log evidence, and its fit."""
-        model = self._model(())
-        best = fit_best(model, torch.tensor([searched.base_x], dtype=torch.float64))
-        return model, float(log_evidence(model, best)[0]), best
-
-    # ----------------------------------------------------------------------------- conclusion
-
-    def conclude(self, searched: Searched, simulations: pd.DataFrame | None = None) -> Criticism:
-        """Decide, with the simulations of the leading sets."""
-        model, _, best = self._base(searched)
-        base = self._in_earnest(model, best, "base")
-        tests = [self._tested(row) for row in searched.tests]
-        if not self.testable:
-            return Criticism(
-                *(self.observations, self.settings, base, searched, tests, []),
-                *(1.0, 0.0),
-            )
-        sets, nothing, unlisted = self._weighed(searched, simulations)
-        if not searched.detected:
-            return Criticism(
-                *(self.observations, self.settings, base, searched, tests, sets, nothing, unlisted)
-            )
-        reference = base.posterior.log_evidence
-        confirmed = [s for s in sets if s.confirmed]
-        likely = [s for s in confirmed if s.probability >= LEAST_PROBABILITY] or confirmed[:1]
-        for one in likely[:MOST_SAMPLED]:
-            one.sampled = self._in_earnest(one.model, one.fit, label(one.members))
-            one.log_evidence = one.sampled.posterior.log_evidence - reference
-        sets, nothing, unlisted = self._probabilities(searched, sets)
-        found = Criticism(
-            *(self.observations, self.settings, base, searched, tests, sets, nothing, unlisted)
-        )
-        found.best = next((s for s in sets if s.sampled is not None), None)
-        if found.best is not None:
-            found.best.misfit = self._misfit_of(found.best.sampled, "best")
-        self._last_resort(found)
-        if found.best is not None and found.best.model.tails is None:
-            self._name(found)
-        return found
-
-    def _in_earnest(self, model: Model, best: Fit, name: str, tails: bool = False) -> Sampled:
-        centre, covariance = laplace(model, best)
-        seed, draws = derive(self.seed, "sampled", name), self.settings.draws
-        if len(centre) > LARGEST_SAMPLED and not tails:
-            posterior = approximate(model, best, draws, seed)
-            left_out = leave_out_linearly(model, best)
-        else:
-            posterior = sample(model, centre, covariance, draws, seed)
-            left_out = leave_out(posterior, draws, derive(seed, "left out"))
-        log.info(
-            "%s: log evidence %.2f, %.0f effective draws, elpd %.2f, %.0f %% of folds sampled anew",
-            name,
-            *(posterior.log_evidence, posterior.ess, left_out.elpd.sum(), 100 * left_out.repeated),
-        )
-        return Sampled(model, best, posterior, left_out)
-
-    def _misfit_of(self, sampled: Sampled, name: str) -> score.Misfit:
-        """The test of a set's model."""
-        if int(self.observations.present.sum()) <= len(sampled.model.low):
-            return score.Misfit(1.0, {}, [])
-        observed = score.statistics(sampled.model, sampled.fit, [])
-        null = score.bootstrap(
-            *(sampled.model, sampled.fit, [], self.settings.bootstrap),
-            derive(self.seed, "misfit", name),
-        )
-        return score.judge_misfit(observed, null)
-
-    def _last_resort(self, found: Criticism) -> None:
-        """Heavy tails explain anything: they are taken only where neither a set of physical causes
-        nor a smooth departure does as well, and where few channels stand alone far off."""
-        best = found.best
-        searched = found.searched
-        rivals = [searched.unlisted + searched.unlisted_prior]
-        rivals += [] if best is None else [best.log_evidence + best.log_prior]
-        single = log_prior(1, self.settings.largest_set + 1, max(len(self._extensions), 1))
-        for hypothesis in self.noises:
-            if not any(
-                t.name == hypothesis.name and t.identified.identifiable for t in found.tests
-            ):
-                continue
-            if len(found.base.model.low) > LARGEST_SAMPLED:
-                continue
-            if best is not None and found.adequate and best.misfit.families:
-                # What fits needs no last resort.
-                continue
-            model = self._model((), hypothesis)
-            model.settle(found.base.fit.x[0])
-            old = found.base.fit
-            at = model.tail
-            middle = torch.tensor([(hypothesis.low + hypothesis.high) / 2], dtype=old.x.dtype)
-            x = torch.cat([old.x[0, :at], middle, old.x[0, at:]])[None]
-            start = Fit(x, old.objective, old.residual, old.jacobian, old.whitening)
-            sampled = self._in_earnest(model, start, hypothesis.name, tails=True)
-            evidence = sampled.posterior.log_evidence - found.base.posterior.log_evidence
-            found.outliers = outliers.why_not(sampled)
-            if found.outliers or evidence + single < max(rivals) + math.log(19):
-                continue
-            tails = CauseSet(((hypothesis.name, ""),), model, start, evidence, single, 1.0, sampled)
-            tails.misfit = score.Misfit(1.0, {}, [])
-            for one in found.sets:
-                one.probability = 0.0
-            found.sets.insert(0, tails)
-            found.base_probability = found.unlisted_probability = 0.0
-            found.best, found.named = tails, [hypothesis.name]
-
-    def _name(self, found: Criticism) -> None:
+    def name_causes(self) -> None:
         """Name the causes that are certain, and the groups of which one is."""
-        for name in found.best.names:
-            if self.at_bound(found.best, name):
-                found.acts_like.append(name)
-            elif not found.adequate:
+        for name in self.best.names:
+            if self.best.at_bound(name):
+                self.acts_like.append(name)
+            elif not self.adequate:
                 continue
-            elif found.probability(name) >= PROBABILITY:
-                found.named.append(name)
+            elif self.probability(name) >= PROBABILITY:
+                self.named.append(name)
             else:
-                group = _group(found, name)
-                if group and group not in found.groups:
-                    found.groups.append(group)
+                group = self._group(name)
+                if group and group not in self.groups:
+                    self.groups.append(group)
 
-    @staticmethod
-    def at_bound(one: CauseSet, name: str) -> bool:
-        """Whether the data ask for more than the range of a cause holds."""
-        place, model = one.place(name), one.model
-        low, high = float(model.low[place]), float(model.high[place])
-        if one.sampled is not None:
-            draws = one.sampled.posterior
-            (median,) = draws.quantile(draws.x[:, place], [0.5])
-            if min(median - low, high - median) < NEAR_END * (high - low):
-                return True
-        x = float(one.fit.x[0, place])
-        if min(x - low, high - x) > 1e-6 * (high - low):
-            return False
-        slopes = white(one.fit.whitening, one.fit.jacobian).flatten(1, 2)[0]
-        error = white(one.fit.whitening, one.fit.residual[..., None]).flatten()
-        covariance = torch.linalg.inv(precisions(model, one.fit)[0])
-        gradient = torch.zeros(len(covariance), dtype=error.dtype)
-        gradient[: model.means] = slopes.mT @ error
-        # How far the free maximum lies outside, in its own standard errors.
-        outside = (covariance @ gradient)[place] / covariance[place, place].sqrt()
-        return abs(float(outside)) > BEYOND
-
-    def _tested(self, row: dict) -> Tested:
-        at = (row["name"], row["component"])
-        known = self._extensions.get(at)
-        hypothesis = known.hypothesis if known else _by_name(self.noises, row["name"])
-        share = float(known.fraction_simulated) if known else 1.0
-        own = Identified(**row["identified"])
-        return Tested(
-            *(hypothesis, row["component"], row["z"], row["p_single"], row["p_value"], own, share)
-        )
+    def _group(self, name: str) -> list[str]:
+        """The fewest causes, `name` first, of which at least one is at work with `PROBABILITY`;
+        empty if that takes too many."""
+        group, rest = [name], self.base_probability + self.unlisted_probability
+        while True:
+            without = [s for s in self.sets if not set(group) & set(s.names)]
+            if 1 - _total(without) - rest >= PROBABILITY:
+                return group
+            shares: dict[str, float] = {}
+            for one in without:
+                for other in set(one.names) - set(self.best.names):
+                    shares[other] = shares.get(other, 0.0) + one.probability
+            if not shares or len(group) == LARGEST_GROUP:
+                return []
+            group.append(max(sorted(shares), key=shares.get))
 
 
-def _row(at: Member, z: float, p: tuple[float, float], identified: Identified) -> dict:
-    return {
-        "name": at[0],
-        "component": at[1],
-        "z": z,
-        "p_single": p[0],
-        "p_value": p[1],
-        "identified": asdict(identified),
-    }
-
-
-def _by_name(hypotheses, name: str):
-    return next(h for h in hypotheses if h.name == name)
-
-
-def _group(found: Criticism, name: str) -> list[str]:
-    """The fewest causes, `name` first, of which at least one is at work with `PROBABILITY`; empty
-    if that takes too many."""
-    group, chosen = [name], found.sets
-    while True:
-        without = [s for s in chosen if not set(group) & set(s.names)]
-        if 1 - _total(without) - found.base_probability - found.unlisted_probability >= PROBABILITY:
-            return group
-        shares: dict[str, float] = {}
-        for one in without:
-            for other in set(one.names) - set(found.best.names):
-                shares[other] = shares.get(other, 0.0) + one.probability
-        if not shares or len(group) == LARGEST_GROUP:
-            return []
-        group.append(max(sorted(shares), key=shares.get))
-
-
-def _total(sets: list[CauseSet]) -> float:
+def _total(sets: Iterable[CauseSet]) -> float:
     return sum(s.probability for s in sets)
-
-
-def _mean_of_logs(logs: list[float]) -> float:
-    values = torch.tensor(logs, dtype=torch.float64)
-    return float(torch.logsumexp(values, 0) - math.log(len(logs)))
