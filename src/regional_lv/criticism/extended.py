@@ -32,7 +32,9 @@ class ExtendedEmulator:
 
     extensions: `criticism.extension.Extension`s for the same outputs as `emulator`. correction: a
     `criticism.confirmation.Correction` from simulations with all their effects at once, if there is
-    one; its covariance takes the place of the emulators'.
+    one; its covariance takes the place of the extensions'. The base emulator's stays: a channel
+    without noise, like a volume taken as exact, would otherwise have to be met to what is left of
+    the simulations' error, and a set would be judged by another rule than the base model.
     """
 
     def __init__(self, emulator: Emulator, extensions: Sequence = (), correction=None):
@@ -61,7 +63,7 @@ class ExtendedEmulator:
             mean, covariance = mean + part.mean, covariance + part.covariance
         if self.correction is not None:
             mean = mean + self.correction.mean(theta, psi)
-            covariance = self.correction.covariance.expand_as(covariance)
+            covariance = base.covariance + self.correction.covariance
         return Prediction(mean, covariance)
 
     @torch.no_grad()
