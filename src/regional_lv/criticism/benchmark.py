@@ -17,7 +17,7 @@ from regional_lv.criticism.fit import fit
 from regional_lv.criticism.injection import KINDS
 from regional_lv.criticism.model import Layout, Model
 from regional_lv.criticism.observations import Observations, observe
-from regional_lv.criticism.rates import rate
+from regional_lv.criticism.rates import confusions, rate
 from regional_lv.criticism.score import Projected
 from regional_lv.criticism.study import Inputs, split
 from regional_lv.criticism.verdict import Searched, Settings
@@ -207,9 +207,7 @@ def score_benchmark(
     if table.empty:
         raise InputError(f"{truth}: no subject that was criticised; make the benchmark again")
     table.to_csv(cases, index=False)
-    table.assign(answer=table["answer"].str.split(" ")).explode("answer").pipe(
-        lambda t: pd.crosstab(t["effect"], t["answer"])
-    ).to_csv(confusion)
+    confusions(table).to_csv(confusion)
     Path(summary).write_text(json.dumps(summarise(table), indent=1) + "\n")
 
 

@@ -35,11 +35,11 @@ def write_extended(
             f"{findings}: no cause is named, so that there is nothing to extend; read its `words`"
         )
     by_name = {h["name"]: h for h in content["hypotheses"]}
-    physics = physics_of(dict(config))
+    base = physics = physics_of(dict(config))
     table = read_measured(measured, strain_exponent=physics["observables"]["strain_exponent"])
     channels = list(Channels.parse(table["output"]))
     for name in content["named"]:
-        hypothesis, found = REGISTRY[name].for_study(physics_of(dict(config))), by_name[name]
+        hypothesis, found = REGISTRY[name].for_study(base), by_name[name]
         if isinstance(hypothesis, NoiseHypothesis):
             continue
         physics = hypothesis.extend(physics, found["estimate"], found["component"])
@@ -49,7 +49,11 @@ def write_extended(
         ]
     frames = sorted({c.load_fraction for c in channels} - {1.0})
     loading = {**physics["loading"], "frames": frames}
-    sections = {key: value for key, value in physics.items() if key in config}
+    sections = {
+        key: value
+        for key, value in physics.items()
+        if key in config and key not in ("geometry", "parameters")
+    }
     geometry = {**config["geometry"], **physics["geometry"]}
     wanted = config["criticism"]["hypotheses"]
     if wanted != "all":
@@ -58,7 +62,7 @@ def write_extended(
     criticism = {**config["criticism"], "joint": {}, "extends": str(findings)}
     study = {
         **config,
-        **{key: value for key, value in sections.items() if key not in ("geometry", "parameters")},
+        **sections,
         "loading": loading,
         "geometry": geometry,
         "study": f"{config['study']}_extended",

@@ -8,7 +8,7 @@ import pandas as pd
 import seaborn
 from matplotlib.ticker import FixedLocator, NullLocator
 
-from regional_lv.criticism.rates import rate
+from regional_lv.criticism.rates import confusions, rate
 from regional_lv.plots import style
 
 EDGES = (0, 1, 2, 3, 4, 6, 9, 15, 1000)
@@ -30,9 +30,8 @@ def draw(cases_file: Path, png: Path, csv: Path) -> None:
     cases["answer"] = cases["answer"].fillna("none")
     cases["effect"] = cases["effect"].fillna("none")
     rows = [*sorted(set(cases["effect"]) - {"none"}), "none"]
-    long = cases.assign(answer=cases["answer"].str.split(" ")).explode("answer")
-    columns = [*rows[:-1], *sorted(set(long["answer"]) - set(rows)), "none"]
-    counts = pd.crosstab(long["effect"], long["answer"])
+    counts = confusions(cases)
+    columns = [*rows[:-1], *sorted(set(counts.columns) - set(rows)), "none"]
     counts = counts.reindex(index=rows, columns=columns, fill_value=0)
 
     fig = style.figure(14.0, 0.3 * len(rows) + 2.6)
