@@ -60,10 +60,12 @@ class ExtendedEmulator:
         mean, covariance = base.mean, base.covariance
         for i, extension in enumerate(self.extensions):
             part = extension.difference(self.emulator, theta, psi[..., i])
-            mean, covariance = mean + part.mean, covariance + part.covariance
+            mean = mean + part.mean
+            if self.correction is None:
+                covariance = covariance + part.covariance
         if self.correction is not None:
             mean = mean + self.correction.mean(theta, psi)
-            covariance = base.covariance + self.correction.covariance
+            covariance = covariance + self.correction.covariance
         return Prediction(mean, covariance)
 
     @torch.no_grad()
