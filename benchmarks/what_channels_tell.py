@@ -108,7 +108,7 @@ def draw(table: pd.DataFrame, png: Path) -> None:
 @style.context
 def main(target: Path, folder: Path) -> None:
     """Simulate what is missing, infer, write."""
-    config = yaml.safe_load(Path("config/quick.yaml").read_text()) | CHANGES
+    config = yaml.safe_load(Path("config/study.yaml").read_text()) | CHANGES
     config["study"], config["design"] = "channels", config["design"] | DESIGN
     config["efficiency"] = {"sizes": [60], "most_with_sensitivities": 100}
     study = Study(config, folder)

@@ -365,7 +365,7 @@ def _cross_check(config: dict) -> Iterator[str]:
     solver = config["solver"]
     if solver["min_load_fraction"] > solver["first_load_fraction"]:
         yield "solver.min_load_fraction: exceeds solver.first_load_fraction; lower it"
-    mistakes += _check_emulators(config["emulators"])
+    mistakes += _check_emulators(config["emulators"], config["evaluation"])
     mistakes += _complaints(material_from_config, config["material"])
     mistakes += _complaints(check_layer, *config["observables"]["layer"])
     mistakes += _complaints(Channels.from_config, config)
@@ -460,7 +460,7 @@ def _check_added(name: str, registry: Iterable[str], config: dict) -> Iterator[s
             yield _explain_unknown(section, name, key)
 
 
-def _check_emulators(emulators: dict) -> Iterator[str]:
+def _check_emulators(emulators: dict, evaluation: bool) -> Iterator[str]:
     """Names that no emulator has, and choices among those that are not fitted."""
     section = _section("emulators")
     own = {"names", "shortlist", "final"}
@@ -482,6 +482,11 @@ def _check_emulators(emulators: dict) -> Iterator[str]:
         if name not in names:
             yield f"emulators.shortlist.names: {name} is not in emulators.names; add it there"
     candidates = shortlist["names"] or names
+    if not evaluation and emulators["final"] == "auto":
+        yield (
+            "emulators.final: without `evaluation` nothing says which emulator is the best; name "
+            f"one of {', '.join(names)}"
+        )
     if emulators["final"] not in ("auto", *candidates):
         yield (
             f"emulators.final: {emulators['final']} is not among those whose posteriors are "

@@ -17,7 +17,7 @@ from regional_lv.parameters import Parameterisation
 
 ROOT = Path(__file__).resolve().parents[2]
 PARAMETERS = Parameterisation()
-STUDIES = ("config", "paper_1500", "quick", "hidden_effects", "smoke")
+STUDIES = ("config", "paper_1500", "study", "quick", "hidden_effects", "smoke")
 
 
 @pytest.fixture(autouse=True)
@@ -60,9 +60,10 @@ def test_the_papers_study_is_the_default():
     assert paper["design"]["natural"] + paper["design"]["log"] == 5661
 
 
-@pytest.mark.parametrize("name", STUDIES[1:])
+@pytest.mark.parametrize("name", [name for name in STUDIES[1:] if name != "quick"])
 def test_a_study_means_the_same_on_top_of_the_papers(name):
-    """Snakemake merges a second configuration file into the first."""
+    """Snakemake merges a second configuration file into the first. The quick study names no
+    subjects, so that a file on top of it can."""
     merged = yaml.safe_load(Path("config/config.yaml").read_text())
     for section, value in yaml.safe_load(Path(f"config/{name}.yaml").read_text()).items():
         if isinstance(value, dict):
@@ -70,6 +71,21 @@ def test_a_study_means_the_same_on_top_of_the_papers(name):
         else:
             merged[section] = value
     assert config.load(merged) == config.load(f"config/{name}.yaml")
+
+
+def test_subjects_of_ones_own_replace_those_of_the_quick_study():
+    quick = yaml.safe_load(Path("config/quick.yaml").read_text())
+    own = {"subjects": {"anna": {"source": "published_simulation", "row": 3}}}
+    assert set(config.load(quick)["subjects"]) == {"synthetic_lateral", "synthetic_hidden"}
+    assert set(config.load(quick | own)["subjects"]) == {"anna"}
+
+
+def test_a_study_without_evaluation_names_its_emulator():
+    given = {"study": "mine", "evaluation": False, "emulators": {"names": ["exact_gp"]}}
+    with pytest.raises(InputError, match=r"emulators\.final: without `evaluation`.*exact_gp"):
+        config.load(given)
+    given["emulators"]["final"] = "exact_gp"
+    assert config.load(given)["evaluation"] is False
 
 
 def test_loading_leaves_its_input_alone_and_repeats():

@@ -104,11 +104,11 @@ def test_example(root, tmp_path, monkeypatch, name, emulator, simulations, param
 
 @pytest.mark.parametrize("name", [path.stem for path in sorted(EXAMPLES.glob("*.yaml"))])
 def test_examples_are_complete_configurations(root, monkeypatch, name):
-    """On top of the quick study, as their first line says."""
+    """On top of the small study, as their first line says."""
     monkeypatch.chdir(root)
     quick, own = (
         yaml.safe_load(p.read_text())
-        for p in (SMOKE.with_name("quick.yaml"), EXAMPLES / f"{name}.yaml")
+        for p in (SMOKE.with_name("study.yaml"), EXAMPLES / f"{name}.yaml")
     )
     assert study_config.load(merged(quick, own))["study"] == name
 

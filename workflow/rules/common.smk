@@ -73,8 +73,10 @@ envvars:
 
 R = f"results/{config['study']}"
 LOGS = f"{R}/logs"
-# The emulator that scenarios, subjects and most figures use; `choose_final` makes it.
-EMULATOR = "final"
+# The emulator that scenarios, subjects and most figures use: `choose_final` makes it, where there
+# is something to choose by.
+EVALUATION = config["evaluation"]
+EMULATOR = "final" if EVALUATION else config["emulators"]["final"]
 
 # What is inferred and what is observed: the objects, and the plain values that rules hand over.
 PARAMETERS = Parameterisation.from_config(config)

@@ -263,28 +263,33 @@ for name, plot in PLOTS.items():
             "../scripts/call.py"
 
 
+EVALUATING_FIGURES = [
+    *([] if FROM_TABLES else ["resimulation"]),
+    *("parity", *COMPARISON_FIGURES),
+    *("recovery", "uncertainty", *TRACED, "sbc", "sampler_agreement"),
+    *(
+        f"bullseye_{which}{noise}"
+        for which, (sets, *_) in BULLSEYES.items()
+        for noise in NOISE_TITLES
+        if sets
+    ),
+    *(["roc"] if LOCAL else []),
+    *(["map_errors", "hpd_widths"] if SCENARIOS else []),
+    *(f"zone_correlations{noise}" for noise in NOISE_TITLES if SCENARIOS),
+    *(f"correlations/{name}" for name in [*SCENARIOS, *NOISY]),
+    *(f"{subject}/noise_prior" for subject in NOISE_INFERRED),
+]
 FIGURES = expand(
     f"{R}/figures/{{name}}.{{ext}}",
     name=[
-        *([] if FROM_TABLES else ["zones", "strain_field", "design", "resimulation"]),
-        *("explained_variance", "parity", *COMPARISON_FIGURES),
-        *("recovery", "uncertainty", *TRACED, "sbc", "sampler_agreement"),
-        *(
-            f"bullseye_{which}{noise}"
-            for which, (sets, *_) in BULLSEYES.items()
-            for noise in NOISE_TITLES
-            if sets
-        ),
-        *(["roc"] if LOCAL else []),
-        *(["map_errors", "hpd_widths"] if SCENARIOS else []),
-        *(f"zone_correlations{noise}" for noise in NOISE_TITLES if SCENARIOS),
-        *(f"correlations/{name}" for name in [*SCENARIOS, *NOISY]),
+        *([] if FROM_TABLES else ["zones", "strain_field", "design"]),
+        "explained_variance",
         *(
             f"{subject}/{name}"
             for subject in SUBJECTS
             for name in ("bullseye_posterior", "posterior_predictive", "traces")
         ),
-        *(f"{subject}/noise_prior" for subject in NOISE_INFERRED),
+        *(EVALUATING_FIGURES if EVALUATION else []),
     ],
     ext=["png", "csv"],
 )

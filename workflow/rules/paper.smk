@@ -13,7 +13,7 @@ VOLUNTEER_FILES = [
     )
 ]
 
-if PARAMETERS.names == Parameterisation().names:
+if EVALUATION and PARAMETERS.names == Parameterisation().names:
     TABLES += expand(f"{R}/tables/paper_comparison.{{ext}}", ext=["csv", "md"])
 
 

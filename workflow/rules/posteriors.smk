@@ -9,19 +9,24 @@ SET_TABLES = [
 ]
 SCENARIO_TABLES = ["zone_classification.csv", "map_errors_by_zone.csv", "roc.csv", "auc.csv"]
 SUMMARIES = (
-    expand(f"{R}/posteriors/{EMULATOR}/test/{{table}}", table=SET_TABLES)
-    + expand(
-        f"{R}/posteriors/{EMULATOR}/{{set}}/{{table}}",
-        set=[*SCENARIOS, *NOISY],
-        table=["coverage.csv", *SCENARIO_TABLES],
-    )
-    + expand(
-        f"{R}/posteriors/{EMULATOR}/{{table}}.csv",
-        table=["sampler_agreement", "sbc", *([] if FROM_TABLES else ["resimulated"])],
-    )
-    + expand(
-        f"{R}/posteriors/{EMULATOR}/subjects/{{subject}}_noise_prior.csv", subject=NOISE_INFERRED
-    )
+    [
+        *expand(f"{R}/posteriors/{EMULATOR}/test/{{table}}", table=SET_TABLES),
+        *expand(
+            f"{R}/posteriors/{EMULATOR}/{{set}}/{{table}}",
+            set=[*SCENARIOS, *NOISY],
+            table=["coverage.csv", *SCENARIO_TABLES],
+        ),
+        *expand(
+            f"{R}/posteriors/{EMULATOR}/{{table}}.csv",
+            table=["sampler_agreement", "sbc", *([] if FROM_TABLES else ["resimulated"])],
+        ),
+        *expand(
+            f"{R}/posteriors/{EMULATOR}/subjects/{{subject}}_noise_prior.csv",
+            subject=NOISE_INFERRED,
+        ),
+    ]
+    if EVALUATION
+    else []
 )
 
 
@@ -73,48 +78,48 @@ rule summarise_posteriors:
         "../scripts/call.py"
 
 
-rule choose_final:
-    input:
-        candidates=lambda wildcards: expand(
-            f"{R}/emulators/{{emulator}}.pt", emulator=shortlist()
-        ),
-        coverages=lambda wildcards: of_shortlist("coverage.csv"),
-    output:
-        emulator_file=f"{R}/emulators/{EMULATOR}.pt",
-        report=f"{R}/posteriors/{EMULATOR}.json",
-    params:
-        call="inference.choice:choose_final",
-        wanted=config["emulators"]["final"],
-    log:
-        f"{LOGS}/posteriors/choose_final.log",
-    conda:
-        "../../envs/statistics.yaml"
-    script:
-        "../scripts/call.py"
+if EVALUATION:
 
+    rule choose_final:
+        input:
+            candidates=lambda wildcards: expand(
+                f"{R}/emulators/{{emulator}}.pt", emulator=shortlist()
+            ),
+            coverages=lambda wildcards: of_shortlist("coverage.csv"),
+        output:
+            emulator_file=f"{R}/emulators/{EMULATOR}.pt",
+            report=f"{R}/posteriors/{EMULATOR}.json",
+        params:
+            call="inference.choice:choose_final",
+            wanted=config["emulators"]["final"],
+        log:
+            f"{LOGS}/posteriors/choose_final.log",
+        conda:
+            "../../envs/statistics.yaml"
+        script:
+            "../scripts/call.py"
 
-rule adopt_test_posteriors:
-    """The final emulator's posteriors on the test set are there already, under its own name."""
-    input:
-        report=f"{R}/posteriors/{EMULATOR}.json",
-        candidates=lambda wildcards: of_shortlist(
-            *(f"{batch}.nc" for batch in posterior_batches("test")), *SET_TABLES
-        ),
-    output:
-        adopted=posterior_files(EMULATOR, "test")
-        + expand(f"{R}/posteriors/{EMULATOR}/test/{{table}}", table=SET_TABLES),
-    params:
-        call="inference.choice:adopt",
-    log:
-        f"{LOGS}/posteriors/adopt_test_posteriors.log",
-    conda:
-        "../../envs/statistics.yaml"
-    script:
-        "../scripts/call.py"
+    rule adopt_test_posteriors:
+        """The final emulator's posteriors on the test set are there already, under its own name."""
+        input:
+            report=f"{R}/posteriors/{EMULATOR}.json",
+            candidates=lambda wildcards: of_shortlist(
+                *(f"{batch}.nc" for batch in posterior_batches("test")), *SET_TABLES
+            ),
+        output:
+            adopted=posterior_files(EMULATOR, "test")
+            + expand(f"{R}/posteriors/{EMULATOR}/test/{{table}}", table=SET_TABLES),
+        params:
+            call="inference.choice:adopt",
+        log:
+            f"{LOGS}/posteriors/adopt_test_posteriors.log",
+        conda:
+            "../../envs/statistics.yaml"
+        script:
+            "../scripts/call.py"
 
-
-ruleorder: adopt_test_posteriors > sample_posteriors
-ruleorder: adopt_test_posteriors > summarise_posteriors
+    ruleorder: adopt_test_posteriors > sample_posteriors
+    ruleorder: adopt_test_posteriors > summarise_posteriors
 
 
 rule classify_zones:

@@ -118,15 +118,18 @@ for name, table in TABULATED.items():
             "../scripts/call.py"
 
 
+EVALUATING_TABLES = [
+    *COMPARISON_TABLES,
+    *("choice", "diagnostics", "recovery", "variance_ratios"),
+    *(["scenarios"] if SCENARIOS else []),
+    *(f"{subject}/noise_prior" for subject in NOISE_INFERRED),
+]
 TABLES = expand(
     f"{R}/tables/{{name}}.{{ext}}",
     name=[
-        *COMPARISON_TABLES,
-        *("choice", "diagnostics", "recovery", "variance_ratios"),
-        *(["scenarios"] if SCENARIOS else []),
         *(["subjects"] if SUBJECTS else []),
         *(f"{subject}/convergence" for subject in SUBJECTS),
-        *(f"{subject}/noise_prior" for subject in NOISE_INFERRED),
+        *(EVALUATING_TABLES if EVALUATION else []),
     ],
     ext=["csv", "tex"],
 )
