@@ -104,6 +104,8 @@ def load(config: str | Path | dict, source: str = "config") -> dict:
     except InputError as error:
         _raise(source, [str(error)])
     complete = _complete(schema, config)
+    if "subjects" not in config and not complete["evaluation"]:
+        del complete["subjects"]["volunteer"]
     _complete_by_registries(complete)
     _complete_holdout(complete)
     if "synthetic_subjects" not in config:

@@ -60,10 +60,9 @@ def test_the_papers_study_is_the_default():
     assert paper["design"]["natural"] + paper["design"]["log"] == 5661
 
 
-@pytest.mark.parametrize("name", [name for name in STUDIES[1:] if name != "quick"])
+@pytest.mark.parametrize("name", STUDIES[1:])
 def test_a_study_means_the_same_on_top_of_the_papers(name):
-    """Snakemake merges a second configuration file into the first. The quick study names no
-    subjects, so that a file on top of it can."""
+    """Snakemake merges a second configuration file into the first."""
     merged = yaml.safe_load(Path("config/config.yaml").read_text())
     for section, value in yaml.safe_load(Path(f"config/{name}.yaml").read_text()).items():
         if isinstance(value, dict):
