@@ -1,0 +1,96 @@
+"""A progress line for the whole run, as a logger plugin of Snakemake (`--logger regional-lv`).
+
+It takes the place of Snakemake's own messages on the terminal: which stages are under way, how many
+of all jobs are done, about how much time is left. Errors and warnings are shown as Snakemake shows
+them, and its complete log is in `.snakemake/log` as ever. A dry run is left to Snakemake.
+"""
+
+import logging
+import sys
+import threading
+import time
+
+from snakemake.logging import DefaultFilter, DefaultFormatter
+from snakemake_interface_logger_plugins.base import LogHandlerBase
+from snakemake_interface_logger_plugins.common import LogEvent
+from snakemake_interface_logger_plugins.settings import LogHandlerSettingsBase
+
+from snakemake_logger_plugin_regional_lv.run import Run
+
+INTERVAL = 20.0
+"""Seconds without a line, after which one is printed although nothing has finished."""
+
+SHORTEST = 2.0
+"""Seconds between two lines, at least, unless a run begins or ends."""
+
+UNINTERESTING = (
+    *("Assuming unrestricted", "host:", "Building DAG", "Using shell", "Select jobs", "Execute "),
+    *("Conda environments", "Group jobs", "Singularity containers", "Workflow runtime"),
+)
+"""How messages begin that are for those who debug Snakemake."""
+
+
+class LogHandlerSettings(LogHandlerSettingsBase):
+    """There are none."""
+
+
+class LogHandler(LogHandlerBase):
+    writes_to_stream = True
+    writes_to_file = False
+    has_filter = True
+    has_formatter = True
+    needs_rulegraph = False
+
+    def __post_init__(self):
+        own = self.common_settings
+        self.addFilter(
+            DefaultFilter(own.quiet, own.debug_dag, own.verbose, own.dryrun, own.printshellcmds)
+        )
+        self.setFormatter(DefaultFormatter(own.quiet, own.show_failed_logs))
+        self._run: Run | None = None
+        self._cores = 1
+        self._printed = 0.0
+        self._ended = threading.Event()
+
+    def emit(self, record: logging.LogRecord) -> None:
+        event, now = getattr(record, "event", None), time.monotonic()
+        if self.common_settings.dryrun or record.levelno >= logging.WARNING:
+            self._print(self.format(record))
+        elif event is None:
+            text = self.format(record)
+            if text and not text.startswith(UNINTERESTING):
+                self._print(text)
+        elif event == LogEvent.RESOURCES_INFO:
+            self._cores = getattr(record, "cores", self._cores)
+        elif event == LogEvent.RUN_INFO:
+            self._run = Run(record.stats, self._cores, now)
+            threading.Thread(target=self._keep_alive, daemon=True).start()
+        elif event == LogEvent.JOB_INFO:
+            self._run.describe(record.jobid, record.rule_name)
+        elif event == LogEvent.JOB_STARTED:
+            self._run.start(record.jobs, now)
+            self._line(now)
+        elif event == LogEvent.JOB_FINISHED:
+            self._run.finish(record.job_id, now)
+        elif event == LogEvent.PROGRESS:
+            self._run.count(record.done, record.total)
+            self._line(now)
+
+    def close(self) -> None:
+        self._ended.set()
+        super().close()
+
+    def _keep_alive(self) -> None:
+        while not self._ended.wait(1.0):
+            now = time.monotonic()
+            if now - self._printed > INTERVAL and not self._run.complete:
+                self._line(now)
+
+    def _line(self, now: float) -> None:
+        if self._run.complete or now - self._printed > SHORTEST:
+            self._printed = now
+            self._print(self._run.line(now))
+
+    @staticmethod
+    def _print(text: str) -> None:
+        print(text, file=sys.stderr, flush=True)

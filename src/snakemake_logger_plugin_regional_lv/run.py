@@ -1,0 +1,99 @@
+"""How far a run has got, and how long it will still take."""
+
+import csv
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+
+TABLE = Path(__file__).with_name("stages.csv")
+"""rule -> the stage it belongs to, and the seconds that one of its jobs took in the quick study on
+one core; only their ratios matter, because what has finished tells how fast this run is."""
+
+UNKNOWN_SECONDS = 10.0
+"""Of a job of a rule that is not in the table."""
+
+TRUST = 60.0
+"""Seconds of work after which the speed of this run counts as much as that of the table."""
+
+
+class Run:
+    """Jobs done, under way and to come.
+
+    Parameters
+    ----------
+    stats: jobs per rule, and `total`, as Snakemake counts them.
+    cores: jobs at a time.
+    now: seconds on any clock; all other times are on the same one.
+    """
+
+    def __init__(self, stats: Mapping[str, int], cores: int, now: float):
+        with TABLE.open(newline="") as file:
+            rows = list(csv.DictReader(file))
+        self._stage = {row["rule"]: row["stage"] for row in rows}
+        self._seconds = {row["rule"]: float(row["seconds"]) for row in rows}
+        self._to_come = Counter({rule: n for rule, n in stats.items() if rule != "total"})
+        self.done, self.total = 0, stats["total"]
+        self._cores, self._begun = max(1, cores), now
+        self._rules: dict[int, str] = {}
+        self._started: dict[int, float] = {}
+        self._expected = self._taken = 0.0
+
+    @property
+    def complete(self) -> bool:
+        return self.done >= self.total
+
+    def describe(self, job: int, rule: str) -> None:
+        """A job is of this rule."""
+        self._rules[job] = rule
+
+    def start(self, jobs: Iterable[int], now: float) -> None:
+        """These jobs begin."""
+        for job in jobs:
+            self._started[job] = now
+            self._to_come[self._rules.get(job, "")] -= 1
+
+    def finish(self, job: int, now: float) -> None:
+        """This job has ended well."""
+        self._expected += self._typical(self._rules.get(job, ""))
+        self._taken += now - self._started.pop(job, now)
+
+    def count(self, done: int, total: int) -> None:
+        """Snakemake's own count; the total grows where a step decides what comes after it."""
+        self.done, self.total = done, total
+
+    def left(self, now: float) -> float:
+        """Seconds that the rest will take: the table's, at the speed of this run so far."""
+        speed = (self._taken + TRUST) / (self._expected + TRUST)
+        running = [
+            max(0.0, speed * self._typical(self._rules.get(job, "")) - (now - start))
+            for job, start in self._started.items()
+        ]
+        to_come = sum(n * self._typical(rule) for rule, n in self._to_come.items() if n > 0)
+        return max([(speed * to_come + sum(running)) / self._cores, *running])
+
+    def line(self, now: float) -> str:
+        """Such as `[2 min 10 s] 31 of 75 steps done, about 4 min left; now: simulations`."""
+        head = f"[{_words(now - self._begun)}] {self.done} of {self.total} steps done"
+        if self.complete:
+            return head
+        stages = dict.fromkeys(self._stage_of(self._rules.get(job, "")) for job in self._started)
+        return f"{head}, about {_words(self.left(now), 'rounded')} left; now: {', '.join(stages)}"
+
+    def _typical(self, rule: str) -> float:
+        return self._seconds.get(rule, UNKNOWN_SECONDS)
+
+    def _stage_of(self, rule: str) -> str:
+        return self._stage.get(rule, rule.replace("_", " "))
+
+
+def _words(seconds: float, form: str = "") -> str:
+    """`2 min 10 s`; `rounded` to what an estimate is worth."""
+    if form == "rounded":
+        seconds = 10 * round(seconds / 10) if seconds < 100 else 60 * round(seconds / 60)
+    minutes, seconds = divmod(int(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    if hours:
+        return f"{hours} h {minutes:02d} min"
+    if not minutes:
+        return f"{seconds} s"
+    return f"{minutes} min" if form and not seconds else f"{minutes} min {seconds:02d} s"

@@ -1,0 +1,75 @@
+"""The progress line of a whole run."""
+
+import csv
+import re
+import subprocess
+import sys
+
+import pytest
+from snakemake_logger_plugin_regional_lv.run import TABLE, UNKNOWN_SECONDS, Run, _words
+
+
+def test_time_left_follows_the_speed_of_the_run():
+    run = Run({"a_rule": 10, "total": 10}, cores=2, now=0.0)
+    assert run.left(0.0) == pytest.approx(10 * UNKNOWN_SECONDS / 2)
+    for job in range(8):  # each takes three times as long as the table says
+        run.describe(job, "a_rule")
+        run.start([job], 100.0 * job)
+        run.finish(job, 100.0 * job + 3 * UNKNOWN_SECONDS)
+        run.count(job + 1, 10)
+    slow = run.left(800.0)
+    assert 1.5 * UNKNOWN_SECONDS < slow < 3 * UNKNOWN_SECONDS
+    run.describe(8, "a_rule")
+    run.start([8], 800.0)
+    assert run.left(810.0) < slow
+    assert run.line(810.0).startswith("[13 min 30 s] 8 of 10 steps done, about ")
+    assert run.line(810.0).endswith("left; now: a rule")
+
+
+def test_a_checkpoint_adds_steps():
+    run = Run({"a_rule": 1, "total": 1}, cores=1, now=0.0)
+    run.count(1, 5)
+    assert not run.complete
+    run.count(5, 5)
+    assert run.complete and run.line(60.0) == "[1 min 00 s] 5 of 5 steps done"
+
+
+@pytest.mark.parametrize(
+    ("seconds", "exact", "rounded"),
+    [(7.4, "7 s", "10 s"), (134, "2 min 14 s", "2 min"), (7500, "2 h 05 min", "2 h 05 min")],
+)
+def test_durations_in_words(seconds, exact, rounded):
+    assert (_words(seconds), _words(seconds, "rounded")) == (exact, rounded)
+
+
+def test_every_rule_of_the_workflow_has_its_stage():
+    listed = subprocess.run(
+        [sys.executable, "-m", "snakemake", "--list-rules", "--configfile", "config/study.yaml"],
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout
+    rules = {line.split()[0] for line in listed.splitlines() if line[:1].isalpha()}
+    with TABLE.open(newline="") as file:
+        known = {row["rule"] for row in csv.DictReader(file)}
+    assert len(rules) > 80 and rules - known == set()
+
+
+def test_a_run_shows_stages_and_errors(tmp_path):
+    (tmp_path / "Snakefile").write_text(
+        "rule all:\n    input: 'made', 'never'\n\n"
+        "rule make:\n    output: 'made'\n    shell: 'touch {output}'\n\n"
+        "rule fail:\n    output: 'never'\n    log: 'fail.log'\n"
+        "    shell: 'echo a reason > {log}; exit 1'\n"
+    )
+    done = subprocess.run(
+        [*(sys.executable, "-m", "snakemake", "--cores", "1", "--logger", "regional-lv"),
+         *("--keep-going", "--show-failed-logs")],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 1
+    assert re.search(r"^\[\d+ s\] \d of 3 steps done, about \d+ s left; now: ", done.stderr, re.M)
+    assert "Error in rule fail" in done.stderr and "a reason" in done.stderr
+    assert "resources: tmpdir" not in done.stderr
