@@ -10,7 +10,7 @@ class SeptalLoad(SimulatorHypothesis):
     base, low, high = 0.0, 0.0, 6.0
     path = ("loading", "septal_pressure_mmhg")
     in_the_form = True
-    nodes = (2.0, 6.0)
+    nodes = (1.5, 3.5, 6.0)  # further apart, Newton's method needs steps in between
     description = (
         "The septum is filled from both sides: the right ventricle's end-diastolic pressure, a "
         "few mmHg in health and more with pulmonary hypertension, pushes it into the left cavity. "
