@@ -9,12 +9,14 @@ FORMAT = "%(asctime)s %(levelname)s %(message)s"
 
 
 def start_log(path: str | Path) -> None:
-    """Send log records, warnings and the error a script ends with to `path` and to stderr.
+    """Send log records, warnings and the error a script ends with to `path`, and to stderr what is
+    a warning at least: there, jobs that run side by side would write into each other's lines.
 
     A second call in the same process goes on with the new file alone.
     """
     Path(path).parent.mkdir(parents=True, exist_ok=True)
     handlers = [logging.FileHandler(path, mode="w"), logging.StreamHandler(sys.stderr)]
+    handlers[1].setLevel(logging.WARNING)
     for handler in handlers:
         handler.addFilter(_ours_or_important)
     logging.basicConfig(level=logging.INFO, format=FORMAT, handlers=handlers, force=True)

@@ -63,8 +63,10 @@ def test_a_run_shows_stages_and_errors(tmp_path):
         "    shell: 'echo a reason > {log}; exit 1'\n"
     )
     done = subprocess.run(
-        [*(sys.executable, "-m", "snakemake", "--cores", "1", "--logger", "regional-lv"),
-         *("--keep-going", "--show-failed-logs")],
+        [
+            *(sys.executable, "-m", "snakemake", "--cores", "1", "--logger", "regional-lv"),
+            *("--keep-going", "--show-failed-logs"),
+        ],
         cwd=tmp_path,
         capture_output=True,
         text=True,

@@ -10,7 +10,6 @@ from dataclasses import asdict
 from functools import cached_property
 
 import torch
-from sklearn.covariance import oas
 
 from regional_lv.emulators.base import (
     Architecture,
@@ -301,6 +300,8 @@ def shrinkage_of(z: torch.Tensor) -> float:
 
     With few simulations the sample covariance of many outputs is singular or too narrow.
     """
+    from sklearn.covariance import oas  # slow to load, and most jobs load this module
+
     unit = z / z.square().mean(0).sqrt()
     least = FEW_ROWS_SHRINKAGE if len(z) <= z.shape[1] else 0.0
     return max(least, float(oas(unit.numpy(), assume_centered=True)[1]))
