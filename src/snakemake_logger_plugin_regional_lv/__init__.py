@@ -56,6 +56,8 @@ class LogHandler(LogHandlerBase):
         event, now = getattr(record, "event", None), time.monotonic()
         if self.common_settings.dryrun or record.levelno >= logging.WARNING:
             self._print(self.format(record))
+            if event == LogEvent.JOB_ERROR and self._run is not None:
+                self._run.fail(record.jobid)
         elif event is None:
             text = self.format(record)
             if text and not text.startswith(UNINTERESTING):

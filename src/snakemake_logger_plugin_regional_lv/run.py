@@ -57,6 +57,10 @@ class Run:
         self._expected += self._typical(self._rules.get(job, ""))
         self._taken += now - self._started.pop(job, now)
 
+    def fail(self, job: int) -> None:
+        """This job has ended with an error."""
+        self._started.pop(job, None)
+
     def count(self, done: int, total: int) -> None:
         """Snakemake's own count; the total grows where a step decides what comes after it."""
         self.done, self.total = done, total

@@ -6,6 +6,7 @@ import subprocess
 import sys
 
 import pytest
+
 from snakemake_logger_plugin_regional_lv.run import TABLE, UNKNOWN_SECONDS, Run, _words
 
 
@@ -32,6 +33,16 @@ def test_a_checkpoint_adds_steps():
     assert not run.complete
     run.count(5, 5)
     assert run.complete and run.line(60.0) == "[1 min 00 s] 5 of 5 steps done"
+
+
+def test_a_job_that_failed_is_not_under_way():
+    run = Run({"make_mesh": 1, "simulate_batch": 1, "total": 2}, cores=2, now=0.0)
+    for job, rule in enumerate(("make_mesh", "simulate_batch")):
+        run.describe(job, rule)
+    run.start([0, 1], 1.0)
+    assert run.line(2.0).endswith("now: geometry, simulations")
+    run.fail(0)
+    assert run.line(2.0).endswith("now: simulations")
 
 
 @pytest.mark.parametrize(
