@@ -41,6 +41,10 @@ PLOTS = {
         "input": {"mesh": f"{R}/geometry/mesh.vtu"},
         "params": OF_PARAMETERS,
     },
+    "mesh": {
+        "category": "Geometry",
+        "input": {"mesh": f"{R}/geometry/mesh.vtu"},
+    },
     "strain_field": {
         "category": "Geometry",
         "input": {
@@ -266,7 +270,7 @@ for name, plot in PLOTS.items():
 FIGURES = expand(
     f"{R}/figures/{{name}}.{{ext}}",
     name=[
-        *([] if FROM_TABLES else ["zones", "strain_field", "design", "resimulation"]),
+        *([] if FROM_TABLES else ["zones", "mesh", "strain_field", "design", "resimulation"]),
         *("explained_variance", "parity", *COMPARISON_FIGURES),
         *("recovery", "uncertainty", *TRACED, "sbc", "sampler_agreement"),
         *(
