@@ -68,7 +68,7 @@ def draw(cases_file: Path, png: Path, csv: Path) -> None:
     style.intervals(right, power.assign(bin=at), "bin", "share", ("low", "high"), color=style.BLUE)
     right.set(ylim=(-0.03, 1.03), ylabel="answers that contain the effect")
     right.set_xlabel(
-        "score expected of the effect given the others (se of psi)\nbelow: number of effects"
+        "score expected of the effect\ngiven the others (se of psi)\nbelow: number of effects"
     )
     right.axhline(0.9, color=style.GREY, linestyle="--", linewidth=0.8)
 

@@ -24,7 +24,12 @@ def draw(mesh: Path, png: Path, csv: Path) -> None:
     The table has a row per node: x_mm, y_mm, z_mm, depth (0 endocardium, 1 epicardium), helix_deg.
     Raises InputError if the mesh has no quadratic hexahedra with segment numbers.
     """
-    grid = heart.cut(heart.straight_cells(mesh, SUBDIVISION))
+    whole = heart.straight_cells(mesh, SUBDIVISION)
+    # Whole elements are kept: a plane would cut slivers off those along it.
+    element = whole.cell_data["element"]
+    behind = heart.is_kept(whole.cell_centers().points)
+    kept = pd.Series(behind).groupby(element).transform("mean") > 0.5
+    elements, grid = whole.extract_cells(kept.to_numpy()), heart.cut(whole)
     source = pyvista.read(mesh)
     data = source.point_data
     fibre = np.asarray(data["fibre"])
@@ -37,8 +42,8 @@ def draw(mesh: Path, png: Path, csv: Path) -> None:
     fig = style.figure(8.4, 5.4)
     left, right = fig.subplots(1, 2)
     depth = ScalarMappable(Normalize(0, 1), "cividis")
-    rgb = 255 * depth.to_rgba(grid.cell_data["depth"])[:, :3]
-    left.imshow(heart.render(grid, rgb, {"element": 0.16}))
+    rgb = 255 * depth.to_rgba(elements.cell_data["depth"])[:, :3]
+    left.imshow(heart.render(elements, rgb, {"element": 0.16}))
     left.set_title("Quadratic hexahedra")
     fig.colorbar(depth, ax=left, location="bottom", shrink=0.8).set_label(
         "depth in the wall (0 endocardium, 1 epicardium)"
