@@ -41,6 +41,10 @@ PLOTS = {
         "input": {"mesh": f"{R}/geometry/mesh.vtu"},
         "params": OF_PARAMETERS,
     },
+    "mesh": {
+        "category": "Geometry",
+        "input": {"mesh": f"{R}/geometry/mesh.vtu"},
+    },
     "strain_field": {
         "category": "Geometry",
         "input": {
@@ -282,7 +286,7 @@ EVALUATING_FIGURES = [
 FIGURES = expand(
     f"{R}/figures/{{name}}.{{ext}}",
     name=[
-        *([] if FROM_TABLES else ["zones", "strain_field", "design"]),
+        *([] if FROM_TABLES else ["zones", "mesh", "strain_field", "design"]),
         "explained_variance",
         *(
             f"{subject}/{name}"

@@ -6,10 +6,10 @@ REFINEMENTS = {"1": 16, "2": 32, "3": 48}
 REFINED_ROWS = ["basal", "mid", "apical", "apex", "transmural"]
 # Meshes that are compared with one at least twice as fine as the study's in every direction.
 STUDY_MESHES = {
-    "quick": {"circumferential": 16, "basal": 2, "apical": 1, "apex": 1, "transmural": 1},
-    "one row": {"apical": 1, "apex": 1},
-    "one row, one layer": {"apical": 1, "apex": 1, "transmural": 1},
-    "one row, three layers": {"apical": 1, "apex": 1, "transmural": 3},
+    "coarse": {"circumferential": 16, "basal": 2, "apical": 1, "apex": 1, "transmural": 1},
+    "one apical row": {"apical": 1, "apex": 1},
+    "one apical row, one layer": {"apical": 1, "apex": 1, "transmural": 1},
+    "one apical row, three layers": {"apical": 1, "apex": 1, "transmural": 3},
     "study": {},
     "fine": {"circumferential": 32, "basal": 4, "mid": 3, "apex": 1},
     "reference": {

@@ -70,6 +70,7 @@ def findings_of(
         "noise": _noise(base, final),
         "remaining": None,
         "critical_z": searched.critical_z,
+        "least_p_value": 1 / (1 + criticism.settings.bootstrap),
         "on_bounds": {"before": _on_bounds(base), "after": _on_bounds(final)},
         "ess": final.posterior.ess,
         "limits": [

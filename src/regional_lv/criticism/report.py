@@ -79,13 +79,14 @@ between simulated and emulated channels, which was corrected.</p>{% endif %}
 <td>{{ h.why }}{% if h.fraction_simulated < 1 %}; {{ "%.0f"|format(100 * h.fraction_simulated) }}
 % of its simulations converged{% endif %}</td></tr>{% endfor %}</table>
 <p class="small">p: score test of this cause alone, with what stiffness can take up projected out,
-calibrated over the whole catalogue by parametric bootstrap. Probability: summed over all sets that
+calibrated over the whole catalogue by parametric bootstrap, which cannot give less than
+{{ "%.2g"|format(f.least_p_value) }}. Probability: summed over all sets that
 hold the cause.</p>
 
 {% if images.parameters %}<h2>How much: the new parameter</h2>
 <img alt="Posterior of the parameters" src="{{ images.parameters }}">
-<p class="small">Posterior given the other causes of its sets; dotted: 95 % interval; red: what the
-model assumes.</p>
+<p class="small">Posterior given the other causes of its sets; dotted: 95 % interval; vermillion:
+what the model assumes; thick black: where the plausible range ends.</p>
 {% endif %}
 
 <h2>What it changes: stiffness</h2>

@@ -63,7 +63,7 @@ def matrix(
     names: Sequence[str],
     label: Callable[[str], str],
 ) -> QuadMesh:
-    """Heat map of the means with numbers on it; the diagonal stays empty.
+    """Heat map of the means with numbers on it; the diagonal is grey.
 
     what: `parameter` or `zone`, the stem of the columns that hold `names`; label: makes a label of
     a name.
@@ -90,6 +90,7 @@ def matrix(
         cbar=False,
         **SCALE,
     )
+    ax.set_facecolor(style.LIGHT)  # of the diagonal, which is no correlation of zero
     for cell, value in zip(ax.texts, mean[np.isfinite(mean)], strict=True):
         cell.set_color("white" if abs(value) > 0.65 else "black")
     ax.set_xticks(ax.get_xticks(), labels, rotation=45, ha="right")

@@ -1,11 +1,13 @@
 """What a criticism found, drawn from its findings: residuals, causes, parameters, stiffness."""
 
+import textwrap
 from pathlib import Path
 
 import matplotlib
 import numpy as np
 import pandas as pd
 from matplotlib.colors import Normalize
+from matplotlib.patches import Patch
 
 from regional_lv import aha
 from regional_lv.criticism import words
@@ -17,6 +19,8 @@ SHOWN_Z = 4.0
 
 SHOWN_CAUSES = 4
 """Posteriors of psi that are drawn."""
+
+WHEN = {"before": "the model as it is", "after": "with the best set of causes"}
 
 
 @style.context
@@ -36,7 +40,7 @@ def draw_residuals(
     tables = {when: pd.DataFrame(step["channels"]) for when, step in steps.items()}
     whole = tables["before"]["segment"].isna()
     directions = list(dict.fromkeys(tables["before"].loc[~whole, "quantity"]))
-    fig = style.figure(2.9 * len(directions) + 0.9, 3.2 * len(steps) + 0.3)
+    fig = style.figure(2.9 * len(directions) + 0.9, 3.35 * len(steps) + 0.3)
     axes = fig.subplots(len(steps), len(directions), squeeze=False)
     scale = None
     for row, (when, all_loads) in zip(axes, tables.items(), strict=True):
@@ -44,16 +48,16 @@ def draw_residuals(
         for ax, direction in zip(row, directions, strict=True):
             z = table[table["quantity"] == direction].groupby("segment")["z"].mean()
             values = z.reindex([s.number for s in aha.SEGMENTS]).to_numpy(float)
-            labels = [f"{v:+.1f}" if np.isfinite(v) else "" for v in values]
+            labels = [f"{v:+z.1f}" if np.isfinite(v) else "" for v in values]
             norm = Normalize(-SHOWN_Z, SHOWN_Z)
             with matplotlib.rc_context({"font.size": 7.5}):
                 scale = bullseye.paint_values(ax, values, norm, "RdBu_r", labels, parameters)
-            ax.set_title(f"{direction}, {when}")
+            ax.set_title(f"{direction}\n{WHEN[when]}")
         means = table[table["segment"].isna()].groupby("quantity", sort=False)["z"].mean()
-        text = "\n".join(f"{quantity}: {z:+.1f}" for quantity, z in means.items())
+        text = "\n".join(f"{quantity}: {z:+z.1f} sd" for quantity, z in means.items())
         row[0].text(-1.0, -1.12, text, va="top", fontsize=8)
     bar = fig.colorbar(scale, ax=axes, shrink=0.6, extend="both")
-    bar.set_label("observed - predicted (sd)")
+    bar.set_label("observed - predicted (sd of the prediction)")
     table = pd.concat([t.assign(when=when) for when, t in tables.items()])
     style.save(fig, table, png, csv)
 
@@ -61,7 +65,8 @@ def draw_residuals(
 @style.context
 def draw_causes(findings: dict, png: Path, csv: Path) -> None:
     """All causes: score against the base model on the left, probability over all sets of causes on
-    the right."""
+    the right. p-values at the smallest that the bootstrap can give are marked with "<=".
+    """
     table = pd.DataFrame(
         [
             {
@@ -79,30 +84,40 @@ def draw_causes(findings: dict, png: Path, csv: Path) -> None:
     )
     table["size"] = table["z"].abs()
     table = table.sort_values(["probability", "identifiable", "size"], ascending=False)
-    fig = style.figure(8.4, 0.27 * len(table) + 1.4)
+    fig = style.figure(8.4, 0.27 * len(table) + 1.7)
     left, right = fig.subplots(1, 2, sharey=True, width_ratios=[3, 2])
     at = np.arange(len(table))[::-1]
     grouped = {name for group in findings["groups"] for name in group}
-    colours = [
-        style.VERMILLION
-        if name in findings["named"]
-        else (style.ORANGE if name in grouped else (style.BLUE if ok else style.LIGHT))
-        for name, ok in zip(table["name"], table["identifiable"], strict=True)
-    ]
+    kinds = {"named": style.VERMILLION, "one of a group": style.ORANGE, "not named": style.BLUE}
+    kinds["not identifiable"] = style.LIGHT
+    table["kind"] = np.select(
+        [table["name"].isin(findings["named"]), table["name"].isin(grouped), table["identifiable"]],
+        list(kinds)[:3],
+        "not identifiable",
+    )
+    colours = table["kind"].map(kinds)
     lengths = np.where(table["identifiable"], table["size"], 0.0)
     left.barh(at, lengths, color=colours, height=0.65)
     for y, length, (_, row) in zip(at, lengths, table.iterrows(), strict=True):
-        text = f"{row['z']:+.1f}" if row["identifiable"] else "not identifiable"
+        text = "not identifiable"
+        if row["identifiable"]:
+            least = row["p_value"] <= findings["least_p_value"] * (1 + 1e-9)
+            p = f"p ≤ {row['p_value']:.2g}" if least else words.p_value(row["p_value"])
+            text = f"{row['z']:+z.1f} ({p})"
         left.text(length, y, f"  {text}", va="center", fontsize=7.5)
     left.axvline(findings["critical_z"] or 0, color=style.BLACK, linestyle="--", linewidth=0.8)
     left.set_yticks(at, table["cause"])
-    left.set_xlim(0, 1.2 * max(lengths.max(), 4.0))
-    left.set_xlabel("score z against the model as it is\n(dashed: 5 % over the catalogue)")
+    left.set_xlim(0, 1.4 * max(lengths.max(), 4.0))
+    left.set_xlabel(
+        "score z against the model as it is\n(dashed: significant at 5 % over the catalogue)"
+    )
     right.barh(at, table["probability"], color=colours, height=0.65)
     right.axvline(0.95, color=style.BLACK, linestyle="--", linewidth=0.8)
     right.set_xlim(0, 1.02)
     right.set_xlabel("probability over all sets\n(dashed: 0.95)")
-    style.save(fig, table.drop(columns="size"), png, csv)
+    handles = [Patch(color=c, label=k) for k, c in kinds.items() if k in set(table["kind"])]
+    fig.legend(handles=handles, loc="outside lower center", ncols=len(handles))
+    style.save(fig, table.drop(columns=["size", "kind"]), png, csv)
 
 
 @style.context
@@ -115,22 +130,34 @@ def draw_parameters(findings: dict, png: Path, csv: Path) -> bool:
     fitted = sorted(fitted, key=lambda h: -h["probability"])[:SHOWN_CAUSES]
     if not fitted:
         return False
-    fig = style.figure(2.6 * len(fitted) + 0.4, 2.6)
-    rows = []
-    for ax, h in zip(fig.subplots(1, len(fitted), squeeze=False)[0], fitted, strict=True):
+    fig = style.figure(max(2.6 * len(fitted) + 0.4, 6.0), 3.1)
+    axes = fig.subplots(1, len(fitted), squeeze=False)[0]
+    rows, labels = [], {}
+    for ax, h in zip(axes, fitted, strict=True):
         edges, density = (np.array(h["posterior"][k]) for k in ("edges", "density"))
         ax.stairs(density, edges, fill=True, color=style.SKY)
         for bound in h["interval95"]:
-            ax.axvline(bound, color=style.BLUE, linewidth=0.8, linestyle=":")
-        span = edges[-1] - edges[0]
-        if edges[0] - 0.5 * span <= h["base"] <= edges[-1] + 0.5 * span:
-            ax.axvline(h["base"], color=style.VERMILLION)
+            labels["95 % interval"] = ax.axvline(
+                bound, color=style.BLUE, linewidth=0.8, linestyle=":"
+            )
+        near = 0.5 * (edges[-1] - edges[0])
+        if edges[0] - near <= h["base"] <= edges[-1] + near:
+            labels["assumed by the model"] = ax.axvline(h["base"], color=style.VERMILLION)
+        for end in h["range"]:
+            if edges[0] - near / 5 <= end <= edges[-1] + near / 5:
+                labels["end of the plausible range"] = ax.axvline(
+                    end, color=style.BLACK, linewidth=2.5
+                )
         unit = "" if h["unit"] == "1" else f" ({h['unit']})"
-        ax.set_title(words.cause(h["name"], h["component"]), fontsize=8.5, wrap=True)
-        ax.set_xlabel(f"{h['parameter']}{unit}", wrap=True)
+        title = words.cause(h["name"], h["component"])
+        title += ", at the end of its range" if h["at_bound"] else ""
+        ax.set_title(textwrap.fill(title, 28), fontsize=8.5)
+        ax.set_xlabel(textwrap.fill(f"{h['parameter']}{unit}", 28))
         ax.set_yticks([])
         centres = (edges[1:] + edges[:-1]) / 2
         rows += [(h["name"], h["component"], *pair) for pair in zip(centres, density, strict=True)]
+    axes[0].set_ylabel("posterior density")
+    fig.legend(labels.values(), labels.keys(), loc="outside lower center", ncols=len(labels))
     table = pd.DataFrame(rows, columns=["name", "component", "value", "density"])
     style.save(fig, table, png, csv)
     return True
@@ -152,14 +179,14 @@ def draw_theta(findings: dict, png: Path, csv: Path) -> None:
             for row in findings["theta"]
         ]
     )
-    fig = style.figure(max(4.0, 0.6 * len(table) + 1.5), 2.8)
+    fig = style.figure(max(5.0, 0.6 * len(table) + 1.5), 3.2)
     ax = fig.subplots()
     whens = ("before",) if findings["remaining"] is None else ("before", "after")
     shown = []
     for when in whens:
         mean, sd = table[f"mean_{when}"], table[f"sd_{when}"]
         ends = {"lower": (mean - 2 * sd).clip(lower=0), "upper": mean + 2 * sd}
-        shown.append(table[["parameter"]].assign(when=when, mean=mean, **ends))
+        shown.append(table[["parameter"]].assign(when=WHEN[when], mean=mean, **ends))
     style.intervals(
         ax,
         pd.concat(shown),
@@ -167,12 +194,12 @@ def draw_theta(findings: dict, png: Path, csv: Path) -> None:
         "mean",
         ("lower", "upper"),
         hue="when",
-        palette={"before": style.GREY, "after": style.VERMILLION},
+        palette=dict(zip(WHEN.values(), (style.GREY, style.VERMILLION), strict=True)),
         dodge=0.24,
     )
     ax.axhline(1, color=style.LIGHT, zorder=0)
     labels = [style.label(p) for p in table["parameter"]]
     ax.set_xticks(range(len(table)), labels, rotation=45, ha="right")
-    ax.set(xlabel="", ylabel="factor (± 2 sd)")
-    ax.legend()
+    ax.set(xlabel="", ylabel="stiffness factor\n(posterior mean ± 2 sd)")
+    ax.legend(title="", loc="lower left", bbox_to_anchor=(0, 1), ncols=2)
     style.save(fig, table, png, csv)

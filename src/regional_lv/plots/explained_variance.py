@@ -58,6 +58,8 @@ def draw(explained: Path, png: Path, csv: Path, threshold: float = 0.999) -> Non
     )
     right.axvline(kept, color=style.GREY, linestyle=":", linewidth=1)
     right.set(yscale="log", xlabel="components kept", ylabel="variance left out (%)")
+    for ax in (left, right):
+        ax.xaxis.get_major_locator().set_params(integer=True)
     right.set_title("Together")
     style.suptitle(
         fig, f"{kept} of {len(table)} components explain {100 * threshold:g} % of the strains"

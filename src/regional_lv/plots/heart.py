@@ -11,16 +11,20 @@ from regional_lv.errors import InputError
 VIEW_ANGLE_DEG = -75.0
 """Direction from which the heart is seen: on the border of anterior and lateral wall."""
 
+TILT_DEG = 20.0
+"""How far the viewer stands above the base plane's horizon."""
+
 LINE_COLOUR = "#F7F7F7"
-PIXELS = (900, 1100)
+PIXELS = (900, 1150)
 
 
 def straight_cells(mesh: Path, subdivision: int, moved: bool = False) -> pyvista.UnstructuredGrid:
     """The mesh's 27-node hexahedra as subdivision^3 eight-node hexahedra each.
 
     So many straight edges per curved one make curved walls look curved. Cell data: `segment`,
-    `element` (number of the 27-node cell) and `part` (0 ... subdivision^3 - 1, the last reference
-    coordinate fastest). With `moved`, nodes are moved by the mesh's point data `displacement`.
+    `element` (number of the 27-node cell), `part` (0 ... subdivision^3 - 1, the last reference
+    coordinate fastest), and `depth` in the wall if the mesh has it. With `moved`, nodes are moved
+    by the mesh's point data `displacement`.
     Raises InputError if the mesh has no 27-node hexahedra with segment numbers.
     """
     source = pyvista.read(mesh)
@@ -54,6 +58,9 @@ def straight_cells(mesh: Path, subdivision: int, moved: bool = False) -> pyvista
         {pyvista.CellType.HEXAHEDRON: cells}, points.reshape(-1, 3).astype(float)
     )
     grid.cell_data["segment"] = np.repeat(segment, subdivision**3)
+    if "transmural" in source.point_data:
+        depth = source.point_data["transmural"][quadratic] @ _shape_functions(local).T
+        grid.cell_data["depth"] = depth[:, hexes].mean(axis=-1).ravel()
     grid.cell_data["element"] = np.repeat(np.arange(len(quadratic)), subdivision**3)
     grid.cell_data["part"] = np.tile(np.arange(subdivision**3), len(quadratic))
     return grid.clean(tolerance=1e-4)
@@ -76,19 +83,28 @@ def _shape_functions(local: np.ndarray) -> np.ndarray:
 
 def cut(grid: pyvista.UnstructuredGrid) -> pyvista.UnstructuredGrid:
     """Without the half that faces the viewer."""
+    return grid.clip(normal=_towards_viewer(), origin=(0, 0, 0), invert=True)
+
+
+def is_kept(points: np.ndarray) -> np.ndarray:
+    """Mask (n,) of the points (n, 3) in the half that `cut` leaves."""
+    return points @ _towards_viewer() <= 0
+
+
+def _towards_viewer() -> np.ndarray:
+    """Horizontal direction from the heart to the viewer."""
     angle = np.radians(VIEW_ANGLE_DEG)
-    normal = (np.cos(angle), np.sin(angle), 0.0)
-    return grid.clip(normal=normal, origin=(0, 0, 0), invert=True)
+    return np.array([np.cos(angle), np.sin(angle), 0.0])
 
 
-def _borders(surface: pyvista.PolyData) -> pyvista.PolyData:
-    """Edges between faces of two segments."""
+def _borders(surface: pyvista.PolyData, of: str) -> pyvista.PolyData:
+    """Edges between faces whose cell data `of` differ."""
     faces = surface.regular_faces
     edges = np.sort(np.vstack([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
-    segment = np.tile(np.asarray(surface.cell_data["segment"]), 3)
+    number = np.tile(np.asarray(surface.cell_data[of]), 3)
     order = np.lexsort((edges[:, 1], edges[:, 0]))
-    edges, segment = edges[order], segment[order]
-    same = (edges[1:] == edges[:-1]).all(axis=1) & (segment[1:] != segment[:-1])
+    edges, number = edges[order], number[order]
+    same = (edges[1:] == edges[:-1]).all(axis=1) & (number[1:] != number[:-1])
     lines = edges[1:][same]
     return pyvista.PolyData(surface.points, lines=np.insert(lines, 0, 2, axis=1).ravel())
 
@@ -96,34 +112,40 @@ def _borders(surface: pyvista.PolyData) -> pyvista.PolyData:
 def render(
     grid: pyvista.UnstructuredGrid,
     rgb: np.ndarray,
-    angle_deg: float = VIEW_ANGLE_DEG,
-    axis: tuple[float, float] = (0.0, 0.0),
+    borders: dict[str, float] | None = None,
+    lines: pyvista.PolyData | None = None,
 ) -> np.ndarray:
     """Picture (h, w, 3) of the grid, cells coloured by `rgb` (cells, 3; 0-255), base up.
 
-    Light lines are the segments' borders. angle_deg: where the viewer stands about the long axis;
-    axis: x, y (mm) of the vertical in the middle of the picture.
+    borders: cell data (`segment`, `element`) -> radius in mm of the light lines where it changes;
+    default: the segments'. lines: drawn on top, coloured by their point data `rgb`.
     """
     grid = grid.copy()
     grid.cell_data["rgb"] = np.asarray(rgb, dtype=np.uint8)
     surface = grid.extract_surface(algorithm="dataset_surface").triangulate()
     plotter = pyvista.Plotter(off_screen=True, window_size=PIXELS)
     plotter.background_color = "white"
-    plotter.add_mesh(surface, scalars="rgb", rgb=True, ambient=0.5, diffuse=0.55, specular=0.05)
-    borders = _borders(surface)
-    if borders.n_cells:
-        plotter.add_mesh(borders.tube(radius=0.32), color=LINE_COLOUR, ambient=0.6)
-    angle, tilt = np.radians(angle_deg), np.radians(20)
-    towards = (np.cos(tilt) * np.cos(angle), np.cos(tilt) * np.sin(angle), np.sin(tilt))
-    low, high = np.array(grid.bounds)[::2], np.array(grid.bounds)[1::2]
-    focus = np.array([*axis, (low[2] + high[2]) / 2])
+    plotter.add_mesh(surface, scalars="rgb", rgb=True, ambient=0.55, diffuse=0.5, specular=0.05)
+    for of, radius in ({"segment": 0.32} if borders is None else borders).items():
+        found = _borders(surface, of)
+        if found.n_cells:
+            plotter.add_mesh(found.tube(radius=radius), color=LINE_COLOUR, ambient=0.6)
+    if lines is not None:
+        plotter.add_mesh(lines.tube(radius=0.3), scalars="rgb", rgb=True, ambient=0.6)
+    tilt, around = np.radians(TILT_DEG), _towards_viewer()
+    across = np.array([-around[1], around[0], 0.0])
+    up = np.cos(tilt) * np.array([0, 0, 1.0]) - np.sin(tilt) * around
+    towards = np.cos(tilt) * around + np.sin(tilt) * np.array([0, 0, 1.0])
+    # What is seen of the grid, in the middle and as large as fits.
+    seen = grid.points @ np.column_stack([across, up])
+    low, high = seen.min(axis=0), seen.max(axis=0)
+    focus = np.array([across, up]).T @ (low + high) / 2
+    width, height = high - low
     plotter.camera.parallel_projection = True
     plotter.camera.focal_point = focus
-    plotter.camera.position = focus + 400 * np.array(towards)
+    plotter.camera.position = focus + 400 * towards
     plotter.camera.up = (0, 0, 1)
-    across = (grid.points[:, :2] - axis) @ [-np.sin(angle), np.cos(angle)]
-    fits = 1.05 * np.abs(across).max() * PIXELS[1] / PIXELS[0]
-    plotter.camera.parallel_scale = max(0.66 * (high[2] - low[2]), fits)
+    plotter.camera.parallel_scale = 0.52 * max(height, width * PIXELS[1] / PIXELS[0])
     plotter.camera.clipping_range = (1, 1000)
     plotter.enable_anti_aliasing("ssaa")
     picture = plotter.screenshot(return_img=True)

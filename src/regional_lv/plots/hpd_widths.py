@@ -58,6 +58,7 @@ def draw(
         ax.set(xlabel="", title=noise)
         ax.yaxis.grid(True, which="both")
     axes[0].set(ylabel="width of the 95 % HPD interval", yscale="log")
+    style.plain_log(axes[0].yaxis)
     handles = [Patch(color=colour, alpha=0.6, label=name) for name, colour in GROUPS.items()]
     fig.legend(handles=handles, loc="outside lower center", ncols=3)
     style.suptitle(

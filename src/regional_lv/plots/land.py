@@ -38,6 +38,7 @@ def draw(results: Path, published: Path, png: Path, csv: Path) -> None:
     ):
         rows += _panel(ax, quantity, ours, theirs)
         ax.set(xscale="log", xlabel="unknowns", ylabel=label)
+        style.plain_log(ax.xaxis)
         ax.set_title(title)
     handles = [
         Line2D([], [], color=style.BLUE, marker="o", markersize=4, label="this simulator"),

@@ -7,7 +7,6 @@ import numpy as np
 import pandas as pd
 import seaborn
 from matplotlib.lines import Line2D
-from matplotlib.ticker import LogLocator, NullLocator
 
 from regional_lv.parameters import Parameterisation
 from regional_lv.plots import bullseye, scenarios, style
@@ -83,9 +82,7 @@ def _panel(ax, part: pd.DataFrame, labels: Sequence[str], zones: Sequence[str]) 
     place = np.arange(len(zones))
     ax.set_xticks(place, [style.zone_label(zone) for zone in zones])
     ax.set(xlabel="", ylabel="", yscale="log")
-    ax.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-    ax.yaxis.set_major_formatter("{x:g}")
-    ax.yaxis.set_minor_locator(NullLocator())
+    style.plain_log(ax.yaxis)
     ax.yaxis.grid(True)
     for border in place[:-1] + 0.5:
         ax.axvline(border, color=style.LIGHT, linewidth=0.8)

@@ -29,13 +29,17 @@ def draw(errors: Path, png: Path, csv: Path) -> None:
 
 
 def _panel(ax: Axes, table: pd.DataFrame, column: str, limits) -> None:
-    names = list(dict.fromkeys(table["mesh"]))
+    unknowns = table.groupby("mesh")["unknowns"].first().sort_values()
+    names = list(unknowns.index)
     ax.set_yscale("log")  # before the dots, which a swarm places by their distances on paper
-    seaborn.swarmplot(table, x="mesh", y=column, color=style.BLUE, size=3, alpha=0.6, ax=ax)
+    seaborn.swarmplot(
+        table, x="mesh", y=column, order=names, color=style.BLUE, size=3, alpha=0.6, ax=ax
+    )
     seaborn.pointplot(
         table,
         x="mesh",
         y=column,
+        order=names,
         estimator="median",
         errorbar=None,
         marker="_",
@@ -46,7 +50,6 @@ def _panel(ax: Axes, table: pd.DataFrame, column: str, limits) -> None:
     )
     for limit in limits:
         ax.axhline(limit, color="0.5", linestyle=":", linewidth=1)
-    unknowns = table.groupby("mesh")["unknowns"].first()
     labels = [f"{unknowns[n]:,}\n" + n.replace(", ", ",\n") for n in names]
     ax.set_xticks(range(len(names)), labels, fontsize=7)
-    ax.set_xlabel("mesh, with its number of unknowns (line: median)")
+    ax.set_xlabel("mesh, with its number of unknowns (line: median, dotted: limits)")

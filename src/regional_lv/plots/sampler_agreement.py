@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pandas as pd
 import seaborn
+from matplotlib.lines import Line2D
 
 from regional_lv.parameters import Parameterisation
 from regional_lv.plots import style
@@ -48,6 +49,11 @@ def draw(agreement: Path, parameters: Parameterisation, png: Path, csv: Path) ->
     right.set(title="Ratio of posterior standard deviations", ylabel="importance sampling / NUTS")
     names = [style.in_lines(style.label(name)) for name in parameters.names]
     left.set_xticks(range(len(names)), names)
+    left.set_xlim(-0.6, len(names) - 0.4)
+    marks = {"agree": style.BLUE, "differ": style.VERMILLION}
+    handles = [Line2D([], [], marker="o", ls="", ms=3, color=c, label=n) for n, c in marks.items()]
+    handles.append(Line2D([], [], color=style.GREY, linestyle="--", label="limit of agreement"))
+    fig.legend(handles=handles, loc="outside lower center", ncols=3)
     for ax in (left, right):
         ax.tick_params(axis="x", labelsize=7)
     cases = len(table[["set", "case"]].drop_duplicates())

@@ -15,14 +15,8 @@ from regional_lv.parameters import Parameterisation
 from regional_lv.plots import heart, style
 from regional_lv.quantities import QUANTITIES
 
-SHOWN = "radial"
-"""The strain that the pictures show."""
-
 MEASURES = {2: "Green strain", 1: "nominal strain", 0: "logarithmic strain", -2: "Almansi strain"}
 """Exponent of the Seth-Hill family -> what the strain is called."""
-
-SEGMENT_SHOWN = 12
-"""The second picture is of the wall of this segment's zone: the lateral one."""
 
 LINES = ("-", "--", "-.", ":", (0, (6, 1, 1, 1, 1, 1)))
 COLOURS = (style.BLUE, style.VERMILLION, style.GREEN, style.PINK, style.BLACK)
@@ -38,7 +32,7 @@ def draw(
     png: Path,
     csv: Path,
 ) -> None:
-    """Draw the radial strain on the deformed heart, and densities of all strains in every segment.
+    """Draw each strain on the deformed heart, cut open, and its densities in every segment.
 
     vtu, strains: mesh with `displacement` and table of strains of `strain_field.map_strains`;
     strain_exponent: the member of the Seth-Hill family that they are. Densities
@@ -49,10 +43,10 @@ def draw(
     directions = [name for name in QUANTITIES if QUANTITIES[name].is_strain and name in table]
     zones, per_zone = parameters.zones, len(directions)
     (lines, columns), _ = style.zone_places(len(zones), per_zone)
-    fig = style.figure(2.1 * max(columns, 3) + 3.0, 2.2 * lines)
-    left, right = fig.subfigures(1, 2, width_ratios=[1, 0.72 * max(columns, 3)])
+    fig = style.figure(1.9 * max(columns, 3) + 3.0, 2.3 * lines)
+    left, right = fig.subfigures(1, 2, width_ratios=[1, 0.6 * max(columns, 3)])
     measure = MEASURES.get(strain_exponent, "strain")
-    _pictures(left, vtu, table, measure, parameters)
+    _pictures(left, vtu, table, directions, measure)
     rows = []
     axes = style.zone_panels(right, len(zones), per_zone)
     for line, direction in zip(axes, directions, strict=True):
@@ -80,31 +74,24 @@ def draw(
     style.save(fig, pd.DataFrame(rows, columns=columns), png, csv)
 
 
-def _pictures(
-    fig, vtu: Path, table: pd.DataFrame, measure: str, parameters: Parameterisation
-) -> None:
+def _pictures(fig, vtu: Path, table: pd.DataFrame, directions: Sequence[str], measure: str) -> None:
     per_edge = round(np.cbrt(table["point"].nunique()))  # a piece of a cell around each point
     grid = heart.straight_cells(vtu, per_edge, moved=True)
-    values = table.set_index(["cell", "point"])[SHOWN]
     part = pd.MultiIndex.from_arrays([grid.cell_data["element"], grid.cell_data["part"]])
-    grid.cell_data[SHOWN] = values.loc[part].to_numpy()
-    norm = Normalize(*np.quantile(table[SHOWN], [0.01, 0.99]))
-    scale = ScalarMappable(norm, "cividis")
-    shown = parameters.zone_of(SEGMENT_SHOWN)
-    wall = grid.extract_cells(np.isin(grid.cell_data["segment"], parameters.zones[shown]))
-    middle = np.array(wall.center[:2])
-    facing = np.degrees(np.arctan2(*middle[::-1]))
-    axes = fig.subplots(2, 1)
-    facing_it = {"angle_deg": facing, "axis": tuple(middle)}
-    for ax, part, title, view in (
-        (axes[0], grid, f"{SHOWN} strain", {}),
-        (axes[1], wall, f"{style.zone_label(shown)} wall", facing_it),
+    values = table.set_index(["cell", "point"])[list(directions)].loc[part]
+    for name in directions:
+        grid.cell_data[name] = values[name].to_numpy()
+    shown = heart.cut(grid)
+    for ax, name in zip(
+        fig.subplots(len(directions), 1, squeeze=False)[:, 0], directions, strict=True
     ):
-        rgb = 255 * scale.to_rgba(part.cell_data[SHOWN])[:, :3]
-        ax.imshow(heart.render(part, rgb, **view))
-        ax.set_title(title)
+        norm = Normalize(*np.quantile(table[name], [0.01, 0.99]))
+        # Bright where the strain is large, whatever its sign.
+        scale = ScalarMappable(norm, "cividis" if table[name].mean() > 0 else "cividis_r")
+        ax.imshow(heart.render(shown, 255 * scale.to_rgba(shown.cell_data[name])[:, :3]))
+        ax.set_title(name)
         ax.set_axis_off()
-    fig.colorbar(scale, ax=list(axes), location="bottom", shrink=0.8, label=measure)
+        fig.colorbar(scale, ax=ax, shrink=0.8, label=measure)
 
 
 def _densities(

@@ -16,7 +16,9 @@ import pandas as pd
 import seaborn
 from cycler import cycler
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullLocator
 
 from regional_lv import parameters
 from regional_lv.channels import Channel
@@ -185,6 +187,13 @@ def zone_panels(fig, zones: int, rows: int, **options) -> np.ndarray:
     for ax in set(axes.ravel()) - set(found.ravel()):
         ax.set_axis_off()
     return found
+
+
+def plain_log(axis: Axis) -> None:
+    """Ticks of a logarithmic axis at 1, 2 and 5 in each decade, written as plain numbers."""
+    axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    axis.set_major_formatter("{x:g}")
+    axis.set_minor_locator(NullLocator())
 
 
 def suptitle(fig: Figure, text: str, warning: str = "") -> None:
