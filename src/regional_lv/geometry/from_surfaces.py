@@ -12,7 +12,7 @@ from regional_lv.geometry.from_mesh import segment_table, write_summary, write_t
 from regional_lv.geometry.make import check_mesh_config, finer, mesh_between
 from regional_lv.geometry.mesh import ENDOCARDIUM, EPICARDIUM, SURFACES
 from regional_lv.geometry.summary import cavity_volume, segment_volumes, summarise_mesh
-from regional_lv.geometry.triangulated import SIDES, read_ventricle
+from regional_lv.geometry.triangulated import SIDES, read_ventricle, triangle_points
 
 log = logging.getLogger(__name__)
 
@@ -23,8 +23,11 @@ The AHA divides the ventricle into thirds perpendicular to the long axis; segmen
 beyond the cavity's end (Cerqueira et al. 2002, doi 10.1161/hc0402.102975). Here that segment begins
 with the last tenth of the cavity, so that it has an endocardium, whose strains are defined."""
 
-# Points (mm) of the surfaces that are fitted: at least so close on triangles, at most so dense.
-GAP_MM, THINNED_MM = 6.0, 1.5
+# Points (mm) of the surfaces that are fitted: at most so far apart on a triangle, and one per cube
+# of this edge. The polynomials' shortest wave at the base is some 7 mm long.
+GAP_MM, THINNED_MM = 3.0, 1.5
+# Distance (mm) between the places at which the given surface is compared with the mesh's.
+SAMPLED_MM = 1.0
 # Distances (mm) between given and fitted surface: to be told, and not to be accepted.
 NOTABLE_MM, LARGEST_MM = 1.0, 5.0
 
@@ -126,8 +129,7 @@ def _fit(path, surface, heart):
 
 def _points_to_fit(surface):
     """Corners of the triangles, in large ones points between them, in dense places fewer."""
-    points = surface.subdivide_adaptive(max_edge_len=GAP_MM, max_n_passes=8).points
-    points = np.concatenate([surface.points, points])
+    points = np.concatenate([surface.points, triangle_points(surface, GAP_MM)])
     # Of each cell of a fine grid one point; those in the base plane have cells of their own.
     cell = np.column_stack([np.floor(points / THINNED_MM), points[:, 2] > -1e-6])
     _, first = np.unique(cell, axis=0, return_index=True)
@@ -139,7 +141,7 @@ def _closeness(paths, given, made, heart):
     found = {}
     for number in (ENDOCARDIUM, EPICARDIUM):
         side = SURFACES[number]
-        dense = given[side].subdivide_adaptive(max_edge_len=1.0, max_n_passes=8).points
+        dense = triangle_points(given[side], SAMPLED_MM)
         distance = normal_distances(dense, *sample_surface(made, number))
         worst = distance.argmax()
         if distance[worst] > NOTABLE_MM:

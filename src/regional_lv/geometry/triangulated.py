@@ -37,6 +37,8 @@ FLATNESS = 1e-3
 # How far (mm) the rim of a base-cut surface may be from the base plane, and from where it is said.
 UNEVEN_MM = 5.0
 NOTABLE_MM = 1.0
+# Share of a surface's area that may lie above the base plane: more, and its normal is turned round.
+LARGEST_SHARE_ABOVE = 0.7
 # Angles (deg) between the long axis and the line from the base's middle to the apex.
 NOTABLE_TILT_DEG, LARGEST_TILT_DEG = 15.0, 35.0
 # Smallest angle (deg) between the septum's direction and the long axis.
@@ -122,6 +124,20 @@ def read_ventricle(endocardium, epicardium, unit="mm", base=None, septum=None, i
 def enclosed_volume(surface):
     """Volume (mL) between a surface that is open at z = 0 and that plane, which adds nothing."""
     return float(abs(_cones(surface).sum()) / 6e3)
+
+
+def triangle_points(surface, spacing_mm):
+    """Points (n, 3) on the triangles' corners, edges and faces, at most so far apart."""
+    corners = surface.points[surface.regular_faces]
+    edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=-1).max(axis=1)
+    steps = np.ceil(edges / spacing_mm).astype(int)
+    found = []
+    for n in np.unique(steps):
+        i, j = np.meshgrid(np.arange(n + 1), np.arange(n + 1), indexing="ij")
+        inside = i + j <= n
+        shares = np.stack([i[inside], j[inside], n - i[inside] - j[inside]], axis=1) / n
+        found.append(np.einsum("qc,tcx->tqx", shares, corners[steps == n]).reshape(-1, 3))
+    return np.concatenate(found)
 
 
 def _cones(surface):
@@ -316,14 +332,15 @@ def _check_crossing_of_base(path, surface, rotation):
         where = "above" if z.min() > -near else "below"
         raise InputError(
             f"{path}: lies {np.abs(z).min():.3g} to {np.abs(z).max():.3g} mm {where} the base "
-            f"plane, which must cut it; correct {KEY}.base.point"
+            f"plane, which must cut it; correct {KEY}.base.point, or turn {KEY}.base.normal round: "
+            "it points away from the apex"
         )
     sizes = surface.compute_cell_sizes(length=False, volume=False)["Area"]
     above = surface.points[surface.regular_faces].mean(axis=1)[:, 2] > 0
-    if sizes[above].sum() > sizes[~above].sum():
+    if sizes[above].sum() > LARGEST_SHARE_ABOVE * sizes.sum():
         turned = ", ".join(f"{-x:.4g}" for x in rotation[2])
         raise InputError(
-            f"{path}: the larger part lies above the base plane, whose normal must point away "
+            f"{path}: nearly all of it lies above the base plane, whose normal must point away "
             f"from the apex; write {KEY}.base.normal: [{turned}], or correct {KEY}.base.point"
         )
 
@@ -337,7 +354,7 @@ def _depth_of_rim(path, side, surface, point, rotation, mm):
         if depth <= near:
             continue
         where = _place((point + lowest @ rotation) / mm)
-        if k > 0 or loop[:, 2].mean() < -2 * UNEVEN_MM:
+        if k > 0 or loop[:, 2].max() < -near < near < surface.points[:, 2].max():
             raise InputError(
                 f"{path}: the {side} has a hole at {where}, {depth:.3g} mm below the base plane; "
                 "close it: only the base may be open"
