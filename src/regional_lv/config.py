@@ -48,6 +48,9 @@ RESERVED = {"train", "test", "holdout", "resimulated", "subjects"}
 PHYSICS = ("material", "fibres", "loading", "supports", "observables", "solver")
 """Sections that describe the simulator."""
 
+MESHED_ANEW = ("segments", "surfaces")
+"""Sources of the geometry of which a finer mesh can be made."""
+
 MOVED = {
     **{
         f"material.{name}": f"`material.constants.{name}`"
@@ -410,8 +413,8 @@ def _check_model(config: dict, parameters: Parameterisation, channels: Channels)
         key = f"synthetic_subjects.{name}"
         yield from _check_theta(f"{key}.theta", subject["theta"], parameters)
         yield from _check_noise(f"{key}.noise", subject["noise"], channels)
-        if subject["mesh"] == "finer" and config["geometry"]["source"] != "segments":
-            yield f"{key}.mesh: only a table of segments can be meshed anew; write study"
+        if subject["mesh"] == "finer" and config["geometry"]["source"] not in MESHED_ANEW:
+            yield f"{key}.mesh: an imported mesh cannot be made finer; write study"
         yield from _check_effects(f"{key}.effects", subject["effects"], config)
     benchmark = config["criticism"]["benchmark"]
     yield from _check_noise("criticism.benchmark.noise", benchmark["noise"], channels)
@@ -433,7 +436,7 @@ def _drop_impossible(config: dict, named: Iterable[str]) -> None:
     """Leave out default synthetic subjects that this study cannot have: whose effects are part of
     its model, or for which it cannot mesh its geometry anew. named: subjects that the study asks
     for itself, which stay, to be complained about."""
-    again = config["geometry"]["source"] == "segments"
+    again = config["geometry"]["source"] in MESHED_ANEW
     for name, subject in list(config["synthetic_subjects"].items()):
         try:
             possible = not list(_check_effects(name, subject["effects"], config))
@@ -702,10 +705,15 @@ def _check_scenarios(scenarios: dict, parameters: Parameterisation) -> Iterator[
 
 def _check_geometry_files(geometry: dict) -> Iterator[str]:
     """Files that the geometry's source needs and that are not there."""
-    imported = geometry["imported"]
+    imported, surfaces = geometry["imported"], geometry["surfaces"]
     if geometry["source"] == "segments":
         given = geometry["segments"]
         needed = {"geometry.segments": None if given == VOLUNTEER else given}
+    elif geometry["source"] == "surfaces":
+        yield from _check_surfaces(surfaces)
+        needed = {
+            f"geometry.surfaces.{key}": surfaces[key] for key in ("endocardium", "epicardium")
+        }
     elif imported["file"] is None:
         yield "geometry.imported.file: missing; source `mesh` needs a mesh, give its path"
         return
@@ -722,6 +730,31 @@ def _check_geometry_files(geometry: dict) -> Iterator[str]:
             yield (
                 f"{key}: there is no file {path}; give its path from the folder in which you start"
             )
+
+
+def _check_surfaces(surfaces: dict) -> Iterator[str]:
+    """What the two surfaces need besides their files, or half of it."""
+    key = "geometry.surfaces"
+    for side in ("endocardium", "epicardium"):
+        if surfaces[side] is None:
+            yield (
+                f"{key}.{side}: missing; source `surfaces` needs both surfaces, give the path of "
+                "an STL, PLY or VTP file"
+            )
+    given = {
+        name: [value is not None for value in surfaces[name].values()]
+        for name in ("base", "insertions")
+    }
+    if any(given["base"]) and not all(given["base"]):
+        yield f"{key}.base: half of it is missing; give point and normal, or neither"
+    if any(given["insertions"]) and not all(given["insertions"]):
+        yield f"{key}.insertions: one is missing; give anterior and inferior"
+    elif (surfaces["septum"] is None) != any(given["insertions"]):
+        known = "unknown" if surfaces["septum"] is None else "given twice"
+        yield (
+            f"{key}.septum: the septum's side is {known}; give the direction from the long axis "
+            f"to the septum's middle, or the two points of {key}.insertions, and not both"
+        )
 
 
 def _check_subject(key: str, subject: dict, name: str, synthetic: dict) -> Iterator[str]:

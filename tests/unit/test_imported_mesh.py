@@ -368,7 +368,7 @@ def test_tags_in_the_wrong_turn(imported):
     tags = np.array([mirror.get(s, s) for s in imported.segment])
     mesh = dataclasses.replace(imported, segment=tags)
     with pytest.raises(InputError, match="do not follow each other clockwise"):
-        sector_table(mesh, FittedSurfaces(mesh), 24)
+        sector_table(mesh, FittedSurfaces.of_mesh(mesh), 24)
 
 
 # --- the simulator on linear hexahedra -------------------------------------------------------

@@ -141,6 +141,7 @@ HEALTHY = {
 }
 
 IMPORTED = config["geometry"]["imported"]
+GIVEN_SURFACES = config["geometry"]["surfaces"]
 
 
 def imported_files():

@@ -19,7 +19,7 @@ VERDICT_BATCHES = batches(HEARTS, config["criticism"]["benchmark"]["subjects_per
 INJECTED_BATCHES = batches(HEARTS, config["simulations"]["batch_size"])
 INJECTED_MESH = (
     f"{R}/geometry/finer/mesh.vtu"
-    if config["geometry"]["source"] == "segments"
+    if config["geometry"]["source"] in study_config.MESHED_ANEW
     else f"{R}/geometry/mesh.vtu"
 )
 TURNS = range(CRITICISM["confirmation"]["rounds"])

@@ -51,6 +51,54 @@ if config["geometry"]["source"] == "segments":
         script:
             "../scripts/call.py"
 
+elif config["geometry"]["source"] == "surfaces":
+
+    rule mesh_surfaces:
+        input:
+            endocardium=GIVEN_SURFACES["endocardium"],
+            epicardium=GIVEN_SURFACES["epicardium"],
+        output:
+            msh=f"{R}/geometry/mesh.msh",
+            vtu=f"{R}/geometry/mesh.vtu",
+            segments=f"{R}/geometry/segments.csv",
+            summary=f"{R}/geometry/summary.json",
+        params:
+            call="geometry.from_surfaces:mesh_surfaces",
+            surfaces=GIVEN_SURFACES,
+            mesh=config["mesh"],
+            fibres=config["fibres"],
+            zones=PARAMETER_SPEC["zones"],
+        log:
+            f"{LOGS}/geometry/mesh_surfaces.log",
+        conda:
+            "../../envs/geometry.yaml"
+        script:
+            "../scripts/call.py"
+
+    rule mesh_surfaces_finer:
+        """What synthetic hearts are simulated on, apart from the study's own errors."""
+        input:
+            endocardium=GIVEN_SURFACES["endocardium"],
+            epicardium=GIVEN_SURFACES["epicardium"],
+        output:
+            msh=f"{R}/geometry/finer/mesh.msh",
+            vtu=f"{R}/geometry/finer/mesh.vtu",
+            segments=f"{R}/geometry/finer/segments.csv",
+            summary=f"{R}/geometry/finer/summary.json",
+        params:
+            call="geometry.from_surfaces:mesh_surfaces",
+            surfaces=GIVEN_SURFACES,
+            mesh=config["mesh"],
+            refined=True,
+            fibres=config["fibres"],
+            zones=PARAMETER_SPEC["zones"],
+        log:
+            f"{LOGS}/geometry/mesh_surfaces_finer.log",
+        conda:
+            "../../envs/geometry.yaml"
+        script:
+            "../scripts/call.py"
+
 else:
 
     rule import_mesh:

@@ -40,11 +40,11 @@ def compare(imported, remeshed):
 
 def surface_distances(first, second, surface):
     """Distances (mm) from places on each mesh's surface to the other mesh's surface."""
-    places = [_sample(mesh, surface) for mesh in (first, second)]
-    return np.concatenate([_distances(*places), _distances(*places[::-1])])
+    here, there = (sample_surface(mesh, surface) for mesh in (first, second))
+    return np.concatenate([normal_distances(here[0], *there), normal_distances(there[0], *here)])
 
 
-def _sample(mesh, surface):
+def sample_surface(mesh, surface):
     """Points and unit normals (n, 3) on a surface, about `SPACING_MM` apart."""
     corners = mesh.points[mesh.facets[mesh.surface == surface][:, :4]]
     edge = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=-1).max()
@@ -56,10 +56,10 @@ def _sample(mesh, surface):
     return facet_points(mesh, grid)[mine].reshape(-1, 3), normals
 
 
-def _distances(here, there):
-    """Distance of places here along the normal of the nearest place there."""
-    _, nearest = cKDTree(there[0]).query(here[0])
-    return np.abs(np.einsum("nx,nx->n", here[0] - there[0][nearest], there[1][nearest]))
+def normal_distances(points, places, normals):
+    """Distance (n,) of points (n, 3) from the nearest of the places (m, 3) along its normal."""
+    _, nearest = cKDTree(places).query(points)
+    return np.abs(np.einsum("nx,nx->n", points - places[nearest], normals[nearest]))
 
 
 def volume_elsewhere(imported, remeshed):

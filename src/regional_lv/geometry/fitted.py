@@ -1,4 +1,4 @@
-"""Smooth surfaces through a mesh from elsewhere, and the borders of its segments.
+"""Smooth surfaces through a ventricle from elsewhere, and the borders of its segments.
 
 A surface is seen from the centre of the base, in coordinates scaled so that it is close to a unit
 half sphere: with a the mean radius of its rim and c the depth of its apex below the base,
@@ -30,6 +30,8 @@ NODES_PER_COEFFICIENT = 4
 SMOOTHING = 1e-6
 # Angular harmonics of a level's border.
 HARMONICS = 3
+# Where the middle of the septum lies, between segments 2 and 3.
+SEPTUM_DEG = 150.0
 # Sector borders of different levels that lie closer than this share of an element's width become
 # one mesh line.
 SNAP = 1 / 3
@@ -68,18 +70,29 @@ class StarSurface:
         z = -self.depth * distance * np.sin(u)
         return np.stack([r * np.cos(phi), r * np.sin(phi), z], axis=-1)
 
+    @property
+    def apex(self):
+        """z of the surface on the long axis."""
+        return float(self(np.zeros(1), np.array([QUARTER]))[0, 2])
+
+    def latitude(self, phi, z):
+        """Latitude (n,) at which the surface crosses the height z at angles phi (n,)."""
+        low, high = np.zeros(len(phi)), np.full(len(phi), QUARTER)
+        for _ in range(50):
+            middle = (low + high) / 2
+            above = self(phi, middle)[:, 2] > z
+            low, high = np.where(above, middle, low), np.where(above, high, middle)
+        return (low + high) / 2
+
 
 class FittedSurfaces:
-    """Endocardium and epicardium of a mesh with tagged segments, for `meshing.write_gmsh`."""
+    """Endocardium and epicardium with the borders of their levels, for `meshing.write_gmsh`.
 
-    def __init__(self, mesh):
-        self._sides = []
-        owner = facet_cells(mesh)
-        for number in (ENDOCARDIUM, EPICARDIUM):
-            mine = mesh.surface == number
-            surface = StarSurface(mesh.points[np.unique(mesh.facets[mine])])
-            borders = _level_borders(mesh, mesh.facets[mine], mesh.segment[owner[mine]], surface)
-            self._sides.append((surface, borders))
+    `sides` are the two as (`StarSurface`, its three `LevelBorder`s from base to apex).
+    """
+
+    def __init__(self, sides):
+        self._sides = sides
         self.endo_apex = -self._sides[0][0].depth
         # The bullseye's radii on which the rings of borders lie in the mesher's own coordinates.
         self.border_radii = np.array([1 - b.mean / QUARTER for b in self._sides[0][1]])
@@ -88,9 +101,31 @@ class FittedSurfaces:
             rings = np.stack([0 * angle, *(b(angle) for b in borders), 0 * angle + QUARTER])
             if (np.diff(rings, axis=0) < 0.02).any():
                 raise InputError(
-                    "the levels' borders of the imported mesh touch each other; its segments must "
-                    "lie in four levels from base to apex"
+                    "the levels' borders touch each other; the segments must lie in four levels "
+                    "from base to apex"
                 )
+
+    @classmethod
+    def of_mesh(cls, mesh):
+        """Those of a mesh with tagged segments."""
+        sides, owner = [], facet_cells(mesh)
+        for number in (ENDOCARDIUM, EPICARDIUM):
+            mine = mesh.surface == number
+            surface = StarSurface(mesh.points[np.unique(mesh.facets[mine])])
+            borders = _level_borders(mesh, mesh.facets[mine], mesh.segment[owner[mine]], surface)
+            sides.append((surface, borders))
+        return cls(sides)
+
+    @classmethod
+    def of_planes(cls, endocardium, epicardium, heights):
+        """Those of two `StarSurface`s whose levels end in short-axis planes z = heights (3,)."""
+        angle = np.linspace(-np.pi, np.pi, 90, endpoint=False)
+        return cls(
+            [
+                (s, [LevelBorder(angle, s.latitude(angle, z), np.ones(90)) for z in heights])
+                for s in (endocardium, epicardium)
+            ]
+        )
 
     def wall(self, phi, rho, t, _rho_border):
         """Points (n, 3) at angle phi, place rho on the bullseye and transmural depth t.
@@ -202,7 +237,11 @@ def sector_table(mesh, surfaces, circumferential):
             off = (angle - middle[following] - half + 180) % 360 - 180
             cut = _cut(off[mine], volume[mine], off[theirs], volume[theirs])
             lower[s] = (middle[following] + half + cut + 180) % 360 - 180
-    lower = _snap(lower, SNAP * 360 / circumferential)
+    return _sectors(_snap(lower, SNAP * 360 / circumferential), surfaces)
+
+
+def _sectors(lower, surfaces):
+    """Segment table of the sectors' lower borders (by segment, degrees)."""
     heights = [0.0, *(surfaces.endo_apex * np.sin(QUARTER * (1 - surfaces.border_radii)))]
     heights.append(surfaces.endo_apex)
     rows = []
@@ -217,6 +256,23 @@ def sector_table(mesh, surfaces, circumferential):
         rows.append((segment.number, low, high, heights[level], heights[level + 1]))
     columns = ["aha_segment", "angle_from_deg", "angle_to_deg", "z_top_mm", "z_bottom_mm"]
     return pd.DataFrame(rows, columns=columns)
+
+
+def aha_sectors(surfaces):
+    """Segment table (17 rows) of the AHA's sectors of 60 and 90 degrees about the septum's middle,
+    which lies at `SEPTUM_DEG`; anterior is 90 degrees further counter-clockwise.
+
+    Source: Cerqueira et al. 2002, doi 10.1161/hc0402.102975.
+    """
+    lower = {}
+    for numbers, width, first in (
+        (LEVELS["basal"], 60, SEPTUM_DEG + 60),
+        (LEVELS["mid"], 60, SEPTUM_DEG + 60),
+        (LEVELS["apical"], 90, SEPTUM_DEG + 45),
+    ):
+        for i, segment in enumerate(numbers):
+            lower[segment] = (first - i * width + 180) % 360 - 180
+    return _sectors(lower, surfaces)
 
 
 def _cut(above, above_volume, below, below_volume):

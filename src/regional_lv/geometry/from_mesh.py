@@ -8,14 +8,12 @@ import numpy as np
 import pandas as pd
 
 from regional_lv.aha import SEGMENTS
-from regional_lv.errors import InputError
 from regional_lv.geometry.comparison import compare
 from regional_lv.geometry.directions import nodal_directions, nodal_transmural_gradient
 from regional_lv.geometry.fitted import FittedSurfaces, sector_table
 from regional_lv.geometry.imported import import_mesh
-from regional_lv.geometry.make import check_mesh_config
+from regional_lv.geometry.make import check_mesh_config, mesh_between
 from regional_lv.geometry.mesh import read_mesh, write_mesh
-from regional_lv.geometry.meshing import convert_mesh, write_gmsh
 from regional_lv.geometry.summary import cell_volumes, segment_volumes, summarise_mesh
 
 log = logging.getLogger(__name__)
@@ -37,8 +35,8 @@ def keep_mesh(imported, fibres, vtu, segments, summary, zones=None):
     """Take the imported mesh (.vtu) as it is: linear hexahedra, segment table, summary."""
     mesh = read_mesh(imported)
     write_mesh(mesh, vtu, nodal_directions(mesh, fibres), zones=zones)
-    _write(segment_table(mesh), segments)
-    _write_summary(summarise_mesh(mesh), summary)
+    write_table(segment_table(mesh), segments)
+    write_summary(summarise_mesh(mesh), summary)
 
 
 def remesh(imported, mesh, fibres, msh, vtu, segments, summary, fit, zones=None):
@@ -50,25 +48,28 @@ def remesh(imported, mesh, fibres, msh, vtu, segments, summary, fit, zones=None)
     """
     check_mesh_config(mesh)
     given = read_mesh(imported)
-    surfaces = FittedSurfaces(given)
+    surfaces = FittedSurfaces.of_mesh(given)
     sectors = sector_table(given, surfaces, mesh["circumferential"])
-    write_gmsh(sectors, surfaces, mesh, msh)
-    made = convert_mesh(msh)
+    made = mesh_between(
+        sectors,
+        surfaces,
+        mesh,
+        fibres,
+        msh,
+        vtu,
+        zones,
+        origin=imported,
+        remedy="raise mesh.circumferential or the rows of mesh, or set geometry.imported.remesh "
+        "to false",
+    )
     numbers = summarise_mesh(made)
-    if numbers["scaled_jacobian_min"] <= 0:
-        raise InputError(
-            f"{imported}: re-meshed, the wall folds in segment {numbers['worst_segment']}; "
-            "raise mesh.circumferential or the rows of mesh, or set geometry.imported.remesh to "
-            "false"
-        )
-    write_mesh(made, vtu, nodal_directions(made, fibres), zones=zones)
     comparison = compare(given, made)
-    _write(comparison, fit)
+    write_table(comparison, fit)
     by_segment = segment_table(made)
     volumes = segment_volumes(given)
     by_segment["volume_imported_ml"] = volumes
     by_segment["volume_deviation_percent"] = 100 * (by_segment["volume_ml"] / volumes - 1)
-    _write(by_segment.merge(sectors, on="aha_segment"), segments)
+    write_table(by_segment.merge(sectors, on="aha_segment"), segments)
     worst = by_segment["volume_deviation_percent"].abs().idxmax()
     distance = comparison[comparison["quantity"].str.startswith("distance")]
     if distance["difference"].max() > NOTABLE_MM:
@@ -93,7 +94,7 @@ def remesh(imported, mesh, fibres, msh, vtu, segments, summary, fit, zones=None)
         "segment": int(by_segment["aha_segment"][worst]),
         "percent": float(by_segment["volume_deviation_percent"][worst]),
     }
-    _write_summary(numbers, summary)
+    write_summary(numbers, summary)
 
 
 def segment_table(mesh):
@@ -116,9 +117,11 @@ def segment_table(mesh):
     return pd.DataFrame(rows)
 
 
-def _write(table, path):
+def write_table(table, path):
+    """Write a table as CSV with six digits."""
     table.to_csv(path, index=False, float_format="%.6g")
 
 
-def _write_summary(summary, path):
+def write_summary(summary, path):
+    """Write a summary as JSON."""
     Path(path).write_text(json.dumps(summary, indent=2) + "\n")

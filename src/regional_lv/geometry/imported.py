@@ -21,6 +21,7 @@ from regional_lv.geometry.segment_tags import check_segment_tags, name_elements,
 from regional_lv.geometry.summary import scaled_jacobians
 
 MM_PER = {"mm": 1.0, "cm": 10.0, "m": 1000.0}
+UNIT_NAMES = {"mm": "millimetres", "cm": "centimetres", "m": "metres"}
 # Lengths (mm), base to epicardial apex, that a human left ventricle can have.
 PLAUSIBLE_LENGTH_MM = (30.0, 200.0)
 # The base is flat and at z = 0 to this share of the ventricle's length.
@@ -114,17 +115,22 @@ def _three_surfaces(surfaces):
     return found
 
 
+def units_that_fit(length_mm, unit):
+    """Units in which a ventricle that has this length when read in `unit` has a possible one."""
+    low, high = PLAUSIBLE_LENGTH_MM
+    return [u for u, mm in MM_PER.items() if low <= length_mm / MM_PER[unit] * mm <= high]
+
+
 def _check_length(path, points, unit):
     length = np.ptp(points[:, 2])
     low, high = PLAUSIBLE_LENGTH_MM
     if low <= length <= high:
         return
-    fitting = [u for u, mm in MM_PER.items() if low <= length / MM_PER[unit] * mm <= high]
-    name = {"mm": "millimetres", "cm": "centimetres", "m": "metres"}
+    fitting = units_that_fit(length, unit)
     if fitting:
         raise InputError(
             f"{path}: the ventricle is {length:g} mm long; the mesh looks like one in "
-            f"{name[fitting[0]]}, set geometry.imported.unit to {fitting[0]}"
+            f"{UNIT_NAMES[fitting[0]]}, set geometry.imported.unit to {fitting[0]}"
         )
     raise InputError(
         f"{path}: the ventricle is {length:g} mm long; between {low:g} and {high:g} are possible, "

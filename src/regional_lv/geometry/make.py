@@ -7,7 +7,7 @@ from regional_lv.errors import InputError
 from regional_lv.geometry.directions import nodal_directions
 from regional_lv.geometry.mesh import write_mesh
 from regional_lv.geometry.meshing import convert_mesh, write_gmsh
-from regional_lv.geometry.summary import summarise
+from regional_lv.geometry.summary import scaled_jacobians, summarise
 from regional_lv.geometry.surfaces import Surfaces
 from regional_lv.geometry.table import read_segments
 
@@ -49,6 +49,23 @@ def finer(mesh: dict) -> dict:
     return {**mesh, **rows, "circumferential": mesh["circumferential"] + 8}
 
 
+def mesh_between(table, surfaces, mesh, fibres, msh, vtu, zones, origin, remedy):
+    """Mesh between two surfaces, with the borders of a segment table, as .msh and as .vtu.
+
+    `surfaces` is what `meshing.write_gmsh` takes, `mesh`, `fibres` and `zones` are as in
+    `make_mesh`. Raises InputError for a wall that folds, with its `origin` (a file) and the
+    `remedy`.
+    """
+    write_gmsh(table, surfaces, mesh, msh)
+    made = convert_mesh(msh)
+    quality = scaled_jacobians(made).min(axis=1)
+    if quality.min() <= 0:
+        segment = made.segment[quality.argmin()]
+        raise InputError(f"{origin}: the wall folds in segment {segment}; {remedy}")
+    write_mesh(made, vtu, nodal_directions(made, fibres), zones=zones)
+    return made
+
+
 def make_mesh(
     table,
     endo_apex_z_mm,
@@ -78,15 +95,18 @@ def make_mesh(
     check_mesh_config(mesh)
     mesh = finer(mesh) if refined else mesh
     surfaces = Surfaces(given, endo_apex_z_mm, epi_apex_z_mm)
-    write_gmsh(given, surfaces, mesh, msh)
-    made = convert_mesh(msh)
+    made = mesh_between(
+        given,
+        surfaces,
+        mesh,
+        fibres,
+        msh,
+        vtu,
+        zones,
+        origin=table,
+        remedy="its thickness or radius differs too much from its neighbours', or two sector "
+        "borders nearly coincide; check the row, or raise mesh.circumferential",
+    )
     by_segment, numbers = summarise(made, given)
-    if numbers["scaled_jacobian_min"] <= 0:
-        raise InputError(
-            f"{table}: the wall folds in segment {numbers['worst_segment']}; its thickness "
-            "or radius differs too much from its neighbours', or two sector borders nearly "
-            "coincide; check the row, or raise mesh.circumferential"
-        )
-    write_mesh(made, vtu, nodal_directions(made, fibres), zones=zones)
     by_segment.to_csv(segments, index=False, float_format="%.6g")
     Path(summary).write_text(json.dumps(numbers, indent=2) + "\n")
