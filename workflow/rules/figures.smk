@@ -208,6 +208,12 @@ PLOTS = {
         },
         "params": OF_PARAMETERS | {"labels": LABELS},
     },
+    "measured_strains": {
+        "category": "Subjects",
+        "file": "{subject}/measured_strains",
+        "input": {"measured": f"{R}/measured/{{subject}}.csv"},
+        "params": SOURCE_OF | OF_PARAMETERS,
+    },
     "bullseye_posterior": {
         "category": "Subjects",
         "file": "{subject}/bullseye_posterior",
@@ -282,7 +288,7 @@ FIGURES = expand(
         *(
             f"{subject}/{name}"
             for subject in SUBJECTS
-            for name in ("bullseye_posterior", "posterior_predictive", "traces")
+            for name in ("measured_strains", "bullseye_posterior", "posterior_predictive", "traces")
         ),
         *(f"{subject}/noise_prior" for subject in NOISE_INFERRED),
     ],

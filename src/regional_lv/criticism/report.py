@@ -121,7 +121,7 @@ def write_report(
         png = Path(residuals) if name == "residuals" else folder / f"{name}.png"
         csv = Path(table) if name == "residuals" else png.with_suffix(".csv")
         getattr(figures, f"draw_{name}")(content, png, csv)
-        drawn[name] = _embedded(png) if png.exists() else ""
+        drawn[name] = embedded(png) if png.exists() else ""
     moved = [t for t in content["theta"] if abs(t["shift_sd"]) > 1]
     changed = "; ".join(
         f"{t['parameter']} goes from {t['before'][0]:.2f} to {t['after'][0]:.2f}" for t in moved
@@ -140,5 +140,6 @@ def write_report(
     Path(page).write_text(html)
 
 
-def _embedded(png: Path) -> str:
-    return "data:image/png;base64," + base64.b64encode(png.read_bytes()).decode()
+def embedded(png: str | Path) -> str:
+    """A picture as the address of itself, for a page that needs no other file."""
+    return "data:image/png;base64," + base64.b64encode(Path(png).read_bytes()).decode()

@@ -81,7 +81,7 @@ def cut(grid: pyvista.UnstructuredGrid) -> pyvista.UnstructuredGrid:
     return grid.clip(normal=normal, origin=(0, 0, 0), invert=True)
 
 
-def _borders(surface: pyvista.PolyData) -> pyvista.PolyData:
+def borders(surface: pyvista.PolyData) -> pyvista.PolyData:
     """Edges between faces of two segments."""
     faces = surface.regular_faces
     edges = np.sort(np.vstack([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
@@ -110,9 +110,9 @@ def render(
     plotter = pyvista.Plotter(off_screen=True, window_size=PIXELS)
     plotter.background_color = "white"
     plotter.add_mesh(surface, scalars="rgb", rgb=True, ambient=0.5, diffuse=0.55, specular=0.05)
-    borders = _borders(surface)
-    if borders.n_cells:
-        plotter.add_mesh(borders.tube(radius=0.32), color=LINE_COLOUR, ambient=0.6)
+    lines = borders(surface)
+    if lines.n_cells:
+        plotter.add_mesh(lines.tube(radius=0.32), color=LINE_COLOUR, ambient=0.6)
     angle, tilt = np.radians(angle_deg), np.radians(20)
     towards = (np.cos(tilt) * np.cos(angle), np.cos(tilt) * np.sin(angle), np.sin(tilt))
     low, high = np.array(grid.bounds)[::2], np.array(grid.bounds)[1::2]
