@@ -306,24 +306,23 @@ def test_a_browser_draws_everything_and_nothing_errs(browser, page, tmp_path):
     browser.get((tmp_path / "page.html").as_uri())
     heart = browser.find_element("id", "heart")
     wait = WebDriverWait(browser, 120)
-    browser.execute_script("arguments[0].scrollIntoView({block: 'center'})", heart)
     wait.until(lambda b: b.find_elements("css selector", "#heart canvas"))
 
-    def coloured() -> float:
-        picture = seen(heart)
-        return float((np.ptp(picture, axis=-1) > 0.2).mean())
+    def drawn() -> np.ndarray:
+        browser.execute_script("arguments[0].scrollIntoView({block: 'center'})", heart)
+        return seen(heart)
 
-    wait.until(lambda _: coloured() > 0.05)
-    zones_shown = seen(heart)
+    wait.until(lambda _: (np.ptp(drawn(), axis=-1) > 0.2).mean() > 0.05)
+    zones_shown = drawn()
 
     # To turn: what is under the pointer names its segment; a button colours by a factor.
     ActionChains(browser).move_to_element(heart).perform()
-    wait.until(lambda b: "segment" in b.find_element("css selector", "#heart .hoverlayer").text)
+    wait.until(lambda b: "segment 12" in b.find_element("css selector", "#heart .hovertext").text)
     buttons = browser.find_elements("css selector", "#heart .updatemenu-button")
     assert len(buttons) == 1 + len(PARAMETERS.factors)
     ActionChains(browser).move_to_element(buttons[1]).click().perform()
     wait.until(lambda b: b.find_elements("css selector", "#heart .colorbar"))
-    wait.until(lambda _: np.abs(seen(heart) - zones_shown).mean() > 0.01)
+    wait.until(lambda _: np.abs(drawn() - zones_shown).mean() > 0.01)
 
     widths = [i.get_property("naturalWidth") for i in browser.find_elements("tag name", "img")]
     assert len(widths) == 5 and min(widths) > 300

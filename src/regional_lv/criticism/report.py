@@ -55,7 +55,7 @@ top, septum on the left.</p>
 <td class="n">{% if s.elpd_gain is not none %}{{ "%.1f"|format(s.elpd_gain) }} &plusmn;
 {{ "%.1f"|format(s.elpd_gain_se) }}{% else %}-{% endif %}</td>
 <td class="n">{{ "%.3f"|format(s.misfit_p_value) if s.misfit_p_value is not none else "-" }}</td>
-<td class="n">{% if s.confirmed %}{{ s.simulations }}, {{ "%.1f"|format(s.difference_sd) }} sd
+<td class="n">{% if s.confirmed %}{{ s.simulations }}, {{ number(s.difference_sd, 2) }} sd
 {% else %}-{% endif %}</td></tr>{% endfor %}
 <tr><td><i>nothing is wrong</i></td><td class="n">{{ "%.3f"|format(f.base_probability) }}</td>
 <td class="n">0</td><td></td><td></td><td></td></tr>
@@ -134,6 +134,7 @@ def write_report(
         families=FAMILIES,
         cause=words.cause,
         estimate=words.estimate,
+        number=words.number,
         changed=f"By more than one posterior sd: {changed}." if changed else "",
         colour="#009E73" if quiet else "#D55E00",
     )

@@ -28,6 +28,13 @@ LIFTED_MM = 0.25
 WALLS = {"anterior": (1,), "septum": (2, 3), "inferior": (4,), "lateral": (5, 6)}
 """What is written around the base, and beside which segments."""
 
+VIEW = (
+    1.45 * np.cos(np.radians(heart.VIEW_ANGLE_DEG)),
+    1.45 * np.sin(np.radians(heart.VIEW_ANGLE_DEG)),
+    0.66,
+)
+"""Where the viewer stands at first, in the size of the heart; the light comes from there, too."""
+
 HEIGHT = 560
 FONT = "system-ui, sans-serif"
 
@@ -72,6 +79,7 @@ def draw(
         scene={
             "aspectmode": "data",
             "dragmode": "orbit",
+            "domain": {"y": [0.06, 1]},
             "camera": _camera(),
             **{f"{axis}axis": {"visible": False} for axis in "xyz"},
         },
@@ -113,7 +121,8 @@ def _walls(surface, parameters: Parameterisation, hover: Sequence[str]) -> list[
                 name=escape(style.zone_label(zone)),
                 showlegend=zone not in seen and len(parameters.zones) < len(aha.SEGMENTS),
                 hovertemplate=f"{says}<extra></extra>",
-                lighting={"ambient": 0.65, "diffuse": 0.6, "specular": 0.05, "roughness": 0.9},
+                lighting={"ambient": 0.7, "diffuse": 0.5, "specular": 0.05, "roughness": 0.9},
+                lightposition={axis: 1e4 * at for axis, at in zip("xyz", VIEW, strict=True)},
             )
         )
         seen.add(zone)
@@ -148,12 +157,11 @@ def _names(surface) -> go.Scatter3d:
     places, texts = [], []
     for segment in aha.SEGMENTS:
         points, _ = _of_segment(surface, segment.number)
-        places.append(_beside(points))
+        places.append(_beside(points, CLEAR_MM))
         texts.append(str(segment.number))
     for name, numbers in WALLS.items():
         points = np.concatenate([_of_segment(surface, n)[0] for n in numbers])
-        rim = points[points[:, 2] > points[:, 2].max() - 1.0]
-        places.append(_beside(rim) * (1.3, 1.3, 1.0) + (0, 0, CLEAR_MM))
+        places.append(_beside(points[points[:, 2] > points[:, 2].max() - 1], 4 * CLEAR_MM))
         texts.append(f"<b>{name}</b>")
     return go.Scatter3d(
         **dict(zip("xyz", np.transpose(places).astype(np.float32).round(2), strict=True)),
@@ -165,15 +173,18 @@ def _names(surface) -> go.Scatter3d:
     )
 
 
-def _beside(points: np.ndarray) -> np.ndarray:
-    """A place (3,) outside a part of the wall: beside the middle of its outer half, or below a part
-    that lies all around the long axis."""
-    middle = points.mean(axis=0)
+def _beside(points: np.ndarray, clear: float) -> np.ndarray:
+    """A place (3,) outside a part of the wall: `clear` mm beside the middle of its outer surface,
+    or below a part that lies all around the long axis."""
     radius = np.hypot(*points[:, :2].T)
-    if np.hypot(*middle[:2]) < 0.3 * radius.max():
-        return np.array([*middle[:2], points[:, 2].min() - CLEAR_MM])
-    outer = points[radius >= np.median(radius)].mean(axis=0)
-    return outer * np.append(np.full(2, 1 + CLEAR_MM / np.hypot(*outer[:2])), 1.0)
+    x, y = points[:, :2].mean(axis=0)
+    low, high = points[:, 2].min(), points[:, 2].max()
+    if np.hypot(x, y) < 0.3 * radius.max():
+        return np.array([x, y, low - clear])
+    height = (low + high) / 2
+    level = np.abs(points[:, 2] - height) <= max((high - low) / 4, 1.0)
+    outer = (radius[level].max() + clear) / np.hypot(x, y)
+    return np.array([outer * x, outer * y, height])
 
 
 def _scale() -> go.Scatter3d:
@@ -194,12 +205,8 @@ def _limits(values: Sequence[float]) -> tuple[float, float]:
 
 def _camera() -> dict:
     """From a little above, where the still pictures are seen from."""
-    angle = np.radians(heart.VIEW_ANGLE_DEG)
-    return {
-        "eye": {"x": 1.5 * np.cos(angle), "y": 1.5 * np.sin(angle), "z": 0.6},
-        "up": {"x": 0, "y": 0, "z": 1},
-        "projection": {"type": "orthographic"},
-    }
+    x, y, z = VIEW
+    return {"eye": {"x": x, "y": y, "z": z}, "up": {"x": 0, "y": 0, "z": 1}}
 
 
 def _button(way: str, colours: Sequence[str], walls: Sequence[go.Mesh3d]) -> dict:

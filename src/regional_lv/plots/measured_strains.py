@@ -28,7 +28,7 @@ def draw(
     strains = table[[QUANTITIES[name].is_strain for name in table["quantity"]]]
     directions = list(dict.fromkeys(strains["quantity"]))
     loads = sorted(strains["load_fraction"].unique(), reverse=True)
-    fig = style.figure(3.1 * max(len(directions), 1), 3.6 * max(len(loads), 1) + 0.4)
+    fig = style.figure(3.1 * max(len(directions), 1), 3.6 * max(len(loads), 1) + 0.7)
     axes = fig.subplots(max(len(loads), 1), max(len(directions), 1), squeeze=False)
     for column, direction in zip(axes.T, directions, strict=False):
         part = strains[strains["quantity"] == direction]
@@ -39,7 +39,7 @@ def draw(
             labels = [f"{v:.0f}" if np.isfinite(v) else "" for v in values]
             with matplotlib.rc_context({"font.size": 8}):
                 scale = bullseye.paint_values(ax, values, norm, "cividis", labels, parameters)
-            ax.set_title(f"{direction}{style.load_label(load)}")
+            ax.set_title(f"{direction}{style.load_label(load)}", pad=2)
         fig.colorbar(scale, ax=list(column), location="bottom", shrink=0.8, label="strain (%)")
     if strains.empty:
         axes[0, 0].text(0, 0, "no strain was measured", ha="center")
