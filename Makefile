@@ -48,6 +48,7 @@ hidden-effects: env
 	snakemake --cores "$$CORES" hidden_effects --configfile config/hidden_effects.yaml
 
 test: lint
+	@envs/install.sh test
 	pytest -n "$$CORES" --dist loadfile --no-loadscope-reorder
 
 test-dolfinx-next:

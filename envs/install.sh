@@ -1,13 +1,15 @@
 #!/usr/bin/env bash
 # Make the environment: Debian packages, a virtual environment in .venv, the project in it.
-# Does nothing if .venv was made from the same files and in the same place. Called by `make env`.
+# Does nothing if .venv was made from the same files and in the same place. Called by `make env`, and
+# with the argument `test` by `make test`, whose Debian packages come on top.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 
 venv=.venv
-stamp=$venv/.stamp
+stamp=$venv/.stamp${1:+-$1}
+debian=(envs/debian-packages.txt ${1:+"envs/debian-packages-$1.txt"})
 # The folder counts too: a virtual environment cannot be moved.
-wanted=$({ pwd; /usr/bin/python3 --version; sha256sum envs/{install.sh,{debian-packages,requirements}.txt} pyproject.toml; } | sha256sum)
+wanted=$({ pwd; /usr/bin/python3 --version; sha256sum envs/{install.sh,requirements.txt} "${debian[@]}" pyproject.toml; } | sha256sum)
 if [[ -f $stamp && $(<"$stamp") == "$wanted" ]]; then
     exit 0
 fi
@@ -26,7 +28,7 @@ debian_packages() {
     while read -r package; do
         [[ $(dpkg-query -W -f '${db:Status-Status}' "$package" 2>/dev/null || true) == installed ]] ||
             missing+=("$package")
-    done < <(sed 's/#.*//; /^[[:space:]]*$/d' envs/debian-packages.txt)
+    done < <(sed 's/#.*//; /^[[:space:]]*$/d' "${debian[@]}")
     if ((${#missing[@]} == 0)); then
         return
     fi

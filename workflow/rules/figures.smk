@@ -212,6 +212,12 @@ PLOTS = {
         },
         "params": OF_PARAMETERS | {"labels": LABELS},
     },
+    "measured_strains": {
+        "category": "Subjects",
+        "file": "{subject}/measured_strains",
+        "input": {"measured": f"{R}/measured/{{subject}}.csv"},
+        "params": SOURCE_OF | OF_PARAMETERS,
+    },
     "bullseye_posterior": {
         "category": "Subjects",
         "file": "{subject}/bullseye_posterior",
@@ -291,7 +297,7 @@ FIGURES = expand(
         *(
             f"{subject}/{name}"
             for subject in SUBJECTS
-            for name in ("bullseye_posterior", "posterior_predictive", "traces")
+            for name in ("measured_strains", "bullseye_posterior", "posterior_predictive", "traces")
         ),
         *(EVALUATING_FIGURES if EVALUATION else []),
     ],

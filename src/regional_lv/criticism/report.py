@@ -55,7 +55,7 @@ top, septum on the left.</p>
 <td class="n">{% if s.elpd_gain is not none %}{{ "%.1f"|format(s.elpd_gain) }} &plusmn;
 {{ "%.1f"|format(s.elpd_gain_se) }}{% else %}-{% endif %}</td>
 <td class="n">{{ "%.3f"|format(s.misfit_p_value) if s.misfit_p_value is not none else "-" }}</td>
-<td class="n">{% if s.confirmed %}{{ s.simulations }}, {{ "%.1f"|format(s.difference_sd) }} sd
+<td class="n">{% if s.confirmed %}{{ s.simulations }}, {{ number(s.difference_sd, 2) }} sd
 {% else %}-{% endif %}</td></tr>{% endfor %}
 <tr><td><i>nothing is wrong</i></td><td class="n">{{ "%.3f"|format(f.base_probability) }}</td>
 <td class="n">0</td><td></td><td></td><td></td></tr>
@@ -122,7 +122,7 @@ def write_report(
         png = Path(residuals) if name == "residuals" else folder / f"{name}.png"
         csv = Path(table) if name == "residuals" else png.with_suffix(".csv")
         getattr(figures, f"draw_{name}")(content, png, csv)
-        drawn[name] = _embedded(png) if png.exists() else ""
+        drawn[name] = embedded(png) if png.exists() else ""
     moved = [t for t in content["theta"] if abs(t["shift_sd"]) > 1]
     changed = "; ".join(
         f"{t['parameter']} goes from {t['before'][0]:.2f} to {t['after'][0]:.2f}" for t in moved
@@ -135,11 +135,13 @@ def write_report(
         families=FAMILIES,
         cause=words.cause,
         estimate=words.estimate,
+        number=words.number,
         changed=f"By more than one posterior sd: {changed}." if changed else "",
         colour="#009E73" if quiet else "#D55E00",
     )
     Path(page).write_text(html)
 
 
-def _embedded(png: Path) -> str:
-    return "data:image/png;base64," + base64.b64encode(png.read_bytes()).decode()
+def embedded(png: str | Path) -> str:
+    """A picture as the address of itself, for a page that needs no other file."""
+    return "data:image/png;base64," + base64.b64encode(Path(png).read_bytes()).decode()

@@ -137,7 +137,7 @@ def verdict(content: dict) -> list[str]:
                 f"One of {_list([of(n) for n in group], 'or')} is at work; the data cannot tell "
                 f"which. The most probable is {estimated(group[0])}."
             )
-        said += _separating(content, of)
+        said += separating(content)
         said += _confirmed(content)
         said.append(gain(content["gain"]))
     else:
@@ -168,7 +168,13 @@ def _why_not(content: dict) -> str:
     return ": several sets do as well, and have too little in common"
 
 
-def _separating(content: dict, of) -> list[str]:
+def separating(content: dict) -> list[str]:
+    """Which measurement would tell apart the sets of causes that explain the data equally well."""
+    components = {h["name"]: h["component"] for h in content["hypotheses"]}
+
+    def of(name: str) -> str:
+        return cause(name, components[name])
+
     said = []
     for pair in content["separating"]:
         best = pair["channels"][0]

@@ -97,7 +97,7 @@ def _towards_viewer() -> np.ndarray:
     return np.array([np.cos(angle), np.sin(angle), 0.0])
 
 
-def _borders(surface: pyvista.PolyData, of: str) -> pyvista.PolyData:
+def borders_of(surface: pyvista.PolyData, of: str) -> pyvista.PolyData:
     """Edges between faces whose cell data `of` differ."""
     faces = surface.regular_faces
     edges = np.sort(np.vstack([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
@@ -127,7 +127,7 @@ def render(
     plotter.background_color = "white"
     plotter.add_mesh(surface, scalars="rgb", rgb=True, ambient=0.55, diffuse=0.5, specular=0.05)
     for of, radius in ({"segment": 0.32} if borders is None else borders).items():
-        found = _borders(surface, of)
+        found = borders_of(surface, of)
         if found.n_cells:
             plotter.add_mesh(found.tube(radius=radius), color=LINE_COLOUR, ambient=0.6)
     if lines is not None:

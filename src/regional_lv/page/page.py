@@ -1,0 +1,369 @@
+"""One HTML page for each subject, that needs nothing but itself."""
+
+import json
+from collections.abc import Mapping
+from itertools import combinations
+from pathlib import Path
+
+import arviz as az
+import jinja2
+import numpy as np
+import pandas as pd
+from markupsafe import Markup
+from plotly.offline import get_plotlyjs
+from scipy import stats
+
+from regional_lv import aha
+from regional_lv.channels import Channel, Channels
+from regional_lv.criticism import words
+from regional_lv.criticism.report import embedded
+from regional_lv.emulators import label_of
+from regional_lv.inference.classification import stiffness
+from regional_lv.measured import MEASURES, read_measured
+from regional_lv.mechanics.materials import MATERIALS
+from regional_lv.page import heart3d
+from regional_lv.parameters import Parameterisation
+from regional_lv.plots import style
+from regional_lv.plots.case_posterior import SOURCES, CasePosterior, read
+from regional_lv.plots.verdicts import chosen
+
+TEMPLATE = Path(__file__).parent / "page.html"
+
+SAME_AS_PRIOR = 0.1
+"""Largest distance between the distribution functions of posterior and prior (Kolmogorov-Smirnov)
+at which the data are said to say nothing about a parameter."""
+
+STRONG = 0.7
+"""Correlation of the logarithms of a zone's factors from which on they are said to trade off."""
+
+MOVED = 1.0
+"""Posterior standard deviations from which on a change of a factor is shown in bold."""
+
+
+def make_page(
+    subject: str,
+    study: str,
+    source: str,
+    measured: str | Path,
+    posterior: str | Path,
+    diagnostics: str | Path,
+    choice: str | Path,
+    predictions: str | Path,
+    strains_picture: str | Path,
+    stiffness_picture: str | Path,
+    fit_picture: str | Path,
+    parameters: Parameterisation,
+    channels: Channels,
+    pressure_mmhg: float,
+    strain_exponent: float,
+    scales_with_pressure: bool,
+    limitations: str,
+    extended: str,
+    page: str | Path,
+    findings: str | Path | None = None,
+    residuals_picture: str | Path | None = None,
+    mesh: str | Path | None = None,
+    zones_picture: str | Path | None = None,
+    template: str | Path = TEMPLATE,
+) -> None:
+    """Write the page of one subject.
+
+    Parameters
+    ----------
+    source: `subjects.<name>.source` of the config.
+    measured: its measured table; posterior, diagnostics: NetCDF and verdict of the final emulator.
+    choice, predictions: which emulator that is (JSON), and what it predicts of the test set
+        (Parquet).
+    strains_picture, stiffness_picture, fit_picture: figures (PNG) of `plots.measured_strains`,
+        `plots.bullseye_posterior` and `plots.posterior_predictive`.
+    channels: what the study observes.
+    pressure_mmhg, strain_exponent: the study's end-diastolic pressure and strain measure.
+    scales_with_pressure: whether stresses of the study scale with theta and pressure alone.
+    limitations: where the page finds the project's limitations. extended: the file that the study
+        with the named causes goes to.
+    findings, residuals_picture: of the criticism, if it was made (JSON, PNG).
+    mesh, zones_picture: the unloaded heart (VTU) and the figure of its zones (PNG), if the study
+        has one.
+    """
+    table = read_measured(measured, strain_exponent=None)
+    drawn, data = read(posterior, diagnostics), az.from_netcdf(posterior)
+    content = json.loads(Path(findings).read_text()) if findings else None
+    separating = words.separating(content) if content else []
+    rows = stiffness_of(drawn, parameters)
+    medians = {row["name"]: row["median"] for row in rows}
+    pictures = {
+        "strains": strains_picture,
+        "stiffness": stiffness_picture,
+        "fit": fit_picture,
+        "residuals": residuals_picture,
+        "zones": zones_picture,
+    }
+    environment = jinja2.Environment(
+        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    environment.filters["label"] = lambda name: Markup(heart3d.html_label(name))
+    environment.filters["number"] = words.number
+    html = environment.from_string(Path(template).read_text()).render(
+        subject=subject,
+        study=study,
+        synthetic=source == "synthetic",
+        data_from=SOURCES[source],
+        pictures={name: embedded(png) if png else "" for name, png in pictures.items()},
+        heart=Markup(heart3d.draw(mesh, parameters, medians, _hover(rows, table, parameters)))
+        if mesh
+        else "",
+        plotly=Markup(get_plotlyjs()) if mesh else "",
+        measured=measured_of(table, channels),
+        missing=missing(table, channels),
+        pressure=pressure_mmhg,
+        scaling=[p.factor for p in parameters if p.scales_stress][:1]
+        if scales_with_pressure
+        else [],
+        measure=MEASURES.get(strain_exponent, f"Seth-Hill (exponent {strain_exponent:g})"),
+        stiffness=rows,
+        law=MATERIALS[parameters.law],
+        factors=[f for f in MATERIALS[parameters.law].factors if f.name in parameters.factors],
+        trade_offs=trade_offs(drawn, parameters),
+        silent=silent(rows, table, channels, parameters),
+        fit=fit_of(data, drawn.case),
+        f=content,
+        verdict=[s for s in content["words"] if s not in separating] if content else [],
+        separating=separating,
+        moved=MOVED,
+        extended=extended,
+        convergence=convergence_of(drawn, diagnostics),
+        emulator=emulator_of(choice, predictions, table),
+        limitations=limitations,
+        cause=words.cause,
+        estimate=words.estimate,
+    )
+    Path(page).write_text(html)
+
+
+# ------------------------------------------------------------------------------- what was measured
+
+
+def measured_of(table: pd.DataFrame, channels: Channels) -> list[dict]:
+    """Rows of the table of measurements: a value that belongs to the whole ventricle or to a pair
+    of levels, or a strain direction with its number of segments, mean and range; by load."""
+    rows = []
+    for (quantity, load), part in table.groupby(["quantity", "load_fraction"], sort=False):
+        segments = part["segment"].notna()
+        observed = [c for c in channels if (c.quantity, c.load_fraction) == (quantity, load)]
+        for _, row in part[~segments].iterrows():
+            channel = Channel.parse(row["output"])
+            rows.append(
+                {"what": words.channel(row["output"]), "value": f"{row['value']:.4g}"}
+                | {"unit": _unit(channel), "sd": row["sd"], "segments": ""}
+            )
+        part = part[segments]
+        if len(part):
+            percent = 100 * part[["value", "sd"]]
+            low, mean, high = (percent["value"].agg(how) for how in ("min", "mean", "max"))
+            rows.append(
+                {
+                    "what": f"{quantity} strain{words.at_load(load)}",
+                    "value": f"{mean:.1f} ({low:.1f} to {high:.1f})",
+                    "unit": "%",
+                    "sd": percent["sd"].mean(),
+                    "segments": f"{len(part)} of {len(observed)}",
+                }
+            )
+    return rows
+
+
+def _unit(channel: Channel) -> str:
+    return "" if channel.unit == "1" else channel.unit
+
+
+def missing(table: pd.DataFrame, channels: Channels) -> list[str]:
+    """What the study observes and the table lacks, in words."""
+    absent = [c for c in channels if c.name not in set(table["output"])]
+    said = []
+    for quantity, load in dict.fromkeys((c.quantity, c.load_fraction) for c in absent):
+        some = [c for c in absent if (c.quantity, c.load_fraction) == (quantity, load)]
+        all_of_it = [c for c in channels if (c.quantity, c.load_fraction) == (quantity, load)]
+        if not some[0].kind.is_strain:
+            said += [words.channel(c.name) for c in some]
+            continue
+        text = f"{quantity} strain"
+        if len(some) < len(all_of_it):
+            numbers = ", ".join(str(c.segment) for c in some)
+            text += f" of segment{'s' if len(some) > 1 else ''} {numbers}"
+        said.append(text + words.at_load(load))
+    return said
+
+
+# --------------------------------------------------------------------------------------- stiffness
+
+
+def stiffness_of(drawn: CasePosterior, parameters: Parameterisation) -> list[dict]:
+    """A row for each parameter: median, 95 % interval, what the prior allowed, probability of being
+    above the reference, and whether the data say nothing about it."""
+    summary, rows = drawn.summary(), []
+    for p in parameters:
+        values, row = drawn.draws[p.name].ravel(), summary.loc[p.name]
+        prior = stats.uniform(p.lower, p.upper - p.lower)
+        rows.append(
+            {
+                **{"name": p.name, "zone": p.zone, "factor": p.factor},
+                "segments": parameters.zones[p.zone],
+                **{key: float(row[key]) for key in ("median", "lower95", "upper95")},
+                "prior": (p.lower, p.upper),
+                "above_reference": float((values > 1).mean()),
+                "silent": stats.kstest(values, prior.cdf).statistic <= SAME_AS_PRIOR,
+            }
+        )
+    return rows
+
+
+def trade_offs(drawn: CasePosterior, parameters: Parameterisation) -> list[dict]:
+    """Pairs of factors of a zone that are strongly correlated, with their geometric mean."""
+    theta = np.stack([drawn.draws[name].ravel() for name in parameters.names], axis=-1)
+    means, found = stiffness(theta, parameters)[..., -1], []
+    for z, zone in enumerate(parameters.zones):
+        for one, other in combinations(parameters.factors, 2):
+            pair = [np.log(drawn.draws[f"{factor}_{zone}"].ravel()) for factor in (one, other)]
+            correlation = float(np.corrcoef(pair)[0, 1])
+            if abs(correlation) >= STRONG:
+                low, middle, high = np.quantile(means[:, z], [0.025, 0.5, 0.975])
+                found.append(
+                    {"zone": style.zone_label(zone), "pair": (one, other), "r": correlation}
+                    | {"mean": middle, "low": low, "high": high}
+                )
+    return found
+
+
+def silent(
+    rows: list[dict], table: pd.DataFrame, channels: Channels, parameters: Parameterisation
+) -> list[dict]:
+    """Parameters that the data say nothing about, with what was not measured in their zone."""
+    found = []
+    for row in rows:
+        if row["silent"]:
+            here = [c for c in channels if c.segment in parameters.zones[row["zone"]]]
+            found.append(
+                {"name": row["name"]} | {"missing": missing(table, Channels(here)) if here else []}
+            )
+    return found
+
+
+def _hover(rows: list[dict], table: pd.DataFrame, parameters: Parameterisation) -> list[str]:
+    """What the heart says of each segment (17): its name, its zone's stiffness, its strains."""
+    strains = table[table["segment"].notna() & (table["load_fraction"] == 1)]
+    said = []
+    for segment in aha.SEGMENTS:
+        zone = parameters.zone_of(segment.number)
+        lines = [f"<b>segment {segment.number}, {segment.name}</b>"]
+        lines += [
+            f"{heart3d.html_label(row['name'])}: {row['median']:.2f} "
+            f"({row['lower95']:.2f} to {row['upper95']:.2f})"
+            for row in rows
+            if row["zone"] == zone
+        ]
+        lines += [
+            f"{row['quantity']} strain: {100 * row['value']:.1f} %"
+            for _, row in strains[strains["segment"] == segment.number].iterrows()
+        ]
+        said.append("<br>".join(lines))
+    return said
+
+
+# --------------------------------------------------------------------------------------------- fit
+
+
+def fit_of(data: az.InferenceData, case: str) -> dict:
+    """How the posterior predicts what was measured.
+
+    `quantities`: by quantity the number of channels, of those outside their 95 % interval, and the
+    root mean square of measured minus median. `outside`: these channels, the farthest first.
+    """
+    predicted = data.posterior_predictive["y"].sel(case=case)
+    observed = data.constant_data["y_obs"].sel(case=case).to_series().dropna()
+    draws = predicted.sel(output=observed.index.to_list()).stack(draw_of=("chain", "draw"))
+    low, median, high = np.quantile(
+        draws.transpose("output", "draw_of").to_numpy(), [0.025, 0.5, 0.975], axis=1
+    )
+    table = pd.DataFrame({"observed": observed, "low": low, "median": median, "high": high})
+    table["outside"] = ~table["observed"].between(table["low"], table["high"])
+    table["far"] = (table["observed"] - table["median"]).abs() / (table["high"] - table["low"])
+    table["quantity"] = [Channel.parse(name).quantity for name in table.index]
+    quantities = []
+    for _, part in table.groupby("quantity", sort=False):
+        channel = Channel.parse(part.index[0])
+        error = float(np.sqrt(((part["observed"] - part["median"]) ** 2).mean()))
+        quantities.append(
+            {"what": _kind(channel), "channels": len(part), "outside": int(part["outside"].sum())}
+            | _as_read(channel, error)
+        )
+    outside = []
+    for name, row in table[table["outside"]].sort_values("far", ascending=False).iterrows():
+        scale = _scale_of(Channel.parse(name))
+        values = {key: scale * row[key] for key in ("observed", "median", "low", "high")}
+        outside.append(
+            {"what": words.channel(name), "unit": _read_in(Channel.parse(name))} | values
+        )
+    return {"quantities": quantities, "outside": outside, "channels": len(table)}
+
+
+def _kind(channel: Channel) -> str:
+    return f"{channel.quantity} strain" if channel.kind.is_strain else channel.quantity
+
+
+def _scale_of(channel: Channel) -> float:
+    """Strains are read in per cent."""
+    return 100.0 if channel.kind.is_strain else 1.0
+
+
+def _read_in(channel: Channel) -> str:
+    return "%" if channel.kind.is_strain else _unit(channel)
+
+
+def _as_read(channel: Channel, error: float) -> dict:
+    return {"error": _scale_of(channel) * error, "unit": _read_in(channel)}
+
+
+# ---------------------------------------------------------------------------------------- how sure
+
+
+def convergence_of(drawn: CasePosterior, diagnostics: str | Path) -> dict:
+    """The verdict on the posterior, what a failed one says, and the worst of its diagnostics."""
+    checks = pd.read_csv(diagnostics, dtype={"case": str})
+    checks = checks[checks["case"] == drawn.case]
+    return {
+        "warning": drawn.warning,
+        "draws": next(iter(drawn.draws.values())).size,
+        "rhat": float(checks["rhat"].max()),
+        "ess": float(checks[["ess_bulk", "ess_tail"]].min(axis=None)),
+        "outside": float(checks["outside"].max()) if "outside" in checks else 0.0,
+    }
+
+
+def emulator_of(choice: str | Path, predictions: str | Path, measured: pd.DataFrame) -> dict:
+    """What the emulator gets wrong on the test set, beside the noise of the measurement.
+
+    `quantities`: by quantity its root mean square error and the mean sd of the subject's channels,
+    NaN where these give none. `coverage`: of the chosen emulator's intervals, from the choice.
+    """
+    name = chosen(Path(choice))
+    candidates = json.loads(Path(choice).read_text())["candidates"]
+    table = pd.read_parquet(predictions, columns=["case", "output", "truth", "mean"])
+    table["quantity"] = [Channel.parse(output).quantity for output in table["output"]]
+    rows = []
+    for quantity, part in table.groupby("quantity", sort=False):
+        channel = Channel.parse(part["output"].iloc[0])
+        sd = measured.loc[measured["quantity"] == quantity, "sd"].mean()
+        rows.append(
+            {"what": _kind(channel), "sd": _scale_of(channel) * sd}
+            | _as_read(channel, float(np.sqrt(((part["mean"] - part["truth"]) ** 2).mean())))
+        )
+    return {
+        "name": label_of(name),
+        "cases": table["case"].nunique(),
+        "quantities": rows,
+        "coverage": _coverage(candidates, name),
+    }
+
+
+def _coverage(candidates: list[Mapping], name: str) -> dict | None:
+    return next((one for one in candidates if one["emulator"] == name), None)

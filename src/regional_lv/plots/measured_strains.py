@@ -1,0 +1,51 @@
+"""The measured strains of one subject on bullseyes."""
+
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+from matplotlib.colors import Normalize
+
+from regional_lv import aha
+from regional_lv.measured import read_measured
+from regional_lv.parameters import Parameterisation
+from regional_lv.plots import bullseye, style
+from regional_lv.plots.case_posterior import SOURCES
+from regional_lv.quantities import QUANTITIES
+
+
+@style.context
+def draw(
+    measured: Path, subject: str, source: str, parameters: Parameterisation, png: Path, csv: Path
+) -> None:
+    """Draw a bullseye for each measured strain, a row for each load, the full one first.
+
+    measured: table of `subject`; source: `subjects.<name>.source` of the config. Numbers are per
+    cent; segments that were not measured are grey. The table: subject, output, quantity, segment,
+    load_fraction, value and sd (fractions).
+    """
+    table = read_measured(measured, strain_exponent=None)
+    strains = table[[QUANTITIES[name].is_strain for name in table["quantity"]]]
+    directions = list(dict.fromkeys(strains["quantity"]))
+    loads = sorted(strains["load_fraction"].unique(), reverse=True)
+    fig = style.figure(3.1 * max(len(directions), 1), 3.6 * max(len(loads), 1) + 0.7)
+    axes = fig.subplots(max(len(loads), 1), max(len(directions), 1), squeeze=False)
+    for column, direction in zip(axes.T, directions, strict=False):
+        part = strains[strains["quantity"] == direction]
+        norm = Normalize(100 * part["value"].min(), 100 * part["value"].max())
+        for ax, load in zip(column, loads, strict=True):
+            here = part[part["load_fraction"] == load].set_index("segment")["value"]
+            values = 100 * here.reindex([s.number for s in aha.SEGMENTS]).to_numpy(float)
+            labels = [f"{v:.0f}" if np.isfinite(v) else "" for v in values]
+            with matplotlib.rc_context({"font.size": 8}):
+                scale = bullseye.paint_values(ax, values, norm, "cividis", labels, parameters)
+            ax.set_title(f"{direction}{style.load_label(load)}", pad=2)
+        fig.colorbar(scale, ax=list(column), location="bottom", shrink=0.8, label="strain (%)")
+    if strains.empty:
+        axes[0, 0].text(0, 0, "no strain was measured", ha="center")
+        bullseye.frame(axes[0, 0])
+    style.suptitle(fig, f"Measured strains: {subject} - {SOURCES[source]}")
+    columns = ["output", "quantity", "segment", "load_fraction", "value", "sd"]
+    written = strains[columns].copy()
+    written.insert(0, "subject", subject)
+    style.save(fig, written, png, csv)

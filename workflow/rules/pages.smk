@@ -1,0 +1,53 @@
+"""A page for each subject, for those who have to read it: measured, inferred, wrong, next."""
+
+PAGE_FIGURES = f"{R}/figures/{{subject}}"
+PAGES = expand(f"{R}/pages/{{subject}}.html", subject=SUBJECTS)
+
+
+rule pages:
+    """The page of every subject."""
+    input:
+        PAGES,
+
+
+rule make_page:
+    """Without a simulator there is neither a heart nor a criticism to show, and the page says so."""
+    input:
+        template=os.path.relpath(SOURCE / "regional_lv" / "page" / "page.html"),
+        measured=f"{R}/measured/{{subject}}.csv",
+        **SUBJECT,
+        choice=CHOICE,
+        predictions=f"{R}/emulators/{EMULATOR}/test_predictions.parquet",
+        strains_picture=f"{PAGE_FIGURES}/measured_strains.png",
+        stiffness_picture=f"{PAGE_FIGURES}/bullseye_posterior.png",
+        fit_picture=f"{PAGE_FIGURES}/posterior_predictive.png",
+        findings=[] if FROM_TABLES else f"{C}/{{subject}}/findings.json",
+        residuals_picture=[] if FROM_TABLES else f"{C}/{{subject}}/residuals.png",
+        mesh=[] if FROM_TABLES else f"{R}/geometry/mesh.vtu",
+        zones_picture=[] if FROM_TABLES else f"{R}/figures/zones.png",
+    output:
+        page=report(
+            f"{R}/pages/{{subject}}.html",
+            caption="../report/page.rst",
+            category="Subjects",
+            subcategory="{subject}",
+        ),
+    params:
+        call="page.page:make_page",
+        study=config["study"],
+        source=lambda wildcards: SUBJECT_SOURCES[wildcards.subject],
+        parameters=PARAMETER_SPEC,
+        channels=OUTPUTS,
+        pressure_mmhg=config["loading"]["pressure_mmhg"],
+        strain_exponent=config["observables"]["strain_exponent"],
+        scales_with_pressure=not why_not_scaling(PHYSICS),
+        limitations=os.path.relpath(SOURCE.parent / "LIMITATIONS.md", f"{R}/pages"),
+        extended=f"{C}/{{subject}}/extended.yaml",
+    wildcard_constraints:
+        subject=any_of(SUBJECTS),
+    log:
+        f"{LOGS}/pages/{{subject}}.log",
+    conda:
+        "../../envs/statistics.yaml"
+    script:
+        "../scripts/call.py"
