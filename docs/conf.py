@@ -13,6 +13,7 @@ extensions = ["myst_nb", "sphinx_copybutton"]
 myst_enable_extensions = ["colon_fence", "deflist", "dollarmath"]
 myst_heading_anchors = 3
 nb_execution_mode = "off"  # the notebook is stored with its outputs; `make docs-notebook` runs it
+nb_output_stderr = "remove"
 
 html_theme = "furo"
 html_title = f"regional-lv {release}"
