@@ -10,7 +10,7 @@ author = "regional-lv developers"
 release = version = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"]
 
 extensions = ["myst_nb", "sphinx_copybutton"]
-myst_enable_extensions = ["colon_fence", "deflist", "dollarmath"]
+myst_enable_extensions = ["colon_fence", "deflist"]
 myst_heading_anchors = 3
 exclude_patterns = ["_build"]
 nb_execution_mode = "off"  # the notebook is stored with its outputs; `make docs-notebook` runs it
