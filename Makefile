@@ -7,6 +7,8 @@
 # make env      the environment (the targets above make it themselves)
 # make test-dolfinx-next   the physics tests with dolfinx 0.9 (as root; Debian 13, 2.6 GB, kept)
 # make bench-simulator     what a simulation costs, beside cold load stepping
+# make docs     the documentation, in docs/_build/html
+# make docs-notebook   run docs/library.ipynb again and keep its outputs
 # make lint     the checks of `make test` without its tests
 # make format   format the code, write the tables of config/README.md
 
@@ -14,7 +16,7 @@ SHELL := bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DEFAULT_GOAL := help
 .PHONY: help env quick paper published smoke hidden-effects test test-dolfinx-next bench-simulator lint
-.PHONY: format
+.PHONY: format docs docs-notebook
 
 CORES ?= 2
 export CORES
@@ -69,3 +71,16 @@ format: env
 	ruff check --fix .
 	ruff format .
 	python -m regional_lv.config config/README.md
+
+# In an environment of its own: it needs neither the simulator nor the package.
+.venv-docs/.stamp: envs/docs-requirements.txt
+	python3 -m venv --clear .venv-docs
+	.venv-docs/bin/python -m pip install --quiet --requirement envs/docs-requirements.txt
+	touch .venv-docs/.stamp
+
+docs: .venv-docs/.stamp
+	.venv-docs/bin/sphinx-build -W --keep-going --builder html docs docs/_build/html
+
+docs-notebook: env
+	pip install --quiet --constraint envs/docs-requirements.txt ipykernel nbclient
+	jupyter execute --inplace docs/library.ipynb

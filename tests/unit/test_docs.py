@@ -1,0 +1,94 @@
+"""What the documentation says of files, targets, keys and versions is there."""
+
+import ast
+import json
+import re
+import tomllib
+from pathlib import Path
+
+import pytest
+import yaml
+
+from regional_lv import config as study_config
+from regional_lv.study import Study
+
+ROOT = Path(__file__).parents[2]
+PAGES = [
+    *sorted(ROOT.glob("*.md")),
+    ROOT / "config" / "README.md",
+    *sorted((ROOT / "docs").glob("*.md")),
+]
+
+
+def headings(page: Path) -> set[str]:
+    """Anchors of a page's headings, or of those of the page that it includes."""
+    text = page.read_text()
+    if included := re.search(r"```{include} (\S+)", text):
+        text = (page.parent / included[1]).read_text()
+    titles = re.findall(r"^#+ (.+)$", text, flags=re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", title.lower()).replace(" ", "-") for title in titles}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
+def test_links_lead_somewhere(page):
+    missing = []
+    for link in re.findall(r"\]\((?!https?:)([^)\s]+)\)", page.read_text()):
+        path, _, anchor = link.partition("#")
+        target = page.parent / path if path else page
+        if not target.exists() or (anchor and anchor not in headings(target)):
+            missing.append(link)
+    assert missing == []
+
+
+def test_named_targets_and_studies_exist():
+    text = "\n".join(page.read_text() for page in PAGES)
+    targets = set(re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(), flags=re.MULTILINE))
+    assert set(re.findall(r"(?:`|^)make ([a-z-]+)", text, flags=re.MULTILINE)) - targets == set()
+    studies = re.findall(r"--configfile ((?:config/\S+?\.yaml ?)+)", text)
+    assert len(studies) > 5
+    assert [s for one in studies for s in one.split() if not (ROOT / s).exists()] == []
+
+
+def test_ten_keys_are_keys():
+    keys = {path for path, _ in study_config.describe()}
+    text = (ROOT / "docs" / "configuration.md").read_text()
+    named = re.findall(r"^## \d+\. (.*)$", text, flags=re.MULTILINE)
+    assert len(named) == 10
+    for key in (key for title in named for key in re.findall(r"`([^`]+)`", title)):
+        assert any(path == key or path.startswith(f"{key}.") for path in keys), key
+
+
+def test_one_version():
+    version = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"]
+    assert yaml.safe_load((ROOT / "CITATION.cff").read_text())["version"] == version
+    released = re.findall(r"^## (\d\S+)", (ROOT / "CHANGELOG.md").read_text(), flags=re.MULTILINE)
+    assert released[0] == version
+    assert f"version {version}." in (ROOT / "docs" / "citing.md").read_text()
+
+
+def test_code_of_the_readme_is_a_study():
+    code = re.search(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), flags=re.DOTALL)[1]
+    calls = [node for node in ast.walk(ast.parse(code)) if isinstance(node, ast.Call)]
+    made = next(call for call in calls if ast.unparse(call.func) == "Study")
+    assert study_config.load(ast.literal_eval(made.args[0]))["design"]["natural"] == 120
+    methods = {call.func.attr for call in calls if isinstance(call.func, ast.Attribute)}
+    assert methods == {"make_heart", "simulate", "train", "infer"}
+    assert all(callable(getattr(Study, name)) for name in methods)
+
+
+def test_plugin_of_the_contributing_page_is_the_example():
+    example = (ROOT / "config" / "examples" / "plugin.py").read_text()
+    page = (ROOT / "CONTRIBUTING.md").read_text()
+    shown = re.search(r"```python\n(.*?)```", page, flags=re.DOTALL)[1]
+    classes = [node for node in ast.parse(shown).body if isinstance(node, ast.ClassDef)]
+    assert len(classes) == 1
+    assert ast.get_source_segment(shown, classes[0]) in example
+
+
+def test_notebook_is_stored_with_its_outputs():
+    cells = json.loads((ROOT / "docs" / "library.ipynb").read_text())["cells"]
+    code = [cell for cell in cells if cell["cell_type"] == "code"]
+    assert [cell["execution_count"] for cell in code] == list(range(1, len(code) + 1))
+    outputs = [output for cell in code for output in cell["outputs"]]
+    assert not any(output["output_type"] == "error" for output in outputs)
+    assert sum("image/png" in output.get("data", {}) for output in outputs) == 2
