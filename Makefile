@@ -1,4 +1,5 @@
-# make quick    the whole pipeline on a small design      (CORES=4 for four cores)
+# make quick    geometry and strains to posteriors, criticism and pages   (CORES=4 for four cores)
+# make study    the same with 300 simulations, four emulators and all checks of the inference
 # make paper    the paper's study
 # make published  the statistical half on the paper's own simulations, no simulator needed
 # make smoke    every step once
@@ -15,7 +16,7 @@
 SHELL := bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help env quick paper published smoke hidden-effects test test-dolfinx-next bench-simulator lint
+.PHONY: help env quick study paper published smoke hidden-effects test test-dolfinx-next bench-simulator lint
 .PHONY: format docs docs-notebook
 
 CORES ?= 2
@@ -33,6 +34,10 @@ env:
 quick: env
 	snakemake --cores "$$CORES" --configfile config/quick.yaml
 	snakemake --cores "$$CORES" --configfile config/quick.yaml --report results/quick/report.html
+
+study: env
+	snakemake --cores "$$CORES" --configfile config/study.yaml
+	snakemake --cores "$$CORES" --configfile config/study.yaml --report results/study/report.html
 
 paper: env
 	snakemake --cores "$$CORES"

@@ -121,7 +121,7 @@ def given(tmp_path_factory, small_mesh):
     zones.draw(small_mesh, PARAMETERS, files["zones.png"], data)
     write_report(files["findings.json"], folder / "report.html", files["residuals.png"], data)
     return {
-        **{"subject": "heart", "study": "toy", "source": "synthetic"},
+        **{"subject": "heart", "study": "toy", "source": "synthetic", "emulator": "final"},
         **{"measured": files["measured.csv"], "posterior": files["heart.nc"]},
         **{"diagnostics": files["diagnostics.csv"], "choice": files["final.json"]},
         **{"predictions": files["test.parquet"], "findings": files["findings.json"]},
@@ -339,3 +339,9 @@ def test_a_telephone_shows_it_without_scrolling_sideways(browser, page, tmp_path
     assert browser.execute_script("return document.documentElement.scrollWidth") <= 400
     heart = browser.find_element("id", "heart")
     assert 300 < heart.size["width"] <= 400
+
+
+def test_an_emulator_that_was_named_has_its_errors_and_no_coverage(given, tmp_path):
+    text = section(made(given, tmp_path, emulator="gradient_gp", choice=None), "sure")
+    assert "on 3 simulated" in text and "Of 64 simulated" not in text
+    assert "Of 64 simulated" in section(made(given, tmp_path), "sure")

@@ -16,7 +16,7 @@ rule make_page:
         template=os.path.relpath(SOURCE / "regional_lv" / "page" / "page.html"),
         measured=f"{R}/measured/{{subject}}.csv",
         **SUBJECT,
-        choice=CHOICE,
+        choice=CHOICE if EVALUATION else [],
         predictions=f"{R}/emulators/{EMULATOR}/test_predictions.parquet",
         strains_picture=f"{PAGE_FIGURES}/measured_strains.png",
         stiffness_picture=f"{PAGE_FIGURES}/bullseye_posterior.png",
@@ -35,6 +35,7 @@ rule make_page:
     params:
         call="page.page:make_page",
         study=config["study"],
+        emulator=EMULATOR,
         source=lambda wildcards: SUBJECT_SOURCES[wildcards.subject],
         parameters=PARAMETER_SPEC,
         channels=OUTPUTS,

@@ -47,7 +47,7 @@ def make_page(
     measured: str | Path,
     posterior: str | Path,
     diagnostics: str | Path,
-    choice: str | Path,
+    emulator: str,
     predictions: str | Path,
     strains_picture: str | Path,
     stiffness_picture: str | Path,
@@ -60,6 +60,7 @@ def make_page(
     limitations: str,
     extended: str,
     page: str | Path,
+    choice: str | Path | None = None,
     findings: str | Path | None = None,
     residuals_picture: str | Path | None = None,
     mesh: str | Path | None = None,
@@ -72,8 +73,8 @@ def make_page(
     ----------
     source: `subjects.<name>.source` of the config.
     measured: its measured table; posterior, diagnostics: NetCDF and verdict of the final emulator.
-    choice, predictions: which emulator that is (JSON), and what it predicts of the test set
-        (Parquet).
+    emulator: its name, or `final`; predictions: what it predicts of the test set (Parquet).
+    choice: how it was chosen by its posteriors (JSON), if it was.
     strains_picture, stiffness_picture, fit_picture: figures (PNG) of `plots.measured_strains`,
         `plots.bullseye_posterior` and `plots.posterior_predictive`.
     channels: what the study observes.
@@ -132,7 +133,7 @@ def make_page(
         moved=MOVED,
         extended=extended,
         convergence=convergence_of(drawn, diagnostics),
-        emulator=emulator_of(choice, predictions, table),
+        emulator=emulator_of(emulator, choice, predictions, table),
         limitations=limitations,
         cause=words.cause,
         estimate=words.estimate,
@@ -339,14 +340,18 @@ def convergence_of(drawn: CasePosterior, diagnostics: str | Path) -> dict:
     }
 
 
-def emulator_of(choice: str | Path, predictions: str | Path, measured: pd.DataFrame) -> dict:
+def emulator_of(
+    name: str, choice: str | Path | None, predictions: str | Path, measured: pd.DataFrame
+) -> dict:
     """What the emulator gets wrong on the test set, beside the noise of the measurement.
 
     `quantities`: by quantity its root mean square error and the mean sd of the subject's channels,
     NaN where these give none. `coverage`: of the chosen emulator's intervals, from the choice.
     """
-    name = chosen(Path(choice))
-    candidates = json.loads(Path(choice).read_text())["candidates"]
+    candidates = []
+    if choice:
+        name = chosen(Path(choice))
+        candidates = json.loads(Path(choice).read_text())["candidates"]
     table = pd.read_parquet(predictions, columns=["case", "output", "truth", "mean"])
     table["quantity"] = [Channel.parse(output).quantity for output in table["output"]]
     rows = []
