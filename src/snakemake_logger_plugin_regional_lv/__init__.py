@@ -68,9 +68,7 @@ class LogHandler(LogHandlerBase):
             self._run = Run(record.stats, self._cores, now)
             threading.Thread(target=self._keep_alive, daemon=True).start()
         elif event == LogEvent.JOB_INFO:
-            self._run.describe(record.jobid, record.rule_name)
-        elif event == LogEvent.JOB_STARTED:
-            self._run.start(record.jobs, now)
+            self._run.start(record.jobid, record.rule_name, now)
             self._line(now)
         elif event == LogEvent.JOB_FINISHED:
             self._run.finish(record.job_id, now)

@@ -2,7 +2,7 @@
 
 import csv
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 
 TABLE = Path(__file__).with_name("stages.csv")
@@ -34,28 +34,23 @@ class Run:
         self._to_come = Counter({rule: n for rule, n in stats.items() if rule != "total"})
         self.done, self.total = 0, stats["total"]
         self._cores, self._begun = max(1, cores), now
-        self._rules: dict[int, str] = {}
-        self._started: dict[int, float] = {}
+        self._started: dict[int, tuple[str, float]] = {}
         self._expected = self._taken = 0.0
 
     @property
     def complete(self) -> bool:
         return self.done >= self.total
 
-    def describe(self, job: int, rule: str) -> None:
-        """A job is of this rule."""
-        self._rules[job] = rule
-
-    def start(self, jobs: Iterable[int], now: float) -> None:
-        """These jobs begin."""
-        for job in jobs:
-            self._started[job] = now
-            self._to_come[self._rules.get(job, "")] -= 1
+    def start(self, job: int, rule: str, now: float) -> None:
+        """A job begins."""
+        self._started[job] = (rule, now)
+        self._to_come[rule] -= 1
 
     def finish(self, job: int, now: float) -> None:
         """This job has ended well."""
-        self._expected += self._typical(self._rules.get(job, ""))
-        self._taken += now - self._started.pop(job, now)
+        rule, begun = self._started.pop(job)
+        self._expected += self._typical(rule)
+        self._taken += now - begun
 
     def fail(self, job: int) -> None:
         """This job has ended with an error."""
@@ -69,8 +64,8 @@ class Run:
         """Seconds that the rest will take: the table's, at the speed of this run so far."""
         speed = (self._taken + TRUST) / (self._expected + TRUST)
         running = [
-            max(0.0, speed * self._typical(self._rules.get(job, "")) - (now - start))
-            for job, start in self._started.items()
+            max(0.0, speed * self._typical(rule) - (now - begun))
+            for rule, begun in self._started.values()
         ]
         to_come = sum(n * self._typical(rule) for rule, n in self._to_come.items() if n > 0)
         return max([(speed * to_come + sum(running)) / self._cores, *running])
@@ -80,14 +75,13 @@ class Run:
         head = f"[{_words(now - self._begun)}] {self.done} of {self.total} steps done"
         if self.complete:
             return head
-        stages = dict.fromkeys(self._stage_of(self._rules.get(job, "")) for job in self._started)
+        stages = dict.fromkeys(
+            self._stage.get(rule, rule.replace("_", " ")) for rule, _ in self._started.values()
+        )
         return f"{head}, about {_words(self.left(now), 'rounded')} left; now: {', '.join(stages)}"
 
     def _typical(self, rule: str) -> float:
         return self._seconds.get(rule, UNKNOWN_SECONDS)
-
-    def _stage_of(self, rule: str) -> str:
-        return self._stage.get(rule, rule.replace("_", " "))
 
 
 def _words(seconds: float, form: str = "") -> str:

@@ -14,14 +14,12 @@ def test_time_left_follows_the_speed_of_the_run():
     run = Run({"a_rule": 10, "total": 10}, cores=2, now=0.0)
     assert run.left(0.0) == pytest.approx(10 * UNKNOWN_SECONDS / 2)
     for job in range(8):  # each takes three times as long as the table says
-        run.describe(job, "a_rule")
-        run.start([job], 100.0 * job)
+        run.start(job, "a_rule", 100.0 * job)
         run.finish(job, 100.0 * job + 3 * UNKNOWN_SECONDS)
         run.count(job + 1, 10)
     slow = run.left(800.0)
     assert 1.5 * UNKNOWN_SECONDS < slow < 3 * UNKNOWN_SECONDS
-    run.describe(8, "a_rule")
-    run.start([8], 800.0)
+    run.start(8, "a_rule", 800.0)
     assert run.left(810.0) < slow
     assert run.line(810.0).startswith("[13 min 30 s] 8 of 10 steps done, about ")
     assert run.line(810.0).endswith("left; now: a rule")
@@ -38,8 +36,7 @@ def test_a_checkpoint_adds_steps():
 def test_a_job_that_failed_is_not_under_way():
     run = Run({"make_mesh": 1, "simulate_batch": 1, "total": 2}, cores=2, now=0.0)
     for job, rule in enumerate(("make_mesh", "simulate_batch")):
-        run.describe(job, rule)
-    run.start([0, 1], 1.0)
+        run.start(job, rule, 1.0)
     assert run.line(2.0).endswith("now: geometry, simulations")
     run.fail(0)
     assert run.line(2.0).endswith("now: simulations")
