@@ -78,7 +78,8 @@ class Run:
         stages = dict.fromkeys(
             self._stage.get(rule, rule.replace("_", " ")) for rule, _ in self._started.values()
         )
-        return f"{head}, about {_words(self.left(now), 'rounded')} left; now: {', '.join(stages)}"
+        left = f"about {_words(self.left(now), 'rounded')} left"
+        return "; ".join([f"{head}, {left}", *([f"now: {', '.join(stages)}"] if stages else [])])
 
     def _typical(self, rule: str) -> float:
         return self._seconds.get(rule, UNKNOWN_SECONDS)

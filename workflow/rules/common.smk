@@ -199,6 +199,10 @@ EFFICIENCY_CURVES = [
 ]
 
 
+# Priority of what a criticism waits for: its last steps follow one another on one core, and figures
+# fill the others meanwhile.
+FIRST = 1
+
 # Modules that decide how things are reported or called, never what comes out.
 WITHOUT_EFFECT = {"progress", "errors", "jobs", "registry"}
 

@@ -58,6 +58,7 @@ rule simulate_extension:
         library=lambda wildcards: code_of(HYPOTHESES[wildcards.hypothesis]),
     output:
         simulations=f"{C}/simulations/{{hypothesis}}/batch-{{batch}}.parquet",
+    priority: FIRST
     params:
         call="criticism.simulation:simulate_extension",
         physics=PHYSICS,
@@ -82,6 +83,7 @@ rule train_extension:
     output:
         extension=f"{C}/extensions/{{hypothesis}}.pt",
         report=f"{C}/extensions/{{hypothesis}}.json",
+    priority: FIRST
     params:
         call="criticism.extension:train_extension",
         physics=PHYSICS,
@@ -174,6 +176,7 @@ rule search_causes:
         **OF_SUBJECT,
     output:
         search=f"{C}/{{subject}}/search.json",
+    priority: FIRST
     params:
         call="criticism.study:search_causes",
         **STEP,
@@ -199,6 +202,7 @@ rule plan_confirmation:
         simulations=lambda wildcards: confirmations(wildcards.subject, int(wildcards.turn)),
     output:
         design=f"{C}/{{subject}}/confirmation/design-{{turn}}.parquet",
+    priority: FIRST
     params:
         call="criticism.study:plan_confirmation",
         **STEP,
@@ -225,6 +229,7 @@ rule simulate_sets:
         design=f"{C}/{{subject}}/confirmation/design-{{turn}}.parquet",
     output:
         simulations=f"{C}/{{subject}}/confirmation/simulations-{{turn}}.parquet",
+    priority: FIRST
     params:
         call="criticism.injection:simulate_sets",
         physics=PHYSICS,
@@ -250,6 +255,7 @@ rule conclude_criticism:
         simulations=lambda wildcards: confirmations(wildcards.subject, len(TURNS)),
     output:
         findings=f"{C}/{{subject}}/findings.json",
+    priority: FIRST
     params:
         call="criticism.study:conclude_criticism",
         **STEP,

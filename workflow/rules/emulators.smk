@@ -7,6 +7,7 @@ rule train_emulator:
     output:
         emulator_file=f"{R}/emulators/{{emulator}}.pt",
         report=f"{R}/emulators/{{emulator}}/fit.json",
+    priority: FIRST
     params:
         call="emulators:train_emulator",
         name=lambda wildcards: EMULATORS[wildcards.emulator][0],

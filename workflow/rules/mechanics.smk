@@ -13,6 +13,7 @@ rule solve_baseline:
     output:
         start=f"{R}/mechanics/baseline.npz",
         summary=f"{R}/mechanics/baseline.json",
+    priority: FIRST
     params:
         call="simulations:solve_baseline",
         physics=PHYSICS,
@@ -34,6 +35,7 @@ rule solve_anchors:
         design=f"{R}/design/train.parquet",
     output:
         fields=f"{R}/mechanics/anchors/batch-{{batch}}.npz",
+    priority: FIRST
     params:
         call="simulations:solve_anchors",
         physics=PHYSICS,
@@ -55,6 +57,7 @@ rule fit_predictor:
         anchors=expand(f"{R}/mechanics/anchors/{{batch}}.npz", batch=ANCHOR_BATCHES),
     output:
         predictor=f"{R}/mechanics/predictor.npz",
+    priority: FIRST
     params:
         call="mechanics.predictor:fit_predictor",
         physics=PHYSICS,

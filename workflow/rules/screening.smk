@@ -39,6 +39,7 @@ else:
             kept=f"{R}/screening/{{set}}.parquet",
             excluded=f"{R}/screening/{{set}}_excluded.csv",
             summary=f"{R}/screening/{{set}}_summary.csv",
+        priority: FIRST
         params:
             call="screening:screen_simulations",
             parameters=PARAMETER_SPEC,

@@ -18,6 +18,7 @@ rule simulate_batch:
         design=f"{R}/design/{{set}}.parquet",
     output:
         simulations=f"{R}/simulations/{{set}}/batch-{{batch}}.parquet",
+    priority: FIRST
     params:
         call="simulations:simulate_batch",
         physics=PHYSICS,

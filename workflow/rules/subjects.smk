@@ -7,6 +7,7 @@ rule simulate_subject:
     output:
         measured=f"{R}/measured/{{subject}}.csv",
         truth=f"{R}/truth/{{subject}}.json",
+    priority: FIRST
     params:
         call="subjects:simulate_subject",
         name=lambda wildcards: wildcards.subject,
