@@ -197,6 +197,22 @@ def test_paraview_file(made):
         np.testing.assert_allclose(np.linalg.norm(raw.point_data[name], axis=1), 1)
 
 
+def test_mesh_is_that_of_another_mesher(tmp_path):
+    """gmsh 4.15 made the numbers: transfinite quadrilaterals on the same lines, extruded."""
+    rows = {"basal": 2, "basal_grading": 0.8, "apex": 2, "transmural": 2}
+    mesh, folder = make(tmp_path, circumferential=32, **rows)
+    summary = json.loads((folder / "summary.json").read_text())
+    assert (len(mesh.points), len(mesh.cells), len(mesh.facets)) == (5925, 576, 640)
+    assert summary["wall_volume_ml"] == pytest.approx(122.9197449621461, rel=1e-9)
+    assert summary["cavity_volume_ml"] == pytest.approx(104.84390731343704, rel=1e-9)
+    assert summary["scaled_jacobian_min"] == pytest.approx(0.5299855465463703, rel=1e-9)
+    moments = [1637698.07716866, 1834130.53706018, 15023038.32645578]
+    np.testing.assert_allclose((mesh.points**2).sum(axis=0), moments, rtol=1e-12)
+    apex = mesh.points[(mesh.transmural == 0) & (mesh.longitudinal < 0.12), 2]
+    lowest = [-74.4, -74.326147, -74.323505, -74.304011, -74.299131, -74.238153, -74.229724]
+    np.testing.assert_allclose(np.sort(apex)[:7], lowest)
+
+
 def test_gmsh_file_names_its_parts(made):
     names = meshio.read(made[1] / "mesh.msh").field_data
     assert set(SURFACES.values()) < set(names)

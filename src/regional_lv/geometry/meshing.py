@@ -1,9 +1,7 @@
-"""The mesh: the bullseye meshed by gmsh, extruded, and moved onto the surfaces."""
+"""The mesh: the bullseye in quadrilaterals, extruded, and moved onto the surfaces."""
 
-from itertools import pairwise
 from pathlib import Path
 
-import gmsh
 import meshio
 import numpy as np
 
@@ -12,10 +10,10 @@ from regional_lv.geometry.elements import HEXAHEDRON_PARENTS, facet_cells, facet
 from regional_lv.geometry.mesh import BASE, ENDOCARDIUM, EPICARDIUM, SURFACES, Mesh
 from regional_lv.geometry.surfaces import QUARTER
 
-# The same hexahedron in gmsh's order.
-GMSH_TO_VTK = np.array(
-    [*range(8), 8, 11, 13, 9, 16, 18, 19, 17, 10, 12, 14, 15, 22, 23, 21, 24, 20, 25, 26]
-)
+# Nodes, in VTK's order, of three faces of the 27-node hexahedron.
+INNER_FACE = [0, 1, 2, 3, 8, 9, 10, 11, 24]
+OUTER_FACE = [4, 5, 6, 7, 12, 13, 14, 15, 25]
+RIM_FACE = [1, 2, 6, 5, 9, 18, 13, 17, 21]
 
 
 def _grid_angles(table, n):
@@ -81,125 +79,147 @@ def _patch_outline(angles):
     return first, radius
 
 
-def _build_disk(table, angles, rings, levels, layers):
-    """The bullseye in gmsh, extruded by 1 through the wall, meshed at order 2 and tagged."""
-    geo = gmsh.model.geo
+def _bullseye(table, angles, rings, levels):
+    """The bullseye in the plane: nodes (n, 2), quadrilaterals (m, 4) and their segments (m,).
+
+    Nodes run around the rings from the patch's outline to the base, then through the patch;
+    quadrilaterals fill the patch first and the base's row last. Outside the patch the second and
+    third node of each are its outer ones.
+    """
     n = len(angles)
     first, outline = _patch_outline(angles)
+    # Rows of the apex go over from the patch's outline to the circle.
+    fraction = np.maximum(0.0, 1 - np.arange(len(rings)) / levels.count("apex"))[:, None]
+    radius = rings[:, None] - fraction * rings[0] * (1 - outline)
     radians = np.radians(angles)
-    inner = len(levels) - levels.count("basal") - levels.count("mid") - levels.count("apical")
-    points = []
-    for k, ring in enumerate(rings):
-        # Rows of the apex go over from the patch's outline to the circle.
-        fraction = max(0.0, 1 - k / inner)
-        radius = ring - fraction * rings[0] * (1 - outline)
-        xy = np.stack([radius * np.cos(radians), radius * np.sin(radians)], axis=-1)
-        points.append([geo.addPoint(x, y, 0.0) for x, y in xy])
-    around = [[geo.addLine(p[i], p[(i + 1) % n]) for i in range(n)] for p in points]
-    across = [[geo.addLine(a[i], b[i]) for i in range(n)] for a, b in pairwise(points)]
-    volumes = {s: [] for s in range(1, 18)}
-    # Faces with the segment that each belongs to; the base's faces come last.
-    faces, owners = [], []
-
-    def add_face(loop, corners, segment):
-        face = geo.addPlaneSurface([geo.addCurveLoop(loop)])
-        geo.mesh.setTransfiniteSurface(face, cornerTags=corners)
-        geo.mesh.setRecombine(2, face)
-        faces.append(face)
-        owners.append(segment)
-
-    for curve in [c for group in (*around, *across) for c in group]:
-        geo.mesh.setTransfiniteCurve(curve, 2)
-    add_face(around[0], [points[0][first + k * n // 4] for k in range(4)], 17)
+    nodes = np.stack([radius * np.cos(radians), radius * np.sin(radians)], axis=-1).reshape(-1, 2)
+    ring = np.arange(len(rings) * n).reshape(-1, n)
+    ahead = np.roll(ring, -1, axis=1)
+    rows = np.stack([ahead[:-1], ahead[1:], ring[1:], ring[:-1]], axis=-1)
+    grid, inside = _patch(nodes, np.roll(ring[0], -first))
+    patch = np.stack([grid[:-1, :-1], grid[:-1, 1:], grid[1:, 1:], grid[1:, :-1]], axis=-1)
+    segments = [17] * patch[..., 0].size
     middle = (angles + np.append(angles[1:], angles[0] + 360)) / 2
-    for k, level in enumerate(levels):
-        rows = table.loc[[s - 1 for s in LEVELS[level]]]
-        for i in range(n):
-            j = (i + 1) % n
-            loop = [around[k + 1][i], -across[k][j], -around[k][i], across[k][i]]
-            inside = (middle[i] - rows["angle_from_deg"]) % 360 < (
-                rows["angle_to_deg"] - rows["angle_from_deg"]
-            )
-            add_face(loop, [], int(rows["aha_segment"][inside].iloc[0]))
-    # For each face in turn gmsh returns its copy, the volume, and the sides in the loop's order.
-    out = geo.extrude([(2, f) for f in faces], 0, 0, -1, numElements=[layers], recombine=True)
-    at = [i for i, (dimension, _) in enumerate(out) if dimension == 3]
-    for i, segment in zip(at, owners, strict=True):
-        volumes[segment].append(out[i][1])
-    surfaces = {
-        ENDOCARDIUM: faces,
-        EPICARDIUM: [out[i - 1][1] for i in at],
-        BASE: [out[i + 1][1] for i in at[-n:]],
-    }
-    geo.synchronize()
-    for segment, tags in volumes.items():
-        gmsh.model.addPhysicalGroup(3, tags, tag=segment, name=SEGMENTS[segment - 1].name)
-    for surface, tags in surfaces.items():
-        gmsh.model.addPhysicalGroup(2, tags, tag=100 + surface, name=SURFACES[surface])
-    gmsh.model.mesh.generate(3)
-    gmsh.model.mesh.setOrder(2)
-    return volumes[17][0]
+    for level in levels:
+        sectors = table.loc[[s - 1 for s in LEVELS[level]]]
+        start, end = (sectors[f"angle_{k}_deg"].to_numpy() for k in ("from", "to"))
+        within = (middle[:, None] - start) % 360 < end - start
+        segments.extend(sectors["aha_segment"].to_numpy()[within.argmax(axis=1)])
+    quads = np.concatenate([patch.reshape(-1, 4), rows.reshape(-1, 4)])
+    return np.concatenate([nodes, inside]), quads, np.array(segments)
 
 
-def _node_places(patch):
-    """(tags, rho, phi, t) of the nodes of the straight-sided gmsh model; `patch` is its volume tag.
+def _patch(nodes, outline):
+    """(grid, inside): node numbers (k + 1, k + 1) of the patch, and places of its inner nodes.
 
-    Nodes between corners lie half-way in rho and phi outside the patch, and half-way in the plane
-    of the bullseye inside it. The patch's middle node is moved to the pole.
+    `outline` (4 k,) are the nodes around it, from a corner on. The inner nodes come from
+    transfinite (Coons) interpolation between the four sides, and are numbered after `nodes`.
     """
-    tags, xyz, _ = gmsh.model.mesh.getNodes()
-    order = np.argsort(tags)
-    tags, xyz = tags[order], xyz.reshape(-1, 3)[order]
-    x, y, t = xyz.T * [[1], [1], [-1]]
-    cells = np.searchsorted(tags, gmsh.model.mesh.getElements(3, patch)[2][0].reshape(-1, 27))
-    inner, corners = np.unique(cells), np.unique(cells[:, :8])
-    middle = corners[np.argmin(np.hypot(x[corners], y[corners]))]
-    rho, phi = np.hypot(x, y), np.arctan2(y, x)
-    done = np.zeros(len(tags), dtype=bool)
-    for _, volume in gmsh.model.getEntities(3):
-        if volume == patch:
-            continue
-        nodes = gmsh.model.mesh.getElements(3, volume)[2][0].reshape(-1, 27)
-        for cell in np.searchsorted(tags, nodes)[:, GMSH_TO_VTK]:
-            angle = np.unwrap(phi[cell[:8]])
-            radius = rho[cell[:8]]
-            for node, parents in zip(cell[8:], HEXAHEDRON_PARENTS[8:], strict=True):
-                phi[node] = angle[list(parents)].mean()
-                rho[node] = radius[list(parents)].mean()
-            done[cell] = True
-    free = inner[~done[inner]]
-    fade = 1 - (np.hypot(x[free], y[free]) / rho[inner].max()) ** 2
-    shift = np.array([x[middle], y[middle]]) / (1 - (rho[middle] / rho[inner].max()) ** 2)
-    x[free] -= fade * shift[0]
-    y[free] -= fade * shift[1]
-    rho[free], phi[free] = np.hypot(x[free], y[free]), np.arctan2(y[free], x[free])
+    k = len(outline) // 4
+    grid = np.empty((k + 1, k + 1), dtype=int)
+    around = np.append(outline, outline[0])
+    for i, side in enumerate((grid[:, 0], grid[k], grid[::-1, k], grid[0, ::-1])):
+        side[:] = around[i * k : (i + 1) * k + 1]
+    grid[1:-1, 1:-1] = len(nodes) + np.arange((k - 1) ** 2).reshape(k - 1, k - 1)
+
+    def fractions(*opposite):
+        """Places along two opposite sides, their ends left out, by the mean of their lengths."""
+        steps = sum(np.linalg.norm(np.diff(nodes[side], axis=0), axis=1) for side in opposite)
+        return np.cumsum(steps)[:-1] / steps.sum()
+
+    u = fractions(grid[:, 0], grid[:, k])[:, None, None]
+    v = fractions(grid[0], grid[k])[None, :, None]
+    inside = (
+        (1 - v) * nodes[grid[1:-1, :1]]
+        + v * nodes[grid[1:-1, k:]]
+        + (1 - u) * nodes[grid[:1, 1:-1]]
+        + u * nodes[grid[k:, 1:-1]]
+        - (1 - u) * (1 - v) * nodes[grid[0, 0]]
+        - u * (1 - v) * nodes[grid[k, 0]]
+        - u * v * nodes[grid[k, k]]
+        - (1 - u) * v * nodes[grid[0, k]]
+    )
+    return grid, inside.reshape(-1, 2)
+
+
+def _quadratic(corners):
+    """Nodes (m, 27) of quadratic hexahedra with the given corners (m, 8), and their parents (n, 8).
+
+    A node lies in the middle of its parents, which are corners, each as often as the others.
+    """
+    of_cells = [
+        np.sort(np.repeat(corners[:, list(parents)], 8 // len(parents), axis=1), axis=1)
+        for parents in HEXAHEDRON_PARENTS
+    ]
+    parents, cells = np.unique(
+        np.stack(of_cells, axis=1).reshape(-1, 8), axis=0, return_inverse=True
+    )
+    return cells.reshape(-1, 27), parents
+
+
+def _node_places(corners, inner, parents):
+    """(rho, phi) of the quadratic nodes with the given `parents` (n, 8).
+
+    `corners` (c, 2) are places in the plane, of which `inner` (c,) lie inside the patch. Nodes
+    between corners lie half-way in rho and phi outside the patch, and half-way in the plane of the
+    bullseye inside it. The patch's middle node is moved to the pole.
+    """
+    x, y = corners.T
+    radius, angle = np.hypot(x, y), np.arctan2(y, x)
+    rho = radius[parents].mean(axis=1)
+    phi = np.unwrap(angle[parents], axis=1).mean(axis=1)
+    free = inner[parents].any(axis=1)
+    middle = np.flatnonzero(inner)[np.argmin(radius[inner])]
+    rim = radius[parents[free]].max()
+    place = corners[parents[free]].mean(axis=1)
+    fade = 1 - (np.linalg.norm(place, axis=1, keepdims=True) / rim) ** 2
+    place -= fade * corners[middle] / (1 - (radius[middle] / rim) ** 2)
+    rho[free], phi[free] = np.hypot(*place.T), np.arctan2(*place.T[::-1])
     at_pole = rho < 1e-9
     rho[at_pole] = phi[at_pole] = 0.0
-    return tags, rho, phi, t
+    return rho, phi
 
 
 def write_gmsh(table, surfaces, mesh, path):
-    """Build the mesh in gmsh, move it onto the surfaces and write it (ASCII, format 4.1)."""
+    """Build the mesh, moved onto the surfaces, and write it for gmsh (ASCII, format 2.2)."""
     angles = _grid_angles(table, mesh["circumferential"])
     rings, levels, border = _rings(table, surfaces.endo_apex, mesh)
-    gmsh.initialize(interruptible=False)
-    try:
-        gmsh.option.setNumber("General.Terminal", 0)
-        gmsh.model.add("left ventricle")
-        patch = _build_disk(table, angles, rings, levels, mesh["transmural"])
-        tags, rho, phi, t = _node_places(patch)
-        # To the nanometre: below it, results depend on the linear algebra library's threads.
-        points = np.round(surfaces.wall(phi, rho, t, border), 6) + 0.0
-        for tag, point in zip(tags, points, strict=True):
-            gmsh.model.mesh.setNode(tag, point, [])
-        Path(path).parent.mkdir(parents=True, exist_ok=True)
-        gmsh.write(str(path))
-        for name, values in (("transmural", t), ("longitudinal", rho)):
-            view = gmsh.view.add(name)
-            gmsh.view.addModelData(view, 0, "left ventricle", "NodeData", tags, values[:, None])
-            gmsh.view.write(view, str(path), append=True)
-    finally:
-        gmsh.finalize()
+    plane, quads, segment = _bullseye(table, angles, rings, levels)
+    layers, count = mesh["transmural"], len(plane)
+    inner = np.arange(count) >= len(rings) * len(angles)
+    # From the endocardium outwards, one layer of all quadrilaterals after the other.
+    shift = count * np.arange(layers)[:, None, None]
+    corners = np.concatenate([quads + shift, quads + count + shift], axis=-1).reshape(-1, 8)
+    cells, parents = _quadratic(corners)
+    rho, phi = _node_places(np.tile(plane, (layers + 1, 1)), np.tile(inner, layers + 1), parents)
+    t = (parents // count).mean(axis=1) / layers
+    # To the nanometre: below it, results depend on the linear algebra library's threads.
+    points = np.round(surfaces.wall(phi, rho, t, border), 6) + 0.0
+    by_layer = cells.reshape(layers, -1, 27)
+    skin = {
+        ENDOCARDIUM: by_layer[0][:, INNER_FACE],
+        EPICARDIUM: by_layer[-1][:, OUTER_FACE],
+        BASE: by_layer[:, -len(angles) :, RIM_FACE].reshape(-1, 9),
+    }
+    tags = [
+        np.tile(segment, layers),
+        np.repeat([100 + surface for surface in skin], [len(facets) for facets in skin.values()]),
+    ]
+    names = {SEGMENTS[s - 1].name: (s, 3) for s in range(1, 18)}
+    names |= {name: (100 + surface, 2) for surface, name in SURFACES.items()}
+    Path(path).parent.mkdir(parents=True, exist_ok=True)
+    meshio.gmsh.write(
+        path,
+        meshio.Mesh(
+            points,
+            [("hexahedron27", cells), ("quad9", np.concatenate(list(skin.values())))],
+            point_data={"transmural": t, "longitudinal": rho},
+            cell_data={"gmsh:physical": tags, "gmsh:geometrical": tags},
+            field_data=names,
+        ),
+        fmt_version="2.2",
+        binary=False,
+    )
 
 
 def convert_mesh(msh_path):
