@@ -5,7 +5,7 @@
 # make hidden-effects   effects injected into synthetic hearts, criticised blind, and the score
 # make test     lint, format, workflow lint, all tests
 # make env      the environment (the targets above make it themselves)
-# make test-dolfinx-next   the physics tests with dolfinx 0.9 (as root; Debian 13, 2.6 GB, kept)
+# make test-wheel   installation from wheels and the physics tests in a bare Debian 13 (as root)
 # make bench-simulator     what a simulation costs, beside cold load stepping
 # make lint     the checks of `make test` without its tests
 # make format   format the code, write the tables of config/README.md
@@ -13,7 +13,7 @@
 SHELL := bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help env quick paper published smoke hidden-effects test test-dolfinx-next bench-simulator lint
+.PHONY: help env quick paper published smoke hidden-effects test test-wheel bench-simulator lint
 .PHONY: format
 
 CORES ?= 2
@@ -50,8 +50,8 @@ hidden-effects: env
 test: lint
 	pytest -n "$$CORES" --dist loadfile --no-loadscope-reorder
 
-test-dolfinx-next:
-	envs/test-dolfinx-next.sh
+test-wheel:
+	envs/test-wheel.sh
 
 bench-simulator: env
 	snakemake --cores "$$CORES" results/three_loads/mechanics/predictor.npz \
