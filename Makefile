@@ -6,7 +6,7 @@
 # make hidden-effects   effects injected into synthetic hearts, criticised blind, and the score
 # make test     lint, format, workflow lint, all tests
 # make env      the environment (the targets above make it themselves)
-# make test-dolfinx-next   the physics tests with dolfinx 0.9 (as root; Debian 13, 2.6 GB, kept)
+# make test-wheel   installation from wheels and the physics tests in a bare Debian 13 (as root)
 # make bench-simulator     what a simulation costs, beside cold load stepping
 # make docs     the documentation, in docs/_build/html
 # make docs-notebook   run docs/library.ipynb again and keep its outputs
@@ -16,7 +16,7 @@
 SHELL := bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help env quick study paper published smoke hidden-effects test test-dolfinx-next bench-simulator lint
+.PHONY: help env quick study paper published smoke hidden-effects test test-wheel bench-simulator lint
 .PHONY: format docs docs-notebook
 
 CORES ?= 2
@@ -58,8 +58,8 @@ test: lint
 	@envs/install.sh test
 	pytest -n "$$CORES" --dist loadfile --no-loadscope-reorder
 
-test-dolfinx-next:
-	envs/test-dolfinx-next.sh
+test-wheel:
+	envs/test-wheel.sh
 
 bench-simulator: env
 	snakemake --cores "$$CORES" results/three_loads/mechanics/predictor.npz \

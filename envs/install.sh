@@ -1,15 +1,57 @@
 #!/usr/bin/env bash
-# Make the environment: Debian packages, a virtual environment in .venv, the project in it.
-# Does nothing if .venv was made from the same files and in the same place. Called by `make env`, and
-# with the argument `test` by `make test`, whose Debian packages come on top.
+# Make the environment: a virtual environment in .venv with the project in it, in one of two ways.
+#   debian   Debian 12 and its own dolfinx, for its own Python; Debian packages that are missing are
+#            installed by root, or with sudo after a question
+#   wheel    any other Linux on x86-64 with Python 3.12 or newer: wheels only, nothing as root
+# PYTHON=/path/to/python3.13 chooses the Python, and with it the way. See docs/install.md.
+# Does nothing if .venv was made from the same files, in the same place and with the same Python.
+# Called by `make env`, and with the argument `test` by `make test`, whose Debian packages come on top.
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
+
+die() {
+    printf '%s\n' "$@" >&2
+    exit 1
+}
+
+is() { # is <python> <version>: whether it is a Python of at least this version
+    [[ -n $(type -P "$1") ]] && "$1" -c "import sys; sys.exit(sys.version_info < ($2))" 2>/dev/null
+}
+
+is_debian_12() {
+    (. /etc/os-release && [[ ${ID:-} == debian && ${VERSION_ID:-} == 12 ]]) 2>/dev/null
+}
 
 venv=.venv
 stamp=$venv/.stamp${1:+-$1}
 debian=(envs/debian-packages.txt ${1:+"envs/debian-packages-$1.txt"})
+way=wheel
+if [[ -n ${PYTHON:-} ]]; then
+    is "$PYTHON" '3, 12' || die "PYTHON=$PYTHON is not a Python of version 3.12 or newer."
+    python=$PYTHON
+elif is_debian_12 && is /usr/bin/python3 '3, 11'; then
+    # Debian's dolfinx belongs to Debian's own Python, whatever comes first on PATH.
+    way=debian python=/usr/bin/python3
+else
+    for python in python3.14 python3.13 python3.12 python3 ''; do
+        if is "${python:-false}" '3, 12'; then
+            break
+        fi
+    done
+fi
+lock=envs/requirements.txt
+if [[ $way == wheel ]]; then
+    lock=envs/requirements-wheel.txt
+    [[ $(uname -sm) == 'Linux x86_64' ]] ||
+        die "The simulator's wheel is for Linux on x86-64; this is $(uname -sm)." \
+            'Use such a machine, or Debian 12, whose packages are built for other processors too.'
+    [[ -n $python ]] ||
+        die 'Neither Debian 12 nor a Python of version 3.12 or newer was found. Install one (no root' \
+            'is needed: `uv python install 3.13`, pyenv, or python.org) and put it on PATH, or say' \
+            'where it is: PYTHON=/path/to/python3.13 make env'
+fi
 # The folder counts too: a virtual environment cannot be moved.
-wanted=$({ pwd; /usr/bin/python3 --version; sha256sum envs/{install.sh,requirements.txt} "${debian[@]}" pyproject.toml; } | sha256sum)
+wanted=$({ pwd; "$python" --version; sha256sum envs/install.sh envs/*.txt pyproject.toml; } | sha256sum)
 if [[ -f $stamp && $(<"$stamp") == "$wanted" ]]; then
     exit 0
 fi
@@ -24,7 +66,7 @@ stage() { # stage <what> <command...>: run it and say how long it took
 }
 
 debian_packages() {
-    local missing=() package command
+    local missing=() package install answer sudo=()
     while read -r package; do
         [[ $(dpkg-query -W -f '${db:Status-Status}' "$package" 2>/dev/null || true) == installed ]] ||
             missing+=("$package")
@@ -32,30 +74,43 @@ debian_packages() {
     if ((${#missing[@]} == 0)); then
         return
     fi
-    command=(apt-get install --yes --no-install-recommends "${missing[@]}")
-    if ((EUID == 0)); then
-        apt-get update
-        DEBIAN_FRONTEND=noninteractive "${command[@]}"
-    elif command -v sudo >/dev/null && sudo -n true 2>/dev/null; then
-        sudo -n apt-get update
-        sudo -n env DEBIAN_FRONTEND=noninteractive "${command[@]}"
+    install=(apt-get install --yes --no-install-recommends "${missing[@]}")
+    if ((EUID != 0)); then
+        printf 'Debian packages are missing, and installing them needs root:\n\n'
+        printf '    sudo apt-get update && sudo %s\n\n' "${install[*]}"
+        [[ -t 0 ]] || die 'Run this, then again what you ran.'
+        read -r -p 'Run it now? [y/N] ' answer
+        [[ $answer == [yY]* ]] || die 'Nothing was installed.'
+        sudo=(sudo)
     else
-        printf 'Debian packages are missing, and installing them needs root. Run this, then again\n'
-        printf 'what you ran:\n\n    sudo %s\n\n' "${command[*]}"
-        exit 1
+        printf 'Installing as root: %s\n' "${missing[*]}"
     fi
+    "${sudo[@]}" apt-get update
+    "${sudo[@]}" env DEBIAN_FRONTEND=noninteractive "${install[@]}"
 }
 
 virtual_environment() {
-    # One that works is kept: installing into it is faster than starting anew.
-    if ! "$venv/bin/pip" --version >/dev/null 2>&1; then
-        # Debian's dolfinx belongs to Debian's own Python, whatever comes first on PATH.
-        /usr/bin/python3 -m venv --clear --system-site-packages "$venv"
+    local options=()
+    # One that works and is of this Python is kept: installing into it is faster.
+    if [[ -x $venv/bin/pip && $("$venv/bin/python" --version) == $("$python" --version) ]]; then
+        return
     fi
+    if [[ $way == debian ]]; then
+        options=(--system-site-packages)
+    fi
+    "$python" -m venv --clear "${options[@]}" "$venv" ||
+        die "$python cannot make virtual environments; on Debian and Ubuntu its package" \
+            'python3-venv is missing. See docs/install.md.'
 }
 
 python_packages() {
-    "$venv/bin/python" -m pip install --quiet --requirement envs/requirements.txt
+    local compiler=()
+    # The finite element model is compiled when it is first used.
+    if [[ -z ${CC:-} && -z $(type -P cc gcc clang) ]]; then
+        printf '    no C compiler here: the one in the wheel ziglang is installed\n'
+        compiler=(--requirement envs/requirements-compiler.txt)
+    fi
+    "$venv/bin/python" -m pip install --quiet --prefer-binary --requirement "$lock" "${compiler[@]}"
 }
 
 project() {
@@ -64,24 +119,23 @@ project() {
 
 check() {
     "$venv/bin/python" - <<'PYTHON'
-import dolfinx
-import gmsh
 import snakemake
 import torch
 
-import regional_lv
+from regional_lv.mechanics import dolfinx_api
 
-print(f"    dolfinx {dolfinx.__version__}, gmsh {gmsh.__version__}, torch {torch.__version__}, "
+build = "with CUDA" if torch.version.cuda else "CPU build"
+print(f"    dolfinx {dolfinx_api.dolfinx.__version__}, torch {torch.__version__} ({build}), "
       f"snakemake {snakemake.__version__}")
 PYTHON
 }
 
-if ! command -v dpkg-query >/dev/null; then
-    printf 'This is not Debian. Make the environments from envs/*.yaml with conda instead\n'
-    printf '(snakemake --software-deployment-method conda, with PYTHONPATH=src).\n'
-    exit 1
+if [[ $way == debian ]]; then
+    printf "Debian 12: its own dolfinx, for /usr/bin/python3.\n"
+    stage 'Debian packages' debian_packages
+else
+    printf 'Wheels for %s, %s; nothing is installed as root.\n' "$python" "$("$python" --version)"
 fi
-stage 'Debian packages' debian_packages
 stage 'virtual environment' virtual_environment
 stage 'Python packages' python_packages
 stage 'the project itself' project

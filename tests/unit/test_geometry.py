@@ -7,10 +7,12 @@ import numpy as np
 import pandas as pd
 import pytest
 import vtk
+from scipy.spatial import cKDTree
 
 from regional_lv import data
 from regional_lv.aha import LEVELS
 from regional_lv.errors import InputError
+from regional_lv.geometry import meshing
 from regional_lv.geometry.directions import fibre_directions, local_directions
 from regional_lv.geometry.elements import (
     NODES,
@@ -195,6 +197,33 @@ def test_paraview_file(made):
     assert not raw.cell_data["surface"][0].any()
     for name in ("fibre", "sheet", "circumferential", "radial", "longitudinal_direction"):
         np.testing.assert_allclose(np.linalg.norm(raw.point_data[name], axis=1), 1)
+
+
+def test_mesh_laid_out_without_gmsh_is_the_same(tmp_path, monkeypatch):
+    rows = {"basal": 2, "basal_grading": 0.8, "apex": 2, "transmural": 2}
+    by_gmsh, _ = make(tmp_path / "gmsh", circumferential=32, **rows)
+    monkeypatch.setattr(meshing, "gmsh", None)
+    monkeypatch.setattr(meshing, "WHY_NOT_GMSH", "libGLU.so.1 is missing", raising=False)
+    other, _ = make(tmp_path / "other", circumferential=32, **rows)
+    assert len(by_gmsh.points) == len(other.points) == 5925
+    distance, same = cKDTree(other.points).query(by_gmsh.points)
+    assert distance.max() < 2e-6 and len(set(same)) == len(same)
+    for values in ("transmural", "longitudinal"):
+        np.testing.assert_allclose(
+            getattr(other, values)[same], getattr(by_gmsh, values), atol=1e-9
+        )
+    for entities, tags in (("cells", "segment"), ("facets", "surface")):
+        nodes = {
+            name: {
+                (*sorted(number[row]), tag)
+                for row, tag in zip(getattr(mesh, entities), getattr(mesh, tags), strict=True)
+            }
+            for name, mesh, number in (
+                ("gmsh", by_gmsh, same),
+                ("other", other, np.arange(len(same))),
+            )
+        }
+        assert nodes["gmsh"] == nodes["other"]
 
 
 def test_gmsh_file_names_its_parts(made):

@@ -1,16 +1,24 @@
 """The mesh: the bullseye meshed by gmsh, extruded, and moved onto the surfaces."""
 
+import logging
 from itertools import pairwise
 from pathlib import Path
 
-import gmsh
 import meshio
 import numpy as np
 
+try:
+    import gmsh
+except OSError as error:  # its wheel needs X libraries, which bare machines lack
+    gmsh, WHY_NOT_GMSH = None, str(error)
+
 from regional_lv.aha import LEVELS, SEGMENTS
+from regional_lv.geometry import structured
 from regional_lv.geometry.elements import HEXAHEDRON_PARENTS, facet_cells, facet_normals
 from regional_lv.geometry.mesh import BASE, ENDOCARDIUM, EPICARDIUM, SURFACES, Mesh
 from regional_lv.geometry.surfaces import QUARTER
+
+log = logging.getLogger(__name__)
 
 # The same hexahedron in gmsh's order.
 GMSH_TO_VTK = np.array(
@@ -179,9 +187,17 @@ def _node_places(patch):
 
 
 def write_gmsh(table, surfaces, mesh, path):
-    """Build the mesh in gmsh, move it onto the surfaces and write it (ASCII, format 4.1)."""
+    """Build the mesh in gmsh, move it onto the surfaces and write it (ASCII, format 4.1).
+
+    Where gmsh cannot be loaded, `structured` lays out the same nodes and elements.
+    """
     angles = _grid_angles(table, mesh["circumferential"])
     rings, levels, border = _rings(table, surfaces.endo_apex, mesh)
+    if gmsh is None:
+        log.info("gmsh cannot be loaded (%s); the same mesh is laid out without it", WHY_NOT_GMSH)
+        lines = (angles, rings, levels, border, *_patch_outline(angles))
+        structured.write(table, surfaces, mesh["transmural"], lines, path)
+        return
     gmsh.initialize(interruptible=False)
     try:
         gmsh.option.setNumber("General.Terminal", 0)

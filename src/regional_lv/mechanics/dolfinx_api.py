@@ -1,15 +1,25 @@
 """Every call whose form depends on the dolfinx version, and nothing else.
 
-Debian 12 ships dolfinx 0.5.2; conda-forge and Debian 13 ship 0.9 and later, which
-`make test-dolfinx-next` runs. The rest of the package asks for what it needs in its own words and
-never imports dolfinx itself.
+Debian 12 ships dolfinx 0.5.2; the wheel `dolfinx-solver-real` brings 0.11, which `make test-wheel`
+runs. The rest of the package asks for what it needs in its own words and never imports dolfinx
+itself.
 """
 
 import contextlib
 import fcntl
 import gc
 import os
+import shlex
+import shutil
+import subprocess
+import sys
+from importlib.util import find_spec
 from pathlib import Path
+from types import SimpleNamespace
+
+# The wheel wants to be first: it loads the MPI that all of its parts share.
+with contextlib.suppress(ModuleNotFoundError):
+    import dolfinx_solver  # noqa: F401
 
 # Before dolfinx and PETSc: where their HDF5 is another version than h5py's and comes first, a
 # process that simulates cannot write posteriors.
@@ -23,10 +33,70 @@ from dolfinx import cpp, fem
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from regional_lv.errors import InputError
+
 VERSION = tuple(int(part) for part in dolfinx.__version__.split(".")[:2])
 _LEGACY = VERSION < (0, 8)
 
+FLAGS = ["-O3"]
 CACHE = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "regional_lv"
+
+
+def _c_compiler() -> list[str]:
+    """Command of the C compiler: $CC, the machine's own, or else the one in the wheel `ziglang`."""
+    if given := os.environ.get("CC"):
+        return shlex.split(given)
+    for name in ("cc", "gcc", "clang"):
+        if shutil.which(name):
+            return [name]
+    if find_spec("ziglang"):
+        return [sys.executable, "-m", "ziglang", "cc"]
+    raise InputError(
+        "no C compiler was found, and the forms of the finite element model are compiled; install "
+        "gcc, or `pip install ziglang` into the environment, or set CC"
+    )
+
+
+def _shared_library(_comm, form, form_compiler_options=None, jit_options=None):
+    """Compile a form as `dolfinx.jit.ffcx_jit` does, but into a plain shared library.
+
+    dolfinx makes an extension module of it, and so needs Python's C headers, which few machines
+    have.
+    """
+    import cffi
+    from ffcx import get_options, naming
+    from ffcx.codegeneration import get_include_path
+    from ffcx.codegeneration import jit as declarations
+    from ffcx.compiler import compile_ufl_objects
+
+    options = get_options(form_compiler_options)
+    command, flags = _c_compiler(), ["-std=c17", "-fPIC", "-shared", *FLAGS]
+    key = str((sorted(options.items()), command[-2:], flags))
+    module = f"libffcx_forms_{naming.compute_signature([form], key)}"
+    name = naming.form_name(form, 0, module)
+    source = CACHE / f"{module}.c"
+    library, ready = source.with_suffix(".so"), source.with_suffix(".c.cached")
+    if not ready.exists():
+        (_, code), _ = compile_ufl_objects([form], namespace=module, options=options)
+        source.write_text(code)
+        made = [*command, *flags, "-I", get_include_path(), source, "-o", library, "-lm"]
+        done = subprocess.run(made, capture_output=True, text=True)
+        if done.returncode:
+            raise RuntimeError(f"the C compiler failed on {source}:\n{done.stderr}")
+        ready.touch()
+    ffi = cffi.FFI()
+    ffi.cdef(
+        declarations.UFC_HEADER_DECL.format("float64")
+        + declarations.UFC_INTEGRAL_DECL
+        + declarations.UFC_FORM_DECL
+        + f"extern ufcx_form {name};"
+    )
+    loaded = ffi.dlopen(str(library))
+    return getattr(loaded, name), SimpleNamespace(ffi=ffi, lib=loaded), (None, None)
+
+
+if "dolfinx_solver" in sys.modules:
+    dolfinx.jit.ffcx_jit = _shared_library
 
 
 def _compiled(make, *arguments):
@@ -38,13 +108,22 @@ def _compiled(make, *arguments):
     time compiles here, and takes away what others left unfinished.
     """
     CACHE.mkdir(parents=True, exist_ok=True)
-    options = {"cffi_extra_compile_args": ["-O3"], "cache_dir": str(CACHE)}
+    options = {"cffi_extra_compile_args": FLAGS, "cache_dir": str(CACHE)}
     with open(CACHE / "lock", "w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         for source in CACHE.glob("*.c"):
             if not source.with_suffix(".c.cached").exists():
                 source.unlink()
         return make(*arguments, **{"jit_params" if _LEGACY else "jit_options": options})
+
+
+def _function_space(mesh, element):
+    """Function space; from dolfinx 0.11 on it has no code of its own to compile."""
+    if _LEGACY:
+        return _compiled(fem.FunctionSpace, mesh, element)
+    if VERSION < (0, 11):
+        return _compiled(fem.functionspace, mesh, element)
+    return fem.functionspace(mesh, element)
 
 
 def hexahedral_mesh(points: np.ndarray, cells: np.ndarray):
@@ -87,21 +166,21 @@ def mixed_space(mesh, order: int = 2):
         cell = mesh.ufl_cell()
         displacement = ufl.VectorElement("Lagrange", cell, order)
         pressure = ufl.FiniteElement(family, cell, order - 1)
-        return _compiled(fem.FunctionSpace, mesh, ufl.MixedElement([displacement, pressure]))
+        return _function_space(mesh, ufl.MixedElement([displacement, pressure]))
     import basix.ufl
 
     displacement = basix.ufl.element("Lagrange", mesh.basix_cell(), order, shape=(3,))
     pressure = basix.ufl.element(family, mesh.basix_cell(), order - 1)
     element = basix.ufl.mixed_element([displacement, pressure])
-    return _compiled(fem.functionspace, mesh, element)
+    return _function_space(mesh, element)
 
 
 def space(mesh, family: str, degree: int, components: int = 1):
     """Scalar or vector function space, `family` being "Lagrange" or "DG"."""
     if _LEGACY:
-        return _compiled(fem.FunctionSpace, mesh, _element(mesh, family, degree, components))
+        return _function_space(mesh, _element(mesh, family, degree, components))
     shape = () if components == 1 else (components,)
-    return _compiled(fem.functionspace, mesh, (family, degree, shape))
+    return _function_space(mesh, (family, degree, shape))
 
 
 def _element(mesh, family, degree, components, **given):
@@ -120,12 +199,12 @@ def quadrature_space(mesh, dx, components: int = 1):
     degree = dx.metadata()["quadrature_degree"]
     if _LEGACY:
         element = _element(mesh, "Quadrature", degree, components, quad_scheme="default")
-        return _compiled(fem.FunctionSpace, mesh, element)
+        return _function_space(mesh, element)
     import basix.ufl
 
     shape = () if components == 1 else (components,)
     element = basix.ufl.quadrature_element(mesh.basix_cell(), shape, degree=degree)
-    return _compiled(fem.functionspace, mesh, element)
+    return _function_space(mesh, element)
 
 
 def cell_corners(mesh) -> np.ndarray:
