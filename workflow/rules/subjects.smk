@@ -29,7 +29,7 @@ rule import_volunteer:
     output:
         measured=f"{R}/measured/{{subject}}.csv",
     params:
-        call="measured:import_volunteer",
+        call="measured.published:import_volunteer",
         channels=OUTPUTS,
         frame=lambda wildcards: config["subjects"][wildcards.subject]["frame"],
         chosen=lambda wildcards: config["subjects"][wildcards.subject]["slices"],
@@ -52,7 +52,7 @@ rule import_published_simulation:
         measured=f"{R}/measured/{{subject}}.csv",
         theta=f"{R}/known_theta/{{subject}}.csv",
     params:
-        call="measured:import_published_simulation",
+        call="measured.published:import_published_simulation",
         channels=OUTPUTS,
         row=lambda wildcards: config["subjects"][wildcards.subject]["row"],
     wildcard_constraints:
@@ -72,7 +72,7 @@ rule import_measured:
     output:
         measured=f"{R}/measured/{{subject}}.csv",
     params:
-        call="measured:import_measured",
+        call="measured.tables:import_measured",
         channels=OUTPUTS,
         parameters=PARAMETER_SPEC,
         pressure_mmhg=config["loading"]["pressure_mmhg"],
