@@ -8,7 +8,8 @@ import pandas as pd
 
 from regional_lv import aha
 from regional_lv.channels import Channel, Channels
-from regional_lv.measured.tables import error_at, make_table, observed, write_measured
+from regional_lv.csv_lines import error_at
+from regional_lv.measured.tables import make_table, observed, write_measured
 from regional_lv.parameters import Parameterisation
 from regional_lv.published import SLICES_OF_LEVEL
 

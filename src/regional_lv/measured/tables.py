@@ -8,7 +8,6 @@ not measured are absent. Strains look back from the loaded state to the unloaded
 E = (F^-T F^-1 - I) / 2: circumferential and longitudinal ones are negative, radial ones positive.
 """
 
-import csv
 import difflib
 import math
 import warnings
@@ -20,7 +19,7 @@ import pandas as pd
 
 from regional_lv import aha
 from regional_lv.channels import Channel, Channels
-from regional_lv.errors import InputError
+from regional_lv.csv_lines import CsvLines, error_at, read_lines
 from regional_lv.parameters import Parameterisation
 from regional_lv.quantities import NOWHERE, QUANTITIES, SEGMENT_PLACES, Quantity
 
@@ -75,7 +74,7 @@ def read_measured(
     -----
     MeasuredWarning: no volume.
     """
-    columns, lines = _read_lines(Path(path))
+    _, columns, lines = _read_columns(path)
     loads = () if channels is None else channels.load_fractions
     table = pd.DataFrame(
         [_read_row(path, number, fields, pressure_mmhg, loads) for number, fields in lines]
@@ -128,58 +127,24 @@ def shortcomings(measured: pd.DataFrame, parameters: int = 0) -> list[str]:
     return found
 
 
-def error_at(path: str | Path, number: int | None, complaint: str) -> InputError:
-    where = f"{path}, line {number}" if number else f"{path}"
-    return InputError(f"{where}: {complaint}")
-
-
-def _read_lines(path: Path) -> tuple[list[str], list[tuple[int, dict]]]:
-    """Column names, and per line that is not empty its number and fields."""
-    try:
-        # utf-8-sig: spreadsheet programs begin a CSV with a byte order mark.
-        text = path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        raise error_at(path, None, f"cannot be read ({error}); check path and encoding") from error
-    reader = csv.reader(text.splitlines())
-    columns = [name.strip() for name in next(reader, [])]
-    for name in REQUIRED:
-        if name not in columns:
-            raise error_at(path, 1, f"no column `{name}`; {_column_remedy(name, columns)}")
-    for name in columns:
-        if name not in REQUIRED + OPTIONAL or columns.count(name) > 1:
+def _read_columns(path: str | Path) -> CsvLines:
+    """The lines of a measured file, with the columns that it has to have and no others."""
+    table = read_lines(path, REQUIRED)
+    for name in table.columns:
+        if name not in REQUIRED + OPTIONAL:
             raise error_at(
                 path,
-                1,
-                f"column `{name}` is not known or stands twice; remove it, or rename it to one of "
+                table.header,
+                f"column `{name}` is not known; remove it, or rename it to one of "
                 f"{', '.join(REQUIRED + OPTIONAL)}",
             )
-    if all(name in columns for name in LOADS):
-        raise error_at(path, 1, f"columns {' and '.join(LOADS)} say the same; keep one of them")
-    lines = []
-    for fields in reader:
-        if not any(field.strip() for field in fields):
-            continue
-        if len(fields) != len(columns):
-            raise error_at(
-                path,
-                reader.line_num,
-                f"{len(fields)} fields for {len(columns)} columns; separate fields by commas and "
-                "write decimals with a point",
-            )
-        cells = (field.strip() for field in fields)
-        lines.append((reader.line_num, dict(zip(columns, cells, strict=True))))
-    if not lines:
+    if all(name in table.columns for name in LOADS):
+        raise error_at(
+            path, table.header, f"columns {' and '.join(LOADS)} say the same; keep one of them"
+        )
+    if not table.rows:
         raise error_at(path, None, "no measurements; add one row per channel")
-    return columns, lines
-
-
-def _column_remedy(name: str, columns: list[str]) -> str:
-    if len(columns) == 1 and (";" in columns[0] or "\t" in columns[0]):
-        return "save the file with commas between the fields"
-    close = difflib.get_close_matches(name, columns, n=1)
-    if close:
-        return f"rename `{close[0]}`"
-    return f"the first line has to name the columns {', '.join(REQUIRED)}"
+    return table
 
 
 def _read_row(
@@ -284,7 +249,10 @@ def _number(path: str | Path, number: int, column: str, text: str) -> float:
     try:
         value = float(text)
     except ValueError:
-        remedy = "write decimals with a point" if "," in text else "give a number"
+        if not text:
+            remedy = "give a number, or remove the row if the channel was not measured"
+        else:
+            remedy = "write decimals with a point" if "," in text else "give a number"
         raise error_at(path, number, f"{column} `{text}` is not a number; {remedy}") from None
     if not math.isfinite(value):
         raise error_at(
