@@ -85,3 +85,25 @@ rule import_measured:
         "../../envs/statistics.yaml"
     script:
         "../scripts/call.py"
+
+
+rule import_curves:
+    """A subject of the user's: strain curves, turned into strains that look back."""
+    input:
+        curves=lambda wildcards: config["subjects"][wildcards.subject]["curves"],
+    output:
+        measured=f"{R}/measured/{{subject}}.csv",
+    params:
+        call="measured.curves:import_curves",
+        subject=lambda wildcards: config["subjects"][wildcards.subject],
+        channels=OUTPUTS,
+        parameters=PARAMETER_SPEC,
+        strain_exponent=config["observables"]["strain_exponent"],
+    wildcard_constraints:
+        subject=subjects_from("curves"),
+    log:
+        f"{LOGS}/subjects/import_{{subject}}.log",
+    conda:
+        "../../envs/statistics.yaml"
+    script:
+        "../scripts/call.py"

@@ -73,6 +73,25 @@ def read_segments(path):
     return table.reset_index()
 
 
+def check_apices(path, table, endo_apex_z_mm, epi_apex_z_mm):
+    """Raise InputError for apices (z in mm) that do not belong to the table that `read_segments`
+    returned for `path`."""
+    bottom = table["z_bottom_mm"].iloc[15]
+    if not epi_apex_z_mm < endo_apex_z_mm < bottom:
+        raise InputError(
+            f"geometry.endo_apex_z_mm {endo_apex_z_mm:g} and geometry.epi_apex_z_mm "
+            f"{epi_apex_z_mm:g} must lie, in this order, below the apical level of {path}, which "
+            f"ends at {bottom:g}"
+        )
+    given = table["z_bottom_mm"].iloc[16]
+    if not epi_apex_z_mm - 0.5 <= given <= endo_apex_z_mm + 0.5:
+        raise InputError(
+            f"{path}, line {table['line'].iloc[16]}: segment 17 ends at z = {given:g} mm, not at "
+            f"the apex (geometry.endo_apex_z_mm {endo_apex_z_mm:g}, geometry.epi_apex_z_mm "
+            f"{epi_apex_z_mm:g}); correct one of them"
+        )
+
+
 def _check_sizes(path, table):
     for column, (low, high) in PLAUSIBLE_MM.items():
         for unit, factor in (("cm", 10), ("m", 1000)):

@@ -1,5 +1,6 @@
 """Measured files: read, checked and made."""
 
+from regional_lv.measured.curves import import_curves, read_curve_subject
 from regional_lv.measured.published import (
     import_published_simulation,
     import_volunteer,
@@ -18,11 +19,13 @@ from regional_lv.measured.tables import (
 
 __all__ = [
     "MeasuredWarning",
+    "import_curves",
     "import_measured",
     "import_published_simulation",
     "import_volunteer",
     "published_simulation",
     "published_volunteer",
+    "read_curve_subject",
     "read_measured",
     "shortcomings",
     "states_noise",

@@ -269,6 +269,14 @@ def _number(path: str | Path, number: int, column: str, text: str) -> float:
 Complaints = Iterator[tuple[int, str]]
 
 
+def check_values(path: str | Path, table: pd.DataFrame, line: int, strain_exponent: float) -> None:
+    """Raise InputError for sizes and signs that no strains have; all stand in one `line`."""
+    at = table.assign(line=line)
+    for complaints in (_check_size(at, strain_exponent), _check_signs(at)):
+        for number, complaint in complaints:
+            raise error_at(path, number, complaint)
+
+
 def _check_frames(table: pd.DataFrame) -> Complaints:
     if "frame" not in table:
         return
