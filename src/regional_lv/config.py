@@ -108,8 +108,14 @@ def load(
         source, folders = str(config), [Path(config).parent]
         config = read(config)
     config, schema = _with_text_keys(config), load_schema()
-    errors = jsonschema.Draft202012Validator(schema).iter_errors(config)
-    _raise(source, sorted(line for error in errors for line in _explain(error)))
+    errors = list(jsonschema.Draft202012Validator(schema).iter_errors(config))
+    empty = [error for error in errors if _is_asked_for(error)]
+    unfilled = sorted(line for error in empty for line in _explain(error))
+    if len(empty) < len(errors):
+        _raise(source, sorted(line for error in errors for line in _explain(error)))
+    for error in empty:
+        # The defaults serve to find what else is wrong; nothing runs on them.
+        _remove(config, error.absolute_path)
     config = _resolve(schema, config, folders)
     try:
         load_plugins(Path(plugin).resolve() for plugin in config.get("plugins", ()))
@@ -121,7 +127,7 @@ def load(
     if "synthetic_subjects" not in config:
         _carry_over(complete)
         _drop_impossible(complete, named=config.get("subjects", {}))
-    _raise(source, list(_cross_check(complete)))
+    _raise(source, [*unfilled, *_cross_check(complete)])
     if complete["simulations"]["source"] == "table":
         # The one place that says how many test cases there are.
         complete["design"]["test"] = _table_sizes(complete)["test"]
@@ -154,6 +160,18 @@ def _with_text_keys(value):
     if isinstance(value, dict):
         return {str(key): _with_text_keys(item) for key, item in value.items()}
     return value
+
+
+def _is_asked_for(error: jsonschema.ValidationError) -> bool:
+    """Whether it is about a key that stands empty so that it is filled in."""
+    return error.instance is None and "if_empty" in error.schema
+
+
+def _remove(config: dict, path: Sequence[str]) -> None:
+    *sections, key = path
+    for name in sections:
+        config = config[name]
+    del config[key]
 
 
 def _resolve(schema: dict, value, folders: Sequence[str | Path]):
@@ -308,7 +326,7 @@ def _explain_unknown(schema: dict, key: str, name: str) -> str:
 
 def _complaint(error: jsonschema.ValidationError) -> str:
     value, limit = error.instance, error.validator_value
-    if value is None and "if_empty" in error.schema:
+    if _is_asked_for(error):
         return f"empty; {error.schema['if_empty']}"
     if error.validator == "type":
         given = "an empty value" if value is None else repr(value)

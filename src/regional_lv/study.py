@@ -21,7 +21,7 @@ from regional_lv import config as study_config
 from regional_lv.channels import Channels
 from regional_lv.design import make_design
 from regional_lv.emulators import Emulator, load, train_emulator
-from regional_lv.geometry.make import make_mesh
+from regional_lv.geometry.from_config import make_heart
 from regional_lv.inference.sampling import sample_subject
 from regional_lv.mechanics.predictor import fit_predictor
 from regional_lv.parameters import Parameterisation
@@ -58,21 +58,8 @@ class Study:
         return self.folder / path
 
     def make_heart(self) -> Path:
-        """Mesh the segment table; the mesh's file (.vtu, opens in ParaView)."""
-        geometry = self.config["geometry"]
-        make_mesh(
-            geometry["segments"],
-            geometry["endo_apex_z_mm"],
-            geometry["epi_apex_z_mm"],
-            self.config["mesh"],
-            self.config["fibres"],
-            msh=self._file("geometry/mesh.msh"),
-            vtu=self._file("geometry/mesh.vtu"),
-            segments=self._file("geometry/segments.csv"),
-            summary=self._file("geometry/summary.json"),
-            zones=self.parameters.zones,
-        )
-        return self._file("geometry/mesh.vtu")
+        """Mesh the heart; the mesh's file (.vtu, opens in ParaView)."""
+        return make_heart(self.config, self.folder / "geometry")
 
     def simulate(self) -> pd.DataFrame:
         """Simulate the training design from the heart; the simulations that converged.

@@ -35,13 +35,16 @@ DIRECTIONS = ("circumferential", "radial", "longitudinal")
 CLOCKS = ("frame", "time", "time_ms", "time_s")
 """Names that the column of the frames, or of their times, may have."""
 
+HOW = ("reference", "measure", "frame", "end_diastole_frame")
+"""Keys of a subject that say how `look_back` takes its curves, in the order of its arguments."""
+
 EARLIEST_DIASTOLE = "earliest_diastole"
 """The word for the first frame in which the ventricle fills."""
 FILLING = 0.1
 """Share of the greatest contraction that is gone when the ventricle fills."""
 
 LARGEST_FRACTION = 1.5
-"""No strain of a wall is larger; all strains of a heart are smaller, in percent, nowhere."""
+"""Strains of a heart as fractions are smaller everywhere; in percent, some are larger."""
 AT_REFERENCE = 0.1
 """A curve is at its reference where it is within this share of its range from zero."""
 
@@ -310,7 +313,7 @@ def read_curve_subject(
                 f"{channel.name} is no channel that the study observes; add it to "
                 "observables.quantities (observables.places), or remove the column",
             )
-    back = look_back(path, curves, *(subject[key] for key in _HOW))
+    back = look_back(path, curves, *(subject[key] for key in HOW))
     table = make_table(curves.channels, seth_hill(back.stretches, strain_exponent))
     table["sd"] = np.nan if subject["sd"]["strain"] is None else subject["sd"]["strain"]
     check_values(path, table, curves.lines[back.unloaded], strain_exponent)
@@ -320,9 +323,6 @@ def read_curve_subject(
         table = pd.concat([volume, table], ignore_index=True)
     table["source"] = f"{Path(path).name}, frame {curves.frames[back.unloaded]}"
     return table
-
-
-_HOW = ("reference", "measure", "frame", "end_diastole_frame")
 
 
 def seth_hill(stretches: np.ndarray, exponent: float) -> np.ndarray:
