@@ -9,11 +9,12 @@ import copy
 import difflib
 import itertools
 import math
+import os
 import re
 import statistics
 import sys
 import warnings
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 
 import jsonschema
@@ -44,6 +45,12 @@ MARK = "<!-- The tables below are written from the schema by `make format`. -->\
 
 RESERVED = {"train", "test", "holdout", "resimulated", "subjects"}
 """Names that no scenario may have."""
+
+PATHS = "give its path from the folder of the configuration, or from the one in which you start"
+"""Where a path may count from."""
+
+CURVES = ("curves", "unit", "reference", "frame")
+"""What a subject with `source: curves` has to say."""
 
 PHYSICS = ("material", "fibres", "loading", "supports", "observables", "solver")
 """Sections that describe the simulator."""
@@ -76,20 +83,24 @@ MOVED = {
 """Keys of earlier versions, and what does their work now."""
 
 
-def load(config: str | Path | dict, source: str = "config") -> dict:
+def load(
+    config: str | Path | dict, source: str = "config", folders: Sequence[str | Path] = ()
+) -> dict:
     """Read, check and complete a configuration.
 
     Parameters
     ----------
     config: path of a YAML file, or what such a file holds (as Snakemake hands it over).
     source: name of the configuration in messages, for a mapping; a path names itself.
+    folders: where the files were that the mapping comes from; of a path, its own.
 
     Returns
     -------
     A new nested dict with every key of the schema; `design.test` is the number of test cases and
-    `simulations.holdout` that of the rows held out also where they follow from tables. Relative
-    paths stay as they are: they count from the working directory. The plugins that it names are
-    loaded.
+    `simulations.holdout` that of the rows held out also where they follow from tables. A relative
+    path counts from the folder of the configuration if it leads to a file from there, and from the
+    working directory otherwise; what is returned counts from the working directory. The plugins
+    that it names are loaded.
 
     Raises
     ------
@@ -97,11 +108,18 @@ def load(config: str | Path | dict, source: str = "config") -> dict:
         measured file or a table of simulations that cannot be used.
     """
     if not isinstance(config, dict):
-        source = str(config)
-        config = _read(Path(config))
+        source, folders = str(config), [Path(config).parent]
+        config = read(config)
     config, schema = _with_text_keys(config), load_schema()
-    errors = jsonschema.Draft202012Validator(schema).iter_errors(config)
-    _raise(source, sorted(line for error in errors for line in _explain(error)))
+    errors = list(jsonschema.Draft202012Validator(schema).iter_errors(config))
+    empty = [error for error in errors if _is_asked_for(error)]
+    unfilled = sorted(line for error in empty for line in _explain(error))
+    if len(empty) < len(errors):
+        _raise(source, sorted(line for error in errors for line in _explain(error)))
+    for error in empty:
+        # The defaults serve to find what else is wrong; nothing runs on them.
+        _remove(config, error.absolute_path)
+    config = _resolve(schema, config, folders)
     try:
         load_plugins(Path(plugin).resolve() for plugin in config.get("plugins", ()))
     except InputError as error:
@@ -114,7 +132,7 @@ def load(config: str | Path | dict, source: str = "config") -> dict:
     if "synthetic_subjects" not in config:
         _carry_over(complete)
         _drop_impossible(complete, named=config.get("subjects", {}))
-    _raise(source, list(_cross_check(complete)))
+    _raise(source, [*unfilled, *_cross_check(complete)])
     if complete["simulations"]["source"] == "table":
         # The one place that says how many test cases there are.
         complete["design"]["test"] = _table_sizes(complete)["test"]
@@ -129,9 +147,10 @@ def physics(config: dict) -> dict:
     }
 
 
-def _read(path: Path) -> dict:
+def read(path: str | Path) -> dict:
+    """What a YAML file of keys holds. Raises InputError."""
     try:
-        content = yaml.safe_load(path.read_text())
+        content = yaml.safe_load(Path(path).read_text())
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror}); check the path") from error
     except yaml.YAMLError as error:
@@ -145,6 +164,33 @@ def _with_text_keys(value):
     """YAML reads keys such as 1 or no as something else than text."""
     if isinstance(value, dict):
         return {str(key): _with_text_keys(item) for key, item in value.items()}
+    return value
+
+
+def _is_asked_for(error: jsonschema.ValidationError) -> bool:
+    """Whether it is about a key that stands empty so that it is filled in."""
+    return error.instance is None and "if_empty" in error.schema
+
+
+def _remove(config: dict, path: Sequence[str]) -> None:
+    *sections, key = path
+    for name in sections:
+        config = config[name]
+    del config[key]
+
+
+def _resolve(schema: dict, value, folders: Sequence[str | Path]):
+    """`value` with its paths counted from the working directory."""
+    if isinstance(value, dict):
+        return {
+            key: _resolve(_entry_schema(schema, key), item, folders) for key, item in value.items()
+        }
+    if isinstance(value, list):
+        return [_resolve(schema.get("items", {}), item, folders) for item in value]
+    if schema.get("path") and isinstance(value, str):
+        for folder in folders:
+            if (Path(folder) / value).is_file():
+                return os.path.relpath(Path(folder) / value)
     return value
 
 
@@ -285,6 +331,8 @@ def _explain_unknown(schema: dict, key: str, name: str) -> str:
 
 def _complaint(error: jsonschema.ValidationError) -> str:
     value, limit = error.instance, error.validator_value
+    if _is_asked_for(error):
+        return f"empty; {error.schema['if_empty']}"
     if error.validator == "type":
         given = "an empty value" if value is None else repr(value)
         return f"{given} is not {_type_name(limit)}{_number_hint(value, limit)}"
@@ -567,10 +615,7 @@ def _check_joint(joint: dict, subjects: dict, parameters: Parameterisation) -> I
                         "all thetas, or leave the subject out"
                     )
         elif entry["theta"] is not None and not Path(entry["theta"]).is_file():
-            yield (
-                f"{key}.theta: there is no file {entry['theta']}; give its path from the folder in "
-                "which you start"
-            )
+            yield f"{key}.theta: there is no file {entry['theta']}; {PATHS}"
 
 
 def _check_tables(config: dict, parameters: Parameterisation, channels: Channels) -> Iterator[str]:
@@ -727,9 +772,16 @@ def _check_geometry_files(geometry: dict) -> Iterator[str]:
         needed = {f"geometry.imported.{key}": imported[key] for key in ("file", "segments")}
     for key, path in needed.items():
         if path is not None and not Path(path).is_file():
-            yield (
-                f"{key}: there is no file {path}; give its path from the folder in which you start"
-            )
+            yield f"{key}: there is no file {path}; {PATHS}"
+        elif path is not None and geometry["source"] == "segments":
+            # Imported here because pandas takes longer to load than the rest of this module.
+            from regional_lv.geometry.table import check_apices, read_segments
+
+            mistakes = _complaints(read_segments, path)
+            if not mistakes:
+                apices = (geometry[f"{wall}_apex_z_mm"] for wall in ("endo", "epi"))
+                mistakes = _complaints(check_apices, path, read_segments(path), *apices)
+            yield from (f"{key}: {said}" for said in mistakes)
 
 
 def _check_surfaces(surfaces: dict) -> Iterator[str]:
@@ -768,8 +820,24 @@ def _check_subject(key: str, subject: dict, name: str, synthetic: dict) -> Itera
             yield f"{key}.measured: missing; give the path of the measured file"
     elif measured is not None:
         yield f"{key}.measured: only `source: file` reads a file; remove one of the two"
-    if subject.get("frame") is not None and source != "published_volunteer":
-        yield f"{key}.frame: only `source: published_volunteer` has frames; remove one of the two"
+    if source == "curves":
+        described = _entry_schema(_section("subjects"), name)["properties"]
+        for part in CURVES:
+            if subject.get(part) is None:
+                yield f"{key}.{part}: missing; give it. {described[part]['description']}"
+    else:
+        own = {k: subject.get(k) for k in (*CURVES[:-1], "end_diastole_frame", "volume_ml")}
+        own |= {f"sd.{k}": value for k, value in subject["sd"].items()}
+        for part, value in own.items():
+            if value is not None:
+                yield f"{key}.{part}: only `source: curves` has it; remove one of the two"
+    of_frame = {"earliest_diastole": ["curves"], "extrema": ["published_volunteer"]}
+    have = of_frame.get(subject["frame"], ["curves", "published_volunteer"])
+    if subject["frame"] is not None and source not in have:
+        yield (
+            f"{key}.frame: only `source: {' or '.join(have)}` has the frame {subject['frame']}; "
+            "remove one of the two"
+        )
     slices = subject.get("slices")
     if slices is not None and subject.get("frame") is None:
         yield f"{key}.slices: slices are of a frame; add `frame: extrema` or the number of one"
@@ -797,6 +865,18 @@ def _check_observed(key: str, subject: dict, config: dict, channels: Channels) -
                 config["observables"]["strain_exponent"],
             ):
                 yield f"{key}.measured: {complaint}"
+    if subject["source"] == "curves" and all(subject.get(name) is not None for name in CURVES):
+        from regional_lv.measured.curves import read_curve_subject
+
+        exponent = config["observables"]["strain_exponent"]
+        for complaint in _complaints(read_curve_subject, subject, channels, exponent):
+            yield f"{key}.curves: {complaint}"
+        if exponent != 2 and config["observables"]["line_share"] != 1:
+            yield (
+                f"observables.line_share: the curves of {key} are strains of material lines, which "
+                f"are those of the tensor for Green's strain only; set line_share: 1, or "
+                "strain_exponent: 2"
+            )
     if (
         subject["source"].startswith("published_")
         and not (channels.at(1.0) & channels.is_strain).any()

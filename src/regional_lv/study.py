@@ -21,9 +21,7 @@ from regional_lv import config as study_config
 from regional_lv.channels import Channels
 from regional_lv.design import make_design
 from regional_lv.emulators import Emulator, load, train_emulator
-from regional_lv.errors import InputError
-from regional_lv.geometry.from_surfaces import mesh_surfaces
-from regional_lv.geometry.make import make_mesh
+from regional_lv.geometry.from_config import make_heart
 from regional_lv.inference.sampling import sample_subject
 from regional_lv.mechanics.predictor import fit_predictor
 from regional_lv.parameters import Parameterisation
@@ -60,33 +58,8 @@ class Study:
         return self.folder / path
 
     def make_heart(self) -> Path:
-        """Mesh the segment table or the two surfaces; the mesh's file (.vtu, opens in ParaView).
-
-        Raises InputError for a geometry that cannot be meshed, and for the source `mesh`, which
-        the workflow imports.
-        """
-        geometry = self.config["geometry"]
-        rest = {
-            "mesh": self.config["mesh"],
-            "fibres": self.config["fibres"],
-            "zones": self.parameters.zones,
-            "msh": self._file("geometry/mesh.msh"),
-            "vtu": self._file("geometry/mesh.vtu"),
-            "segments": self._file("geometry/segments.csv"),
-            "summary": self._file("geometry/summary.json"),
-        }
-        if geometry["source"] == "segments":
-            apices = geometry["endo_apex_z_mm"], geometry["epi_apex_z_mm"]
-            make_mesh(geometry["segments"], *apices, **rest)
-        elif geometry["source"] == "surfaces":
-            given = geometry["surfaces"]
-            mesh_surfaces(given["endocardium"], given["epicardium"], given, **rest)
-        else:
-            raise InputError(
-                "geometry.source: `mesh` is imported by the workflow; run `snakemake "
-                f"{rest['vtu']}` instead"
-            )
-        return rest["vtu"]
+        """Mesh the heart; the mesh's file (.vtu, opens in ParaView)."""
+        return make_heart(self.config, self.folder / "geometry")
 
     def simulate(self) -> pd.DataFrame:
         """Simulate the training design from the heart; the simulations that converged.

@@ -614,3 +614,78 @@ def test_unreadable_file_is_named(tmp_path, content, remedy):
 def test_missing_file_is_named():
     with pytest.raises(InputError, match=r"nowhere\.yaml: cannot be read .* check the path"):
         config.load("nowhere.yaml")
+
+
+def test_paths_count_from_the_folder_of_the_configuration(tmp_path, monkeypatch):
+    """From the working directory where there is no such file in that folder."""
+    (tmp_path / "mine").mkdir()
+    rows = [f"circumferential,{segment},-0.15,1" for segment in range(1, 17)]
+    text = "\n".join(["quantity,segment,value,unit", "volume,,180,mL", *rows])
+    for file in ("mine/own.csv", "other.csv"):
+        (tmp_path / file).write_text(text)
+    subjects = {
+        "anna": {"source": "file", "measured": "own.csv"},
+        "bert": {"source": "file", "measured": "other.csv"},
+    }
+    file = tmp_path / "mine" / "config.yaml"
+    file.write_text(yaml.safe_dump({"study": "x", "subjects": subjects}))
+    monkeypatch.chdir(tmp_path)
+    found = config.load("mine/config.yaml")["subjects"]
+    assert [found[name]["measured"] for name in subjects] == ["mine/own.csv", "other.csv"]
+    monkeypatch.chdir(tmp_path / "mine")
+    with pytest.raises(InputError, match=r"subjects\.bert\.measured: .*other\.csv.*check path"):
+        config.load(file)
+
+
+def test_empty_pressure_says_what_it_is_and_what_a_wrong_one_does():
+    with pytest.raises(InputError) as error:
+        config.load(changed("loading.pressure_mmhg", None))
+    (line,) = str(error.value).splitlines()
+    assert line.startswith("config: loading.pressure_mmhg: empty; fill in the end-diastolic")
+    assert "every C_a come out 10 % too high" in line
+
+
+CURVE_MISTAKES = {
+    "unit": ({"unit": None}, "subjects.anna.unit: missing; give it"),
+    "reference": ({"reference": "diastole"}, "did you mean end_diastole?"),
+    "frame": ({"frame": "extrema"}, "only `source: published_volunteer` has the frame extrema"),
+    "no file": ({"curves": "no.csv"}, "subjects.anna.curves: no.csv: cannot be read"),
+    "litres": ({"volume_ml": 0.18}, "subjects.anna.volume_ml: 0.18 is too small"),
+    "of a file": ({"source": "file"}, "subjects.anna.curves: only `source: curves` has it"),
+    "sd": ({"source": "synthetic", "sd": {"strain": 0.02}}, "subjects.anna.sd.strain: only"),
+}
+
+
+@pytest.mark.parametrize("name", CURVE_MISTAKES)
+def test_mistake_about_curves_is_named(tmp_path, name):
+    (tmp_path / "curves.csv").write_text("frame,radial_01\n1,0\n2,40\n3,20\n4,1\n")
+    curves = {
+        "source": "curves",
+        "curves": str(tmp_path / "curves.csv"),
+        "unit": "percent",
+        "reference": "end_diastole",
+        "frame": "earliest_diastole",
+    }
+    config.load(changed("subjects", {"anna": curves}))
+    change, said = CURVE_MISTAKES[name]
+    with pytest.raises(InputError) as error:
+        config.load(changed("subjects", {"anna": curves | change}))
+    assert said in str(error.value)
+
+
+def test_curves_are_of_material_lines(tmp_path):
+    (tmp_path / "curves.csv").write_text("frame,radial_01\n1,0\n2,40\n3,20\n4,1\n")
+    study = changed("observables.strain_exponent", 1)
+    study["subjects"] = {
+        "anna": {
+            "source": "curves",
+            "curves": str(tmp_path / "curves.csv"),
+            "unit": "percent",
+            "reference": "end_diastole",
+            "frame": 3,
+        }
+    }
+    with pytest.raises(InputError, match=r"observables\.line_share: .*set line_share: 1"):
+        config.load(study)
+    study["observables"]["line_share"] = 1
+    config.load(study)

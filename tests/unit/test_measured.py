@@ -83,6 +83,13 @@ def test_byte_order_mark_spaces_blank_lines_and_further_columns_are_read(tmp_pat
     assert table["slice"].iloc[1] == "3"
 
 
+def test_lines_that_begin_with_a_hash_are_comments_and_still_count(tmp_path):
+    file = write(tmp_path, ["# volume first, with a comma", VOLUME, "", "circumferential,1,-15,1"])
+    file.write_text(f"# what was measured\n{file.read_text()}")
+    with pytest.raises(InputError, match=r"anna\.csv, line 6: .*write unit %"):
+        read_measured(file)
+
+
 def test_template_is_a_good_file():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -211,7 +218,7 @@ MISTAKES_IN_FURTHER_COLUMNS = {
         "4 of 4 radial values have the wrong sign",
     ),
     "unknown column": ("segmnt2", ["volume,,180,mL,1"], 1, "remove it, or rename it"),
-    "column twice": ("unit", ["volume,,180,mL,mL"], 1, "remove it, or rename it"),
+    "column twice": ("unit", ["volume,,180,mL,mL"], 1, "remove one of the two"),
 }
 
 

@@ -27,7 +27,6 @@ from regional_lv.data import path as packaged  # noqa: E402
 from regional_lv.data import segment_table  # noqa: E402
 from regional_lv.design import scenario_size  # noqa: E402
 from regional_lv.errors import InputError  # noqa: E402
-from regional_lv.geometry.table import read_segments  # noqa: E402
 from regional_lv.jobs import module_of  # noqa: E402
 from regional_lv.measured import states_noise  # noqa: E402
 from regional_lv.parameters import Parameterisation  # noqa: E402
@@ -48,9 +47,9 @@ from regional_lv.published import (  # noqa: E402
 from regional_lv.seeds import derive  # noqa: E402
 
 try:
-    config.update(study_config.load(config))
-    if config["geometry"]["source"] == "segments":
-        read_segments(config["geometry"]["segments"])
+    # Of several configurations the last one counts first, for the paths in them too.
+    folders = [Path(file).parent for file in reversed(workflow.overwrite_configfiles)]
+    config.update(study_config.load(config, folders=folders))
 except InputError as error:
     raise WorkflowError(str(error))
 
@@ -106,6 +105,7 @@ NOISE_INFERRED = [
             config["subjects"][name]["measured"], config["loading"]["pressure_mmhg"]
         )
     )
+    or (source == "curves" and config["subjects"][name]["sd"]["strain"] is None)
 ]
 SUBJECT_NUTS = config["nuts"] | {
     key: config["clinical"][key] for key in ("chains", "warmup", "draws")

@@ -30,7 +30,7 @@ rule import_volunteer:
     output:
         measured=f"{R}/measured/{{subject}}.csv",
     params:
-        call="measured:import_volunteer",
+        call="measured.published:import_volunteer",
         channels=OUTPUTS,
         frame=lambda wildcards: config["subjects"][wildcards.subject]["frame"],
         chosen=lambda wildcards: config["subjects"][wildcards.subject]["slices"],
@@ -53,7 +53,7 @@ rule import_published_simulation:
         measured=f"{R}/measured/{{subject}}.csv",
         theta=f"{R}/known_theta/{{subject}}.csv",
     params:
-        call="measured:import_published_simulation",
+        call="measured.published:import_published_simulation",
         channels=OUTPUTS,
         row=lambda wildcards: config["subjects"][wildcards.subject]["row"],
     wildcard_constraints:
@@ -73,13 +73,35 @@ rule import_measured:
     output:
         measured=f"{R}/measured/{{subject}}.csv",
     params:
-        call="measured:import_measured",
+        call="measured.tables:import_measured",
         channels=OUTPUTS,
         parameters=PARAMETER_SPEC,
         pressure_mmhg=config["loading"]["pressure_mmhg"],
         strain_exponent=config["observables"]["strain_exponent"],
     wildcard_constraints:
         subject=subjects_from("file"),
+    log:
+        f"{LOGS}/subjects/import_{{subject}}.log",
+    conda:
+        "../../envs/statistics.yaml"
+    script:
+        "../scripts/call.py"
+
+
+rule import_curves:
+    """A subject of the user's: strain curves, turned into strains that look back."""
+    input:
+        curves=lambda wildcards: config["subjects"][wildcards.subject]["curves"],
+    output:
+        measured=f"{R}/measured/{{subject}}.csv",
+    params:
+        call="measured.curves:import_curves",
+        subject=lambda wildcards: config["subjects"][wildcards.subject],
+        channels=OUTPUTS,
+        parameters=PARAMETER_SPEC,
+        strain_exponent=config["observables"]["strain_exponent"],
+    wildcard_constraints:
+        subject=subjects_from("curves"),
     log:
         f"{LOGS}/subjects/import_{{subject}}.log",
     conda:

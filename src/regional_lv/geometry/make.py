@@ -9,24 +9,7 @@ from regional_lv.geometry.mesh import write_mesh
 from regional_lv.geometry.meshing import convert_mesh, write_gmsh
 from regional_lv.geometry.summary import scaled_jacobians, summarise
 from regional_lv.geometry.surfaces import Surfaces
-from regional_lv.geometry.table import read_segments
-
-
-def _check_apices(path, table, endo_apex_z_mm, epi_apex_z_mm):
-    bottom = table["z_bottom_mm"].iloc[15]
-    if not epi_apex_z_mm < endo_apex_z_mm < bottom:
-        raise InputError(
-            f"geometry.endo_apex_z_mm {endo_apex_z_mm:g} and geometry.epi_apex_z_mm "
-            f"{epi_apex_z_mm:g} must lie, in this order, below the apical level of {path}, which "
-            f"ends at {bottom:g}"
-        )
-    given = table["z_bottom_mm"].iloc[16]
-    if not epi_apex_z_mm - 0.5 <= given <= endo_apex_z_mm + 0.5:
-        raise InputError(
-            f"{path}, line {table['line'].iloc[16]}: segment 17 ends at z = {given:g} mm, not at "
-            f"the apex (geometry.endo_apex_z_mm {endo_apex_z_mm:g}, geometry.epi_apex_z_mm "
-            f"{epi_apex_z_mm:g}); correct one of them"
-        )
+from regional_lv.geometry.table import check_apices, read_segments
 
 
 def check_mesh_config(mesh):
@@ -91,7 +74,7 @@ def make_mesh(
     bytes. Raises InputError for a table that cannot be used, or whose surfaces cross.
     """
     given = read_segments(table)
-    _check_apices(table, given, endo_apex_z_mm, epi_apex_z_mm)
+    check_apices(table, given, endo_apex_z_mm, epi_apex_z_mm)
     check_mesh_config(mesh)
     mesh = finer(mesh) if refined else mesh
     surfaces = Surfaces(given, endo_apex_z_mm, epi_apex_z_mm)

@@ -4,6 +4,7 @@ import numpy as np
 import pandas as pd
 
 from regional_lv.aha import LEVELS, SEGMENTS
+from regional_lv.csv_lines import read_lines
 from regional_lv.data import segment_table
 from regional_lv.errors import InputError
 
@@ -27,27 +28,19 @@ def read_segments(path):
     `path` may be the word `volunteer`, the table that comes with the package. Columns: aha_segment
     (1-17), name, wall_thickness_mm, endo_radius_mm (both as the module
     defines them), angle_from_deg, angle_to_deg (sector, counter-clockwise seen from the base),
-    z_top_mm, z_bottom_mm (level, base plane at 0). Further columns are kept and not used. Raises
+    z_top_mm, z_bottom_mm (level, base plane at 0). Further columns are kept, as text. Raises
     InputError that names the file, the row and the remedy.
     """
     path = segment_table(path)
-    try:
-        table = pd.read_csv(path, skipinitialspace=True)
-    except FileNotFoundError:
-        raise InputError(f"{path}: no such file; give geometry.segments a segment table") from None
-    except (pd.errors.ParserError, pd.errors.EmptyDataError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: not a CSV table ({error}); save it as CSV in UTF-8") from None
-    missing = [c for c in COLUMNS if c not in table.columns]
-    if missing:
-        raise InputError(f"{path}: column {', '.join(missing)} is missing; add it to the header")
-
-    # A row is named by its line in the file, the header being line 1.
-    table.index += 2
+    _, columns, lines = read_lines(path, COLUMNS)
+    # A row is named by its line in the file.
+    table = pd.DataFrame([row for _, row in lines], [n for n, _ in lines], columns)
     for column in [c for c in COLUMNS if c != "name"]:
         numbers = pd.to_numeric(table[column], errors="coerce")
         for line in table.index[~np.isfinite(numbers)]:
             raise InputError(
-                f"{path}, line {line}: {column} is {table.at[line, column]!r}; give a finite number"
+                f"{path}, line {line}: {column} is {table.at[line, column] or 'empty'}; give a "
+                "finite number"
             )
         table[column] = numbers.astype(float)
     for line, number in table["aha_segment"].items():
@@ -78,6 +71,25 @@ def read_segments(path):
     _check_sectors(path, table)
     table.index = table.index.rename("line")
     return table.reset_index()
+
+
+def check_apices(path, table, endo_apex_z_mm, epi_apex_z_mm):
+    """Raise InputError for apices (z in mm) that do not belong to the table that `read_segments`
+    returned for `path`."""
+    bottom = table["z_bottom_mm"].iloc[15]
+    if not epi_apex_z_mm < endo_apex_z_mm < bottom:
+        raise InputError(
+            f"geometry.endo_apex_z_mm {endo_apex_z_mm:g} and geometry.epi_apex_z_mm "
+            f"{epi_apex_z_mm:g} must lie, in this order, below the apical level of {path}, which "
+            f"ends at {bottom:g}"
+        )
+    given = table["z_bottom_mm"].iloc[16]
+    if not epi_apex_z_mm - 0.5 <= given <= endo_apex_z_mm + 0.5:
+        raise InputError(
+            f"{path}, line {table['line'].iloc[16]}: segment 17 ends at z = {given:g} mm, not at "
+            f"the apex (geometry.endo_apex_z_mm {endo_apex_z_mm:g}, geometry.epi_apex_z_mm "
+            f"{epi_apex_z_mm:g}); correct one of them"
+        )
 
 
 def _check_sizes(path, table):

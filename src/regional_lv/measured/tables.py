@@ -8,9 +8,7 @@ not measured are absent. Strains look back from the loaded state to the unloaded
 E = (F^-T F^-1 - I) / 2: circumferential and longitudinal ones are negative, radial ones positive.
 """
 
-import csv
 import difflib
-import json
 import math
 import warnings
 from collections.abc import Iterator
@@ -21,9 +19,8 @@ import pandas as pd
 
 from regional_lv import aha
 from regional_lv.channels import Channel, Channels
-from regional_lv.errors import InputError
+from regional_lv.csv_lines import CsvLines, error_at, read_lines
 from regional_lv.parameters import Parameterisation
-from regional_lv.published import SLICES_OF_LEVEL
 from regional_lv.quantities import NOWHERE, QUANTITIES, SEGMENT_PLACES, Quantity
 
 REQUIRED = ("quantity", "segment", "value", "unit")
@@ -77,7 +74,7 @@ def read_measured(
     -----
     MeasuredWarning: no volume.
     """
-    columns, lines = _read_lines(Path(path))
+    _, columns, lines = _read_columns(path)
     loads = () if channels is None else channels.load_fractions
     table = pd.DataFrame(
         [_read_row(path, number, fields, pressure_mmhg, loads) for number, fields in lines]
@@ -91,7 +88,7 @@ def read_measured(
         () if channels is None else _check_observed(table, channels),
     ):
         for number, complaint in complaints:
-            raise _error(path, number, complaint)
+            raise error_at(path, number, complaint)
     _check_noise(path, table)
     for shortcoming in shortcomings(table):
         warnings.warn(f"{path}: {shortcoming}", MeasuredWarning, stacklevel=2)
@@ -130,58 +127,24 @@ def shortcomings(measured: pd.DataFrame, parameters: int = 0) -> list[str]:
     return found
 
 
-def _error(path: str | Path, number: int | None, complaint: str) -> InputError:
-    where = f"{path}, line {number}" if number else f"{path}"
-    return InputError(f"{where}: {complaint}")
-
-
-def _read_lines(path: Path) -> tuple[list[str], list[tuple[int, dict]]]:
-    """Column names, and per line that is not empty its number and fields."""
-    try:
-        # utf-8-sig: spreadsheet programs begin a CSV with a byte order mark.
-        text = path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        raise _error(path, None, f"cannot be read ({error}); check path and encoding") from error
-    reader = csv.reader(text.splitlines())
-    columns = [name.strip() for name in next(reader, [])]
-    for name in REQUIRED:
-        if name not in columns:
-            raise _error(path, 1, f"no column `{name}`; {_column_remedy(name, columns)}")
-    for name in columns:
-        if name not in REQUIRED + OPTIONAL or columns.count(name) > 1:
-            raise _error(
+def _read_columns(path: str | Path) -> CsvLines:
+    """The lines of a measured file, with the columns that it has to have and no others."""
+    table = read_lines(path, REQUIRED)
+    for name in table.columns:
+        if name not in REQUIRED + OPTIONAL:
+            raise error_at(
                 path,
-                1,
-                f"column `{name}` is not known or stands twice; remove it, or rename it to one of "
+                table.header,
+                f"column `{name}` is not known; remove it, or rename it to one of "
                 f"{', '.join(REQUIRED + OPTIONAL)}",
             )
-    if all(name in columns for name in LOADS):
-        raise _error(path, 1, f"columns {' and '.join(LOADS)} say the same; keep one of them")
-    lines = []
-    for fields in reader:
-        if not any(field.strip() for field in fields):
-            continue
-        if len(fields) != len(columns):
-            raise _error(
-                path,
-                reader.line_num,
-                f"{len(fields)} fields for {len(columns)} columns; separate fields by commas and "
-                "write decimals with a point",
-            )
-        cells = (field.strip() for field in fields)
-        lines.append((reader.line_num, dict(zip(columns, cells, strict=True))))
-    if not lines:
-        raise _error(path, None, "no measurements; add one row per channel")
-    return columns, lines
-
-
-def _column_remedy(name: str, columns: list[str]) -> str:
-    if len(columns) == 1 and (";" in columns[0] or "\t" in columns[0]):
-        return "save the file with commas between the fields"
-    close = difflib.get_close_matches(name, columns, n=1)
-    if close:
-        return f"rename `{close[0]}`"
-    return f"the first line has to name the columns {', '.join(REQUIRED)}"
+    if all(name in table.columns for name in LOADS):
+        raise error_at(
+            path, table.header, f"columns {' and '.join(LOADS)} say the same; keep one of them"
+        )
+    if not table.rows:
+        raise error_at(path, None, "no measurements; add one row per channel")
+    return table
 
 
 def _read_row(
@@ -192,10 +155,10 @@ def _read_row(
     if quantity not in QUANTITIES:
         close = difflib.get_close_matches(quantity.lower(), QUANTITIES, n=1)
         hint = f"did you mean {close[0]}?" if close else f"use one of {', '.join(QUANTITIES)}"
-        raise _error(path, number, f"quantity `{quantity}` is not known; {hint}")
+        raise error_at(path, number, f"quantity `{quantity}` is not known; {hint}")
     kind = QUANTITIES[quantity]
     if unit not in kind.units:
-        raise _error(
+        raise error_at(
             path,
             number,
             f"unit `{unit}` does not go with {quantity}; convert to and write "
@@ -209,7 +172,7 @@ def _read_row(
     raw = _number(path, number, "value", fields["value"])
     sd = _number(path, number, "sd", fields["sd"]) if fields.get("sd") else math.nan
     if sd <= 0:
-        raise _error(path, number, f"sd {sd:g} is not positive; correct it, or leave it empty")
+        raise error_at(path, number, f"sd {sd:g} is not positive; correct it, or leave it empty")
     return fields | {
         "line": number,
         "output": channel.name,
@@ -226,7 +189,7 @@ def _place(path: str | Path, number: int, kind: type[Quantity], text: str) -> st
     """The place that the column `segment` names."""
     if kind.places == NOWHERE:
         if text:
-            raise _error(path, number, f"the {kind.name} has segment `{text}`; leave it empty")
+            raise error_at(path, number, f"the {kind.name} has segment `{text}`; leave it empty")
         return ""
     if kind.places == SEGMENT_PLACES:
         try:
@@ -234,13 +197,13 @@ def _place(path: str | Path, number: int, kind: type[Quantity], text: str) -> st
         except ValueError:
             segment = math.nan
         if segment not in range(1, len(aha.SEGMENTS) + 1):
-            raise _error(
+            raise error_at(
                 path, number, f"segment `{text}` is not an AHA segment; use its number, 1 to 17"
             )
         return f"{int(segment):02d}"
     if text not in kind.places:
         two = "needs two levels" if text in aha.LEVELS or not text else f"has no place `{text}`"
-        raise _error(
+        raise error_at(
             path,
             number,
             f"{kind.name} {two}; write one of {', '.join(kind.places)} as its segment",
@@ -263,7 +226,7 @@ def _load_fraction(
     whole, unit = 1.0, ""
     if column == "pressure_mmhg":
         if pressure is None:
-            raise _error(
+            raise error_at(
                 path,
                 number,
                 "a pressure says nothing without the end-diastolic one; give load_fraction instead",
@@ -271,7 +234,7 @@ def _load_fraction(
         whole, unit = pressure, " mmHg"
     fraction = value / whole
     if not 0 < fraction <= 1 + SAME_LOAD:
-        raise _error(
+        raise error_at(
             path,
             number,
             f"{column} {value:g} lies outside (0, {whole:g}{unit}]; end diastole is {whole:g}{unit}"
@@ -286,10 +249,13 @@ def _number(path: str | Path, number: int, column: str, text: str) -> float:
     try:
         value = float(text)
     except ValueError:
-        remedy = "write decimals with a point" if "," in text else "give a number"
-        raise _error(path, number, f"{column} `{text}` is not a number; {remedy}") from None
+        if not text:
+            remedy = "give a number, or remove the row if the channel was not measured"
+        else:
+            remedy = "write decimals with a point" if "," in text else "give a number"
+        raise error_at(path, number, f"{column} `{text}` is not a number; {remedy}") from None
     if not math.isfinite(value):
-        raise _error(
+        raise error_at(
             path,
             number,
             f"{column} `{text}` is not finite; remove the row if the channel was not measured",
@@ -301,6 +267,14 @@ def _number(path: str | Path, number: int, column: str, text: str) -> float:
 # Each yields (line, complaint); reading stops at the first.
 
 Complaints = Iterator[tuple[int, str]]
+
+
+def check_values(path: str | Path, table: pd.DataFrame, line: int, strain_exponent: float) -> None:
+    """Raise InputError for sizes and signs that no strains have; all stand in one `line`."""
+    at = table.assign(line=line)
+    for complaints in (_check_size(at, strain_exponent), _check_signs(at)):
+        for number, complaint in complaints:
+            raise error_at(path, number, complaint)
 
 
 def _check_frames(table: pd.DataFrame) -> Complaints:
@@ -423,7 +397,7 @@ def _check_noise(path: str | Path, table: pd.DataFrame) -> None:
     others = table[table["quantity"] != "volume"]
     without = others["sd"].isna()
     if without.any() and not without.all():
-        raise _error(
+        raise error_at(
             path,
             others.loc[without, "line"].iloc[0],
             "no sd, where other channels have one; give all of them one (known noise) or none "
@@ -467,174 +441,7 @@ def import_measured(
     write_measured(table, measured)
 
 
-# ------------------------------------------------------------------------- published subjects
-
-
-def published_volunteer(
-    case: str | Path,
-    slices: list[str | Path] | None = None,
-    frame: int | str | None = None,
-    chosen: list[int] | None = None,
-) -> pd.DataFrame:
-    """The healthy volunteer of the paper as a measured table.
-
-    `case`: header-less CSV, one row of 33: volume (mL), then 16 circumferential and 16 radial
-    strains in the published order of segments, without the apex. `slices`: CSVs with a row per
-    cine frame, one for each short-axis slice; if given, the strains are those of frame
-    number `frame` (1, 2, ...), or with "extrema" the largest of each segment in each slice,
-    whenever they occur; `chosen`, numbers of the slices that count, all if None. Raises InputError
-    otherwise.
-    """
-    try:
-        row = np.loadtxt(case, delimiter=",", ndmin=2)
-    except (OSError, ValueError) as error:
-        raise _error(case, None, f"cannot be read ({error}); fetch it again") from error
-    if row.shape != (1, 33):
-        raise _error(case, None, f"shape {row.shape} instead of (1, 33); fetch it again")
-    values, source = row[0], "published volunteer"
-    if slices is not None:
-        values = np.concatenate([values[:1], _slice_strains(slices, frame, chosen)])
-        source += f", frame {frame}"
-        if chosen:
-            source += f", slices {', '.join(map(str, chosen))}"
-    order = sorted(aha.SEGMENTS, key=lambda segment: segment.published_order)[:16]
-    channels = [Channel("volume")]
-    channels += [
-        Channel(quantity, f"{segment.number:02d}")
-        for quantity in ("circumferential", "radial")
-        for segment in order
-    ]
-    return _published(channels, values, source)
-
-
-def import_volunteer(
-    case: str | Path,
-    frame: int | str | None,
-    chosen: list[int] | None,
-    channels: Channels,
-    measured: str | Path,
-    slices: list[str | Path] | None = None,
-) -> None:
-    """Write what the study observes of the volunteer to `measured`; the rest is as in
-    `published_volunteer`."""
-    write_measured(_observed(published_volunteer(case, slices, frame, chosen), channels), measured)
-
-
-_SECTORS = ((0,), (1,), (2,), (3,), (4,), (5,))
-"""A slice's columns, each direction: the six sectors of the published order of segments."""
-
-_APICAL_SECTORS = ((0, 1), (2,), (3, 4), (5,))
-"""Septal, anterior, lateral, inferior: means of the sectors that they contain."""
-
-
-def _slice_strains(slices, frame: int | str, chosen: list[int] | None) -> np.ndarray:
-    """The 32 strains of one frame, in published order: per level the mean over its slices."""
-    tables = [_slice(path, frame) for path in slices]
-    values = []
-    for direction in (0, 1):
-        for numbers, sectors in zip(
-            SLICES_OF_LEVEL, (_SECTORS, _SECTORS, _APICAL_SECTORS), strict=True
-        ):
-            used = [n for n in numbers if chosen is None or n in chosen]
-            mean = np.mean([tables[n - 1][direction] for n in used], axis=0)
-            values += [mean[list(columns)].mean() for columns in sectors]
-    return np.array(values)
-
-
-def _slice(path: str | Path, frame: int | str) -> np.ndarray:
-    """Circumferential and radial strains (2, 6) of one slice."""
-    try:
-        curves = np.loadtxt(path, delimiter=",", skiprows=1, ndmin=2)
-    except (OSError, ValueError) as error:
-        raise _error(path, None, f"cannot be read ({error}); fetch it again") from error
-    if curves.shape[1] != 12 or len(curves) < 2:
-        raise _error(path, None, f"{curves.shape} instead of 12 columns; fetch it again")
-    # The first row is the reference: end-diastole, no strain.
-    curves = curves[1:].reshape(-1, 2, 6)
-    if frame == "extrema":
-        return np.stack([curves[:, 0].min(0), curves[:, 1].max(0)])
-    if frame > len(curves):
-        raise _error(path, None, f"no frame {frame}; choose 1 to {len(curves)}, or extrema")
-    return curves[frame - 1]
-
-
-def published_simulation(
-    inputs: str | Path, outputs: str | Path, row: int
-) -> tuple[pd.DataFrame, pd.Series]:
-    """A published simulation as if it had been measured, and its theta by the paper's parameters.
-
-    inputs, outputs: header-less CSV, N rows of 10 and of 52 (volume, then 17 strains for each
-    direction in the published order of segments). row: 1, 2, ..., N. Raises InputError otherwise.
-    """
-    channels, parameters, values = Channels.of(), Parameterisation(), []
-    for path, width in ((inputs, len(parameters)), (outputs, len(channels))):
-        table = pd.read_csv(path, header=None)
-        if table.shape[1] != width:
-            raise _error(path, None, f"{table.shape[1]} columns instead of {width}; fetch it again")
-        if not 1 <= row <= len(table):
-            raise _error(path, row, f"there are {len(table)} rows; choose one of them")
-        values.append(table.to_numpy(float)[row - 1])
-    theta, published = values
-    observed = aha.outputs_from_published(published)
-    return _published(channels, observed, f"published simulation, row {row}"), pd.Series(
-        theta, index=list(parameters.names)
-    )
-
-
-def import_published_simulation(
-    inputs: str | Path,
-    outputs: str | Path,
-    row: int,
-    subject: str,
-    channels: Channels,
-    measured: str | Path,
-    theta: str | Path,
-) -> None:
-    """Write what the study observes of a published simulation to `measured`, and its theta (CSV: a
-    row called `subject`) apart; the rest is as in `published_simulation`."""
-    table, known = published_simulation(inputs, outputs, row)
-    write_measured(_observed(table, channels), measured)
-    known.to_frame(subject).T.to_csv(theta, index_label="subject")
-
-
-def _published(channels, values: np.ndarray, source: str) -> pd.DataFrame:
-    table = _table(channels, values)
-    table["source"] = source
-    order = Channels.of().names
-    return table.sort_values("output", key=lambda names: names.map(order.index), ignore_index=True)
-
-
-def _observed(table: pd.DataFrame, channels: Channels) -> pd.DataFrame:
-    """The rows of the channels that a study observes."""
-    return table[table["output"].isin(channels.names)].reset_index(drop=True)
-
-
-# --------------------------------------------------------------------------- synthetic subjects
-
-
-def synthetic_subject(
-    outputs: np.ndarray, channels: Channels, noise: dict, unit_noise: np.ndarray
-) -> pd.DataFrame:
-    """Measured table of a simulated ventricle: `outputs` plus noise.
-
-    outputs: (D,) of the `channels`; noise: its scales, by the quantities' `noise`, in their units,
-    which also become the `sd` of the table; what has no scale is not measured. unit_noise: (D,) of
-    unit scale.
-    """
-    sd = np.array([noise.get(channel.kind.noise) for channel in channels], dtype=float)
-    table = _table(channels, np.asarray(outputs) + sd * unit_noise)
-    table["sd"] = sd
-    table["source"] = "synthetic"
-    return table[table["sd"].notna()].reset_index(drop=True)
-
-
-def write_truth(path: str | Path, theta: dict, effects: dict, noise: dict, seed: int) -> None:
-    """Write what a synthetic subject was made from, as JSON."""
-    truth = {"theta": theta, "effects": effects, "noise": noise, "seed": seed}
-    Path(path).write_text(json.dumps(truth, indent=2) + "\n")
-
-
-def _table(channels, values: np.ndarray) -> pd.DataFrame:
+def make_table(channels, values: np.ndarray) -> pd.DataFrame:
     """A measured table without noise."""
     return pd.DataFrame(
         {
@@ -647,3 +454,8 @@ def _table(channels, values: np.ndarray) -> pd.DataFrame:
             "sd": np.nan,
         }
     )
+
+
+def observed(table: pd.DataFrame, channels: Channels) -> pd.DataFrame:
+    """The rows of the channels that a study observes."""
+    return table[table["output"].isin(channels.names)].reset_index(drop=True)

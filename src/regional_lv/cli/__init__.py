@@ -1,0 +1,17 @@
+"""The command line: a folder for a heart of your own, what is odd in it, and the study of it."""
+
+import click
+
+from regional_lv.cli.check import check
+from regional_lv.cli.new import new
+from regional_lv.cli.run import run
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(package_name="regional-lv")
+def main() -> None:
+    """Regional stiffness of a left ventricle from its geometry and its measured strains."""
+
+
+for command in (new, check, run):
+    main.add_command(command)

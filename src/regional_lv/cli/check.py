@@ -1,0 +1,140 @@
+"""`regional-lv check`: what can be said of a heart before anything runs."""
+
+import json
+import tempfile
+import warnings
+from pathlib import Path
+
+import click
+import pandas as pd
+
+from regional_lv.cli.folder import Mistakes, config_file, load
+from regional_lv.data import VOLUNTEER
+from regional_lv.geometry.table import read_segments
+
+PICTURE = "check.png"
+
+SIZES = ["wall_thickness_mm", "endo_radius_mm"]
+
+LOW_PRESSURE_MMHG, HIGH_PRESSURE_MMHG = 3.0, 30.0
+"""An end-diastolic pressure below is in kPa more likely than true; one above is rare."""
+
+
+@click.command()
+@click.argument("name")
+def check(name: str) -> None:
+    """Say what is wrong, missing or odd in the folder NAME (or the configuration NAME), and draw
+    the heart and its strains (check.png)."""
+    path = config_file(name)
+    inspect(path, load(path))
+
+
+def inspect(path: Path, config: dict) -> None:
+    """Check the heart and the measured values of a loaded configuration, say what was found, and
+    draw them beside `path`.
+
+    Raises Mistakes for a geometry that cannot be meshed, and volumes that it cannot have.
+    """
+    # Imported here: they take seconds, and a mistake in a table need not wait for them.
+    from vtkmodules.vtkCommonCore import vtkLogger
+
+    from regional_lv.channels import Channels
+    from regional_lv.errors import InputError
+    from regional_lv.geometry.from_config import make_heart
+    from regional_lv.measured.plausibility import oddities, too_small
+    from regional_lv.parameters import Parameterisation
+    from regional_lv.plots import inputs
+
+    # Without a display VTK says so, and draws all the same.
+    vtkLogger.SetStderrVerbosity(vtkLogger.VERBOSITY_OFF)
+    parameters, channels = Parameterisation.from_config(config), Channels.from_config(config)
+    exponent = config["observables"]["strain_exponent"]
+    tables = {name: _table(name, config, channels) for name in _own(config)}
+    click.echo(f"{path}: study {config['study']}, geometry {_geometry(config)}")
+    with tempfile.TemporaryDirectory() as folder:
+        try:
+            mesh = make_heart(config, folder)
+        except InputError as error:
+            raise Mistakes(str(error)) from None
+        summary = json.loads((Path(folder) / "summary.json").read_text())
+        cavity, wall = summary["cavity_volume_ml"], summary["wall_volume_ml"]
+        click.echo(f"unloaded heart: cavity {cavity:.1f} mL, wall {wall:.1f} mL")
+        picture = path.parent / PICTURE
+        inputs.draw(mesh, tables, parameters, picture)
+    odd = [f"heart: {said}" for said in _odd_heart(config)]
+    for name, table in tables.items():
+        click.echo(f"{name}: {len(table)} of {len(channels)} channels{_frames(name, config)}")
+        said = oddities(table, channels, len(parameters), exponent, cavity, wall)
+        odd += [f"{name}: {line}" for line in said]
+    for line in odd:
+        click.echo(f"odd: {line}")
+    click.echo(f"picture: {picture}")
+    mistakes = {name: too_small(table, cavity) for name, table in tables.items()}
+    lines = [f"{path}: subjects.{name}: {said}" for name, said in mistakes.items() if said]
+    if lines:
+        raise Mistakes("\n".join(lines))
+    click.echo(f"Nothing has to be mended{', see what is odd above' if odd else ''}.")
+
+
+def _odd_heart(config: dict) -> list[str]:
+    said, pressure = [], config["loading"]["pressure_mmhg"]
+    if pressure < LOW_PRESSURE_MMHG:
+        said.append(
+            f"the end-diastolic pressure is {pressure:g} mmHg, which is low; 1 kPa is 7.5 mmHg, "
+            "and every C_a is in proportion to the pressure"
+        )
+    if pressure > HIGH_PRESSURE_MMHG:
+        said.append(
+            f"the end-diastolic pressure is {pressure:g} mmHg, which is very high; 1 cmH2O is 0.74 "
+            "mmHg, and every C_a is in proportion to the pressure"
+        )
+    geometry = config["geometry"]
+    if geometry["source"] == "segments" and geometry["segments"] != VOLUNTEER:
+        own, example = (read_segments(table) for table in (geometry["segments"], VOLUNTEER))
+        if own[SIZES].equals(example[SIZES]):
+            said.append(
+                f"{geometry['segments']} still is the example, the paper's volunteer; overwrite it "
+                "with this heart's"
+            )
+    return said
+
+
+def _own(config: dict) -> list[str]:
+    """The subjects that were measured by the user."""
+    return [n for n, s in config["subjects"].items() if s["source"] in ("file", "curves")]
+
+
+def _table(name: str, config: dict, channels) -> pd.DataFrame:
+    from regional_lv.measured import read_curve_subject, read_measured
+
+    subject, exponent = config["subjects"][name], config["observables"]["strain_exponent"]
+    if subject["source"] == "curves":
+        return read_curve_subject(subject, channels, exponent)
+    with warnings.catch_warnings():
+        # What a file lacks is said with everything else that is odd.
+        warnings.simplefilter("ignore")
+        pressure = config["loading"]["pressure_mmhg"]
+        return read_measured(subject["measured"], channels, pressure, exponent)
+
+
+def _geometry(config: dict) -> str:
+    geometry = config["geometry"]
+    return geometry["segments" if geometry["source"] == "segments" else "imported"]
+
+
+def _frames(name: str, config: dict) -> str:
+    """Which frames the strains of a subject with curves are between."""
+    from regional_lv.measured.curves import HOW, look_back, read_curves
+
+    subject = config["subjects"][name]
+    if subject["source"] != "curves":
+        return ""
+    curves = read_curves(subject["curves"], subject["unit"])
+    back = look_back(subject["curves"], curves, *(subject[key] for key in HOW))
+    start, end, systole = (
+        curves.frames[row] for row in (back.end_diastole, back.unloaded, back.end_systole)
+    )
+    return (
+        f"; from frame {start}, end diastole, back to frame {end}, taken as unloaded, where "
+        f"{100 * back.contraction_left:.0f} % of the greatest contraction (frame {systole}) is left"
+    )

@@ -1,0 +1,60 @@
+"""Where the configuration of a heart is, and the project that runs it."""
+
+from pathlib import Path
+
+import click
+
+import regional_lv
+from regional_lv import config as study_config
+from regional_lv.errors import InputError
+
+CONFIG = "config.yaml"
+
+
+class Mistakes(click.ClickException):
+    """What has to be mended, one line per mistake; the command ends with 1."""
+
+    def show(self, file=None) -> None:
+        click.echo(self.message, err=True)
+
+
+def config_file(name: str) -> Path:
+    """The configuration of a folder that `new` wrote, or `name` itself if it is a file."""
+    path = Path(name) / CONFIG if Path(name).is_dir() else Path(name)
+    if not path.is_file():
+        raise Mistakes(f"{name}: no folder with a {CONFIG}, nor a configuration; check the path")
+    return path
+
+
+def load(path: Path, base: Path | None = None) -> dict:
+    """The configuration `path`, on top of `base` if that is given, checked and completed."""
+    try:
+        own = study_config.read(path)
+        if base is None:
+            return study_config.load(path)
+        below = study_config.read(base)
+        return study_config.load(_merged(below, own), str(path), [path.parent, base.parent])
+    except InputError as error:
+        raise Mistakes(str(error)) from None
+
+
+def _merged(below: dict, above: dict) -> dict:
+    """What Snakemake makes of two configurations: sections are joined, other values replaced."""
+    both = dict(below)
+    for key, value in above.items():
+        joins = isinstance(value, dict) and isinstance(below.get(key), dict)
+        both[key] = _merged(below[key], value) if joins else value
+    return both
+
+
+def checkout(given: str | None) -> Path:
+    """The folder of the project, with its Snakefile: the one that is given, that the package was
+    installed from, or the working directory."""
+    installed_from = Path(regional_lv.__file__).resolve().parents[2]
+    for folder in [Path(given)] if given else [installed_from, Path()]:
+        if (folder / "workflow" / "rules").is_dir() and (folder / "Snakefile").is_file():
+            return folder
+    raise Mistakes(
+        f"{given or 'here'}: no Snakefile of regional-lv; clone the project and name its folder "
+        "(--workflow)"
+    )

@@ -1,0 +1,64 @@
+"""`regional-lv new`: a folder to fill in."""
+
+import csv
+import io
+import re
+from pathlib import Path
+from string import Template
+
+import click
+
+from regional_lv import data
+from regional_lv.cli.folder import CONFIG, Mistakes
+from regional_lv.geometry.table import COLUMNS
+
+TEMPLATE = Path(__file__).parent / "template"
+
+
+@click.command()
+@click.argument("name")
+def new(name: str) -> None:
+    """Write the folder NAME: geometry table, measured file and configuration, to be filled in."""
+    folder = Path(name)
+    study = folder.resolve().name
+    if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", study):
+        raise Mistakes(
+            f"{study}: not a usable name of a study; use letters, digits and underscores, and "
+            "begin with a letter"
+        )
+    if folder.exists():
+        raise Mistakes(f"{folder}: is there already, and nothing is overwritten; choose another")
+    folder.mkdir(parents=True)
+    (folder / CONFIG).write_text(Template(_template(CONFIG)).substitute(study=study))
+    (folder / "segments.csv").write_text(_template("segments.csv") + _volunteer())
+    (folder / "measured.csv").write_text(_template("measured.csv") + _empty())
+    click.echo(
+        f"{folder}: {CONFIG}, segments.csv and measured.csv; fill them in (comments say how), then "
+        f"`regional-lv check {name}`"
+    )
+
+
+def _template(file: str) -> str:
+    return (TEMPLATE / file).read_text()
+
+
+def _volunteer() -> str:
+    """The volunteer's segment table, with the columns that count."""
+    with data.segment_table(data.VOLUNTEER).open(newline="") as file:
+        return _text(COLUMNS, csv.DictReader(file))
+
+
+def _empty() -> str:
+    """A row for every channel of the default study, without values."""
+    with data.path("measured_template.csv").open(newline="") as file:
+        reader = csv.DictReader(file)
+        rows = [row | {"value": "", "sd": ""} for row in reader]
+    return _text(reader.fieldnames, rows)
+
+
+def _text(columns, rows) -> str:
+    text = io.StringIO()
+    writer = csv.DictWriter(text, columns, extrasaction="ignore", lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    return text.getvalue()

@@ -1,0 +1,86 @@
+"""CSV tables that people fill in: read line by line, so that a mistake can be named by its line.
+
+Empty lines and lines that begin with # say nothing; lines are numbered as in the file, from 1.
+"""
+
+import csv
+import difflib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from regional_lv.errors import InputError
+
+
+class CsvLines(NamedTuple):
+    """A table: line of the header, names of the columns, and per row its line and its fields by
+    column."""
+
+    header: int
+    columns: list[str]
+    rows: list[tuple[int, dict[str, str]]]
+
+
+def error_at(path: str | Path, line: int | None, complaint: str) -> InputError:
+    """What is wrong in a file, and where."""
+    where = f"{path}, line {line}" if line else f"{path}"
+    return InputError(f"{where}: {complaint}")
+
+
+def read_lines(path: str | Path, required: Sequence[str] = ()) -> CsvLines:
+    """Read a table; names and fields are without spaces around them.
+
+    Raises InputError for a file that cannot be read, a column of `required` that it lacks, one that
+    stands twice, and rows that do not have a field for each column.
+    """
+    try:
+        # utf-8-sig: spreadsheet programs begin a CSV with a byte order mark.
+        text = Path(path).read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        raise error_at(
+            path, None, f"cannot be read ({error}); check path and encoding (UTF-8)"
+        ) from error
+    numbered = [
+        (number, line)
+        for number, line in enumerate(text.splitlines(), start=1)
+        if line.strip() and not line.lstrip(' "').startswith("#")
+    ]
+    if not numbered:
+        raise error_at(path, None, "holds no table; begin it with a line that names the columns")
+    parsed = [
+        (number, [field.strip() for field in next(csv.reader([line]))]) for number, line in numbered
+    ]
+    (header, columns), *rows = parsed
+    for name in required:
+        if name not in columns:
+            remedy = _column_remedy(name, columns, required)
+            raise error_at(path, header, f"no column `{name}`; {remedy}")
+    for name in columns:
+        if columns.count(name) > 1:
+            raise error_at(path, header, f"column `{name}` stands twice; remove one of the two")
+    for number, fields in rows:
+        if len(fields) != len(columns) and any(fields):
+            raise error_at(
+                path,
+                number,
+                f"{len(fields)} fields for {len(columns)} columns; separate fields by commas and "
+                "write decimals with a point",
+            )
+    return CsvLines(
+        header,
+        columns,
+        [
+            (number, dict(zip(columns, fields, strict=True)))
+            for number, fields in rows
+            if any(fields)
+        ],
+    )
+
+
+def _column_remedy(name: str, columns: list[str], required: Sequence[str]) -> str:
+    if len(columns) == 1 and (";" in columns[0] or "\t" in columns[0]):
+        return "save the file with commas between the fields"
+    close = difflib.get_close_matches(name, columns, n=1)
+    if close:
+        return f"rename `{close[0]}`"
+    return f"the first line has to name the columns {', '.join(required)}"

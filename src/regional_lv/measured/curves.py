@@ -1,0 +1,348 @@
+"""Strain curves over the frames of a cine, as strain software exports them, as a measured table.
+
+A wide CSV: a column `frame` or a time, and a column per direction and AHA segment
+(`circumferential_01`, `radial_17`, ...). A curve is the strain of a material line relative to its
+own length at a reference frame, end diastole or end systole. What the study observes looks back:
+it is the strain of the stretch l = length(unloaded) / length(end diastole). Curves that refer to
+end diastole give l at the unloaded frame; for any other reference the stretches of the two frames
+are divided. Green's strain (l^2 - 1) / 2 of the line is the component of (F^-T F^-1 - I) / 2 along
+its direction at end diastole.
+"""
+
+import re
+import warnings
+from collections.abc import Mapping
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from regional_lv import aha
+from regional_lv.channels import Channel, Channels
+from regional_lv.csv_lines import error_at, read_lines
+from regional_lv.measured.tables import (
+    MeasuredWarning,
+    check_values,
+    make_table,
+    shortcomings,
+    write_measured,
+)
+from regional_lv.parameters import Parameterisation
+from regional_lv.quantities import QUANTITIES
+
+DIRECTIONS = ("circumferential", "radial", "longitudinal")
+CLOCKS = ("frame", "time", "time_ms", "time_s")
+"""Names that the column of the frames, or of their times, may have."""
+
+HOW = ("reference", "measure", "frame", "end_diastole_frame")
+"""Keys of a subject that say how `look_back` takes its curves, in the order of its arguments."""
+
+EARLIEST_DIASTOLE = "earliest_diastole"
+"""The word for the first frame in which the ventricle fills."""
+FILLING = 0.1
+"""Share of the greatest contraction that is gone when the ventricle fills."""
+
+LARGEST_FRACTION = 1.5
+"""Strains of a heart as fractions are smaller everywhere; in percent, some are larger."""
+AT_REFERENCE = 0.1
+"""A curve is at its reference where it is within this share of its range from zero."""
+
+_NAME = re.compile(rf"({'|'.join(DIRECTIONS)})[ _-]*0*(\d+)", re.IGNORECASE)
+
+
+class Curves(NamedTuple):
+    """Strain curves: numbers of the frames (T,), their lines in the file, the channels (D) and the
+    strains (T, D) as fractions."""
+
+    frames: list[int]
+    lines: list[int]
+    channels: Channels
+    strains: np.ndarray
+
+
+class LookingBack(NamedTuple):
+    """Stretches (D,) l = length(unloaded) / length(end diastole), the rows of both frames and of
+    the greatest contraction, and the share of this contraction that is left when unloaded."""
+
+    stretches: np.ndarray
+    unloaded: int
+    end_diastole: int
+    end_systole: int
+    contraction_left: float
+
+
+def read_curves(path: str | Path, unit: str) -> Curves:
+    """Read and check a file of curves.
+
+    unit: `percent` or `fraction`. Without a column `frame`, frames are counted from 1. Raises
+    InputError that names the file, the line or column, and the remedy.
+    """
+    header, columns, rows = read_lines(path)
+    clocks = [name for name in columns if name.lower() in CLOCKS]
+    if not clocks:
+        raise error_at(
+            path,
+            header,
+            "no column `frame` nor `time`; the first column has to say which frame a row is (save "
+            "the file with commas between the fields)",
+        )
+    named = {name: _channel(path, header, name) for name in columns if name not in clocks}
+    channels = list(named.values())
+    if not channels:
+        raise error_at(path, header, f"no curves; {_NAMES}")
+    for name, channel in named.items():
+        if channels.count(channel) > 1:
+            raise error_at(path, header, f"column `{name}`: {channel.name} stands twice; keep one")
+    if len(rows) < 3:
+        raise error_at(path, None, f"{len(rows)} frames are no curve; export the whole cycle")
+    for name in named:
+        _check_length(path, name, rows)
+    strains = np.array([[_number(path, n, name, row[name]) for name in named] for n, row in rows])
+    lines = [line for line, _ in rows]
+    frames = _frames(path, clocks[0], rows)
+    factor = _check_unit(path, strains, unit)
+    return Curves(frames, lines, Channels(channels), factor * strains)
+
+
+_NAMES = (
+    "name the columns by direction and AHA segment, circumferential_01 to _17, radial_01 to _17, "
+    "longitudinal_01 to _17, and remove all others"
+)
+
+
+def _channel(path: str | Path, header: int, name: str) -> Channel:
+    found = _NAME.fullmatch(name)
+    if not found:
+        raise error_at(path, header, f"column `{name}` is not known; {_NAMES}")
+    direction, segment = found[1].lower(), int(found[2])
+    if not 1 <= segment <= len(aha.SEGMENTS):
+        raise error_at(
+            path, header, f"column `{name}`: there is no AHA segment {segment}; use 1 to 17"
+        )
+    return Channel(direction, f"{segment:02d}")
+
+
+def _check_length(path: str | Path, name: str, rows: list[tuple[int, dict]]) -> None:
+    """Raise for a curve that ends before the others do."""
+    given = [line for line, row in rows if row[name]]
+    if not given:
+        raise error_at(path, None, f"column `{name}` is empty; remove it if it was not measured")
+    if len(given) < len(rows):
+        gap = next(line for line, row in rows if not row[name])
+        raise error_at(
+            path,
+            gap,
+            f"column `{name}` has {len(given)} values for {len(rows)} frames; all curves need a "
+            "value in every frame: export them over the same cycle, or remove the column",
+        )
+
+
+def _number(path: str | Path, line: int, name: str, text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = np.nan
+    if not np.isfinite(value):
+        raise error_at(path, line, f"column `{name}`: `{text}` is not a number; give one")
+    return value
+
+
+def _frames(path: str | Path, clock: str, rows: list[tuple[int, dict]]) -> list[int]:
+    """Numbers of the frames: those of the column `frame`, or counted from 1."""
+    times = [_number(path, line, clock, row[clock]) for line, row in rows]
+    for (line, _), before, after in zip(rows[1:], times, times[1:], strict=False):
+        if after <= before:
+            raise error_at(
+                path, line, f"{clock} {after:g} does not follow {before:g}; sort the frames"
+            )
+    if clock.lower() != "frame":
+        return list(range(1, len(rows) + 1))
+    for (line, _), frame in zip(rows, times, strict=True):
+        if frame != round(frame):
+            raise error_at(path, line, f"frame {frame:g} is no whole number; name the column time")
+    return [round(frame) for frame in times]
+
+
+def _check_unit(path: str | Path, strains: np.ndarray, unit: str) -> float:
+    """The factor from `unit` to fractions; raises where the values are in the other unit."""
+    largest = np.abs(strains).max()
+    if largest == 0:
+        raise error_at(path, None, "all strains are zero; export them again")
+    if unit == "fraction" and largest > LARGEST_FRACTION:
+        raise error_at(
+            path, None, f"strains up to {largest:g} are not fractions; set unit: percent"
+        )
+    if unit == "percent" and largest < LARGEST_FRACTION:
+        raise error_at(
+            path,
+            None,
+            f"no strain is larger than {largest:.3g}, which is no heart in percent; set unit: "
+            "fraction",
+        )
+    return 0.01 if unit == "percent" else 1.0
+
+
+def look_back(
+    path: str | Path,
+    curves: Curves,
+    reference: str,
+    measure: str,
+    frame: int | str,
+    end_diastole_frame: int | None = None,
+) -> LookingBack:
+    """Stretches from end diastole back to the unloaded frame.
+
+    Parameters
+    ----------
+    path: of the curves, for messages.
+    reference: `end_diastole` or `end_systole`, where the curves are zero.
+    measure: `engineering` (stretch - 1) or `green` ((stretch^2 - 1) / 2).
+    frame: number of the unloaded frame, or `earliest_diastole`: the first one after the greatest
+        contraction in which a tenth (`FILLING`) of it is gone. The contraction is the mean over all
+        curves of the logarithm of the stretch, shortening and thickening counted positive.
+    end_diastole_frame: number of the frame of end diastole; the first one if None.
+
+    Raises
+    ------
+    InputError: a wrong reference, a wrong sign, a frame that there is not or that is no diastole.
+    """
+    base = 1 + (2 if measure == "green" else 1) * curves.strains
+    row, column = np.unravel_index(base.argmin(), base.shape)
+    if base[row, column] <= 0:
+        raise error_at(
+            path,
+            curves.lines[row],
+            f"{curves.channels[column].name} is {curves.strains[row, column]:g}: no {measure} "
+            "strain is so low; check unit and measure",
+        )
+    stretches = np.sqrt(base) if measure == "green" else base
+    signs = np.array([channel.kind.sign for channel in curves.channels])
+    end_diastole = 0 if end_diastole_frame is None else _row(path, curves, end_diastole_frame)
+    where = f"frame {curves.frames[end_diastole]} (end diastole)"
+    line = curves.lines[end_diastole]
+    contraction = signs * np.log(stretches)
+    for quantity in dict.fromkeys(channel.quantity for channel in curves.channels):
+        own = [channel.quantity == quantity for channel in curves.channels]
+        mean = contraction[:, own].mean(1)
+        at_zero = abs(mean[end_diastole]) <= AT_REFERENCE * np.ptp(mean)
+        if at_zero != (reference == "end_diastole"):
+            raise error_at(
+                path,
+                line,
+                f"the {quantity} curves are {'' if at_zero else 'not '}zero in {where}, and the "
+                f"reference is {reference}; "
+                + (
+                    "set reference: end_diastole"
+                    if at_zero
+                    else "set reference: end_systole, name the frame of end diastole "
+                    "(end_diastole_frame), or add its row of zeros"
+                ),
+            )
+        back = mean - mean[end_diastole]
+        if back.max() < -back.min():
+            does = "lengthens" if QUANTITIES[quantity].sign < 0 else "becomes thinner"
+            raise error_at(
+                path,
+                line,
+                f"the wall {does} after {where} by its {quantity} curves, so that they have the "
+                "wrong sign: shortening is negative, thickening positive; turn it, or name the "
+                "frame of end diastole (end_diastole_frame)",
+            )
+    stretches = stretches / stretches[end_diastole]
+    contraction = (signs * np.log(stretches)).mean(1)
+    end_systole = int(contraction.argmax())
+    if frame == EARLIEST_DIASTOLE:
+        unloaded = _first_filling(path, curves, contraction)
+    else:
+        unloaded = _row(path, curves, frame)
+    left = contraction[unloaded] / contraction[end_systole]
+    if left < AT_REFERENCE:
+        raise error_at(
+            path,
+            curves.lines[unloaded],
+            f"in frame {curves.frames[unloaded]} the ventricle is as large as at end diastole; the "
+            f"unloaded frame lies soon after frame {curves.frames[end_systole]}, the greatest "
+            f"contraction: choose one there, or {EARLIEST_DIASTOLE}",
+        )
+    return LookingBack(stretches[unloaded], unloaded, end_diastole, end_systole, float(left))
+
+
+def _row(path: str | Path, curves: Curves, frame: int) -> int:
+    if frame not in curves.frames:
+        raise error_at(
+            path,
+            None,
+            f"there is no frame {frame}; the frames go from {curves.frames[0]} to "
+            f"{curves.frames[-1]}",
+        )
+    return curves.frames.index(frame)
+
+
+def _first_filling(path: str | Path, curves: Curves, contraction: np.ndarray) -> int:
+    end_systole = int(contraction.argmax())
+    fills = contraction[end_systole:] <= (1 - FILLING) * contraction[end_systole]
+    if not fills.any():
+        raise error_at(
+            path,
+            None,
+            f"the curves end in frame {curves.frames[-1]}, before the ventricle fills; export the "
+            "whole cycle, or give the number of the unloaded frame (frame)",
+        )
+    return end_systole + int(fills.argmax())
+
+
+def read_curve_subject(
+    subject: Mapping, channels: Channels | None = None, strain_exponent: float = 2.0
+) -> pd.DataFrame:
+    """The measured table (as of `read_measured`) of a subject whose `source` is `curves`.
+
+    subject: the entry of the configuration (`curves`, `unit`, `reference`, `measure`, `frame`,
+    `end_diastole_frame`, `volume_ml`, `sd`). channels: what the study observes; if given, nothing
+    else may be in the file. strain_exponent: n of the strains (l^n - 1) / n that it observes.
+
+    Raises InputError that names the file, the line or column, and the remedy.
+    """
+    path = subject["curves"]
+    curves = read_curves(path, subject["unit"])
+    for channel in curves.channels:
+        if channels is not None and channel not in channels:
+            raise error_at(
+                path,
+                None,
+                f"{channel.name} is no channel that the study observes; add it to "
+                "observables.quantities (observables.places), or remove the column",
+            )
+    back = look_back(path, curves, *(subject[key] for key in HOW))
+    table = make_table(curves.channels, seth_hill(back.stretches, strain_exponent))
+    table["sd"] = np.nan if subject["sd"]["strain"] is None else subject["sd"]["strain"]
+    check_values(path, table, curves.lines[back.unloaded], strain_exponent)
+    if subject["volume_ml"] is not None:
+        volume = make_table([Channel("volume")], np.array([subject["volume_ml"]]))
+        volume["sd"] = np.nan if subject["sd"]["volume"] is None else subject["sd"]["volume"]
+        table = pd.concat([volume, table], ignore_index=True)
+    table["source"] = f"{Path(path).name}, frame {curves.frames[back.unloaded]}"
+    return table
+
+
+def seth_hill(stretches: np.ndarray, exponent: float) -> np.ndarray:
+    """Strains (l^n - 1) / n of stretches l, their logarithm for n = 0."""
+    if exponent == 0:
+        return np.log(stretches)
+    return (stretches**exponent - 1) / exponent
+
+
+def import_curves(
+    curves: str | Path,
+    subject: Mapping,
+    channels: Channels,
+    strain_exponent: float,
+    parameters: Parameterisation,
+    measured: str | Path,
+) -> None:
+    """Write the measured table of a subject's `curves` to `measured`; the rest is as in
+    `read_curve_subject`. Warns of what it cannot tell about `parameters`."""
+    table = read_curve_subject({**subject, "curves": curves}, channels, strain_exponent)
+    for shortcoming in shortcomings(table, len(parameters)):
+        warnings.warn(f"{curves}: {shortcoming}", MeasuredWarning, stacklevel=2)
+    write_measured(table, measured)

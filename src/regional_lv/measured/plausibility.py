@@ -1,0 +1,131 @@
+"""What is odd about measured values, given the heart that they are of: for people, before a study.
+
+Nothing here is a reason to refuse a file; `too_small` alone is.
+"""
+
+import numpy as np
+import pandas as pd
+
+from regional_lv.channels import Channels
+from regional_lv.criticism import data_checks
+from regional_lv.measured.tables import shortcomings
+
+GREEN_MEANS = {
+    "circumferential": (-0.27, -0.06),
+    "radial": (0.11, 0.75),
+    "longitudinal": (-0.24, -0.04),
+}
+"""Range of the mean over the segments in the paper's 5,661 training simulations, of one heart at
+8 mmHg with factors from 0.1 to 5."""
+
+GROWTH = (0.85, 1.2)
+"""In the same simulations, the square of the mean circumferential stretch times the longitudinal
+one is 0.88 to 1.19 times the unloaded over the loaded volume of the cavity with a quarter of the
+wall."""
+
+SLIP = 20.0
+"""A segment whose strain is so many times smaller or larger than the median has another unit."""
+
+
+def too_small(table: pd.DataFrame, cavity_ml: float) -> str:
+    """The complaint about volumes of a filled heart that are no larger than its unloaded cavity, or
+    nothing."""
+    volumes = table.loc[table["quantity"] == "volume", "value"]
+    if volumes.empty or volumes.min() > cavity_ml:
+        return ""
+    return (
+        f"volume {volumes.min():.1f} mL, and the cavity of the unloaded geometry holds "
+        f"{cavity_ml:.1f} mL; filling makes a heart larger: check the unit and frame of the "
+        "volume, and that the geometry is that of early diastole"
+    )
+
+
+def oddities(
+    table: pd.DataFrame,
+    channels: Channels,
+    parameters: int,
+    strain_exponent: float,
+    cavity_ml: float,
+    wall_ml: float,
+) -> list[str]:
+    """What is missing or odd in a measured table (as of `read_measured`), in sentences.
+
+    channels: what the study observes. parameters: how many numbers are inferred. strain_exponent: n
+    of the strains (l^n - 1) / n. cavity_ml, wall_ml: volumes of the unloaded heart.
+    """
+    said = [*_missing(table, channels), *shortcomings(table, parameters)]
+    if table.loc[table["quantity"] != "volume", "sd"].isna().any():
+        said.append(
+            "no sd of the strains: the noise of each direction is inferred, and the volume is "
+            "taken as exact; give an sd if the noise is known"
+        )
+    full = table[table["load_fraction"] == 1]
+    stretches = {
+        quantity: _stretch(rows["value"].to_numpy(), strain_exponent)
+        for quantity, rows in full.groupby("quantity", sort=False)
+        if quantity in GREEN_MEANS
+    }
+    for quantity, stretch in stretches.items():
+        said += _unusual(quantity, stretch)
+        said += _slips(full[full["quantity"] == quantity])
+    said += _growth(full, stretches, cavity_ml, wall_ml)
+    checks = data_checks.check(table, strain_exponent)
+    return said + [check["says"] for check in checks if not check["passed"]]
+
+
+def _missing(table: pd.DataFrame, channels: Channels) -> list[str]:
+    given, absent = set(table["output"]), {}
+    for channel in channels:
+        if channel.name not in given:
+            absent.setdefault((channel.quantity, channel.load_fraction), []).append(channel)
+    said = []
+    for (quantity, load), some in absent.items():
+        if quantity == "volume" and load == 1:
+            continue  # said with what it means
+        all_of_it = sum(c.quantity == quantity and c.load_fraction == load for c in channels)
+        at = "" if load == 1 else f" at {100 * load:g} % of the load"
+        which = "" if len(some) == all_of_it else " " + ", ".join(c.place for c in some)
+        said.append(f"not measured: {quantity}{at}{which}; what is left decides")
+    return said
+
+
+def _stretch(strains: np.ndarray, exponent: float) -> np.ndarray:
+    return np.exp(strains) if exponent == 0 else (1 + exponent * strains) ** (1 / exponent)
+
+
+def _unusual(quantity: str, stretch: np.ndarray) -> list[str]:
+    mean, (low, high) = ((stretch**2 - 1) / 2).mean(), GREEN_MEANS[quantity]
+    if low <= mean <= high:
+        return []
+    return [
+        f"the mean {quantity} strain is {mean:.3f} (Green); simulated hearts with factors from "
+        f"0.1 to 5 have {low:g} to {high:g}: check frame, unit and strain measure"
+    ]
+
+
+def _slips(rows: pd.DataFrame) -> list[str]:
+    size = rows["value"].abs()
+    ratio = size / size.median()
+    return [
+        f"{rows['output'][i]} is {rows['value'][i]:.3g}, {factor:.3g} times the median of its "
+        "direction: check its unit"
+        for i, factor in ratio.items()
+        if not 1 / SLIP <= factor <= SLIP
+    ]
+
+
+def _growth(full: pd.DataFrame, stretches: dict, cavity_ml: float, wall_ml: float) -> list[str]:
+    volume = full.loc[full["quantity"] == "volume", "value"]
+    if volume.empty or not {"circumferential", "longitudinal"} <= set(stretches):
+        return []
+    lines = stretches["circumferential"].mean() ** 2 * stretches["longitudinal"].mean()
+    inner = wall_ml / 4
+    volumes = (cavity_ml + inner) / (volume.iloc[0] + inner)
+    low, high = GROWTH
+    if low <= lines / volumes <= high:
+        return []
+    return [
+        f"by the strains the ventricle with the inner quarter of its wall grows {1 / lines:.2f} "
+        f"times, by its volumes ({cavity_ml:.0f} to {volume.iloc[0]:.0f} mL) {1 / volumes:.2f} "
+        "times: strains, volume and geometry are not of the same two frames, or a unit is wrong"
+    ]

@@ -1,0 +1,32 @@
+"""Measured tables of synthetic subjects, and their truth, which lies apart."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from regional_lv.channels import Channels
+from regional_lv.measured.tables import make_table
+
+
+def synthetic_subject(
+    outputs: np.ndarray, channels: Channels, noise: dict, unit_noise: np.ndarray
+) -> pd.DataFrame:
+    """Measured table of a simulated ventricle: `outputs` plus noise.
+
+    outputs: (D,) of the `channels`; noise: its scales, by the quantities' `noise`, in their units,
+    which also become the `sd` of the table; what has no scale is not measured. unit_noise: (D,) of
+    unit scale.
+    """
+    sd = np.array([noise.get(channel.kind.noise) for channel in channels], dtype=float)
+    table = make_table(channels, np.asarray(outputs) + sd * unit_noise)
+    table["sd"] = sd
+    table["source"] = "synthetic"
+    return table[table["sd"].notna()].reset_index(drop=True)
+
+
+def write_truth(path: str | Path, theta: dict, effects: dict, noise: dict, seed: int) -> None:
+    """Write what a synthetic subject was made from, as JSON."""
+    truth = {"theta": theta, "effects": effects, "noise": noise, "seed": seed}
+    Path(path).write_text(json.dumps(truth, indent=2) + "\n")

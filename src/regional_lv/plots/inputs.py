@@ -1,0 +1,79 @@
+"""What a study is given: the heart with its segments, and the measured strains on bullseyes."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pyvista
+from matplotlib.axes import Axes
+from matplotlib.colors import Normalize
+
+from regional_lv import aha
+from regional_lv.parameters import Parameterisation
+from regional_lv.plots import bullseye, heart, style
+from regional_lv.quantities import QUANTITIES
+
+SUBDIVISION = 3
+"""Straight-edged cells per edge of a quadratic element."""
+
+OF_THE_HEART = 2
+"""Columns that show the heart itself."""
+
+
+@style.context
+def draw(
+    mesh: Path, tables: Mapping[str, pd.DataFrame], parameters: Parameterisation, png: Path
+) -> None:
+    """Draw the mesh `mesh` (VTU, mm) cut open, the numbers of its segments, and of every subject a
+    row of bullseyes: its strains at end diastole, one per direction, in percent.
+
+    tables: measured tables (as of `read_measured`) by subject.
+    """
+    directions = [name for name, kind in QUANTITIES.items() if kind.is_strain]
+    rows, columns = max(1, len(tables)), OF_THE_HEART + len(directions)
+    fig = style.figure(3.0 * columns, 3.6 * rows)
+    axes = fig.subplots(rows, columns, squeeze=False)
+    for ax in axes.ravel():
+        ax.set_axis_off()
+    _heart(axes[0, 0], mesh, parameters)
+    zones = [parameters.zone_of(segment.number) for segment in aha.SEGMENTS]
+    numbers = [str(segment.number) for segment in aha.SEGMENTS]
+    colours = [parameters.colours[zone] for zone in zones]
+    bullseye.paint(axes[0, 1], colours, numbers, parameters)
+    axes[0, 1].set_title("AHA segments, seen from the apex")
+    for row, (subject, table) in zip(axes, tables.items(), strict=False):
+        full = table[table["load_fraction"] == 1]
+        volume = full.loc[full["quantity"] == "volume", "value"]
+        head = subject if volume.empty else f"{subject}, {volume.iloc[0]:.0f} mL"
+        for ax, direction in zip(row[OF_THE_HEART:], directions, strict=True):
+            own = full[full["quantity"] == direction]
+            _strains(ax, own)
+            ax.set_title(f"{head}\n{direction} strain {'(%)' if len(own) else 'not measured'}")
+    fig.savefig(png, dpi=style.DPI, format="png", facecolor="white", metadata={"Software": None})
+
+
+def _heart(ax: Axes, mesh: Path, parameters: Parameterisation) -> None:
+    grid = heart.cut(_grid(mesh))
+    colours = [pyvista.Color(colour).int_rgb for colour in parameters.colours.values()]
+    zone = parameters.segment_zone[np.asarray(grid.cell_data["segment"]) - 1]
+    ax.imshow(heart.render(grid, np.array(colours)[zone]))
+    ax.set_title("Unloaded heart, cut open")
+
+
+def _grid(mesh: Path) -> pyvista.UnstructuredGrid:
+    """The wall; a mesh that was kept as it came has straight cells already."""
+    grid = pyvista.read(mesh)
+    straight = grid.celltypes == pyvista.CellType.HEXAHEDRON
+    return (
+        grid.extract_cells(straight) if straight.any() else heart.straight_cells(mesh, SUBDIVISION)
+    )
+
+
+def _strains(ax: Axes, rows: pd.DataFrame) -> None:
+    values = np.full(len(aha.SEGMENTS), np.nan)
+    values[rows["segment"].to_numpy(int) - 1] = 100 * rows["value"]
+    labels = [f"{value:.0f}" if np.isfinite(value) else "" for value in values]
+    known = values[np.isfinite(values)]
+    norm = Normalize(*(known.min(), known.max()) if len(known) else (0, 1))
+    bullseye.paint_values(ax, values, norm, "viridis", labels)

@@ -1,0 +1,254 @@
+"""Strain curves: known deformations, both references, the choice of the frame, and bad input."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from regional_lv.channels import Channels
+from regional_lv.errors import InputError
+from regional_lv.measured import import_curves, read_curve_subject, read_measured
+from regional_lv.parameters import Parameterisation
+
+FRAMES = 20
+END_SYSTOLE = 7
+CONTRACTION = np.array(
+    [
+        *(0, 0.1, 0.3, 0.55, 0.8, 0.92, 0.98, 1, 0.97, 0.95),
+        *(0.7, 0.45, 0.3, 0.25, 0.2, 0.15, 0.1, 0.04, 0.02, 0.01),
+    ]
+)
+"""Share of the greatest contraction by frame: end diastole, systole, isovolumic, filling."""
+FIRST_FILLING = 10
+
+DIRECTIONS = ("circumferential", "radial", "longitudinal")
+AXES = {"circumferential": (0.8, 0.6, 0.0), "radial": (-0.6, 0.8, 0.0), "longitudinal": (0, 0, 1)}
+
+
+def deformation(share: float) -> np.ndarray:
+    """Volume-preserving F (3, 3) from end diastole to a contracted frame, with shear."""
+    shear = np.array([[1, 0, 0.2 * share], [0, 1, 0], [0.1 * share, 0, 1]])
+    turned = np.column_stack(list(AXES.values()))
+    stretches = np.diag([1 - 0.2 * share, 1 / ((1 - 0.2 * share) * (1 - 0.15 * share)), 1])
+    stretches[2, 2] -= 0.15 * share
+    return shear @ turned @ stretches @ turned.T
+
+
+STRETCHES = np.array(
+    [
+        [np.linalg.norm(deformation(share) @ np.array(axis)) for axis in AXES.values()]
+        for share in CONTRACTION
+    ]
+)
+"""Length of the lines along the axes over that at end diastole, (frames, 3)."""
+
+
+@pytest.fixture
+def write(tmp_path):
+    """Write curves of two segments; `change` edits the table before."""
+
+    def write(reference=0, measure="engineering", unit="percent", clock="frame", change=None):
+        stretches = STRETCHES / STRETCHES[reference]
+        strains = stretches - 1 if measure == "engineering" else (stretches**2 - 1) / 2
+        scale = 100 if unit == "percent" else 1
+        table = pd.DataFrame({clock: np.arange(FRAMES) + 1})
+        for segment in (3, 16):
+            for k, direction in enumerate(DIRECTIONS):
+                table[f"{direction}_{segment:02d}"] = scale * strains[:, k]
+        table = table if change is None else change(table)
+        table.to_csv(tmp_path / "curves.csv", index=False)
+        return {
+            "curves": str(tmp_path / "curves.csv"),
+            "unit": unit,
+            "measure": measure,
+            "reference": "end_diastole" if reference == 0 else "end_systole",
+            "frame": FIRST_FILLING + 1,
+            "end_diastole_frame": None,
+            "volume_ml": 180.0,
+            "sd": {"strain": 0.02, "volume": None},
+        }
+
+    return write
+
+
+def looking_back() -> np.ndarray:
+    """(F^-T F^-1 - I) / 2 of the way from the unloaded frame to end diastole, along the axes."""
+    F = np.linalg.inv(deformation(CONTRACTION[FIRST_FILLING]))
+    inverse = np.linalg.inv(F)
+    E = (inverse.T @ inverse - np.eye(3)) / 2
+    return np.array([axis @ E @ axis for axis in map(np.array, AXES.values())])
+
+
+@pytest.mark.parametrize("unit", ["percent", "fraction"])
+@pytest.mark.parametrize("measure", ["engineering", "green"])
+@pytest.mark.parametrize("reference", [0, END_SYSTOLE])
+def test_known_deformation_gives_its_strain_whatever_the_export(write, reference, measure, unit):
+    table = read_curve_subject(write(reference, measure, unit))
+    assert table["output"].tolist() == [
+        "volume_ml",
+        *(f"{direction}_{segment}" for segment in ("03", "16") for direction in DIRECTIONS),
+    ]
+    np.testing.assert_allclose(table["value"][1:], np.tile(looking_back(), 2), rtol=1e-9)
+    assert table["value"][0] == 180 and np.isnan(table["sd"][0])
+    assert (table["sd"][1:] == 0.02).all()
+
+
+@pytest.mark.parametrize("exponent", [1.0, 0.0, -2.0])
+def test_other_strain_measures_are_of_the_same_stretch(write, exponent):
+    value = read_curve_subject(write(), strain_exponent=exponent)["value"][1:4].to_numpy()
+    stretch = np.sqrt(1 + 2 * looking_back())
+    expected = (stretch**exponent - 1) / exponent if exponent else np.log(stretch)
+    np.testing.assert_allclose(value, expected, rtol=1e-9)
+
+
+@pytest.mark.parametrize("reference", [0, END_SYSTOLE])
+def test_earliest_diastole_is_the_first_frame_that_fills(write, reference):
+    chosen = read_curve_subject(write(reference))
+    found = read_curve_subject(write(reference) | {"frame": "earliest_diastole"})
+    pd.testing.assert_frame_equal(found, chosen)
+    assert chosen["source"][1] == "curves.csv, frame 11"
+
+
+def test_frames_are_counted_where_only_times_are_given(write):
+    by_time = read_curve_subject(write(clock="time_ms"))
+    np.testing.assert_array_equal(by_time["value"], read_curve_subject(write())["value"])
+
+
+def test_cycle_that_begins_at_end_systole(write):
+    def rotate(table):
+        rolled = pd.concat([table[END_SYSTOLE:], table[:END_SYSTOLE]])
+        return rolled.assign(frame=table["frame"].to_numpy())
+
+    subject = write(END_SYSTOLE, change=rotate)
+    subject |= {"frame": "earliest_diastole", "end_diastole_frame": FRAMES - END_SYSTOLE + 1}
+    value = read_curve_subject(subject)["value"][1:4]
+    np.testing.assert_allclose(value, looking_back(), rtol=1e-9)
+
+
+def test_names_of_columns_may_be_written_in_other_ways_and_comments_are_allowed(write):
+    subject = write()
+    with open(subject["curves"]) as file:
+        text = file.read()
+    with open(subject["curves"], "w") as file:
+        file.write("# of a made-up heart\n" + text.replace("radial_03", "Radial 3"))
+    assert "radial_03" in read_curve_subject(subject)["output"].tolist()
+
+
+@pytest.mark.filterwarnings("ignore::regional_lv.measured.MeasuredWarning")
+def test_measured_file_of_curves_is_read_like_any_other(write, tmp_path):
+    subject, channels = write(), Channels.of()
+    import_curves(
+        subject["curves"], subject, channels, 2.0, Parameterisation(), tmp_path / "measured.csv"
+    )
+    table = read_measured(tmp_path / "measured.csv", channels, 8.0)
+    np.testing.assert_allclose(table["value"][1:4], looking_back(), rtol=1e-9)
+
+
+def setting(column, value, rows=slice(None)):
+    def change(table):
+        table = table.astype(object)
+        table.loc[table.index[rows], column] = value
+        return table
+
+    return change
+
+
+def negated(*columns):
+    return lambda table: table.assign(**{c: -table[c] for c in columns})
+
+
+CIRCUMFERENTIAL = ("circumferential_03", "circumferential_16")
+
+MISTAKES = {
+    # how the file is written, how the table is changed, what the subject says, what is said
+    "percent called fraction": ({}, None, {"unit": "fraction"}, "set unit: percent"),
+    "fraction called percent": (
+        {"unit": "fraction"},
+        None,
+        {"unit": "percent"},
+        "set unit: fraction",
+    ),
+    "curve that ends early": (
+        {},
+        setting("radial_03", "", slice(15, None)),
+        {},
+        "line 17: column `radial_03` has 15 values for 20 frames",
+    ),
+    "no curve": ({}, setting("radial_03", ""), {}, "column `radial_03` is empty; remove it"),
+    "word": ({}, setting("radial_03", "x", 4), {}, "line 6: column `radial_03`: `x` is not"),
+    "unknown column": (
+        {},
+        lambda t: t.assign(Ecc_01=0),
+        {},
+        "line 1: column `Ecc_01` is not known",
+    ),
+    "segment 18": ({}, lambda t: t.assign(radial_18=0), {}, "no AHA segment 18; use 1 to 17"),
+    "same twice": ({}, lambda t: t.assign(radial_3=0), {}, "radial_03 stands twice"),
+    "no clock": ({}, lambda t: t.drop(columns="frame"), {}, "no column `frame` nor `time`"),
+    "unsorted": ({}, setting("frame", 1, 4), {}, "line 6: frame 1 does not follow 4; sort"),
+    "two frames": ({}, lambda t: t[:2], {}, "export the whole cycle"),
+    "missing frame": ({}, None, {"frame": 40}, "there is no frame 40; the frames go from 1 to 20"),
+    "end diastole": (
+        {},
+        None,
+        {"frame": 1},
+        "as large as at end diastole; the unloaded",
+    ),
+    "ends in systole": (
+        {},
+        lambda t: t[:9],
+        {"frame": "earliest_diastole"},
+        "end in frame 9, before the ventricle fills",
+    ),
+    "end systole called end diastole": (
+        {"reference": END_SYSTOLE},
+        None,
+        {"reference": "end_diastole"},
+        "not zero in frame 1 (end diastole), and the reference is end_diastole; set reference",
+    ),
+    "end diastole called end systole": (
+        {},
+        None,
+        {"reference": "end_systole"},
+        "zero in frame 1 (end diastole), and the reference is end_systole; set reference: end_dia",
+    ),
+    "shortening called positive": (
+        {},
+        negated(*CIRCUMFERENTIAL),
+        {},
+        "by its circumferential curves, so that they have the wrong sign",
+    ),
+    "shortening called positive, end systole": (
+        {"reference": END_SYSTOLE},
+        negated(*CIRCUMFERENTIAL),
+        {},
+        "by its circumferential curves, so that they have the wrong sign",
+    ),
+    "one wrong sign": (
+        {},
+        negated("circumferential_03"),
+        {"frame": 8},
+        "line 9: circumferential_03 is 0.216",
+    ),
+    "impossible": (
+        {},
+        setting("radial_03", -120, 3),
+        {},
+        "line 5: radial_03 is -1.2: no engin",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", MISTAKES)
+def test_mistake_names_file_place_and_remedy(write, name):
+    how, change, said, message = MISTAKES[name]
+    subject = write(**how, change=change) | said
+    with pytest.raises(InputError) as error:
+        read_curve_subject(subject)
+    assert subject["curves"] in str(error.value)
+    assert message in str(error.value)
+
+
+def test_curves_that_the_study_does_not_observe(write):
+    channels = Channels.of(("volume", "circumferential", "longitudinal"))
+    with pytest.raises(InputError, match=r"radial_03 .*add it to observables\.quantities"):
+        read_curve_subject(write(), channels)
