@@ -75,7 +75,7 @@ LOGS = f"{R}/logs"
 # The emulator that scenarios, subjects and most figures use: `choose_final` makes it, where there
 # is something to choose by.
 EVALUATION = config["evaluation"]
-EMULATOR = "final" if EVALUATION else config["emulators"]["final"]
+EMULATOR = study_config.final_emulator(config)
 
 # What is inferred and what is observed: the objects, and the plain values that rules hand over.
 PARAMETERS = Parameterisation.from_config(config)

@@ -10,9 +10,11 @@ import click
 
 from regional_lv.cli.check import inspect
 from regional_lv.cli.folder import Mistakes, checkout, config_file, load
+from regional_lv.config import final_emulator
 
 RESULTS = {
-    "posterior": "posteriors/final/subjects/{subject}.nc",
+    "page": "pages/{subject}.html",
+    "posterior": "posteriors/{emulator}/subjects/{subject}.nc",
     "criticism": "criticism/{subject}/report.html",
 }
 """What a person looks at, per subject, below `results/<study>`."""
@@ -58,6 +60,6 @@ def run(name: str, cores: int, study: str, workflow: str | None, dry_run: bool) 
     folder = Path("results") / config["study"]
     for subject in config["subjects"]:
         for what, file in RESULTS.items():
-            place = folder / file.format(subject=subject)
+            place = folder / file.format(subject=subject, emulator=final_emulator(config))
             if place.is_file():
                 click.echo(f"{what} of {subject}: {place}")
