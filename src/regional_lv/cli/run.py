@@ -14,6 +14,7 @@ from regional_lv.cli.folder import Mistakes, checkout, config_file, load
 RESULTS = {
     "posterior": "posteriors/final/subjects/{subject}.nc",
     "criticism": "criticism/{subject}/report.html",
+    "page": "pages/{subject}.html",
 }
 """What a person looks at, per subject, below `results/<study>`."""
 
