@@ -119,7 +119,9 @@ def _table(name: str, config: dict, channels) -> pd.DataFrame:
 
 def _geometry(config: dict) -> str:
     geometry = config["geometry"]
-    return geometry["segments" if geometry["source"] == "segments" else "imported"]
+    if geometry["source"] == "segments":
+        return geometry["segments"]
+    return geometry["imported"]["file"]
 
 
 def _frames(name: str, config: dict) -> str:

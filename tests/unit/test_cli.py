@@ -1,0 +1,252 @@
+"""The command line: a folder written, filled in, checked and run, from anywhere."""
+
+import re
+
+import numpy as np
+import pandas as pd
+import pytest
+import yaml
+from click.testing import CliRunner
+from matplotlib.image import imread
+
+from regional_lv import data
+from regional_lv.channels import Channels
+from regional_lv.cli import main
+from regional_lv.geometry.table import read_segments
+from regional_lv.measured import read_measured
+from regional_lv.measured.plausibility import oddities, too_small
+
+CHANNELS = Channels.of()
+
+
+@pytest.fixture
+def call(tmp_path, monkeypatch):
+    """Call the command line in a folder of its own; the exit code and the lines that it says."""
+    monkeypatch.chdir(tmp_path)
+
+    def call(*arguments: str) -> tuple[int, list[str]]:
+        done = CliRunner().invoke(main, arguments)
+        assert done.exception is None or isinstance(done.exception, SystemExit), done.exception
+        assert "Traceback" not in done.output
+        return done.exit_code, done.output.splitlines()
+
+    return call
+
+
+@pytest.fixture
+def filled(call, tmp_path, smoke_config):
+    """The folder `hearts/anna`, filled in; `measured`: (text, replacement) in its measured file."""
+
+    def filled(measured=("", ""), segments=("", ""), **sections):
+        assert call("new", "hearts/anna")[0] == 0
+        folder = tmp_path / "hearts" / "anna"
+        config = yaml.safe_load((folder / "config.yaml").read_text())
+        config |= {"loading": {"pressure_mmhg": 8}, "mesh": smoke_config["mesh"]} | sections
+        (folder / "config.yaml").write_text(yaml.safe_dump(config))
+        template = data.path("measured_template.csv").read_text()
+        (folder / "measured.csv").write_text(template.replace(*measured))
+        table = (folder / "segments.csv").read_text()
+        (folder / "segments.csv").write_text(table.replace(*segments))
+        return folder
+
+    return filled
+
+
+def test_new_folder_holds_the_example_and_nothing_is_overwritten(call, tmp_path):
+    assert call("new", "hearts/anna")[0] == 0
+    folder = tmp_path / "hearts" / "anna"
+    own, example = (read_segments(t) for t in (folder / "segments.csv", "volunteer"))
+    numbers = ["wall_thickness_mm", "endo_radius_mm", "angle_from_deg", "z_bottom_mm"]
+    pd.testing.assert_frame_equal(own[numbers], example[numbers])
+    before = {file: file.read_text() for file in folder.iterdir()}
+    code, (line,) = call("new", "hearts/anna")
+    assert code == 1 and "nothing is overwritten" in line
+    assert {file: file.read_text() for file in folder.iterdir()} == before
+
+
+def test_new_name_has_to_be_usable(call, tmp_path):
+    code, (line,) = call("new", "my heart")
+    assert code == 1 and "not a usable name" in line
+    assert not list(tmp_path.iterdir())
+
+
+def test_every_channel_has_a_row_to_fill_in(call, tmp_path):
+    call("new", "anna")
+    file = tmp_path / "anna" / "measured.csv"
+    lines = [line for line in file.read_text().splitlines() if not line.startswith("#")]
+    assert lines[0] == "quantity,segment,value,unit,sd"
+    values = {"volume": "180", "radial": "40"}
+    for i, line in enumerate(lines[1:], start=1):
+        quantity, segment, value, unit, sd = line.split(",")
+        assert value == sd == ""
+        lines[i] = f"{quantity},{segment},{values.get(quantity, '-15')},{unit},"
+    file.write_text("\n".join(lines))
+    assert tuple(read_measured(file)["output"]) == CHANNELS.names
+
+
+def test_fresh_folder_is_told_what_to_fill_in(call):
+    call("new", "anna")
+    code, lines = call("check", "anna")
+    assert code == 1
+    pressure, measured = lines
+    assert pressure.startswith("anna/config.yaml: loading.pressure_mmhg: empty; fill in")
+    assert "C_a" in pressure and "doi" in pressure
+    assert "anna/measured.csv, line " in measured and "or remove the row" in measured
+
+
+def test_check_of_a_filled_folder_from_elsewhere(call, filled, monkeypatch, tmp_path):
+    folder = filled(("longitudinal,17,-12,%,2\n", ""))
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    code, lines = call("check", "../hearts/anna")
+    assert code == 0, lines
+    said = "\n".join(lines)
+    assert "patient: 51 of 52 channels" in said
+    assert "odd: patient: not measured: longitudinal 17" in said
+    assert "still is the example" in said
+    picture = imread(folder / "check.png")
+    # The heart, the segments, and three bullseyes: in every fifth of it something is drawn.
+    for part in np.array_split(picture[..., :3], 5, axis=1):
+        assert (part.min(-1) < 0.9).mean() > 0.2
+
+
+def test_curves_are_checked_and_the_frame_is_said(call, filled):
+    folder = filled()
+    rows = ["frame,circumferential_01,radial_01", "1,0,0", "2,-9,30", "3,-8.9,29", "4,-6,18"]
+    (folder / "curves.csv").write_text("\n".join(rows))
+    config = yaml.safe_load((folder / "config.yaml").read_text())
+    patient = {"source": "curves", "curves": "curves.csv", "unit": "percent"}
+    patient |= {"reference": "end_diastole", "frame": "earliest_diastole", "volume_ml": 180}
+    (folder / "config.yaml").write_text(yaml.safe_dump(config | {"subjects": {"anna": patient}}))
+    code, lines = call("check", "hearts/anna/config.yaml")
+    assert code == 0, lines
+    said = "\n".join(lines)
+    assert "anna: 3 of 52 channels; from frame 1, end diastole, back to frame 4" in said
+    assert "no sd of the strains" in said
+
+
+MISTAKES = {
+    # what is replaced in the measured file and the geometry table, sections; what is said
+    "volume below the cavity": (
+        {"measured": ("volume,,180", "volume,,90")},
+        ["subjects.patient: volume 90.0 mL, and the cavity of the unloaded geometry holds 10"],
+    ),
+    "table and key": (
+        {
+            "segments": ("1,basal anterior,12.43", "1,basal anterior,1.243"),
+            "design": {"lower": 3.0, "upper": 2.0},
+        },
+        [
+            r"geometry\.segments: hearts/anna/segments\.csv, line 11: wall_thickness_mm is 1\.243",
+            r"design\.lower: 3\.0 is not below design\.upper \(2\.0\); exchange them",
+        ],
+    ),
+    "file and table": (
+        {
+            "measured": ("circumferential,3,-16,%", "circumferential,3,-16,mm"),
+            "segments": ("0.0,-13.6", "0.0,-15.6"),
+        },
+        [
+            r"geometry\.segments: hearts/anna/segments\.csv, line 17: the mid level begins at z",
+            "subjects.patient.measured: hearts/anna/measured.csv, line 5: unit `mm` does not go",
+        ],
+    ),
+    "no table": (
+        {"geometry": {"segments": "none.csv"}},
+        ["geometry.segments: there is no file none.csv; give its path"],
+    ),
+    "unknown key": ({"loading": {"presure_mmhg": 8}}, ["loading.presure_mmhg: unknown key; did"]),
+}
+
+
+@pytest.mark.parametrize("name", MISTAKES)
+def test_each_mistake_is_one_line(call, filled, name):
+    change, expected = MISTAKES[name]
+    filled(**change)
+    code, lines = call("check", "hearts/anna")
+    assert code == 1
+    said = [line for line in lines if line.startswith("hearts/anna/config.yaml: ")]
+    said = [line.removeprefix("hearts/anna/config.yaml: ") for line in said]
+    said = [line for line in said if not line.startswith("study anna")]
+    assert len(said) == len(expected), said
+    for line, start in zip(said, expected, strict=True):
+        assert re.match(start, line)
+
+
+def test_folder_that_is_not_there(call):
+    code, (line,) = call("check", "nobody")
+    assert code == 1 and line.startswith("nobody: no folder with a config.yaml")
+
+
+def test_run_needs_the_project_and_a_study(call, filled, root, tmp_path):
+    filled()
+    code, (line,) = call("run", "hearts/anna", "--workflow", str(tmp_path))
+    assert code == 1 and "clone the project" in line
+    code, (line,) = call("run", "hearts/anna", "--study", "slow", "--workflow", str(root))
+    assert code == 1 and "choose one of" in line and "quick" in line
+
+
+def test_run_puts_the_folder_on_top_of_a_study(call, filled, root, capfd):
+    filled()
+    code, lines = call("run", "hearts/anna", "--dry-run", "--workflow", str(root))
+    jobs = capfd.readouterr().out
+    assert code == 0, lines
+    assert "Nothing has to be mended, see what is odd above." in lines
+    assert "input: hearts/anna/measured.csv" in jobs
+    assert "output: results/anna/measured/patient.csv" in jobs
+    assert "import_measured" in jobs and "simulate_subject" not in jobs
+
+
+# ----------------------------------------------------------------------- what is odd
+
+
+@pytest.fixture
+def table():
+    """The template's values as a measured table."""
+    return read_measured(data.path("measured_template.csv"))
+
+
+def odd(table, exponent=2.0, cavity=105.0):
+    return oddities(table, CHANNELS, 10, exponent, cavity, 123.0)
+
+
+def test_nothing_is_odd_about_the_template(table):
+    assert odd(table) == [] and too_small(table, 105.0) == ""
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda t: t[t["quantity"] != "volume"], "no volume: "),
+        (lambda t: t[t["quantity"] != "radial"], "not measured: radial; "),
+        (
+            lambda t: t[~t["output"].isin(["radial_01", "radial_07"])],
+            "not measured: radial 01, 07;",
+        ),
+        (lambda t: t.assign(sd=np.nan), "no sd of the strains"),
+        (
+            lambda t: t.assign(value=t["value"].where(t.index != 3, -0.0016)),
+            "circumferential_03 is",
+        ),
+        (lambda t: t.assign(value=t["value"].where(t.index != 0, 300.0)), "by the strains the ven"),
+        (
+            lambda t: t.assign(value=t["value"].where(t["quantity"] != "radial", 0.02)),
+            "the mean radial strain is 0.020",
+        ),
+        (
+            lambda t: t.assign(value=t["value"].where(t["quantity"] != "radial", 0.02)),
+            "cannot be those of a wall that keeps its volume",
+        ),
+    ],
+)
+def test_what_is_odd_is_said(table, change, said):
+    assert any(said in line for line in odd(change(table))), odd(change(table))
+
+
+def test_growth_does_not_depend_on_the_strain_measure(table):
+    strain = table["quantity"] != "volume"
+    lines = np.sqrt(1 + 2 * table["value"][strain]) - 1
+    engineering = table.assign(value=table["value"].where(~strain, lines))
+    said = [odd(t.replace(180.0, 300.0), n) for t, n in ((table, 2.0), (engineering, 1.0))]
+    green, nominal = ([line for line in s if "by the strains" in line] for s in said)
+    assert green == nominal != []
