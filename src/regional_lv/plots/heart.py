@@ -77,8 +77,10 @@ def _shape_functions(local: np.ndarray) -> np.ndarray:
 def cut(grid: pyvista.UnstructuredGrid) -> pyvista.UnstructuredGrid:
     """Without the half that faces the viewer."""
     angle = np.radians(VIEW_ANGLE_DEG)
-    normal = (np.cos(angle), np.sin(angle), 0.0)
-    return grid.clip(normal=normal, origin=(0, 0, 0), invert=True)
+    normal = np.array([np.cos(angle), np.sin(angle), 0.0])
+    # A tenth of a millimetre behind the axis: where segments end in the plane itself, the cut would
+    # show pieces of both.
+    return grid.clip(normal=normal, origin=-0.1 * normal, invert=True)
 
 
 def _borders(surface: pyvista.PolyData) -> pyvista.PolyData:
