@@ -83,12 +83,15 @@ def _shape_functions(local: np.ndarray) -> np.ndarray:
 
 def cut(grid: pyvista.UnstructuredGrid) -> pyvista.UnstructuredGrid:
     """Without the half that faces the viewer."""
-    return grid.clip(normal=_towards_viewer(), origin=(0, 0, 0), invert=True)
+    # A tenth of a millimetre behind the axis: where segments end in the plane itself, the cut would
+    # show pieces of both.
+    normal = _towards_viewer()
+    return grid.clip(normal=normal, origin=-0.1 * normal, invert=True)
 
 
 def is_kept(points: np.ndarray) -> np.ndarray:
     """Mask (n,) of the points (n, 3) in the half that `cut` leaves."""
-    return points @ _towards_viewer() <= 0
+    return points @ _towards_viewer() <= -0.1
 
 
 def _towards_viewer() -> np.ndarray:
