@@ -102,7 +102,7 @@ def draw(
     return fig.to_html(
         full_html=False,
         include_plotlyjs=False,
-        config={"displaylogo": False, "responsive": True, "scrollZoom": False},
+        config={"displayModeBar": False, "responsive": True, "scrollZoom": False},
         div_id="heart",
     )
 
