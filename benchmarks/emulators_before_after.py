@@ -77,20 +77,24 @@ def measure(arguments: argparse.Namespace, folder: Path) -> None:
     cases = timed("estimates", score, emulator, theta, y, study["map"], seed)
     cases.set_index(samples[: len(y)]).to_parquet(folder / "cases.parquet")
     count = arguments.local_cases if local else arguments.cases
-    posteriors, tables = folder / "posteriors.nc", {one: folder / f"{one}.csv" for one in TABLES}
-    timed(
-        "posteriors",
-        sample_set_batch,
-        *(file, arguments.test, "test", 0, 1, count, None),
-        *(study["test_posteriors"]["sampler"], study["nuts"], study["map"], seed, posteriors),
-    )
-    summarise_posteriors([posteriors], list(tables.values()))
-    covered = pd.read_csv(tables["coverage"]).set_index("parameter").loc["all"]
-    result |= covered[[c for c in covered.index if c.startswith("coverage95")]].to_dict()
-    result |= {"posteriors": int(covered["cases"]), "failed": int(covered["failed"])}
-    checks = pd.read_csv(tables["diagnostics"]).drop_duplicates("case")
-    result["by_nuts"] = int((checks["sampler"] == "nuts").sum())
-    result["posteriors_cpu_s"] *= 100 / result["posteriors"]
+    if count:
+        posteriors, tables = (
+            folder / "posteriors.nc",
+            {one: folder / f"{one}.csv" for one in TABLES},
+        )
+        timed(
+            "posteriors",
+            sample_set_batch,
+            *(file, arguments.test, "test", 0, 1, count, None),
+            *(study["test_posteriors"]["sampler"], study["nuts"], study["map"], seed, posteriors),
+        )
+        summarise_posteriors([posteriors], list(tables.values()))
+        covered = pd.read_csv(tables["coverage"]).set_index("parameter").loc["all"]
+        result |= covered[[c for c in covered.index if c.startswith("coverage95")]].to_dict()
+        result |= {"posteriors": int(covered["cases"]), "failed": int(covered["failed"])}
+        checks = pd.read_csv(tables["diagnostics"]).drop_duplicates("case")
+        result["by_nuts"] = int((checks["sampler"] == "nuts").sum())
+        result["posteriors_cpu_s"] *= 100 / result["posteriors"]
     source = Path(emulators.__file__).parents[2]
     files = dependencies.files(source, [f"emulators.{name}"], without={"emulators"})
     own = [Path(one) for one in files if Path(one).parent.name == "emulators"]
@@ -202,7 +206,7 @@ if __name__ == "__main__":
     parser.add_argument("folder", type=Path, help="for results")
     parser.add_argument("--before", type=Path, help="`src` of the version to compare with")
     parser.add_argument("--every", type=int, default=1, help="of this many training rows one")
-    parser.add_argument("--cases", type=int, default=20, help="posteriors")
+    parser.add_argument("--cases", type=int, default=20, help="posteriors; 0: none")
     parser.add_argument("--local-cases", type=int, default=8, help="posteriors of local emulators")
     parser.add_argument("--local-tests", type=int, default=40, help="test cases of the same")
     parser.add_argument("--seeds", type=int, nargs="+", default=[2026])
