@@ -1,11 +1,11 @@
 """Two versions of the code on the same simulations: errors, coverage and cost of every emulator.
 
-    git worktree add /tmp/before 7833712
+    git worktree add ../before 7833712
     snakemake --cores 2 --configfile config/paper_1500.yaml -- \
         results/paper_1500/screening/{train,test}.parquet
     python benchmarks/emulators_before_after.py config/paper_1500.yaml \
         results/paper_1500/screening/{train,test}.parquet results/before_after \
-        --before /tmp/before/src
+        --before ../before/src
 
 7833712 is the last commit whose emulators and samplers are all the project's own. Each version runs
 in processes of its own, with its own default settings and its own sampler; the functions called
