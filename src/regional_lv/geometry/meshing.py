@@ -181,7 +181,7 @@ def _node_places(corners, inner, parents):
 
 
 def write_gmsh(table, surfaces, mesh, path):
-    """Build the mesh, moved onto the surfaces, and write it for gmsh (ASCII, format 2.2)."""
+    """Build the mesh, moved onto the surfaces, and write it for gmsh (format 2.2)."""
     angles = _grid_angles(table, mesh["circumferential"])
     rings, levels, border = _rings(table, surfaces.endo_apex, mesh)
     plane, quads, segment = _bullseye(table, angles, rings, levels)
@@ -218,7 +218,7 @@ def write_gmsh(table, surfaces, mesh, path):
             field_data=names,
         ),
         fmt_version="2.2",
-        binary=False,
+        binary=True,  # meshio 5.3 writes no readable ASCII with NumPy 2
     )
 
 
