@@ -69,8 +69,6 @@ rule simulate_extension:
     benchmark:
         f"{R}/benchmarks/criticism/simulations/{{hypothesis}}-batch-{{batch}}.tsv"
     threads: 1
-    conda:
-        "../../envs/mechanics.yaml"
     script:
         "../scripts/call.py"
 
@@ -95,8 +93,6 @@ rule train_extension:
     benchmark:
         f"{R}/benchmarks/criticism/extensions/{{hypothesis}}.tsv"
     threads: 1
-    conda:
-        "../../envs/statistics.yaml"
     script:
         "../scripts/call.py"
 
@@ -121,8 +117,6 @@ rule inject_batch:
     benchmark:
         f"{R}/benchmarks/criticism/benchmark/inject-batch-{{batch}}.tsv"
     threads: 1
-    conda:
-        "../../envs/mechanics.yaml"
     script:
         "../scripts/call.py"
 
@@ -136,8 +130,6 @@ rule gather_injected:
         call="criticism.batches:gather",
     log:
         f"{LOGS}/criticism/benchmark/gather_injected.log",
-    conda:
-        "../../envs/statistics.yaml"
     script:
         "../scripts/call.py"
 
@@ -152,8 +144,6 @@ rule gather_truth:
         call="criticism.batches:gather",
     log:
         f"{LOGS}/criticism/benchmark/gather_truth.log",
-    conda:
-        "../../envs/statistics.yaml"
     script:
         "../scripts/call.py"
 
@@ -185,8 +175,6 @@ rule search_causes:
     benchmark:
         f"{R}/benchmarks/criticism/{{subject}}/search.tsv"
     threads: 1
-    conda:
-        "../../envs/statistics.yaml"
     script:
         "../scripts/call.py"
 
@@ -210,8 +198,6 @@ rule plan_confirmation:
     benchmark:
         f"{R}/benchmarks/criticism/{{subject}}/plan-{{turn}}.tsv"
     threads: 1
-    conda:
-        "../../envs/statistics.yaml"
     script:
         "../scripts/call.py"
 
@@ -236,8 +222,6 @@ rule simulate_sets:
     benchmark:
         f"{R}/benchmarks/criticism/{{subject}}/simulate-{{turn}}.tsv"
     threads: 1
-    conda:
-        "../../envs/mechanics.yaml"
     script:
         "../scripts/call.py"
 
@@ -261,8 +245,6 @@ rule conclude_criticism:
     benchmark:
         f"{R}/benchmarks/criticism/{{subject}}/conclude.tsv"
     threads: 1
-    conda:
-        "../../envs/statistics.yaml"
     script:
         "../scripts/call.py"
 
@@ -283,8 +265,6 @@ rule extend_study:
         subject="|".join(SUBJECTS) or "(?!)",
     log:
         f"{LOGS}/criticism/{{subject}}/extend.log",
-    conda:
-        "../../envs/statistics.yaml"
     script:
         "../scripts/call.py"
 
@@ -303,8 +283,6 @@ rule compare_extended:
         subject="|".join(SUBJECTS) or "(?!)",
     log:
         f"{LOGS}/criticism/{{subject}}/compare.log",
-    conda:
-        "../../envs/statistics.yaml"
     script:
         "../scripts/call.py"
 
@@ -326,8 +304,6 @@ rule report_criticism:
         subject="|".join(CRITICISED) or "(?!)",
     log:
         f"{LOGS}/criticism/report_{{subject}}.log",
-    conda:
-        "../../envs/figures.yaml"
     script:
         "../scripts/call.py"
 
@@ -353,8 +329,6 @@ rule search_benchmark:
     benchmark:
         f"{R}/benchmarks/criticism/benchmark/search-{{batch}}.tsv"
     threads: 1
-    conda:
-        "../../envs/statistics.yaml"
     script:
         "../scripts/call.py"
 
@@ -377,8 +351,6 @@ rule plan_benchmark:
     benchmark:
         f"{R}/benchmarks/criticism/benchmark/plan-{{batch}}-{{turn}}.tsv"
     threads: 1
-    conda:
-        "../../envs/statistics.yaml"
     script:
         "../scripts/call.py"
 
@@ -399,8 +371,6 @@ rule conclude_benchmark:
     benchmark:
         f"{R}/benchmarks/criticism/benchmark/conclude-{{batch}}.tsv"
     threads: 1
-    conda:
-        "../../envs/statistics.yaml"
     script:
         "../scripts/call.py"
 
@@ -419,8 +389,6 @@ rule score_benchmark:
         call="criticism.benchmark:score_benchmark",
     log:
         f"{LOGS}/criticism/benchmark/score_benchmark.log",
-    conda:
-        "../../envs/statistics.yaml"
     script:
         "../scripts/call.py"
 
@@ -439,7 +407,5 @@ rule plot_hidden_effects:
         call="plots.hidden_effects:draw",
     log:
         f"{LOGS}/criticism/benchmark/plot_hidden_effects.log",
-    conda:
-        "../../envs/figures.yaml"
     script:
         "../scripts/call.py"

@@ -22,8 +22,6 @@ if config["geometry"]["source"] == "segments":
             zones=PARAMETER_SPEC["zones"],
         log:
             f"{LOGS}/geometry/make_mesh.log",
-        conda:
-            "../../envs/geometry.yaml"
         script:
             "../scripts/call.py"
 
@@ -46,8 +44,6 @@ if config["geometry"]["source"] == "segments":
             zones=PARAMETER_SPEC["zones"],
         log:
             f"{LOGS}/geometry/make_finer_mesh.log",
-        conda:
-            "../../envs/geometry.yaml"
         script:
             "../scripts/call.py"
 
@@ -65,8 +61,6 @@ else:
             zones=PARAMETER_SPEC["zones"],
         log:
             f"{LOGS}/geometry/import_mesh.log",
-        conda:
-            "../../envs/geometry.yaml"
         script:
             "../scripts/call.py"
 
@@ -88,8 +82,6 @@ else:
                 zones=PARAMETER_SPEC["zones"],
             log:
                 f"{LOGS}/geometry/remesh.log",
-            conda:
-                "../../envs/geometry.yaml"
             script:
                 "../scripts/call.py"
 
@@ -109,7 +101,5 @@ else:
                 zones=PARAMETER_SPEC["zones"],
             log:
                 f"{LOGS}/geometry/keep_mesh.log",
-            conda:
-                "../../envs/geometry.yaml"
             script:
                 "../scripts/call.py"

@@ -20,8 +20,6 @@ rule solve_baseline:
         f"{LOGS}/mechanics/solve_baseline.log",
     benchmark:
         f"{R}/benchmarks/solve_baseline.tsv"
-    conda:
-        "../../envs/mechanics.yaml"
     script:
         "../scripts/call.py"
 
@@ -44,8 +42,6 @@ rule solve_anchors:
     benchmark:
         f"{R}/benchmarks/anchors/batch-{{batch}}.tsv"
     threads: 1
-    conda:
-        "../../envs/mechanics.yaml"
     script:
         "../scripts/call.py"
 
@@ -62,8 +58,6 @@ rule fit_predictor:
         f"{LOGS}/mechanics/fit_predictor.log",
     benchmark:
         f"{R}/benchmarks/fit_predictor.tsv"
-    conda:
-        "../../envs/statistics.yaml"
     script:
         "../scripts/call.py"
 
@@ -81,8 +75,6 @@ rule map_strains:
         physics=PHYSICS,
     log:
         f"{LOGS}/mechanics/map_strains.log",
-    conda:
-        "../../envs/mechanics.yaml"
     script:
         "../scripts/call.py"
 
@@ -99,7 +91,5 @@ rule calibrate_reference:
         physics=PHYSICS,
     log:
         f"{LOGS}/mechanics/calibrate_reference.log",
-    conda:
-        "../../envs/mechanics.yaml"
     script:
         "../scripts/call.py"

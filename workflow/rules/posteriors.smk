@@ -50,8 +50,6 @@ rule sample_posteriors:
     benchmark:
         f"{R}/benchmarks/posteriors/{{emulator}}/{{set}}/batch-{{batch}}.tsv"
     threads: 1
-    conda:
-        "../../envs/statistics.yaml"
     script:
         "../scripts/call.py"
 
@@ -67,8 +65,6 @@ rule summarise_posteriors:
         set=any_of(SETS),
     log:
         f"{LOGS}/posteriors/{{emulator}}/{{set}}/summarise.log",
-    conda:
-        "../../envs/statistics.yaml"
     script:
         "../scripts/call.py"
 
@@ -87,8 +83,6 @@ rule choose_final:
         wanted=config["emulators"]["final"],
     log:
         f"{LOGS}/posteriors/choose_final.log",
-    conda:
-        "../../envs/statistics.yaml"
     script:
         "../scripts/call.py"
 
@@ -107,8 +101,6 @@ rule adopt_test_posteriors:
         call="inference.choice:adopt",
     log:
         f"{LOGS}/posteriors/adopt_test_posteriors.log",
-    conda:
-        "../../envs/statistics.yaml"
     script:
         "../scripts/call.py"
 
@@ -130,8 +122,6 @@ rule classify_zones:
         set=any_of([*SCENARIOS, *NOISY]),
     log:
         f"{LOGS}/posteriors/{{emulator}}/{{set}}/classify_zones.log",
-    conda:
-        "../../envs/statistics.yaml"
     script:
         "../scripts/call.py"
 
@@ -151,8 +141,6 @@ rule score_classification:
         seed=config["seed"],
     log:
         f"{LOGS}/posteriors/{{emulator}}/{{set}}/score_classification.log",
-    conda:
-        "../../envs/statistics.yaml"
     script:
         "../scripts/call.py"
 
@@ -178,7 +166,5 @@ rule sample_subject:
     benchmark:
         f"{R}/benchmarks/posteriors/{{emulator}}/subjects/{{subject}}.tsv"
     threads: 1
-    conda:
-        "../../envs/statistics.yaml"
     script:
         "../scripts/call.py"

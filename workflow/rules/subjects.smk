@@ -17,8 +17,6 @@ rule simulate_subject:
         subject=subjects_from("synthetic"),
     log:
         f"{LOGS}/subjects/simulate_{{subject}}.log",
-    conda:
-        "../../envs/mechanics.yaml"
     script:
         "../scripts/call.py"
 
@@ -37,8 +35,6 @@ rule import_volunteer:
         subject=subjects_from("published_volunteer"),
     log:
         f"{LOGS}/subjects/import_{{subject}}.log",
-    conda:
-        "../../envs/statistics.yaml"
     script:
         "../scripts/call.py"
 
@@ -59,8 +55,6 @@ rule import_published_simulation:
         subject=subjects_from("published_simulation"),
     log:
         f"{LOGS}/subjects/import_{{subject}}.log",
-    conda:
-        "../../envs/statistics.yaml"
     script:
         "../scripts/call.py"
 
@@ -81,7 +75,5 @@ rule import_measured:
         subject=subjects_from("file"),
     log:
         f"{LOGS}/subjects/import_{{subject}}.log",
-    conda:
-        "../../envs/statistics.yaml"
     script:
         "../scripts/call.py"
