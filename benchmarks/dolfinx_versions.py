@@ -55,10 +55,10 @@ def compare(*paths: Path) -> None:
             f"in all, {one['cpu_s'].sum() / one['newton_steps'].sum():.3f} CPU s each, "
             f"{one['cold_steps']} for the cold start, simulator made in {one['made_s']:.1f} CPU s"
         )
-    for name in ("observables", "sensitivities"):
-        difference = np.abs(both[0][name] - both[1][name])
-        print(f"largest difference of {name}: volume {difference[:, 0].max():.2g} mL, ", end="")
-        print(f"strains {difference[:, 1:].max():.2g}")
+    differences = [np.abs(both[0][k] - both[1][k]) for k in ("observables", "sensitivities")]
+    print("largest difference of each simulation (mL, strains): observables, sensitivities")
+    for rows in zip(*differences, strict=True):
+        print("  " + ", ".join(f"{values.max():.1e}" for values in rows))
 
 
 if __name__ == "__main__":

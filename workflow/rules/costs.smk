@@ -12,7 +12,5 @@ rule tabulate_costs:
         call="tables.costs:tabulate_costs",
     log:
         f"{LOGS}/costs.log",
-    conda:
-        "../../envs/figures.yaml"
     script:
         "../scripts/call.py"

@@ -70,8 +70,6 @@ rule simulate_extension:
     benchmark:
         f"{R}/benchmarks/criticism/simulations/{{hypothesis}}-batch-{{batch}}.tsv"
     threads: 1
-    conda:
-        "../../envs/mechanics.yaml"
     script:
         "../scripts/call.py"
 
@@ -97,8 +95,6 @@ rule train_extension:
     benchmark:
         f"{R}/benchmarks/criticism/extensions/{{hypothesis}}.tsv"
     threads: 1
-    conda:
-        "../../envs/statistics.yaml"
     script:
         "../scripts/call.py"
 
@@ -123,8 +119,6 @@ rule inject_batch:
     benchmark:
         f"{R}/benchmarks/criticism/benchmark/inject-batch-{{batch}}.tsv"
     threads: 1
-    conda:
-        "../../envs/mechanics.yaml"
     script:
         "../scripts/call.py"
 
@@ -138,8 +132,6 @@ rule gather_injected:
         call="criticism.batches:gather",
     log:
         f"{LOGS}/criticism/benchmark/gather_injected.log",
-    conda:
-        "../../envs/statistics.yaml"
     script:
         "../scripts/call.py"
 
@@ -154,8 +146,6 @@ rule gather_truth:
         call="criticism.batches:gather",
     log:
         f"{LOGS}/criticism/benchmark/gather_truth.log",
-    conda:
-        "../../envs/statistics.yaml"
     script:
         "../scripts/call.py"
 
@@ -188,8 +178,6 @@ rule search_causes:
     benchmark:
         f"{R}/benchmarks/criticism/{{subject}}/search.tsv"
     threads: 1
-    conda:
-        "../../envs/statistics.yaml"
     script:
         "../scripts/call.py"
 
@@ -214,8 +202,6 @@ rule plan_confirmation:
     benchmark:
         f"{R}/benchmarks/criticism/{{subject}}/plan-{{turn}}.tsv"
     threads: 1
-    conda:
-        "../../envs/statistics.yaml"
     script:
         "../scripts/call.py"
 
@@ -241,8 +227,6 @@ rule simulate_sets:
     benchmark:
         f"{R}/benchmarks/criticism/{{subject}}/simulate-{{turn}}.tsv"
     threads: 1
-    conda:
-        "../../envs/mechanics.yaml"
     script:
         "../scripts/call.py"
 
@@ -267,8 +251,6 @@ rule conclude_criticism:
     benchmark:
         f"{R}/benchmarks/criticism/{{subject}}/conclude.tsv"
     threads: 1
-    conda:
-        "../../envs/statistics.yaml"
     script:
         "../scripts/call.py"
 
@@ -289,8 +271,6 @@ rule extend_study:
         subject="|".join(SUBJECTS) or "(?!)",
     log:
         f"{LOGS}/criticism/{{subject}}/extend.log",
-    conda:
-        "../../envs/statistics.yaml"
     script:
         "../scripts/call.py"
 
@@ -309,8 +289,6 @@ rule compare_extended:
         subject="|".join(SUBJECTS) or "(?!)",
     log:
         f"{LOGS}/criticism/{{subject}}/compare.log",
-    conda:
-        "../../envs/statistics.yaml"
     script:
         "../scripts/call.py"
 
@@ -332,8 +310,6 @@ rule report_criticism:
         subject="|".join(CRITICISED) or "(?!)",
     log:
         f"{LOGS}/criticism/report_{{subject}}.log",
-    conda:
-        "../../envs/figures.yaml"
     script:
         "../scripts/call.py"
 
@@ -359,8 +335,6 @@ rule search_benchmark:
     benchmark:
         f"{R}/benchmarks/criticism/benchmark/search-{{batch}}.tsv"
     threads: 1
-    conda:
-        "../../envs/statistics.yaml"
     script:
         "../scripts/call.py"
 
@@ -383,8 +357,6 @@ rule plan_benchmark:
     benchmark:
         f"{R}/benchmarks/criticism/benchmark/plan-{{batch}}-{{turn}}.tsv"
     threads: 1
-    conda:
-        "../../envs/statistics.yaml"
     script:
         "../scripts/call.py"
 
@@ -405,8 +377,6 @@ rule conclude_benchmark:
     benchmark:
         f"{R}/benchmarks/criticism/benchmark/conclude-{{batch}}.tsv"
     threads: 1
-    conda:
-        "../../envs/statistics.yaml"
     script:
         "../scripts/call.py"
 
@@ -425,8 +395,6 @@ rule score_benchmark:
         call="criticism.benchmark:score_benchmark",
     log:
         f"{LOGS}/criticism/benchmark/score_benchmark.log",
-    conda:
-        "../../envs/statistics.yaml"
     script:
         "../scripts/call.py"
 
@@ -445,7 +413,5 @@ rule plot_hidden_effects:
         call="plots.hidden_effects:draw",
     log:
         f"{LOGS}/criticism/benchmark/plot_hidden_effects.log",
-    conda:
-        "../../envs/figures.yaml"
     script:
         "../scripts/call.py"

@@ -12,8 +12,6 @@ rule make_design:
         seed=config["seed"],
     log:
         f"{LOGS}/design/make_design.log",
-    conda:
-        "../../envs/statistics.yaml"
     script:
         "../scripts/call.py"
 
@@ -33,7 +31,5 @@ rule draw_scenario:
         scenario=any_of(SCENARIOS),
     log:
         f"{LOGS}/design/draw_scenario-{{scenario}}.log",
-    conda:
-        "../../envs/statistics.yaml"
     script:
         "../scripts/call.py"

@@ -22,8 +22,6 @@ rule train_emulator:
     benchmark:
         f"{R}/benchmarks/emulators/{{emulator}}.tsv"
     threads: 1
-    conda:
-        "../../envs/statistics.yaml"
     script:
         "../scripts/call.py"
 
@@ -42,7 +40,5 @@ rule predict_test_set:
     log:
         f"{LOGS}/emulators/{{emulator}}/predict_{{set}}.log",
     threads: 1
-    conda:
-        "../../envs/statistics.yaml"
     script:
         "../scripts/call.py"

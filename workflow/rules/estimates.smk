@@ -27,8 +27,6 @@ rule estimate_parameters:
     benchmark:
         f"{R}/benchmarks/estimates/{{emulator}}_{{set}}.tsv"
     threads: 1
-    conda:
-        "../../envs/statistics.yaml"
     script:
         "../scripts/call.py"
 
@@ -44,8 +42,6 @@ rule measure_cost:
     log:
         f"{LOGS}/estimates/{{emulator}}/measure_cost.log",
     threads: 1
-    conda:
-        "../../envs/statistics.yaml"
     script:
         "../scripts/call.py"
 
@@ -66,8 +62,6 @@ if FROM_TABLES:
         log:
             f"{LOGS}/estimates/fit_reference.log",
         threads: 1
-        conda:
-            "../../envs/statistics.yaml"
         script:
             "../scripts/call.py"
 
@@ -85,8 +79,6 @@ if FROM_TABLES:
         log:
             f"{LOGS}/estimates/{{emulator}}/predict_{{set}}.log",
         threads: 1
-        conda:
-            "../../envs/statistics.yaml"
         script:
             "../scripts/call.py"
 
@@ -108,8 +100,6 @@ else:
         benchmark:
             f"{R}/benchmarks/estimates/{{emulator}}_simulated.tsv"
         threads: 1
-        conda:
-            "../../envs/mechanics.yaml"
         script:
             "../scripts/call.py"
 
@@ -129,8 +119,6 @@ checkpoint rank_emulators:
         estimator=config["emulators"]["shortlist"]["estimator"],
     log:
         f"{LOGS}/estimates/rank_emulators.log",
-    conda:
-        "../../envs/statistics.yaml"
     script:
         "../scripts/call.py"
 
@@ -163,8 +151,6 @@ rule compare_transforms:
         channels=OUTPUTS,
     log:
         f"{LOGS}/estimates/compare_transforms.log",
-    conda:
-        "../../envs/statistics.yaml"
     script:
         "../scripts/call.py"
 
@@ -192,8 +178,6 @@ rule measure_efficiency:
     benchmark:
         f"{R}/benchmarks/efficiency/{{emulator}}-{{transform}}.tsv"
     threads: 1
-    conda:
-        "../../envs/statistics.yaml"
     script:
         "../scripts/call.py"
 

@@ -267,8 +267,6 @@ for name, plot in PLOTS.items():
             **plot.get("wildcards", {}),
         log:
             f"{LOGS}/figures/{file}.log",
-        conda:
-            "../../envs/figures.yaml"
         script:
             "../scripts/call.py"
 

@@ -22,8 +22,6 @@ if config["geometry"]["source"] == "segments":
             zones=PARAMETER_SPEC["zones"],
         log:
             f"{LOGS}/geometry/make_mesh.log",
-        conda:
-            "../../envs/geometry.yaml"
         script:
             "../scripts/call.py"
 
@@ -46,8 +44,6 @@ if config["geometry"]["source"] == "segments":
             zones=PARAMETER_SPEC["zones"],
         log:
             f"{LOGS}/geometry/make_finer_mesh.log",
-        conda:
-            "../../envs/geometry.yaml"
         script:
             "../scripts/call.py"
 
@@ -70,8 +66,6 @@ elif config["geometry"]["source"] == "surfaces":
             zones=PARAMETER_SPEC["zones"],
         log:
             f"{LOGS}/geometry/mesh_surfaces.log",
-        conda:
-            "../../envs/geometry.yaml"
         script:
             "../scripts/call.py"
 
@@ -94,8 +88,6 @@ elif config["geometry"]["source"] == "surfaces":
             zones=PARAMETER_SPEC["zones"],
         log:
             f"{LOGS}/geometry/mesh_surfaces_finer.log",
-        conda:
-            "../../envs/geometry.yaml"
         script:
             "../scripts/call.py"
 
@@ -113,8 +105,6 @@ else:
             zones=PARAMETER_SPEC["zones"],
         log:
             f"{LOGS}/geometry/import_mesh.log",
-        conda:
-            "../../envs/geometry.yaml"
         script:
             "../scripts/call.py"
 
@@ -136,8 +126,6 @@ else:
                 zones=PARAMETER_SPEC["zones"],
             log:
                 f"{LOGS}/geometry/remesh.log",
-            conda:
-                "../../envs/geometry.yaml"
             script:
                 "../scripts/call.py"
 
@@ -157,7 +145,5 @@ else:
                 zones=PARAMETER_SPEC["zones"],
             log:
                 f"{LOGS}/geometry/keep_mesh.log",
-            conda:
-                "../../envs/geometry.yaml"
             script:
                 "../scripts/call.py"

@@ -21,8 +21,6 @@ rule solve_baseline:
         f"{LOGS}/mechanics/solve_baseline.log",
     benchmark:
         f"{R}/benchmarks/solve_baseline.tsv"
-    conda:
-        "../../envs/mechanics.yaml"
     script:
         "../scripts/call.py"
 
@@ -46,8 +44,6 @@ rule solve_anchors:
     benchmark:
         f"{R}/benchmarks/anchors/batch-{{batch}}.tsv"
     threads: 1
-    conda:
-        "../../envs/mechanics.yaml"
     script:
         "../scripts/call.py"
 
@@ -65,8 +61,6 @@ rule fit_predictor:
         f"{LOGS}/mechanics/fit_predictor.log",
     benchmark:
         f"{R}/benchmarks/fit_predictor.tsv"
-    conda:
-        "../../envs/statistics.yaml"
     script:
         "../scripts/call.py"
 
@@ -84,8 +78,6 @@ rule map_strains:
         physics=PHYSICS,
     log:
         f"{LOGS}/mechanics/map_strains.log",
-    conda:
-        "../../envs/mechanics.yaml"
     script:
         "../scripts/call.py"
 
@@ -102,7 +94,5 @@ rule calibrate_reference:
         physics=PHYSICS,
     log:
         f"{LOGS}/mechanics/calibrate_reference.log",
-    conda:
-        "../../envs/mechanics.yaml"
     script:
         "../scripts/call.py"

@@ -48,7 +48,5 @@ rule make_page:
         subject=any_of(SUBJECTS),
     log:
         f"{LOGS}/pages/{{subject}}.log",
-    conda:
-        "../../envs/statistics.yaml"
     script:
         "../scripts/call.py"

@@ -44,7 +44,5 @@ rule make_paper_comparison:
         threshold=config["reduction"]["explained_variance"],
     log:
         f"{LOGS}/tables/paper_comparison.log",
-    conda:
-        "../../envs/figures.yaml"
     script:
         "../scripts/call.py"

@@ -55,8 +55,6 @@ rule sample_posteriors:
     benchmark:
         f"{R}/benchmarks/posteriors/{{emulator}}/{{set}}/batch-{{batch}}.tsv"
     threads: 1
-    conda:
-        "../../envs/statistics.yaml"
     script:
         "../scripts/call.py"
 
@@ -72,8 +70,6 @@ rule summarise_posteriors:
         set=any_of(SETS),
     log:
         f"{LOGS}/posteriors/{{emulator}}/{{set}}/summarise.log",
-    conda:
-        "../../envs/statistics.yaml"
     script:
         "../scripts/call.py"
 
@@ -94,8 +90,6 @@ if EVALUATION:
             wanted=config["emulators"]["final"],
         log:
             f"{LOGS}/posteriors/choose_final.log",
-        conda:
-            "../../envs/statistics.yaml"
         script:
             "../scripts/call.py"
 
@@ -113,8 +107,6 @@ if EVALUATION:
             call="inference.choice:adopt",
         log:
             f"{LOGS}/posteriors/adopt_test_posteriors.log",
-        conda:
-            "../../envs/statistics.yaml"
         script:
             "../scripts/call.py"
 
@@ -135,8 +127,6 @@ rule classify_zones:
         set=any_of([*SCENARIOS, *NOISY]),
     log:
         f"{LOGS}/posteriors/{{emulator}}/{{set}}/classify_zones.log",
-    conda:
-        "../../envs/statistics.yaml"
     script:
         "../scripts/call.py"
 
@@ -156,8 +146,6 @@ rule score_classification:
         seed=config["seed"],
     log:
         f"{LOGS}/posteriors/{{emulator}}/{{set}}/score_classification.log",
-    conda:
-        "../../envs/statistics.yaml"
     script:
         "../scripts/call.py"
 
@@ -183,7 +171,5 @@ rule sample_subject:
     benchmark:
         f"{R}/benchmarks/posteriors/{{emulator}}/subjects/{{subject}}.tsv"
     threads: 1
-    conda:
-        "../../envs/statistics.yaml"
     script:
         "../scripts/call.py"

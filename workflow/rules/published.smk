@@ -9,7 +9,5 @@ rule fetch_published:
         file="|".join(FILES),
     log:
         f"{LOGS}/published/fetch-{{file}}.log",
-    conda:
-        "../../envs/statistics.yaml"
     script:
         "../scripts/fetch_published.py"

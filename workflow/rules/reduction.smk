@@ -13,7 +13,5 @@ rule fit_reduction:
         explained_variance=config["reduction"]["explained_variance"],
     log:
         f"{LOGS}/reduction/fit_reduction.log",
-    conda:
-        "../../envs/statistics.yaml"
     script:
         "../scripts/call.py"

@@ -22,8 +22,6 @@ if FROM_TABLES:
             set=any_of(["train", *SCORED, *TABLE_SETS]),
         log:
             f"{LOGS}/screening/{{set}}.log",
-        conda:
-            "../../envs/statistics.yaml"
         script:
             "../scripts/call.py"
 
@@ -48,7 +46,5 @@ else:
             set=any_of(SIMULATION_BATCHES),
         log:
             f"{LOGS}/screening/{{set}}.log",
-        conda:
-            "../../envs/statistics.yaml"
         script:
             "../scripts/call.py"

@@ -30,7 +30,5 @@ rule simulate_batch:
     benchmark:
         f"{R}/benchmarks/simulations/{{set}}/batch-{{batch}}.tsv"
     threads: 1
-    conda:
-        "../../envs/mechanics.yaml"
     script:
         "../scripts/call.py"

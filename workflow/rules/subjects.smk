@@ -18,8 +18,6 @@ rule simulate_subject:
         subject=subjects_from("synthetic"),
     log:
         f"{LOGS}/subjects/simulate_{{subject}}.log",
-    conda:
-        "../../envs/mechanics.yaml"
     script:
         "../scripts/call.py"
 
@@ -38,8 +36,6 @@ rule import_volunteer:
         subject=subjects_from("published_volunteer"),
     log:
         f"{LOGS}/subjects/import_{{subject}}.log",
-    conda:
-        "../../envs/statistics.yaml"
     script:
         "../scripts/call.py"
 
@@ -60,8 +56,6 @@ rule import_published_simulation:
         subject=subjects_from("published_simulation"),
     log:
         f"{LOGS}/subjects/import_{{subject}}.log",
-    conda:
-        "../../envs/statistics.yaml"
     script:
         "../scripts/call.py"
 
@@ -82,8 +76,6 @@ rule import_measured:
         subject=subjects_from("file"),
     log:
         f"{LOGS}/subjects/import_{{subject}}.log",
-    conda:
-        "../../envs/statistics.yaml"
     script:
         "../scripts/call.py"
 
@@ -104,7 +96,5 @@ rule import_curves:
         subject=subjects_from("curves"),
     log:
         f"{LOGS}/subjects/import_{{subject}}.log",
-    conda:
-        "../../envs/statistics.yaml"
     script:
         "../scripts/call.py"

@@ -112,8 +112,6 @@ for name, table in TABULATED.items():
             **table.get("params", {}),
         log:
             f"{LOGS}/tables/{file}.log",
-        conda:
-            "../../envs/figures.yaml"
         script:
             "../scripts/call.py"
 

@@ -22,8 +22,6 @@ rule compare_samplers:
     benchmark:
         f"{R}/benchmarks/posteriors/{{emulator}}/{{set}}/compare_samplers.tsv"
     threads: 1
-    conda:
-        "../../envs/statistics.yaml"
     script:
         "../scripts/call.py"
 
@@ -48,8 +46,6 @@ rule compare_subject:
     benchmark:
         f"{R}/benchmarks/posteriors/{{emulator}}/subjects/{{subject}}_sampler_agreement.tsv"
     threads: 1
-    conda:
-        "../../envs/statistics.yaml"
     script:
         "../scripts/call.py"
 
@@ -70,8 +66,6 @@ rule gather_agreement:
         call="inference.agreement:gather",
     log:
         f"{LOGS}/posteriors/{{emulator}}/gather_agreement.log",
-    conda:
-        "../../envs/statistics.yaml"
     script:
         "../scripts/call.py"
 
@@ -96,8 +90,6 @@ rule calibrate_chain:
     benchmark:
         f"{R}/benchmarks/posteriors/{{emulator}}/calibrate_chain.tsv"
     threads: 1
-    conda:
-        "../../envs/statistics.yaml"
     script:
         "../scripts/call.py"
 
@@ -114,8 +106,6 @@ rule pick_draws:
         seed=config["seed"],
     log:
         f"{LOGS}/design/pick_draws.log",
-    conda:
-        "../../envs/statistics.yaml"
     script:
         "../scripts/call.py"
 
@@ -132,8 +122,6 @@ rule resimulate_draws:
         call="inference.resimulation:compare_resimulated",
     log:
         f"{LOGS}/posteriors/resimulate_draws.log",
-    conda:
-        "../../envs/statistics.yaml"
     script:
         "../scripts/call.py"
 
@@ -160,8 +148,6 @@ rule sample_noise_prior:
     benchmark:
         f"{R}/benchmarks/posteriors/{{emulator}}/subjects/noise_prior/{{subject}}-{{scale}}.tsv"
     threads: 1
-    conda:
-        "../../envs/statistics.yaml"
     script:
         "../scripts/call.py"
 
@@ -178,7 +164,5 @@ rule compare_noise_priors:
         subject=any_of(NOISE_INFERRED),
     log:
         f"{LOGS}/posteriors/{{emulator}}/subjects/{{subject}}_noise_prior.log",
-    conda:
-        "../../envs/statistics.yaml"
     script:
         "../scripts/call.py"

@@ -46,8 +46,6 @@ rule verify_land:
         f"{LOGS}/verification/verify_land.log",
     benchmark:
         f"{R}/benchmarks/verify_land.tsv"
-    conda:
-        "../../envs/mechanics.yaml"
     script:
         "../scripts/call.py"
 
@@ -71,8 +69,6 @@ rule make_refined_mesh:
         zones=PARAMETER_SPEC["zones"],
     log:
         f"{LOGS}/verification/make_refined_mesh-{{refinement}}.log",
-    conda:
-        "../../envs/geometry.yaml"
     script:
         "../scripts/call.py"
 
@@ -90,8 +86,6 @@ rule solve_refined_heart:
         f"{LOGS}/verification/solve_refined_heart-{{refinement}}.log",
     benchmark:
         f"{R}/benchmarks/solve_refined_heart-{{refinement}}.tsv"
-    conda:
-        "../../envs/mechanics.yaml"
     script:
         "../scripts/call.py"
 
@@ -109,8 +103,6 @@ rule verify_convergence:
         f"{LOGS}/verification/verify_convergence.log",
     benchmark:
         f"{R}/benchmarks/verify_convergence.tsv"
-    conda:
-        "../../envs/mechanics.yaml"
     script:
         "../scripts/call.py"
 
@@ -126,8 +118,6 @@ rule plot_land:
         call="plots.land:draw",
     log:
         f"{LOGS}/verification/plot_land.log",
-    conda:
-        "../../envs/figures.yaml"
     script:
         "../scripts/call.py"
 
@@ -143,8 +133,6 @@ rule plot_convergence:
         call="plots.convergence:draw",
     log:
         f"{LOGS}/verification/plot_convergence.log",
-    conda:
-        "../../envs/figures.yaml"
     script:
         "../scripts/call.py"
 
@@ -166,8 +154,6 @@ rule make_study_mesh:
         zones=PARAMETER_SPEC["zones"],
     log:
         f"{LOGS}/verification/make_study_mesh-{{mesh}}.log",
-    conda:
-        "../../envs/geometry.yaml"
     script:
         "../scripts/call.py"
 
@@ -186,8 +172,6 @@ rule observe_mesh:
         f"{LOGS}/verification/observe_mesh-{{mesh}}.log",
     benchmark:
         f"{R}/benchmarks/observe_mesh-{{mesh}}.tsv"
-    conda:
-        "../../envs/mechanics.yaml"
     script:
         "../scripts/call.py"
 
@@ -204,8 +188,6 @@ rule compare_meshes:
         channels=OUTPUTS,
     log:
         f"{LOGS}/verification/compare_meshes.log",
-    conda:
-        "../../envs/mechanics.yaml"
     script:
         "../scripts/call.py"
 
@@ -220,8 +202,6 @@ rule plot_mesh_study:
         call="plots.mesh_study:draw",
     log:
         f"{LOGS}/verification/plot_mesh_study.log",
-    conda:
-        "../../envs/figures.yaml"
     script:
         "../scripts/call.py"
 
@@ -244,7 +224,5 @@ if config["geometry"]["source"] == "mesh" and IMPORTED["remesh"]:
             f"{LOGS}/verification/verify_imported_mesh.log",
         benchmark:
             f"{R}/benchmarks/verify_imported_mesh.tsv"
-        conda:
-            "../../envs/mechanics.yaml"
         script:
             "../scripts/call.py"

@@ -20,7 +20,7 @@ RIM_FACE = [1, 2, 6, 5, 9, 18, 13, 17, 21]
 
 
 def write(table, surfaces, layers, lines, path):
-    """The mesh, moved onto the surfaces, in gmsh's format (ASCII, 2.2).
+    """The mesh, moved onto the surfaces, in gmsh's format (2.2).
 
     lines: (angles, rings, levels, border, first, outline), where its lines run, as `meshing` has
     them; layers: elements through the wall.
@@ -60,7 +60,7 @@ def write(table, surfaces, layers, lines, path):
             field_data=names,
         ),
         fmt_version="2.2",
-        binary=False,
+        binary=True,  # meshio 5.3 writes no readable ASCII with NumPy 2
     )
 
 

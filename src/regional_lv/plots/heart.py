@@ -1,5 +1,6 @@
 """Pictures of the left ventricle's mesh in three dimensions, for the figures that show it."""
 
+from ctypes import CDLL
 from pathlib import Path
 
 import numpy as np
@@ -100,6 +101,17 @@ def _towards_viewer() -> np.ndarray:
     return np.array([np.cos(angle), np.sin(angle), 0.0])
 
 
+def _require_rendering() -> None:
+    """Raise InputError where VTK finds nothing to draw with, and would end the process."""
+    try:
+        CDLL("libEGL.so.1")
+    except OSError as error:
+        raise InputError(
+            "pictures in three dimensions need the system's libEGL; install the package libegl1 "
+            "(Debian, Ubuntu) or mesa-libEGL (Fedora)"
+        ) from error
+
+
 def borders_of(surface: pyvista.PolyData, of: str) -> pyvista.PolyData:
     """Edges between faces whose cell data `of` differ."""
     faces = surface.regular_faces
@@ -126,6 +138,7 @@ def render(
     grid = grid.copy()
     grid.cell_data["rgb"] = np.asarray(rgb, dtype=np.uint8)
     surface = grid.extract_surface(algorithm="dataset_surface").triangulate()
+    _require_rendering()
     plotter = pyvista.Plotter(off_screen=True, window_size=PIXELS)
     plotter.background_color = "white"
     plotter.add_mesh(surface, scalars="rgb", rgb=True, ambient=0.55, diffuse=0.5, specular=0.05)
