@@ -139,6 +139,11 @@ def load(
     return complete
 
 
+def final_emulator(config: dict) -> str:
+    """Name of the files of the emulator that subjects, scenarios and figures use."""
+    return "final" if config["evaluation"] else config["emulators"]["final"]
+
+
 def physics(config: dict) -> dict:
     """What a checked configuration says of the simulator, as `make_simulator` takes it."""
     return {section: config[section] for section in PHYSICS} | {

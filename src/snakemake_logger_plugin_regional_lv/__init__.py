@@ -91,6 +91,6 @@ class LogHandler(LogHandlerBase):
             self._printed = now
             self._print(self._run.line(now))
 
-    @staticmethod
-    def _print(text: str) -> None:
-        print(text, file=sys.stderr, flush=True)
+    def _print(self, text: str) -> None:
+        """To the stream that Snakemake would use: of a dry run it is the standard output."""
+        print(text, file=sys.stdout if self.common_settings.stdout else sys.stderr, flush=True)

@@ -16,7 +16,6 @@ RESULTS = {
     "page": "pages/{subject}.html",
     "posterior": "posteriors/{emulator}/subjects/{subject}.nc",
     "criticism": "criticism/{subject}/report.html",
-    "page": "pages/{subject}.html",
 }
 """What a person looks at, per subject, below `results/<study>`."""
 
