@@ -70,7 +70,7 @@ bench-simulator: env
 lint: env
 	ruff check .
 	ruff format --check .
-	snakemake --lint --configfile config/smoke.yaml
+	python tests/workflow/lint.py config/smoke.yaml
 
 format: env
 	ruff check --fix .
