@@ -191,7 +191,7 @@ def test_run_puts_the_folder_on_top_of_a_study(call, filled, root, capfd):
     code, lines = call("run", "hearts/anna", "--dry-run", "--workflow", str(root))
     jobs = capfd.readouterr().out
     assert code == 0, lines
-    assert "Nothing has to be mended, see what is odd above." in lines
+    assert "Nothing has to be corrected, see what is odd above." in lines
     assert "input: hearts/anna/measured.csv" in jobs
     assert "output: results/anna/measured/patient.csv" in jobs
     assert "import_measured" in jobs and "simulate_subject" not in jobs

@@ -3,14 +3,18 @@ turned and shifted frame, and everything that is refused."""
 
 import json
 import logging
+import runpy
+import shutil
 
 import numpy as np
 import pandas as pd
 import pytest
 import pyvista
+from click.testing import CliRunner
 from scipy.spatial.transform import Rotation
 
 from regional_lv import config as study_config
+from regional_lv.cli.check import check
 from regional_lv.errors import InputError
 from regional_lv.geometry.from_surfaces import LEVEL_ENDS, mesh_surfaces
 from regional_lv.geometry.mesh import BASE, ENDOCARDIUM, EPICARDIUM, read_mesh
@@ -370,3 +374,15 @@ def test_bad_config(given, message):
     with pytest.raises(InputError) as error:
         study_config.load(config)
     assert message in str(error.value)
+
+
+def test_the_example_is_checked_from_any_folder(tmp_path, monkeypatch, root):
+    """Its paths count from the folder of its configuration."""
+    shutil.copytree(root / "config/examples/surfaces", tmp_path / "mine")
+    runpy.run_path(str(tmp_path / "mine/make_surfaces.py"), run_name="__main__")
+    monkeypatch.chdir(tmp_path)
+    done = CliRunner().invoke(check, ["mine/config.yaml"])
+    assert done.exit_code == 0, done.output
+    assert "geometry mine/endocardium.stl and mine/epicardium.stl" in done.output
+    assert "cavity 86.7 mL, wall 109.2 mL" in done.output
+    assert (tmp_path / "mine/check.png").stat().st_size > 20_000

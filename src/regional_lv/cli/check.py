@@ -73,7 +73,7 @@ def inspect(path: Path, config: dict) -> None:
     lines = [f"{path}: subjects.{name}: {said}" for name, said in mistakes.items() if said]
     if lines:
         raise Mistakes("\n".join(lines))
-    click.echo(f"Nothing has to be mended{', see what is odd above' if odd else ''}.")
+    click.echo(f"Nothing has to be corrected{', see what is odd above' if odd else ''}.")
 
 
 def _odd_heart(config: dict) -> list[str]:
@@ -121,6 +121,9 @@ def _geometry(config: dict) -> str:
     geometry = config["geometry"]
     if geometry["source"] == "segments":
         return geometry["segments"]
+    if geometry["source"] == "surfaces":
+        surfaces = geometry["surfaces"]
+        return f"{surfaces['endocardium']} and {surfaces['epicardium']}"
     return geometry["imported"]["file"]
 
 
