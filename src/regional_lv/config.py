@@ -192,7 +192,7 @@ def _resolve(schema: dict, value, folders: Sequence[str | Path]):
         }
     if isinstance(value, list):
         return [_resolve(schema.get("items", {}), item, folders) for item in value]
-    if schema.get("path") and isinstance(value, str):
+    if schema.get("path") and isinstance(value, str) and not os.path.isabs(value):
         for folder in folders:
             if (Path(folder) / value).is_file():
                 return os.path.relpath(Path(folder) / value)
