@@ -26,7 +26,13 @@ NOT_PASSED = {"call", "library"}
 def function_of(call: str) -> Callable:
     """The function that `call`, such as `figures.recovery:draw`, names inside the package."""
     module, _, name = call.partition(":")
-    return getattr(importlib.import_module(f"{PACKAGE}.{module}"), name)
+    try:
+        imported = importlib.import_module(f"{PACKAGE}.{module}")
+    except FileNotFoundError:
+        # The first import of ArviZ on a day writes a file for the user, and one of two jobs that do
+        # so at the same moment finds its temporary file gone. The file is there the second time.
+        imported = importlib.import_module(f"{PACKAGE}.{module}")
+    return getattr(imported, name)
 
 
 def module_of(call: str) -> str:

@@ -27,6 +27,7 @@ from regional_lv.data import path as packaged  # noqa: E402
 from regional_lv.data import segment_table  # noqa: E402
 from regional_lv.design import scenario_size  # noqa: E402
 from regional_lv.errors import InputError  # noqa: E402
+from regional_lv.geometry.make import finer  # noqa: E402
 from regional_lv.jobs import module_of  # noqa: E402
 from regional_lv.measured import states_noise  # noqa: E402
 from regional_lv.parameters import Parameterisation  # noqa: E402
@@ -141,6 +142,14 @@ HEALTHY = {
 }
 
 IMPORTED = config["geometry"]["imported"]
+# Folder of the meshes and fields that hypotheses are simulated from: their own, if the config asks for
+# a mesh of their own and the geometry is meshed at all.
+EXTENDED_ON = (
+    "extensions/"
+    if config["criticism"]["mesh"]
+    and (config["geometry"]["source"] != "mesh" or config["geometry"]["imported"]["remesh"])
+    else ""
+)
 GIVEN_SURFACES = config["geometry"]["surfaces"]
 
 

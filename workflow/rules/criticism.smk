@@ -53,8 +53,8 @@ rule extensions:
 rule simulate_extension:
     """From the anchors' fields; the anchors of one batch at all values of one effect."""
     input:
-        mesh=f"{R}/geometry/mesh.vtu",
-        anchors=f"{R}/mechanics/anchors/batch-{{batch}}.npz",
+        mesh=f"{R}/geometry/{EXTENDED_ON}mesh.vtu",
+        anchors=f"{R}/mechanics/{EXTENDED_ON}anchors/batch-{{batch}}.npz",
         library=lambda wildcards: code_of(HYPOTHESES[wildcards.hypothesis]),
     output:
         simulations=f"{C}/simulations/{{hypothesis}}/batch-{{batch}}.parquet",

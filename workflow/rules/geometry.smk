@@ -1,7 +1,32 @@
 """The mesh of the left ventricle with AHA segments, zones, surfaces and fibres.
 
-Which rules there are depends on where the geometry comes from; one and only one makes mesh.vtu.
+Which rules there are depends on where the geometry comes from; one and only one makes the meshes.
 """
+
+# Meshes of the same ventricle, by the folder that they and what is solved on them are in.
+MESHES = {
+    "": config["mesh"],
+    "finer/": finer(config["mesh"]),
+    "extensions/": config["mesh"] | config["criticism"]["mesh"],
+}
+MADE = {
+    name: f"{R}/geometry/{{mesh_folder}}{file}"
+    for name, file in {
+        "msh": "mesh.msh",
+        "vtu": "mesh.vtu",
+        "segments": "segments.csv",
+        "summary": "summary.json",
+    }.items()
+}
+
+
+def mesh_of(wildcards):
+    return MESHES[wildcards.mesh_folder]
+
+
+wildcard_constraints:
+    mesh_folder=any_of(MESHES),
+
 
 if config["geometry"]["source"] == "segments":
 
@@ -9,41 +34,16 @@ if config["geometry"]["source"] == "segments":
         input:
             table=SEGMENT_TABLE,
         output:
-            msh=f"{R}/geometry/mesh.msh",
-            vtu=f"{R}/geometry/mesh.vtu",
-            segments=f"{R}/geometry/segments.csv",
-            summary=f"{R}/geometry/summary.json",
+            **MADE,
         params:
             call="geometry.make:make_mesh",
             endo_apex_z_mm=config["geometry"]["endo_apex_z_mm"],
             epi_apex_z_mm=config["geometry"]["epi_apex_z_mm"],
-            mesh=config["mesh"],
+            mesh=mesh_of,
             fibres=config["fibres"],
             zones=PARAMETER_SPEC["zones"],
         log:
-            f"{LOGS}/geometry/make_mesh.log",
-        script:
-            "../scripts/call.py"
-
-    rule make_finer_mesh:
-        """What synthetic hearts are simulated on, apart from the study's own errors."""
-        input:
-            table=SEGMENT_TABLE,
-        output:
-            msh=f"{R}/geometry/finer/mesh.msh",
-            vtu=f"{R}/geometry/finer/mesh.vtu",
-            segments=f"{R}/geometry/finer/segments.csv",
-            summary=f"{R}/geometry/finer/summary.json",
-        params:
-            call="geometry.make:make_mesh",
-            endo_apex_z_mm=config["geometry"]["endo_apex_z_mm"],
-            epi_apex_z_mm=config["geometry"]["epi_apex_z_mm"],
-            mesh=config["mesh"],
-            refined=True,
-            fibres=config["fibres"],
-            zones=PARAMETER_SPEC["zones"],
-        log:
-            f"{LOGS}/geometry/make_finer_mesh.log",
+            f"{LOGS}/geometry/{{mesh_folder}}make_mesh.log",
         script:
             "../scripts/call.py"
 
@@ -54,40 +54,15 @@ elif config["geometry"]["source"] == "surfaces":
             endocardium=GIVEN_SURFACES["endocardium"],
             epicardium=GIVEN_SURFACES["epicardium"],
         output:
-            msh=f"{R}/geometry/mesh.msh",
-            vtu=f"{R}/geometry/mesh.vtu",
-            segments=f"{R}/geometry/segments.csv",
-            summary=f"{R}/geometry/summary.json",
+            **MADE,
         params:
             call="geometry.from_surfaces:mesh_surfaces",
             surfaces=GIVEN_SURFACES,
-            mesh=config["mesh"],
+            mesh=mesh_of,
             fibres=config["fibres"],
             zones=PARAMETER_SPEC["zones"],
         log:
-            f"{LOGS}/geometry/mesh_surfaces.log",
-        script:
-            "../scripts/call.py"
-
-    rule mesh_surfaces_finer:
-        """What synthetic hearts are simulated on, apart from the study's own errors."""
-        input:
-            endocardium=GIVEN_SURFACES["endocardium"],
-            epicardium=GIVEN_SURFACES["epicardium"],
-        output:
-            msh=f"{R}/geometry/finer/mesh.msh",
-            vtu=f"{R}/geometry/finer/mesh.vtu",
-            segments=f"{R}/geometry/finer/segments.csv",
-            summary=f"{R}/geometry/finer/summary.json",
-        params:
-            call="geometry.from_surfaces:mesh_surfaces",
-            surfaces=GIVEN_SURFACES,
-            mesh=config["mesh"],
-            refined=True,
-            fibres=config["fibres"],
-            zones=PARAMETER_SPEC["zones"],
-        log:
-            f"{LOGS}/geometry/mesh_surfaces_finer.log",
+            f"{LOGS}/geometry/{{mesh_folder}}mesh_surfaces.log",
         script:
             "../scripts/call.py"
 
@@ -114,18 +89,15 @@ else:
             input:
                 imported=f"{R}/geometry/imported.vtu",
             output:
-                msh=f"{R}/geometry/mesh.msh",
-                vtu=f"{R}/geometry/mesh.vtu",
-                segments=f"{R}/geometry/segments.csv",
-                summary=f"{R}/geometry/summary.json",
-                fit=f"{R}/geometry/fit.csv",
+                **MADE,
+                fit=f"{R}/geometry/{{mesh_folder}}fit.csv",
             params:
                 call="geometry.from_mesh:remesh",
-                mesh=config["mesh"],
+                mesh=mesh_of,
                 fibres=config["fibres"],
                 zones=PARAMETER_SPEC["zones"],
             log:
-                f"{LOGS}/geometry/remesh.log",
+                f"{LOGS}/geometry/{{mesh_folder}}remesh.log",
             script:
                 "../scripts/call.py"
 

@@ -1,26 +1,31 @@
 """Where every simulation starts: a cold inflation, anchors, and the fields predicted from them."""
 
-ANCHOR_BATCHES = batches(
-    min(config["simulations"]["anchors"], config["design"]["natural"] + config["design"]["log"]),
-    config["simulations"]["batch_size"],
-)
+ANCHORS = min(config["simulations"]["anchors"], config["design"]["natural"] + config["design"]["log"])
+# Two at least: nothing else can be simulated before the anchors.
+ANCHOR_BATCHES = batches(ANCHORS, min(config["simulations"]["batch_size"], -(-ANCHORS // 2)))
+
+
+def anchors_on(wildcards):
+    """How many: those of hypotheses on a mesh of their own, those of the study on the others."""
+    most = config["criticism"]["anchors"]
+    return min(ANCHORS, most or ANCHORS) if wildcards.mesh_folder == "extensions/" else ANCHORS
 
 
 rule solve_baseline:
     """Also compiles the forms once, before many processes ask for them at the same time."""
     input:
-        mesh=f"{R}/geometry/mesh.vtu",
+        mesh=f"{R}/geometry/{{mesh_folder}}mesh.vtu",
     output:
-        start=f"{R}/mechanics/baseline.npz",
-        summary=f"{R}/mechanics/baseline.json",
+        start=f"{R}/mechanics/{{mesh_folder}}baseline.npz",
+        summary=f"{R}/mechanics/{{mesh_folder}}baseline.json",
     priority: FIRST
     params:
         call="simulations:solve_baseline",
         physics=PHYSICS,
     log:
-        f"{LOGS}/mechanics/solve_baseline.log",
+        f"{LOGS}/mechanics/{{mesh_folder}}solve_baseline.log",
     benchmark:
-        f"{R}/benchmarks/solve_baseline.tsv"
+        f"{R}/benchmarks/{{mesh_folder}}solve_baseline.tsv"
     script:
         "../scripts/call.py"
 
@@ -28,21 +33,21 @@ rule solve_baseline:
 rule solve_anchors:
     """Each batch takes every so-manieth anchor, so that all batches span the box."""
     input:
-        mesh=f"{R}/geometry/mesh.vtu",
-        start=f"{R}/mechanics/baseline.npz",
+        mesh=f"{R}/geometry/{{mesh_folder}}mesh.vtu",
+        start=f"{R}/mechanics/{{mesh_folder}}baseline.npz",
         design=f"{R}/design/train.parquet",
     output:
-        fields=f"{R}/mechanics/anchors/batch-{{batch}}.npz",
+        fields=f"{R}/mechanics/{{mesh_folder}}anchors/batch-{{batch}}.npz",
     priority: FIRST
     params:
         call="simulations:solve_anchors",
         physics=PHYSICS,
-        anchors=config["simulations"]["anchors"],
+        anchors=anchors_on,
         batches=len(ANCHOR_BATCHES),
     log:
-        f"{LOGS}/mechanics/solve_anchors-{{batch}}.log",
+        f"{LOGS}/mechanics/{{mesh_folder}}solve_anchors-{{batch}}.log",
     benchmark:
-        f"{R}/benchmarks/anchors/batch-{{batch}}.tsv"
+        f"{R}/benchmarks/{{mesh_folder}}anchors/batch-{{batch}}.tsv"
     threads: 1
     script:
         "../scripts/call.py"

@@ -9,7 +9,7 @@ from regional_lv.errors import InputError
 from regional_lv.geometry.comparison import normal_distances, sample_surface
 from regional_lv.geometry.fitted import FittedSurfaces, StarSurface, aha_sectors
 from regional_lv.geometry.from_mesh import segment_table, write_summary, write_table
-from regional_lv.geometry.make import check_mesh_config, finer, mesh_between
+from regional_lv.geometry.make import check_mesh_config, mesh_between
 from regional_lv.geometry.mesh import ENDOCARDIUM, EPICARDIUM, SURFACES
 from regional_lv.geometry.summary import cavity_volume, segment_volumes, summarise_mesh
 from regional_lv.geometry.triangulated import SIDES, read_ventricle, triangle_points
@@ -43,7 +43,6 @@ def mesh_surfaces(
     segments,
     summary,
     zones=None,
-    refined=False,
 ):
     """Mesh a left ventricle through its endocardium and epicardium (STL, PLY or VTP).
 
@@ -52,7 +51,7 @@ def mesh_surfaces(
     endocardium, epicardium: paths of the two surfaces.
     surfaces: unit, base, septum and insertions, as `triangulated.read_ventricle` takes them; other
         keys are not used.
-    mesh, fibres, zones, refined: as in `make.make_mesh`.
+    mesh, fibres, zones: as in `make.make_mesh`.
     msh, vtu, segments, summary: files that are written, as in `make.make_mesh`. The summary has
         beside the mesh's figures those of the given surfaces, how far from them the mesh's are
         (`fit_mm`: largest and root mean square, normal to the surface), the thickness of the
@@ -75,7 +74,7 @@ def mesh_surfaces(
     made = mesh_between(
         sectors,
         fitted,
-        finer(mesh) if refined else mesh,
+        mesh,
         fibres,
         msh,
         vtu,

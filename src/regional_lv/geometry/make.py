@@ -60,14 +60,12 @@ def make_mesh(
     segments,
     summary,
     zones=None,
-    refined=False,
 ):
     """Make the parametric left ventricle from a segment table (CSV).
 
     `table` is its path, or the word `volunteer`; `mesh` holds circumferential (16, 24, 32, 40 or 48
     elements), basal, mid, apical, apex (rows of elements per level) and transmural (layers);
-    `fibres` the angles of `fibre_directions`; `zones`, if given, AHA segments by name; `refined`
-    takes `finer(mesh)` instead of `mesh`. Files that
+    `fibres` the angles of `fibre_directions`; `zones`, if given, AHA segments by name. Files that
     are written: `msh` for gmsh, `vtu` for ParaView, `segments` (CSV: what each segment became) and
     `summary` (JSON). The .vtu carries `segment`, `zone`, `surface` per cell and per point
     `transmural`, `longitudinal` (0 apex to 1 base) and the direction fields. Same input, same
@@ -76,7 +74,6 @@ def make_mesh(
     given = read_segments(table)
     check_apices(table, given, endo_apex_z_mm, epi_apex_z_mm)
     check_mesh_config(mesh)
-    mesh = finer(mesh) if refined else mesh
     surfaces = Surfaces(given, endo_apex_z_mm, epi_apex_z_mm)
     made = mesh_between(
         given,
