@@ -364,7 +364,11 @@ def ventricle_of(wildcards):
 
 def confirmations(folder, turns):
     """Simulations of the first `turns` rounds of a confirmation."""
-    return [f"{R}/criticism/{folder}/confirmation/simulations-{turn}.parquet" for turn in range(turns)]
+    return expand(
+        f"{R}/criticism/{folder}/confirmation/simulations-{{turn}}-{{part}}.parquet",
+        turn=range(turns),
+        part=range(CONFIRMED_IN),
+    )
 
 
 def known_theta(name):

@@ -22,6 +22,8 @@ INJECTED_MESH = (
     if config["geometry"]["source"] in study_config.MESHED_ANEW
     else f"{R}/geometry/mesh.vtu"
 )
+# Jobs that share the simulations of one round: all that follows waits for them.
+CONFIRMED_IN = 2
 TURNS = range(CRITICISM["confirmation"]["rounds"])
 STEP = {
     "settings": CRITICISM,
@@ -214,18 +216,19 @@ rule simulate_sets:
         predictor=f"{R}/mechanics/predictor.npz",
         design=f"{C}/{{subject}}/confirmation/design-{{turn}}.parquet",
     output:
-        simulations=f"{C}/{{subject}}/confirmation/simulations-{{turn}}.parquet",
+        simulations=f"{C}/{{subject}}/confirmation/simulations-{{turn}}-{{part}}.parquet",
     priority: FIRST
     params:
         call="criticism.injection:simulate_sets",
+        parts=CONFIRMED_IN,
         physics=PHYSICS,
         parameters=PARAMETER_SPEC,
     wildcard_constraints:
         subject="|".join([*CRITICISED, r"benchmark/batch-\d+"]),
     log:
-        f"{LOGS}/criticism/{{subject}}/simulate-{{turn}}.log",
+        f"{LOGS}/criticism/{{subject}}/simulate-{{turn}}-{{part}}.log",
     benchmark:
-        f"{R}/benchmarks/criticism/{{subject}}/simulate-{{turn}}.tsv"
+        f"{R}/benchmarks/criticism/{{subject}}/simulate-{{turn}}-{{part}}.tsv"
     threads: 1
     script:
         "../scripts/call.py"

@@ -289,15 +289,20 @@ def simulate_sets(
     design: str | Path,
     physics: Mapping,
     parameters,
+    part: str,
+    parts: int,
     simulations: str | Path,
 ) -> None:
-    """Simulate the design of a confirmation (Parquet); write it with the outputs.
+    """Simulate the `part` (from 0) of equal `parts` of a confirmation's design (Parquet); write it
+    with the outputs.
 
     mesh, predictor, physics, parameters: the study's. A simulation that fails is a row with its
     reason.
     """
     ventricles = Ventricles(mesh, physics, predictor)
     table = pd.read_parquet(design)
+    # Rows of one set follow one another, and a set has a simulator of its own.
+    table = table.iloc[np.array_split(np.arange(len(table)), parts)[int(part)]]
     simulate_design(table, ventricles, physics, parameters.names).to_parquet(
         simulations, index=False
     )
