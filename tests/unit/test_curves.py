@@ -159,7 +159,7 @@ def negated(*columns):
 CIRCUMFERENTIAL = ("circumferential_03", "circumferential_16")
 
 MISTAKES = {
-    # how the file is written, how the table is changed, what the subject says, what is said
+    # how the file is written, how the table is changed, the subject's keys, the message
     "percent called fraction": ({}, None, {"unit": "fraction"}, "set unit: percent"),
     "fraction called percent": (
         {"unit": "fraction"},
@@ -240,8 +240,8 @@ MISTAKES = {
 
 @pytest.mark.parametrize("name", MISTAKES)
 def test_mistake_names_file_place_and_remedy(write, name):
-    how, change, said, message = MISTAKES[name]
-    subject = write(**how, change=change) | said
+    how, change, given, message = MISTAKES[name]
+    subject = write(**how, change=change) | given
     with pytest.raises(InputError) as error:
         read_curve_subject(subject)
     assert subject["curves"] in str(error.value)

@@ -249,7 +249,7 @@ def torn(points, cells, segment):
         (scaled(0.001), "looks like one in metres, set geometry.imported.unit to m"),
         (scaled(0.1), "looks like one in centimetres, set geometry.imported.unit to cm"),
         (scaled(5), "between 30 and 200 are possible"),
-        (swapped, "element 7 inverted; mend"),
+        (swapped, "element 7 inverted; correct"),
         (flattened, "elements 4, 9 degenerate"),
         (lambda p, c, s: (p, c[:, [4, 5, 6, 7, 0, 1, 2, 3]], s), "every element is inside out"),
         (lambda p, c, s: (p, c, None), "has no cell data `segment`"),

@@ -26,7 +26,7 @@ rule solve_baseline:
 
 
 rule solve_anchors:
-    """Each batch takes every so-manieth anchor, so that all batches span the box."""
+    """Each batch takes every n-th anchor, so that all batches span the box."""
     input:
         mesh=f"{R}/geometry/mesh.vtu",
         start=f"{R}/mechanics/baseline.npz",

@@ -1,4 +1,4 @@
-"""Whether a cause could be seen in the data at all, and where it hides if not."""
+"""Whether a cause could be seen in the data at all, and which factors absorb it if not."""
 
 import math
 from dataclasses import dataclass

@@ -56,7 +56,7 @@ def draw(
     """The wall as an HTML element that plotly's script fills (not part of it), to turn and zoom.
 
     mesh: VTU of the unloaded heart. Buttons colour it by zone or by the `medians` of a factor
-    (parameter -> value). hover: what is said of each segment (17), as HTML of plotly's kind.
+    (parameter -> value). hover: the label of each segment (17), in plotly's HTML.
     """
     grid = heart.straight_cells(mesh, SUBDIVISION)
     surface = grid.extract_surface(algorithm="dataset_surface").triangulate()
