@@ -218,7 +218,7 @@ def test_file_of_a_linear_mesh(tmp_path, heart, smoke_config):
     parameters = Parameterisation.from_config(smoke_config)
     medians = dict.fromkeys(parameters.names, 1.0)
     div = heart3d.draw(names[0], parameters, medians, ["a segment"] * 17)
-    assert div.count('"type":"mesh3d"') == 17
+    assert div.count('"hovertemplate":"a segment') == 17
 
 
 # --- what is refused -------------------------------------------------------------------------

@@ -182,7 +182,8 @@ def _beside(points: np.ndarray, clear: float) -> np.ndarray:
     if np.hypot(x, y) < 0.3 * radius.max():
         return np.array([x, y, low - clear])
     height = (low + high) / 2
-    level = np.abs(points[:, 2] - height) <= max((high - low) / 4, 1.0)
+    off = np.abs(points[:, 2] - height)
+    level = off <= max((high - low) / 4, 1.0, off.min())  # a large element has no node near it
     outer = (radius[level].max() + clear) / np.hypot(x, y)
     return np.array([outer * x, outer * y, height])
 
