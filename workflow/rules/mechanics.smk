@@ -1,4 +1,4 @@
-"""Where every simulation starts: a cold inflation, anchors, and the fields predicted from them."""
+"""Where every simulation starts: an inflation, anchors, and the fields predicted from them."""
 
 ANCHOR_BATCHES = batches(
     min(config["simulations"]["anchors"], config["design"]["natural"] + config["design"]["log"]),
