@@ -484,7 +484,7 @@ def _check_model(config: dict, parameters: Parameterisation, channels: Channels)
         for name in asked:
             why_not = REGISTRY[name].why_not(described) if name in REGISTRY else ""
             if why_not:
-                yield f"criticism.hypotheses: {name} cannot be asked, {why_not}; remove it"
+                yield f"criticism.hypotheses: {name} cannot be tested, {why_not}; remove it"
 
 
 def _drop_impossible(config: dict, named: Iterable[str]) -> None:
@@ -749,7 +749,8 @@ def _check_scenarios(scenarios: dict, parameters: Parameterisation) -> Iterator[
         if not lower <= mean <= upper:
             yield (
                 f"scenarios.{key}: {mean:g} lies outside [{lower:g}, {upper:g}] (design.lower, "
-                "design.upper, parameters.bounds), where nothing is learnt; move it inside"
+                "design.upper, parameters.bounds), where there are no training simulations; move "
+                "it inside"
             )
     for name in sorted(set(scenarios["sets"]) & RESERVED):
         yield f"scenarios.sets.{name}: the name is taken by another set; choose another"

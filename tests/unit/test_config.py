@@ -397,7 +397,7 @@ def test_hypotheses_that_the_study_rules_out_are_refused_by_name():
     study = changed("supports.base.radial", 1.0)
     assert config.load(study | {"criticism": {"hypotheses": "all"}})
     with pytest.raises(
-        InputError, match=r"hypotheses: basal_motion cannot be asked, .*; remove it"
+        InputError, match=r"hypotheses: basal_motion cannot be tested, .*; remove it"
     ):
         config.load(study | {"criticism": {"hypotheses": ["basal_motion"]}})
     with pytest.raises(InputError, match="neither `all` nor a list of names"):

@@ -182,7 +182,7 @@ MISTAKES = {
         "line 1: column `Ecc_01` is not known",
     ),
     "segment 18": ({}, lambda t: t.assign(radial_18=0), {}, "no AHA segment 18; use 1 to 17"),
-    "same twice": ({}, lambda t: t.assign(radial_3=0), {}, "radial_03 stands twice"),
+    "same twice": ({}, lambda t: t.assign(radial_3=0), {}, "radial_03 occurs twice"),
     "no clock": ({}, lambda t: t.drop(columns="frame"), {}, "no column `frame` nor `time`"),
     "unsorted": ({}, setting("frame", 1, 4), {}, "line 6: frame 1 does not follow 4; sort"),
     "two frames": ({}, lambda t: t[:2], {}, "export the whole cycle"),
