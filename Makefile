@@ -4,7 +4,7 @@
 # make published  the statistical half on the paper's own simulations, no simulator needed
 # make smoke    every step once
 # make hidden-effects   effects injected into synthetic hearts, criticised blind, and the score
-# make test     lint, format, workflow lint, all tests
+# make test     lint, format, workflow lint, the documentation without warnings, all tests
 # make env      the environment (the targets above make it themselves)
 # make test-wheel   installation from wheels and the physics tests in a bare Debian 13 (as root)
 # make bench-simulator     what a simulation costs, beside cold load stepping
@@ -54,7 +54,7 @@ smoke: env
 hidden-effects: env
 	snakemake --cores "$$CORES" hidden_effects --configfile config/hidden_effects.yaml
 
-test: lint
+test: lint docs
 	@envs/install.sh test
 	pytest -n "$$CORES" --dist loadfile --no-loadscope-reorder
 

@@ -84,7 +84,7 @@ class Channels(Sequence):
         self._channels = tuple(channels)
         if len(set(self.names)) < len(self._channels):
             twice = sorted({n for n in self.names if self.names.count(n) > 1})
-            raise InputError(f"channels: {', '.join(twice)} stands twice; name each once")
+            raise InputError(f"channels: {', '.join(twice)} is listed twice; name each once")
 
     @classmethod
     def of(

@@ -159,7 +159,9 @@ def read(path: str | Path) -> dict:
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror}); check the path") from error
     except yaml.YAMLError as error:
-        raise InputError(f"{path}: not valid YAML; mend what the parser names: {error}") from error
+        raise InputError(
+            f"{path}: not valid YAML; correct what the parser names: {error}"
+        ) from error
     if not isinstance(content, dict):
         raise InputError(f"{path}: holds no keys; write at least `study: <name>`")
     return content
@@ -248,7 +250,7 @@ def _carry_over(config: dict) -> None:
     try:
         own = Parameterisation.from_config(config)
     except InputError:
-        return  # said with everything else
+        return  # reported with everything else
     if own.names == paper.names:
         return
     stress = next(p.factor for p in paper if p.scales_stress)
@@ -454,7 +456,7 @@ def _check_model(config: dict, parameters: Parameterisation, channels: Channels)
     design = config["design"]
     sizes = {"train": design["natural"] + design["log"], "test": design["test"]}
     if config["simulations"]["source"] == "table":
-        # What cannot be read has been said already.
+        # What cannot be read has been reported already.
         sizes = None if mistakes else _table_sizes(config)
     if sizes:
         yield from _check_sizes(config, sizes, least=len(parameters) + 2)
@@ -482,7 +484,7 @@ def _check_model(config: dict, parameters: Parameterisation, channels: Channels)
         for name in asked:
             why_not = REGISTRY[name].why_not(described) if name in REGISTRY else ""
             if why_not:
-                yield f"criticism.hypotheses: {name} cannot be asked, {why_not}; remove it"
+                yield f"criticism.hypotheses: {name} cannot be tested, {why_not}; remove it"
 
 
 def _drop_impossible(config: dict, named: Iterable[str]) -> None:
@@ -494,7 +496,7 @@ def _drop_impossible(config: dict, named: Iterable[str]) -> None:
         try:
             possible = not list(_check_effects(name, subject["effects"], config))
         except InputError:
-            return  # said with everything else
+            return  # reported with everything else
         if name not in named and not (possible and (again or subject["mesh"] == "study")):
             del config["synthetic_subjects"][name]
             config["subjects"].pop(name, None)
@@ -747,7 +749,8 @@ def _check_scenarios(scenarios: dict, parameters: Parameterisation) -> Iterator[
         if not lower <= mean <= upper:
             yield (
                 f"scenarios.{key}: {mean:g} lies outside [{lower:g}, {upper:g}] (design.lower, "
-                "design.upper, parameters.bounds), where nothing is learnt; move it inside"
+                "design.upper, parameters.bounds), where there are no training simulations; move "
+                "it inside"
             )
     for name in sorted(set(scenarios["sets"]) & RESERVED):
         yield f"scenarios.sets.{name}: the name is taken by another set; choose another"
@@ -786,7 +789,7 @@ def _check_geometry_files(geometry: dict) -> Iterator[str]:
             if not mistakes:
                 apices = (geometry[f"{wall}_apex_z_mm"] for wall in ("endo", "epi"))
                 mistakes = _complaints(check_apices, path, read_segments(path), *apices)
-            yield from (f"{key}: {said}" for said in mistakes)
+            yield from (f"{key}: {mistake}" for mistake in mistakes)
 
 
 def _check_surfaces(surfaces: dict) -> Iterator[str]:

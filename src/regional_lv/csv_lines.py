@@ -31,7 +31,7 @@ def read_lines(path: str | Path, required: Sequence[str] = ()) -> CsvLines:
     """Read a table; names and fields are without spaces around them.
 
     Raises InputError for a file that cannot be read, a column of `required` that it lacks, one that
-    stands twice, and rows that do not have a field for each column.
+    occurs twice, and rows that do not have a field for each column.
     """
     try:
         # utf-8-sig: spreadsheet programs begin a CSV with a byte order mark.
@@ -57,7 +57,7 @@ def read_lines(path: str | Path, required: Sequence[str] = ()) -> CsvLines:
             raise error_at(path, header, f"no column `{name}`; {remedy}")
     for name in columns:
         if columns.count(name) > 1:
-            raise error_at(path, header, f"column `{name}` stands twice; remove one of the two")
+            raise error_at(path, header, f"column `{name}` occurs twice; remove one of the two")
     for number, fields in rows:
         if len(fields) != len(columns) and any(fields):
             raise error_at(

@@ -5,6 +5,8 @@ import sys
 import time
 from pathlib import Path
 
+from regional_lv.errors import InputError
+
 FORMAT = "%(asctime)s %(levelname)s %(message)s"
 
 
@@ -30,7 +32,12 @@ def _ours_or_important(record: logging.LogRecord) -> bool:
 
 
 def _log_error(kind, error, traceback) -> None:
-    logging.getLogger(__name__).critical("stopped", exc_info=(kind, error, traceback))
+    """Bad input is the user's to correct, and its message says how; of all else, the traceback."""
+    log = logging.getLogger(__name__)
+    if isinstance(error, InputError):
+        log.critical("stopped: %s", error)
+    else:
+        log.critical("stopped", exc_info=(kind, error, traceback))
 
 
 class Progress:

@@ -95,7 +95,7 @@ def solve_anchors(
 ) -> None:
     """Solve a batch of a design's anchors; write their fields and tangents at every load.
 
-    A batch takes every so-manieth of the `anchors`, so that all batches span the box. fields (npz):
+    A batch takes every n-th of the `anchors`, so that all batches span the box. fields (npz):
     theta (n, P), and by load `fields@<load>` (n, size) and `tangents@<load>` (n, P, size), single
     precision. An anchor that fails is left out.
     """

@@ -315,7 +315,7 @@ def test_hearts_of_unknown_theta_share_the_cause():
 def test_known_noise_and_unknown_do_not_mix():
     emulator = ToyEmulator()
     tables = {"a": measured(emulator), "b": measured(emulator, known=False)}
-    with pytest.raises(InputError, match="criticise them apart"):
+    with pytest.raises(InputError, match="criticise them separately"):
         observe(tables, emulator, 1.0)
 
 

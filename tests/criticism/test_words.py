@@ -1,4 +1,4 @@
-"""What the findings say in words."""
+"""Findings as sentences."""
 
 import pytest
 
@@ -12,7 +12,7 @@ def channel(subject, value):
     }
 
 
-def said(channels, *names):
+def misfit_of(channels, *names):
     part = {
         **{"detected": True, "p_value": 0.001},
         "largest": [
@@ -25,13 +25,13 @@ def said(channels, *names):
 
 def test_a_channel_of_several_hearts_is_that_of_its_own_heart():
     hearts = [channel("first", 180.0), channel("second", 220.0)]
-    text = said(hearts, "second: volume_ml", "first: volume_ml")
+    text = misfit_of(hearts, "second: volume_ml", "first: volume_ml")
     assert "second: the volume is 220 where 200 +- 1.5" in text
     assert "first: the volume is 180 where 160 +- 1.5" in text
 
 
 def test_a_channel_of_one_heart_has_no_name_before_it():
-    text = said([channel("first", 180.0)], "volume_ml")
+    text = misfit_of([channel("first", 180.0)], "volume_ml")
     assert "Single channels: the volume is 180" in text
 
 

@@ -28,8 +28,8 @@ def places(transform: ThetaTransform) -> torch.Tensor:
 def test_jacobian_is_the_slope(transform):
     v = places(transform).requires_grad_()
     (slope,) = torch.autograd.grad(transform.theta(v).sum(), v)
-    said = transform.log_jacobian(v).detach()
-    torch.testing.assert_close(slope[:, 0].log(), said, atol=1e-6, rtol=0)
+    reported = transform.log_jacobian(v).detach()
+    torch.testing.assert_close(slope[:, 0].log(), reported, atol=1e-6, rtol=0)
     # In the root of theta, nowhere steeper than 1.
     assert (slope[:, 0] / transform.theta(v)[:, 0].detach().sqrt() <= 1 + 1e-9).all()
 

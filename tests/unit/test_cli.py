@@ -14,7 +14,7 @@ from regional_lv.channels import Channels
 from regional_lv.cli import main
 from regional_lv.geometry.table import read_segments
 from regional_lv.measured import read_measured
-from regional_lv.measured.plausibility import oddities, too_small
+from regional_lv.measured.plausibility import data_warnings, too_small
 
 CHANNELS = Channels.of()
 
@@ -100,17 +100,17 @@ def test_check_of_a_filled_folder_from_elsewhere(call, filled, monkeypatch, tmp_
     monkeypatch.chdir(tmp_path / "elsewhere")
     code, lines = call("check", "../hearts/anna")
     assert code == 0, lines
-    said = "\n".join(lines)
-    assert "patient: 51 of 52 channels" in said
-    assert "odd: patient: not measured: longitudinal 17" in said
-    assert "still is the example" in said
+    found = "\n".join(lines)
+    assert "patient: 51 of 52 channels" in found
+    assert "warning: patient: not measured: longitudinal 17" in found
+    assert "still is the example" in found
     picture = imread(folder / "check.png")
     # The heart, the segments, and three bullseyes: in every fifth of it something is drawn.
     for part in np.array_split(picture[..., :3], 5, axis=1):
         assert (part.min(-1) < 0.9).mean() > 0.2
 
 
-def test_curves_are_checked_and_the_frame_is_said(call, filled):
+def test_curves_are_checked_and_the_frame_is_reported(call, filled):
     folder = filled()
     rows = ["frame,circumferential_01,radial_01", "1,0,0", "2,-9,30", "3,-8.9,29", "4,-6,18"]
     (folder / "curves.csv").write_text("\n".join(rows))
@@ -120,13 +120,13 @@ def test_curves_are_checked_and_the_frame_is_said(call, filled):
     (folder / "config.yaml").write_text(yaml.safe_dump(config | {"subjects": {"anna": patient}}))
     code, lines = call("check", "hearts/anna/config.yaml")
     assert code == 0, lines
-    said = "\n".join(lines)
-    assert "anna: 3 of 52 channels; from frame 1, end diastole, back to frame 4" in said
-    assert "no sd of the strains" in said
+    found = "\n".join(lines)
+    assert "anna: 3 of 52 channels; from frame 1, end diastole, back to frame 4" in found
+    assert "no sd of the strains" in found
 
 
 MISTAKES = {
-    # what is replaced in the measured file and the geometry table, sections; what is said
+    # what is replaced in the measured file and the geometry table, sections; expected messages
     "volume below the cavity": (
         {"measured": ("volume,,180", "volume,,90")},
         ["subjects.patient: volume 90.0 mL, and the cavity of the unloaded geometry holds 10"],
@@ -165,11 +165,11 @@ def test_each_mistake_is_one_line(call, filled, name):
     filled(**change)
     code, lines = call("check", "hearts/anna")
     assert code == 1
-    said = [line for line in lines if line.startswith("hearts/anna/config.yaml: ")]
-    said = [line.removeprefix("hearts/anna/config.yaml: ") for line in said]
-    said = [line for line in said if not line.startswith("study anna")]
-    assert len(said) == len(expected), said
-    for line, start in zip(said, expected, strict=True):
+    found = [line for line in lines if line.startswith("hearts/anna/config.yaml: ")]
+    found = [line.removeprefix("hearts/anna/config.yaml: ") for line in found]
+    found = [line for line in found if not line.startswith("study anna")]
+    assert len(found) == len(expected), found
+    for line, start in zip(found, expected, strict=True):
         assert re.match(start, line)
 
 
@@ -191,13 +191,13 @@ def test_run_puts_the_folder_on_top_of_a_study(call, filled, root, capfd):
     code, lines = call("run", "hearts/anna", "--dry-run", "--workflow", str(root))
     jobs = capfd.readouterr().out
     assert code == 0, lines
-    assert "Nothing has to be corrected, see what is odd above." in lines
+    assert "No errors, but see the warnings above." in lines
     assert "input: hearts/anna/measured.csv" in jobs
     assert "output: results/anna/measured/patient.csv" in jobs
     assert "import_measured" in jobs and "simulate_subject" not in jobs
 
 
-# ----------------------------------------------------------------------- what is odd
+# ----------------------------------------------------------------------- warnings
 
 
 @pytest.fixture
@@ -206,16 +206,16 @@ def table():
     return read_measured(data.path("measured_template.csv"))
 
 
-def odd(table, exponent=2.0, cavity=105.0):
-    return oddities(table, CHANNELS, 10, exponent, cavity, 123.0)
+def warnings_of(table, exponent=2.0, cavity=105.0):
+    return data_warnings(table, CHANNELS, 10, exponent, cavity, 123.0)
 
 
-def test_nothing_is_odd_about_the_template(table):
-    assert odd(table) == [] and too_small(table, 105.0) == ""
+def test_the_template_causes_no_warning(table):
+    assert warnings_of(table) == [] and too_small(table, 105.0) == ""
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("change", "expected"),
     [
         (lambda t: t[t["quantity"] != "volume"], "no volume: "),
         (lambda t: t[t["quantity"] != "radial"], "not measured: radial; "),
@@ -239,14 +239,14 @@ def test_nothing_is_odd_about_the_template(table):
         ),
     ],
 )
-def test_what_is_odd_is_said(table, change, said):
-    assert any(said in line for line in odd(change(table))), odd(change(table))
+def test_unusual_values_cause_a_warning(table, change, expected):
+    assert any(expected in line for line in warnings_of(change(table))), warnings_of(change(table))
 
 
 def test_growth_does_not_depend_on_the_strain_measure(table):
     strain = table["quantity"] != "volume"
     lines = np.sqrt(1 + 2 * table["value"][strain]) - 1
     engineering = table.assign(value=table["value"].where(~strain, lines))
-    said = [odd(t.replace(180.0, 300.0), n) for t, n in ((table, 2.0), (engineering, 1.0))]
-    green, nominal = ([line for line in s if "by the strains" in line] for s in said)
+    found = [warnings_of(t.replace(180.0, 300.0), n) for t, n in ((table, 2.0), (engineering, 1.0))]
+    green, nominal = ([line for line in s if "by the strains" in line] for s in found)
     assert green == nominal != []

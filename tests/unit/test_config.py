@@ -397,7 +397,7 @@ def test_hypotheses_that_the_study_rules_out_are_refused_by_name():
     study = changed("supports.base.radial", 1.0)
     assert config.load(study | {"criticism": {"hypotheses": "all"}})
     with pytest.raises(
-        InputError, match=r"hypotheses: basal_motion cannot be asked, .*; remove it"
+        InputError, match=r"hypotheses: basal_motion cannot be tested, .*; remove it"
     ):
         config.load(study | {"criticism": {"hypotheses": ["basal_motion"]}})
     with pytest.raises(InputError, match="neither `all` nor a list of names"):
@@ -599,7 +599,7 @@ def test_measured_file_of_a_subject_is_checked_before_anything_runs(tmp_path):
     ("content", "remedy"),
     [
         ("", "write at least"),
-        ("study: [", "mend what the parser names"),
+        ("study: [", "correct what the parser names"),
         ("mine", "write at least"),
     ],
 )
@@ -667,10 +667,10 @@ def test_mistake_about_curves_is_named(tmp_path, name):
         "frame": "earliest_diastole",
     }
     config.load(changed("subjects", {"anna": curves}))
-    change, said = CURVE_MISTAKES[name]
+    change, expected = CURVE_MISTAKES[name]
     with pytest.raises(InputError) as error:
         config.load(changed("subjects", {"anna": curves | change}))
-    assert said in str(error.value)
+    assert expected in str(error.value)
 
 
 def test_curves_are_of_material_lines(tmp_path):

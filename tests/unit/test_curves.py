@@ -159,7 +159,7 @@ def negated(*columns):
 CIRCUMFERENTIAL = ("circumferential_03", "circumferential_16")
 
 MISTAKES = {
-    # how the file is written, how the table is changed, what the subject says, what is said
+    # how the file is written, how the table is changed, the subject's keys, the message
     "percent called fraction": ({}, None, {"unit": "fraction"}, "set unit: percent"),
     "fraction called percent": (
         {"unit": "fraction"},
@@ -182,7 +182,7 @@ MISTAKES = {
         "line 1: column `Ecc_01` is not known",
     ),
     "segment 18": ({}, lambda t: t.assign(radial_18=0), {}, "no AHA segment 18; use 1 to 17"),
-    "same twice": ({}, lambda t: t.assign(radial_3=0), {}, "radial_03 stands twice"),
+    "same twice": ({}, lambda t: t.assign(radial_3=0), {}, "radial_03 occurs twice"),
     "no clock": ({}, lambda t: t.drop(columns="frame"), {}, "no column `frame` nor `time`"),
     "unsorted": ({}, setting("frame", 1, 4), {}, "line 6: frame 1 does not follow 4; sort"),
     "two frames": ({}, lambda t: t[:2], {}, "export the whole cycle"),
@@ -240,8 +240,8 @@ MISTAKES = {
 
 @pytest.mark.parametrize("name", MISTAKES)
 def test_mistake_names_file_place_and_remedy(write, name):
-    how, change, said, message = MISTAKES[name]
-    subject = write(**how, change=change) | said
+    how, change, given, message = MISTAKES[name]
+    subject = write(**how, change=change) | given
     with pytest.raises(InputError) as error:
         read_curve_subject(subject)
     assert subject["curves"] in str(error.value)

@@ -92,3 +92,25 @@ def test_notebook_is_stored_with_its_outputs():
     outputs = [output for cell in code for output in cell["outputs"]]
     assert not any(output["output_type"] == "error" for output in outputs)
     assert sum("image/png" in output.get("data", {}) for output in outputs) == 2
+
+
+def test_page_of_the_papers_figures_is_complete():
+    text = (ROOT / "docs" / "paper_figures.md").read_text()
+    rows = re.findall(r"^\| (Figure|Table) (S?\d+) \|.*", text, flags=re.MULTILINE)
+    figures = [number for what, number in rows if what == "Figure"]
+    tables = [number for what, number in rows if what == "Table"]
+    assert figures == [*map(str, range(1, 13)), *(f"S{n}" for n in range(1, 7))]
+    assert tables == ["1", *(f"S{n}" for n in range(1, 7))]
+    plots, captions = ROOT / "src" / "regional_lv" / "plots", ROOT / "workflow" / "report"
+    for name in re.findall(r"`plot_(\w+)`", text):
+        assert (plots / f"{name}.py").exists(), name
+    for name in re.findall(r"`make_table_(\w+)`", text):
+        assert (captions / f"table_{name}.rst").exists(), name
+
+
+def test_images_of_the_documentation_are_shown():
+    text = "\n".join(page.read_text() for page in PAGES)
+    waiting = re.findall(r"^\*Not here yet:\* `(\S+)`", text, flags=re.MULTILINE)
+    assert [name for name in waiting if (ROOT / "docs" / name).exists()] == []
+    images = {image.name for image in (ROOT / "docs").glob("*/*.png")}
+    assert images - set(re.findall(r"\]\([^)]*?([^/)]+\.png)\)", text)) == set()

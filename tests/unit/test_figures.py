@@ -407,7 +407,7 @@ SUBJECT_FIGURES = [bullseye_posterior, posterior_predictive, traces]
 
 
 @pytest.mark.parametrize("module", SUBJECT_FIGURES)
-def test_failed_gate_is_in_the_title(module, subject, paths, figures):
+def test_failed_check_is_in_the_title(module, subject, paths, figures):
     draw_subject(module, subject(FAILED), "file", paths)
     title = " ".join(figures[0].get_suptitle().split())
     assert "POSTERIOR FAILED ITS CONVERGENCE CHECK (R-hat 1.6 of C_a_septal above 1.01)" in title

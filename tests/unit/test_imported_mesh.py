@@ -22,6 +22,9 @@ from regional_lv.geometry.summary import cavity_volume, segment_volumes
 from regional_lv.geometry.table import read_segments
 from regional_lv.mechanics.continuation import Effort, Solver
 from regional_lv.mechanics.simulator import Simulator
+from regional_lv.page import heart3d
+from regional_lv.parameters import Parameterisation
+from regional_lv.plots.heart import straight_cells
 
 ROWS = {
     "circumferential": 16,
@@ -207,6 +210,15 @@ def test_file_of_a_linear_mesh(tmp_path, heart, smoke_config):
     table, summary = pd.read_csv(names[1]), json.loads(names[2].read_text())
     assert table["volume_ml"].sum() == pytest.approx(summary["wall_volume_ml"], rel=1e-5)
     assert table["elements"].sum() == summary["elements"] == len(mesh.cells)
+    # Figures and pages show it as it is, and a finer division fills the same space.
+    whole, parts = straight_cells(names[0], 3), straight_cells(names[0], 3, linear=2)
+    assert (whole.n_cells, parts.n_cells) == (len(mesh.cells), 8 * len(mesh.cells))
+    assert parts.volume == pytest.approx(whole.volume, rel=0.01)
+    assert whole.cell_data["segment"].tolist() == mesh.segment.tolist()
+    parameters = Parameterisation.from_config(smoke_config)
+    medians = dict.fromkeys(parameters.names, 1.0)
+    div = heart3d.draw(names[0], parameters, medians, ["a segment"] * 17)
+    assert div.count('"hovertemplate":"a segment') == 17
 
 
 # --- what is refused -------------------------------------------------------------------------
@@ -249,7 +261,7 @@ def torn(points, cells, segment):
         (scaled(0.001), "looks like one in metres, set geometry.imported.unit to m"),
         (scaled(0.1), "looks like one in centimetres, set geometry.imported.unit to cm"),
         (scaled(5), "between 30 and 200 are possible"),
-        (swapped, "element 7 inverted; mend"),
+        (swapped, "element 7 inverted; correct"),
         (flattened, "elements 4, 9 degenerate"),
         (lambda p, c, s: (p, c[:, [4, 5, 6, 7, 0, 1, 2, 3]], s), "every element is inside out"),
         (lambda p, c, s: (p, c, None), "has no cell data `segment`"),

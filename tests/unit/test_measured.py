@@ -335,8 +335,8 @@ def test_quantities_that_the_study_does_not_observe(tmp_path):
 
 def test_limits_are_those_of_the_strain_measure(tmp_path):
     strong = write(tmp_path, [VOLUME, *strains(value=-0.6)])
-    for exponent, said in ((2.0, "no Green strain reaches -0.5"), (1.7, "Seth-Hill")):
-        with pytest.raises(InputError, match=said):
+    for exponent, expected in ((2.0, "no Green strain reaches -0.5"), (1.7, "Seth-Hill")):
+        with pytest.raises(InputError, match=expected):
             read_measured(strong, strain_exponent=exponent)
     for exponent in (1.0, 0.0, -2.0):
         assert len(read_measured(strong, strain_exponent=exponent)) == 17

@@ -45,8 +45,8 @@ FAILED = "failed: R-hat 1.600 > 1.01"
 
 
 def sampled(emulator, table, path):
-    """Draws about the truth: C_a and C_b of the lateral wall trade off, C_b of the apex is the
-    prior."""
+    """Draws about the truth: C_a and C_b of the lateral wall compensate each other, C_b of the apex
+    is the prior."""
     rng = np.random.default_rng(0)
     theta = THETA.numpy() * np.exp(0.05 * rng.standard_normal((2, 200, 1, 10)))
     lateral = PARAMETERS.of_zone("lateral")
@@ -187,67 +187,70 @@ def test_the_page_needs_nothing_but_itself(page):
 
 def test_what_was_measured_and_what_was_not(page):
     assert "SYNTHETIC DATA" in page
-    said = section(page, "measured")
+    shown = section(page, "measured")
     table = measured(ToyEmulator(), basal(), 0.8, seed=5)
     volume = table.loc[table["quantity"] == "volume", "value"].item()
-    assert f"the volume {volume:.4g} mL 1" in said
-    assert "circumferential strain 16 of 17" in said
+    assert f"the volume {volume:.4g} mL 1" in shown
+    assert "circumferential strain 16 of 17" in shown
     assert (
         "Not measured: circumferential strain of segment 17; radial strain of segment 17; "
-        "longitudinal strain." in said
+        "longitudinal strain." in shown
     )
-    assert "8 mmHg is assumed and was simulated" in said
+    assert "8 mmHg is assumed and was simulated" in shown
     assert missing(table, CHANNELS) == []
 
 
 def test_stiffness_says_what_the_data_say(page):
-    said = section(page, "stiffness")
-    assert "1 is the reference material" in said
-    assert "In the zone lateral, Ca and Cb trade off (correlation of their logarithms -0.9" in said
-    assert said.count("trade off") == 1
-    assert "The data say nothing about Cb apical:" in said
+    shown = section(page, "stiffness")
+    assert "1 is the reference material" in shown
+    assert (
+        "In the zone lateral, Ca and Cb compensate each other (correlation of their logarithms -0.9"
+        in shown
+    )
+    assert shown.count("compensate each other") == 1
+    assert "The data do not constrain Cb apical:" in shown
     middle = float(torch.sqrt(THETA[4] * THETA[5]))
-    mean = re.search(r"geometric mean of the zone's factors is (\d\.\d\d) ", said).group(1)
+    mean = re.search(r"geometric mean of the zone's factors is (\d\.\d\d) ", shown).group(1)
     assert float(mean) == pytest.approx(middle, abs=0.02)
 
 
 def test_what_to_measure_next(page):
-    said = section(page, "next")
-    assert "would separate basal motion from twin best" in said
-    assert "The data say nothing about Cb apical; not measured in its zone:" in said
-    # Said once, where it asks for something to be done.
+    shown = section(page, "next")
+    assert "would separate basal motion from twin best" in shown
+    assert "The data do not constrain Cb apical; not measured in its zone:" in shown
+    # Once, in the section that recommends a measurement.
     assert "would separate" not in section(page, "wrong")
 
 
 def test_a_group_is_told_as_one_and_nothing_as_nothing(given, page, tmp_path):
     content = json.loads(given["findings"].read_text())
     assert [set(group) for group in content["groups"]] == [{"basal_motion", "twin"}]
-    said = section(page, "wrong")
-    assert "is at work; the data cannot tell which" in said
-    assert "Bold: changes of more than 1 standard deviation" in said
-    assert "extended.yaml" not in said  # nothing is named
+    shown = section(page, "wrong")
+    assert "is present; the data cannot tell which" in shown
+    assert "Bold: changes of more than 1 standard deviation" in shown
+    assert "extended.yaml" not in shown  # nothing is named
     quiet = {"misfit": content["misfit"] | {"detected": False}}
     quiet |= dict.fromkeys(("remaining", "best")) | {"groups": [], "separating": []}
-    said = section(made(with_findings(given, tmp_path, **quiet), tmp_path), "wrong")
-    assert "The model fits the measurements within their noise" in said
-    assert "Nothing was found" in said and "Nothing: the model stays as it is." in said
+    shown = section(made(with_findings(given, tmp_path, **quiet), tmp_path), "wrong")
+    assert "The model fits the measurements within their noise" in shown
+    assert "No cause was found" in shown and "Nothing: the model stays as it is." in shown
 
 
 def test_an_unnamed_set_is_not_shown_as_the_answer(given, tmp_path):
     content = {"groups": [], "separating": [], "explained": False, "acts_like": ["basal_motion"]}
-    said = section(made(with_findings(given, tmp_path, **content), tmp_path), "wrong")
-    assert "Something acts like basal motion" in said
-    assert "which is not named: it does not explain the misfit" in said
+    shown = section(made(with_findings(given, tmp_path, **content), tmp_path), "wrong")
+    assert "An effect similar to basal motion" in shown
+    assert "which is not named: it does not explain the misfit" in shown
 
 
 def test_a_named_cause_comes_with_the_study_that_has_it(given, tmp_path):
     content = {"groups": [], "separating": [], "named": ["basal_motion"]}
-    said = section(made(with_findings(given, tmp_path, **content), tmp_path), "wrong")
-    assert "Named: basal motion" in said
-    assert "snakemake --cores 2 pages --configfile extended.yaml" in said
+    shown = section(made(with_findings(given, tmp_path, **content), tmp_path), "wrong")
+    assert "Named: basal motion" in shown
+    assert "snakemake --cores 2 pages --configfile extended.yaml" in shown
 
 
-def test_a_failed_convergence_check_is_said_first_and_last(given, page, tmp_path):
+def test_a_failed_convergence_check_is_reported_first_and_last(given, page, tmp_path):
     assert 'class="failed"' not in page and "passed its convergence check" in page
     diagnosed(tmp_path / "diagnostics.csv", FAILED)
     failed = made(given, tmp_path, diagnostics=tmp_path / "diagnostics.csv")

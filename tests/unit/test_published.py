@@ -3,6 +3,8 @@
 import hashlib
 import http.server
 import logging
+import subprocess
+import sys
 import threading
 import time
 
@@ -263,3 +265,24 @@ def test_progress_extrapolates():
     loop.done = 4
     assert loop.line(100.0) == "x: done 4/10, failed 0, elapsed 1 min 40 s, left 2 min 30 s"
     assert progress.duration(7300) == "2 h 01 min"
+
+
+@pytest.mark.parametrize("kind", ["InputError", "RuntimeError"])
+def test_bad_input_ends_a_job_with_one_line_and_no_traceback(tmp_path, kind):
+    code = (
+        "from regional_lv.errors import InputError\n"
+        "from regional_lv.progress import start_log\n"
+        "start_log('job.log')\n"
+        f"raise {kind}('a.csv, line 3: no value; give one')\n"
+    )
+    job = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert job.returncode == 1
+    for text in (job.stderr, (tmp_path / "job.log").read_text()):
+        lines = text.splitlines()
+        if kind == "InputError":
+            assert len(lines) == 1
+            assert lines[0].endswith("CRITICAL stopped: a.csv, line 3: no value; give one")
+        else:
+            assert "Traceback" in text and lines[-1] == f"{kind}: a.csv, line 3: no value; give one"

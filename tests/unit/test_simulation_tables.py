@@ -129,22 +129,22 @@ MISTAKES = {
 
 @pytest.mark.parametrize("mistake", MISTAKES)
 def test_mistakes_name_file_row_and_remedy(mistake, simulations, files):
-    change, said = MISTAKES[mistake]
+    change, expected = MISTAKES[mistake]
     *tables, header = change(*simulations)
     for table, path in zip(tables, files, strict=True):
         table.to_csv(path, index=False, header=header)
     with pytest.raises(InputError) as error:
         read_tables(*files, PARAMETERS, CHANNELS)
-    for words in said:
+    for words in expected:
         assert words in str(error.value)
 
 
 def test_files_that_are_no_tables(tmp_path, files):
     with pytest.raises(InputError, match=r"none\.csv"):
         read_tables(tmp_path / "none.csv", files[1], PARAMETERS, CHANNELS)
-    (tmp_path / "odd.csv").write_text("1,2\n1,2,3\n")
+    (tmp_path / "ragged.csv").write_text("1,2\n1,2,3\n")
     with pytest.raises(InputError, match="as many cells in every row"):
-        read_tables(tmp_path / "odd.csv", files[1], PARAMETERS, CHANNELS)
+        read_tables(tmp_path / "ragged.csv", files[1], PARAMETERS, CHANNELS)
 
 
 def test_split_holds_out_the_same_rows_whatever_is_kept():
@@ -276,10 +276,10 @@ CONFIG_MISTAKES = {
 
 @pytest.mark.parametrize("mistake", CONFIG_MISTAKES)
 def test_config_refuses_before_anything_runs(mistake, files):
-    changes, said = CONFIG_MISTAKES[mistake]
+    changes, expected = CONFIG_MISTAKES[mistake]
     with pytest.raises(InputError) as error:
         config.load(study(files, **changes))
-    assert said in str(error.value)
+    assert expected in str(error.value)
 
 
 def test_config_reads_the_tables(files, simulations):

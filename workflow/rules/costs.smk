@@ -1,4 +1,4 @@
-"""Where the time went. Not among the tables: it differs from run to run, and they do not."""
+"""Computing time by step. Not among the tables: it differs from run to run, and they do not."""
 
 
 rule tabulate_costs:

@@ -1,4 +1,4 @@
-"""What the simulation gets wrong, why, and what mending it gains."""
+"""What the simulation gets wrong, why, and what correcting it gains."""
 
 C = f"{R}/criticism"
 HYPOTHESES = asked(config["criticism"]["hypotheses"], PHYSICS)

@@ -1,4 +1,4 @@
-"""Where every simulation starts: a cold inflation, anchors, and the fields predicted from them."""
+"""Where every simulation starts: an inflation, anchors, and the fields predicted from them."""
 
 ANCHORS = min(config["simulations"]["anchors"], config["design"]["natural"] + config["design"]["log"])
 # Two at least: nothing else can be simulated before the anchors.
@@ -31,7 +31,7 @@ rule solve_baseline:
 
 
 rule solve_anchors:
-    """Each batch takes every so-manieth anchor, so that all batches span the box."""
+    """Each batch takes every n-th anchor, so that all batches span the box."""
     input:
         mesh=f"{R}/geometry/{{mesh_folder}}mesh.vtu",
         start=f"{R}/mechanics/{{mesh_folder}}baseline.npz",

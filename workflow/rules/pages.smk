@@ -1,4 +1,4 @@
-"""A page for each subject, for those who have to read it: measured, inferred, wrong, next."""
+"""One HTML page for each subject: measurements, stiffness, fit, criticism, what to measure next."""
 
 PAGE_FIGURES = f"{R}/figures/{{subject}}"
 PAGES = expand(f"{R}/pages/{{subject}}.html", subject=SUBJECTS)

@@ -1,4 +1,4 @@
-"""Posteriors: of the test set and the scenarios in batches, of every subject, what they are worth."""
+"""Posteriors: of the test set and the scenarios in batches, of every subject, their convergence."""
 
 SET_TABLES = [
     f"{name}.csv"

@@ -1,4 +1,4 @@
-"""What is learnt from: simulations that converged, or finished ones out of tables."""
+"""Training and test data: simulations that converged, or finished ones from tables."""
 
 if FROM_TABLES:
 

@@ -1,4 +1,4 @@
-"""The fan-out: batches of simulations, each from the predicted field and from nothing else."""
+"""Batches of simulations, each started from the predicted field alone."""
 
 SIMULATION_BATCHES = {
     name: batches(size, config["simulations"]["batch_size"])

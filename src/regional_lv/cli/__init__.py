@@ -1,4 +1,4 @@
-"""The command line: a folder for a heart of your own, what is odd in it, and the study of it."""
+"""The command line: a folder for a heart of your own, the check of it, and its study."""
 
 import click
 

@@ -1,4 +1,4 @@
-"""`regional-lv check`: what can be said of a heart before anything runs."""
+"""`regional-lv check`: errors and warnings about the input files, before anything runs."""
 
 import json
 import tempfile
@@ -23,15 +23,15 @@ LOW_PRESSURE_MMHG, HIGH_PRESSURE_MMHG = 3.0, 30.0
 @click.command()
 @click.argument("name")
 def check(name: str) -> None:
-    """Say what is wrong, missing or odd in the folder NAME (or the configuration NAME), and draw
-    the heart and its strains (check.png)."""
+    """Report errors, missing values and unusual values in the folder NAME (or the configuration
+    NAME), and draw the heart and its strains (check.png)."""
     path = config_file(name)
     inspect(path, load(path))
 
 
 def inspect(path: Path, config: dict) -> None:
-    """Check the heart and the measured values of a loaded configuration, say what was found, and
-    draw them beside `path`.
+    """Check the heart and the measured values of a loaded configuration, print warnings, and draw
+    them beside `path`.
 
     Raises Mistakes for a geometry that cannot be meshed, and volumes that it cannot have.
     """
@@ -41,7 +41,7 @@ def inspect(path: Path, config: dict) -> None:
     from regional_lv.channels import Channels
     from regional_lv.errors import InputError
     from regional_lv.geometry.from_config import make_heart
-    from regional_lv.measured.plausibility import oddities, too_small
+    from regional_lv.measured.plausibility import data_warnings, too_small
     from regional_lv.parameters import Parameterisation
     from regional_lv.plots import inputs
 
@@ -61,30 +61,30 @@ def inspect(path: Path, config: dict) -> None:
         click.echo(f"unloaded heart: cavity {cavity:.1f} mL, wall {wall:.1f} mL")
         picture = path.parent / PICTURE
         inputs.draw(mesh, tables, parameters, picture)
-    odd = [f"heart: {said}" for said in _odd_heart(config)]
+    found = [f"heart: {line}" for line in _heart_warnings(config)]
     for name, table in tables.items():
         click.echo(f"{name}: {len(table)} of {len(channels)} channels{_frames(name, config)}")
-        said = oddities(table, channels, len(parameters), exponent, cavity, wall)
-        odd += [f"{name}: {line}" for line in said]
-    for line in odd:
-        click.echo(f"odd: {line}")
+        lines = data_warnings(table, channels, len(parameters), exponent, cavity, wall)
+        found += [f"{name}: {line}" for line in lines]
+    for line in found:
+        click.echo(f"warning: {line}")
     click.echo(f"picture: {picture}")
     mistakes = {name: too_small(table, cavity) for name, table in tables.items()}
-    lines = [f"{path}: subjects.{name}: {said}" for name, said in mistakes.items() if said]
+    lines = [f"{path}: subjects.{name}: {mistake}" for name, mistake in mistakes.items() if mistake]
     if lines:
         raise Mistakes("\n".join(lines))
-    click.echo(f"Nothing has to be corrected{', see what is odd above' if odd else ''}.")
+    click.echo(f"No errors{', but see the warnings above' if found else ''}.")
 
 
-def _odd_heart(config: dict) -> list[str]:
-    said, pressure = [], config["loading"]["pressure_mmhg"]
+def _heart_warnings(config: dict) -> list[str]:
+    found, pressure = [], config["loading"]["pressure_mmhg"]
     if pressure < LOW_PRESSURE_MMHG:
-        said.append(
+        found.append(
             f"the end-diastolic pressure is {pressure:g} mmHg, which is low; 1 kPa is 7.5 mmHg, "
             "and every C_a is in proportion to the pressure"
         )
     if pressure > HIGH_PRESSURE_MMHG:
-        said.append(
+        found.append(
             f"the end-diastolic pressure is {pressure:g} mmHg, which is very high; 1 cmH2O is 0.74 "
             "mmHg, and every C_a is in proportion to the pressure"
         )
@@ -92,11 +92,11 @@ def _odd_heart(config: dict) -> list[str]:
     if geometry["source"] == "segments" and geometry["segments"] != VOLUNTEER:
         own, example = (read_segments(table) for table in (geometry["segments"], VOLUNTEER))
         if own[SIZES].equals(example[SIZES]):
-            said.append(
+            found.append(
                 f"{geometry['segments']} still is the example, the paper's volunteer; overwrite it "
                 "with this heart's"
             )
-    return said
+    return found
 
 
 def _own(config: dict) -> list[str]:
@@ -111,7 +111,7 @@ def _table(name: str, config: dict, channels) -> pd.DataFrame:
     if subject["source"] == "curves":
         return read_curve_subject(subject, channels, exponent)
     with warnings.catch_warnings():
-        # What a file lacks is said with everything else that is odd.
+        # What a file lacks is reported with the other warnings.
         warnings.simplefilter("ignore")
         pressure = config["loading"]["pressure_mmhg"]
         return read_measured(subject["measured"], channels, pressure, exponent)

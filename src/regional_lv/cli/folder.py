@@ -12,7 +12,7 @@ CONFIG = "config.yaml"
 
 
 class Mistakes(click.ClickException):
-    """What has to be mended, one line per mistake; the command ends with 1."""
+    """What has to be corrected, one line per mistake; the command ends with 1."""
 
     def show(self, file=None) -> None:
         click.echo(self.message, err=True)

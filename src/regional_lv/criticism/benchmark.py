@@ -110,7 +110,7 @@ def conclude_batch(
     searches: str | Path, simulations: Sequence[str | Path], verdicts: str | Path, **batch
 ) -> None:
     """What `study.conclude_criticism` does, for the subjects of a batch; writes one row per subject
-    and hypothesis (Parquet): subject, what was found, and what was said of the hypothesis."""
+    and hypothesis (Parquet): subject, what was found, and the verdict on the hypothesis."""
     found, made, rows = json.loads(Path(searches).read_text()), _by_subject(simulations), []
     for inputs in Batch(**batch).inputs():
         started, own = time.monotonic(), found[inputs.name]
@@ -191,7 +191,7 @@ def score_benchmark(
     changing, _ = split(read_extensions(extensions))
     by_place = {(e.hypothesis.name, e.component): e for e in changing}
     rows = []
-    for name, said in every.groupby("subject", sort=True):
+    for name, rows_of in every.groupby("subject", sort=True):
         true = known.loc[name]
         effects = {n: tuple(at) for n, at in json.loads(true["effects"]).items()}
         theta = torch.as_tensor(true[list(trained.parameters.names)].to_numpy(float))
@@ -202,7 +202,7 @@ def score_benchmark(
             extended = [(by_place[n, component], value) for n, value, component in seen]
             found = expected_scores(observed, trained, extended, theta)
             strength = dict(zip((n for n, *_ in seen), found, strict=True))
-        rows += _cases(name, said, true["kind"], effects, strength)
+        rows += _cases(name, rows_of, true["kind"], effects, strength)
     table = pd.DataFrame(rows)
     if table.empty:
         raise InputError(f"{truth}: no subject that was criticised; make the benchmark again")
@@ -237,8 +237,10 @@ def expected_scores(
     return torch.linalg.inv(gram).diagonal().clamp(min=1e-300).rsqrt().tolist()
 
 
-def _cases(name: str, said: pd.DataFrame, kind: str, effects: dict, strength: dict) -> list[dict]:
-    first = said.iloc[0]
+def _cases(
+    name: str, verdicts: pd.DataFrame, kind: str, effects: dict, strength: dict
+) -> list[dict]:
+    first = verdicts.iloc[0]
     named, groups = json.loads(first["named"]), json.loads(first["groups"])
     answer = [*named, *(n for group in groups for n in group)]
     common = {
@@ -259,7 +261,7 @@ def _cases(name: str, said: pd.DataFrame, kind: str, effects: dict, strength: di
         row = {"effect": effect, "component": component, "value": value}
         row |= {"expected_z": strength.get(effect, np.nan), "contains": effect in answer}
         row |= {"identifiable": np.nan, "covered": np.nan, "right_place": np.nan}
-        own = said[said["name"] == effect]
+        own = verdicts[verdicts["name"] == effect]
         if len(own):
             own = own.iloc[0]
             same = own["component"] == component
@@ -277,7 +279,7 @@ def summarise(cases: pd.DataFrame) -> dict:
 
     `found`: of subjects all of whose effects are `FAR` or more standard errors large given the
     others, the share whose answer holds them all. `wrong_named`: a cause named that is absent, or a
-    group of which none is at work. `coverage`: of the 95 % intervals of causes in the answer.
+    group of which none is present. `coverage`: of the 95 % intervals of causes in the answer.
     """
     hearts = cases.groupby("subject", sort=True)
     summary = {"subjects": int(hearts.ngroups), "seconds_median": float(cases["seconds"].median())}

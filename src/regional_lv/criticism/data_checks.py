@@ -1,4 +1,4 @@
-"""What measured strains say of themselves, whatever the simulator."""
+"""Checks of measured strains that need no simulator."""
 
 import math
 
@@ -30,8 +30,8 @@ def _stretch(strains: pd.DataFrame, exponent: float) -> dict | None:
         return None
     inner = 1 + exponent * strains["value"]
     bad = strains.loc[inner <= 0, "output"].tolist()
-    says = f"no stretch has these strains of exponent {exponent:g}: {', '.join(bad)}"
-    return _said("possible_stretch", not bad, says, "every strain belongs to a stretch")
+    says = f"no stretch gives these strains with exponent {exponent:g}: {', '.join(bad)}"
+    return _result("possible_stretch", not bad, says, "every strain belongs to a stretch")
 
 
 def _volume(strains: pd.DataFrame, exponent: float) -> dict | None:
@@ -67,9 +67,9 @@ def _volume(strains: pd.DataFrame, exponent: float) -> dict | None:
     says = (
         f"the three strains of {where} cannot be those of a wall that keeps its volume, with the "
         f"exponent {exponent:g}; "
-        + (f"as {' or '.join(able)} strains they could be" if able else "of no common measure")
+        + (f"as {' or '.join(able)} strains they can" if able else "nor with any common measure")
     )
-    return _said(
+    return _result(
         "volume_preserving", passed, says, "the strains allow a wall that keeps its volume"
     )
 
@@ -97,9 +97,9 @@ def _loads(table: pd.DataFrame) -> dict | None:
         error = np.hypot(rows["sd"].to_numpy()[1:], rows["sd"].to_numpy()[:-1])
         if ((size[:-1] - size[1:]) / error > stats.norm.isf(LEVEL / len(table))).any():
             bad.append(quantity if pd.isna(segment) else f"{quantity} of segment {segment:.0f}")
-    says = f"smaller at a higher load: {', '.join(bad)}; look at the frames"
-    return _said("grows_with_load", not bad, says, "every channel grows with the load")
+    says = f"smaller at a higher load: {', '.join(bad)}; check the frames"
+    return _result("grows_with_load", not bad, says, "every channel grows with the load")
 
 
-def _said(name: str, passed: bool, failed: str, fine: str) -> dict:
+def _result(name: str, passed: bool, failed: str, fine: str) -> dict:
     return {"name": name, "passed": bool(passed), "says": fine if passed else failed}

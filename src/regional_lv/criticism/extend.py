@@ -89,11 +89,11 @@ def compare_extended(
     Misfit, error and coverage of each segment's prediction by the others, log predictive density,
     inferred noise, what is named, and every parameter with its sd.
     """
-    said = [json.loads(Path(path).read_text()) for path in (before, after)]
-    rows = [("misfit p-value", *(s["misfit"]["p_value"] for s in said))]
-    rows += [("named", *(" + ".join(s["named"]) for s in said))]
+    both = [json.loads(Path(path).read_text()) for path in (before, after)]
+    rows = [("misfit p-value", *(s["misfit"]["p_value"] for s in both))]
+    rows += [("named", *(" + ".join(s["named"]) for s in both))]
     rows += [
-        (what, *(s["gain"][key] for s in said))
+        (what, *(s["gain"][key] for s in both))
         for what, key in (
             ("error of the strains", "rmse_before"),
             ("error of the volume (mL)", "rmse_volume_ml_before"),
@@ -102,7 +102,7 @@ def compare_extended(
         )
     ]
     for key, column in (("noise", "quantity"), ("theta", "parameter")):
-        by_name = [{row[column]: row["before"] for row in s[key]} for s in said]
+        by_name = [{row[column]: row["before"] for row in s[key]} for s in both]
         for name in by_name[0]:
             values = [of.get(name) for of in by_name]
             if key == "noise":

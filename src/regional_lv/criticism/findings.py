@@ -313,25 +313,25 @@ def _on_bounds(sampled: Sampled) -> list[str]:
 def _limits(criticism: Criticism, channels: Channels) -> list[str]:
     """What the data do not support, in sentences. channels: those that the study observes."""
     o, families = criticism.observations, criticism.searched.misfit.families
-    said = []
+    limits = []
     if not families:
-        said.append("no more channels than parameters: they can be fitted whatever is wrong")
+        limits.append("no more channels than parameters: they can be fitted whatever is wrong")
     for channel in {c.quantity: c for c in channels if c.quantity != "volume"}.values():
         if channel.quantity not in o.channels.quantities:
             what = f"{channel.quantity} strain" if channel.kind.is_strain else channel.quantity
-            said.append(f"no {what} was measured: nothing is said about it")
+            limits.append(f"no {what} was measured: nothing is concluded about it")
     for family in ("direction", "level", "wall"):
         if families and family not in families:
-            said.append(f"too few channels for the tests by {family}")
+            limits.append(f"too few channels for the tests by {family}")
     if o.noise.groups:
-        said.append(
+        limits.append(
             "the noise is inferred: a misfit spread evenly over a direction counts as noise, and "
             "the overall test of the size of residuals does not apply"
         )
     for test in criticism.tests:
         if test.fraction_simulated < 1:
-            said.append(
+            limits.append(
                 f"{test.name}: {100 * test.fraction_simulated:.0f} % of its simulations converged; "
                 "where the others lie, its effect is extrapolated"
             )
-    return said
+    return limits

@@ -1,4 +1,4 @@
-"""Whether a cause could be seen in the data at all, and where it hides if not."""
+"""Whether a cause could be seen in the data at all, and which factors absorb it if not."""
 
 import math
 from dataclasses import dataclass
@@ -42,13 +42,13 @@ def identify(model: Model, best: Fit, extension) -> Identified:
         return Identified(False, math.inf, 0.0, "it changes none of the channels observed")
     if sd < LARGEST_SHARE * prior:
         why = (
-            f"theta can take up {100 * absorbed:.0f} % of its signature's information; the rest "
+            f"theta can absorb {100 * absorbed:.0f} % of its signature's information; the rest "
             f"determines it to {sd:.2g} {_unit(h)}".rstrip()
         )
         return Identified(True, sd, absorbed, why)
     where, likeness = _hiding_place(model, best, pattern[0])
     if absorbed > ABSORBED:
-        why = f"theta takes up {100 * absorbed:.1f} % of its signature"
+        why = f"theta absorbs {100 * absorbed:.1f} % of its signature"
         if likeness > 0.9:
             why += f": it acts like a change of {where} (correlation {likeness:.3f})"
         why += ", so that the data cannot tell the two apart"

@@ -238,8 +238,8 @@ def _injected(
         effects = read_effects(entry["effects"])
         theta = np.array([*entry["theta"].values()])
         truth = {"subject": entry["subject"], "kind": entry["kind"]} | entry["theta"]
-        said = {e.hypothesis.name: [e.value, e.component] for e in effects}
-        truth |= {"effects": json.dumps(said), "status": "converged", "reason": ""}
+        injected = {e.hypothesis.name: [e.value, e.component] for e in effects}
+        truth |= {"effects": json.dumps(injected), "status": "converged", "reason": ""}
         try:
             outputs = ventricles.outputs(theta, effects)
         except ArithmeticError as error:

@@ -123,7 +123,7 @@ def observe(
     if len(unknown) > 1:
         raise InputError(
             f"criticism of {', '.join(tables)}: some come with `sd` and others without; give all "
-            "of them one or none, or criticise them apart"
+            "of them one or none, or criticise them separately"
         )
     groups = Noise.inferred(emulator, prior_scale).groups if unknown.pop() else {}
     return Observations(tuple(tables), outputs, y, present, Noise(sd, groups, float(prior_scale)))

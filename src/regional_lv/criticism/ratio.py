@@ -2,7 +2,7 @@
 
 A score test asks for a first step away from the fitted model. Where the noise is inferred it has
 grown until that model fits, and a cause whose effect bends, or is large, shows only when it is
-fitted in earnest: with theta and a smaller noise, all anew, in every replicate.
+fitted jointly: theta and a smaller noise are estimated again in every replicate.
 """
 
 import torch

@@ -1,4 +1,4 @@
-"""The criticism of one subject as one HTML page that needs nothing but itself."""
+"""The criticism of one subject as one self-contained HTML page."""
 
 import base64
 import json
@@ -30,8 +30,8 @@ every cause for all of them.</p>{% endif %}
 <h2>Where: residuals of each segment, predicted from all others</h2>
 <img alt="Residual bullseyes" src="{{ images.residuals }}">
 <p class="small">Observed minus predicted, in standard deviations of the prediction (emulator error,
-noise and what the other channels leave open of the stiffness). Seen from the apex, anterior at the
-top, septum on the left.</p>
+noise, and the uncertainty of the stiffness given the other channels). Seen from the apex, anterior
+at the top, septum on the left.</p>
 <table><tr><th>test</th><th>p-value</th>
 {% if f.remaining %}<th>with the best set</th>{% endif %}</tr>
 {% for family, p in f.misfit.families.items() %}<tr><td>{{ families.get(family, family) }}</td>
@@ -41,7 +41,7 @@ top, septum on the left.</p>
 <tr><td><b>all together</b></td><td class="n"><b>{{ "%.3f"|format(f.misfit.p_value) }}</b></td>
 {% if f.remaining %}<td class="n"><b>{{ "%.3f"|format(f.remaining.p_value) }}</b></td>{% endif %}
 </tr></table>
-{% if f.data_checks %}<p>What the strains say of themselves, whatever the simulator:</p><ul>
+{% if f.data_checks %}<p>Checks of the strains alone, without the simulator:</p><ul>
 {% for c in f.data_checks %}<li>{% if f.subjects|length > 1 %}{{ c.subject }}: {% endif %}{{ c.says
 }} ({{ "passed" if c.passed else "failed" }}).</li>{% endfor %}</ul>{% endif %}
 
@@ -57,9 +57,9 @@ top, septum on the left.</p>
 <td class="n">{{ "%.3f"|format(s.misfit_p_value) if s.misfit_p_value is not none else "-" }}</td>
 <td class="n">{% if s.confirmed %}{{ s.simulations }}, {{ number(s.difference_sd, 2) }} sd
 {% else %}-{% endif %}</td></tr>{% endfor %}
-<tr><td><i>nothing is wrong</i></td><td class="n">{{ "%.3f"|format(f.base_probability) }}</td>
+<tr><td><i>the model as it is</i></td><td class="n">{{ "%.3f"|format(f.base_probability) }}</td>
 <td class="n">0</td><td></td><td></td><td></td></tr>
-<tr><td><i>a smooth departure that no listed cause makes</i></td>
+<tr><td><i>a smooth discrepancy that no listed cause explains</i></td>
 <td class="n">{{ "%.3f"|format(f.unlisted_probability) }}</td>
 <td></td><td></td><td></td><td></td></tr>
 </table>
@@ -70,7 +70,7 @@ between simulated and emulated channels, which was corrected.</p>{% endif %}
 <h2>Causes one by one</h2>
 <img alt="Scores and probabilities of causes" src="{{ images.causes }}">
 <table><tr><th>cause</th><th>p</th><th>estimate</th><th>probability</th>
-<th>what can be known of it</th></tr>
+<th>identifiability</th></tr>
 {% for h in f.hypotheses %}<tr><td title="{{ h.description }} ({{ h.source }})">
 {{ cause(h.name, h.component) }}</td><td class="n">{{ "%.3f"|format(h.p_value) }}</td>
 <td>{% if h.estimate is not none %}{{ estimate(h) }}{% if not h.fitted %} (one step){% endif %}
@@ -78,22 +78,22 @@ between simulated and emulated channels, which was corrected.</p>{% endif %}
 <td class="n">{{ "%.2f"|format(h.probability) }}</td>
 <td>{{ h.why }}{% if h.fraction_simulated < 1 %}; {{ "%.0f"|format(100 * h.fraction_simulated) }}
 % of its simulations converged{% endif %}</td></tr>{% endfor %}</table>
-<p class="small">p: score test of this cause alone, with what stiffness can take up projected out,
-calibrated over the whole catalogue by parametric bootstrap, which cannot give less than
-{{ "%.2g"|format(f.least_p_value) }}. Probability: summed over all sets that
-hold the cause.</p>
+<p class="small">p: score test of this cause alone, with what changes of stiffness can explain
+projected out, calibrated over the whole catalogue by parametric bootstrap; the smallest
+possible value is {{ "%.2g"|format(f.least_p_value) }}. Probability: summed over all sets that
+contain the cause.</p>
 
 {% if images.parameters %}<h2>How much: the new parameter</h2>
 <img alt="Posterior of the parameters" src="{{ images.parameters }}">
 <p class="small">Posterior given the other causes of its sets; dotted: 95 % interval; vermillion:
-what the model assumes; thick black: where the plausible range ends.</p>
+what the model assumes; thick black: ends of the plausible range.</p>
 {% endif %}
 
 <h2>What it changes: stiffness</h2>
 <img alt="Stiffness before and after" src="{{ images.theta }}">
 {% if f.remaining and changed %}<p>{{ changed }}</p>{% endif %}
 
-{% if f.limits %}<h2>What these data cannot say</h2><ul>
+{% if f.limits %}<h2>Limits of these data</h2><ul>
 {% for s in f.limits %}<li>{{ s }}</li>{% endfor %}</ul>{% endif %}
 </body></html>
 """
@@ -112,8 +112,8 @@ def write_report(
 ) -> None:
     """Draw the figures and write the page.
 
-    findings: findings.json. Every number of the page stands there. residuals, table: figure (PNG)
-    of the residuals and its data (CSV); the other figures with theirs stand beside them.
+    findings: findings.json. It has every number of the page. residuals, table: figure (PNG)
+    of the residuals and its data (CSV); the other figures and their data are written beside them.
     """
     content, folder = json.loads(Path(findings).read_text()), Path(residuals).parent
     folder.mkdir(parents=True, exist_ok=True)

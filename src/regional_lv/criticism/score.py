@@ -31,7 +31,7 @@ ALIKE = 0.02
 """Share of two signatures' information that is not common, below which they count as one."""
 
 FEWEST_FOR_TAILS = 20
-"""Channels below which nothing is said about the tails of the noise."""
+"""Number of channels below which the tails of the noise are not tested."""
 
 
 @dataclass(frozen=True)

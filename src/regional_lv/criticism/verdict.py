@@ -15,20 +15,20 @@ from regional_lv.criticism.observations import Observations
 from regional_lv.criticism.posterior import LeftOut, Posterior, precisions
 
 PROBABILITY = 0.95
-"""Of a cause that is named; of a group, that one of its members is at work."""
+"""Of a cause that is named; of a group, that one of its members is present."""
 
 ADEQUATE = 0.02
 """Level of the last test, for each cause of a set: a set that misses the data at this level
 explains nothing, whatever it gains. Larger sets were chosen among more, and fit more by chance."""
 
 LARGEST_GROUP = 5
-"""Causes of which one is at work, at most: more of them say nothing."""
+"""Causes of which one is present, at most: a larger group is not informative."""
 
 NEAR_END = 0.01
 """Share of its range at which a median counts as at the end."""
 
 BEYOND = 1.645
-"""Standard errors by which data ask for more than the end of a range."""
+"""Standard errors by which data require more than the end of a range."""
 
 Member = tuple[str, str]
 """Name of a cause and its component, empty for a cause that has one place."""
@@ -84,7 +84,7 @@ class Searched:
 
     base_x: fit of the base model. misfit: of it, over all tests. sets: members, fit and log prior
     of the leading sets. unlisted: log evidence, relative to the base model, of a discrepancy that
-    no listed cause makes. critical_z: score that the test over the catalogue asks for.
+    no listed cause makes. critical_z: score that is significant over the catalogue.
     """
 
     base_x: list[float]
@@ -164,7 +164,7 @@ class CauseSet:
         return self.model.psi.start + self.names.index(name)
 
     def at_bound(self, name: str) -> bool:
-        """Whether the data ask for more than the range of a cause holds."""
+        """Whether the data require more than the range of a cause holds."""
         place, model = self.place(name), self.model
         low, high = float(model.low[place]), float(model.high[place])
         if self.sampled is not None:
@@ -240,7 +240,7 @@ class Criticism:
                     self.groups.append(group)
 
     def _group(self, name: str) -> list[str]:
-        """The fewest causes, `name` first, of which at least one is at work with `PROBABILITY`;
+        """The fewest causes, `name` first, of which at least one is present with `PROBABILITY`;
         empty if that takes too many."""
         group, rest = [name], self.base_probability + self.unlisted_probability
         while True:

@@ -1,4 +1,4 @@
-"""Findings in plain words."""
+"""Findings as sentences."""
 
 from regional_lv import aha
 from regional_lv.channels import Channel
@@ -73,17 +73,17 @@ def misfit(part: dict) -> str:
     rows = {c["output"]: c for c in part["channels"]}
     rows |= {f"{c['subject']}: {c['output']}": c for c in part["channels"]}
     if single:
-        said = []
+        sentences = []
         for x in single[:3]:
             row = rows.get(x["what"])
             if row:
                 heart = x["what"].removesuffix(row["output"])
-                said.append(
+                sentences.append(
                     f"{heart}{channel(row['output'])} is {number(row['observed'])} where "
                     f"{number(row['predicted'])} +- {number(row['sd'], 2)} is predicted from the "
                     "others"
                 )
-        text += f" Single channels: {'; '.join(said)}."
+        text += f" Single channels: {'; '.join(sentences)}."
     return text
 
 
@@ -112,8 +112,8 @@ def gain(part: dict) -> str:
 
 def verdict(content: dict) -> list[str]:
     """The verdict in sentences, from the findings."""
-    said = [misfit(content["misfit"])]
-    said += [f"{c['says'].capitalize()}." for c in content["data_checks"] if not c["passed"]]
+    sentences = [misfit(content["misfit"])]
+    sentences += [f"{c['says'].capitalize()}." for c in content["data_checks"] if not c["passed"]]
     by_name = {h["name"]: h for h in content["hypotheses"]}
 
     def of(name: str) -> str:
@@ -124,37 +124,37 @@ def verdict(content: dict) -> list[str]:
         return f"{of(name)}, {h['parameter']} {estimate(h)}"
 
     if not content["misfit"]["detected"]:
-        said.append("Nothing was found: no listed cause stands out from chance.")
+        sentences.append("No cause was found: no listed cause is significant.")
     elif content["explained"]:
         for name in content["named"]:
             share = 100 * by_name[name]["probability"]
-            said.append(
+            sentences.append(
                 f"Named: {estimated(name)}; probability {min(share, 99.9):.1f} % among all sets of "
                 "listed causes."
             )
         for group in content["groups"]:
-            said.append(
-                f"One of {_list([of(n) for n in group], 'or')} is at work; the data cannot tell "
+            sentences.append(
+                f"One of {_list([of(n) for n in group], 'or')} is present; the data cannot tell "
                 f"which. The most probable is {estimated(group[0])}."
             )
-        said += separating(content)
-        said += _confirmed(content)
-        said.append(gain(content["gain"]))
+        sentences += separating(content)
+        sentences += _confirmed(content)
+        sentences.append(gain(content["gain"]))
     else:
-        said.append(f"No listed cause explains the misfit{_why_not(content)}.")
+        sentences.append(f"No listed cause explains the misfit{_why_not(content)}.")
         if content["best"]:
             names = [of(n) for n in content["best"]]
-            said.append(f"The best set is {_list(names)}; it is not named.")
-            said.append(gain(content["gain"]))
+            sentences.append(f"The best set is {_list(names)}; it is not named.")
+            sentences.append(gain(content["gain"]))
     for name in content["acts_like"]:
-        said.append(
-            f"Something acts like {estimated(name)}: the data ask for more than its range holds, "
-            "so that it is not named."
+        sentences.append(
+            f"An effect similar to {estimated(name)} is present, but the data require more than "
+            "the plausible range of this cause, so that it is not named."
         )
     for h in content["hypotheses"]:
         if not h["identifiable"]:
-            said.append(f"Nothing can be said about {cause(h['name'])}: {h['why']}.")
-    return said
+            sentences.append(f"Nothing can be concluded about {cause(h['name'])}: {h['why']}.")
+    return sentences
 
 
 def _why_not(content: dict) -> str:
@@ -175,17 +175,17 @@ def separating(content: dict) -> list[str]:
     def of(name: str) -> str:
         return cause(name, components[name])
 
-    said = []
+    sentences = []
     for pair in content["separating"]:
         best = pair["channels"][0]
         a, b = (_list([of(n) for n in names]) for names in pair["pair"])
         gap = abs(best["difference_in_noise_sd"])
-        said.append(
+        sentences.append(
             f"{channel(best['output']).capitalize()}{at_load(best['load_fraction'])} would "
             f"separate {a} from {b} best: they differ there by {gap:.1f} sd "
             f"of a noise of {_with_unit(best['noise'], Channel.parse(best['output']).unit)}."
         )
-    return said
+    return sentences
 
 
 def _confirmed(content: dict) -> list[str]:

@@ -31,7 +31,7 @@ def read_abaqus(path):
     if len(mesh.cells) != 1 or mesh.cells[0].type != "hexahedron":
         raise InputError(
             f"{path}: holds {', '.join(block.type for block in mesh.cells)}; give one block of "
-            "eight-node bricks (C3D8 and its kin)"
+            "eight-node bricks (C3D8 or a variant of it)"
         )
     blocks = _blocks(text)
     numbers = np.concatenate(

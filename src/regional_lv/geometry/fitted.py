@@ -230,7 +230,7 @@ def sector_table(mesh, surfaces, circumferential):
             if not 0 < half < 90:
                 raise InputError(
                     f"the imported mesh's segments {s} and {following} do not follow each other "
-                    "clockwise seen from the base, as the AHA numbers them; mend the tags, or "
+                    "clockwise seen from the base, as the AHA numbers them; correct the tags, or "
                     "mirror the mesh"
                 )
             mine, theirs = mesh.segment == s, mesh.segment == following

@@ -151,7 +151,7 @@ def _check_elements(path, mesh, numbers):
     for wrong, what in ((inverted, "inverted"), (flat, "degenerate (without volume at a corner)")):
         if wrong.any():
             raise InputError(
-                f"{path}: {name_elements(numbers[wrong])} {what}; mend the mesh or the order of "
+                f"{path}: {name_elements(numbers[wrong])} {what}; correct the mesh or the order of "
                 "their nodes"
             )
 
@@ -187,8 +187,8 @@ def _named_surfaces(path, mesh, named):
     if (surface == 0).any() or len(number) != len(surface):
         raise InputError(
             f"{path}: its surfaces of endocardium, epicardium and base name {len(number)} facets, "
-            f"{(surface > 0).sum()} of the exterior's {len(surface)}; mend them, or take them out "
-            "so that they are found by shape"
+            f"{(surface > 0).sum()} of the exterior's {len(surface)}; correct them, or take them "
+            "out so that they are found by shape"
         )
     return surface
 

@@ -34,7 +34,7 @@ KEY = "geometry.surfaces"
 
 # What lies closer to the base plane than this share of the surface's length lies in it.
 FLATNESS = 1e-3
-# How far (mm) the rim of a base-cut surface may be from the base plane, and from where it is said.
+# How far (mm) the rim of a base-cut surface may be from the base plane, and what is reported.
 UNEVEN_MM = 5.0
 NOTABLE_MM = 1.0
 # Share of a surface's area that may lie above the base plane: more, and its normal is turned round.
@@ -211,10 +211,10 @@ def _length(surface):
 def _check_lengths(paths, given, unit):
     low, high = PLAUSIBLE_LENGTH_MM
     lengths = {side: _length(surface) for side, surface in given.items()}
-    odd = [side for side, length in lengths.items() if not low <= length <= high]
-    if not odd:
+    unusual = [side for side, length in lengths.items() if not low <= length <= high]
+    if not unusual:
         return
-    side = odd[0]
+    side = unusual[0]
     fitting = [units_that_fit(length, unit) for length in lengths.values()]
     says = f"{paths[side]}: the ventricle is {lengths[side]:g} mm long"
     common = [u for u in fitting[0] if u in fitting[1]]

@@ -87,10 +87,10 @@ def _weighted(
     )
     diverging, acceptance = np.zeros(shape, dtype=bool), np.empty(shape)
     for i, chain in enumerate(chains):
-        said = chain.diagnostics()
+        diagnostics = chain.diagnostics()
         # A divergence counts, whether its draw is kept or not.
-        diverging[i, np.array(said["divergences"]["chain 0"], dtype=int) // THIN] = True
-        acceptance[i] = said["acceptance rate"]["chain 0"]
+        diverging[i, np.array(diagnostics["divergences"]["chain 0"], dtype=int) // THIN] = True
+        acceptance[i] = diagnostics["acceptance rate"]["chain 0"]
     return Draws.of(
         found.target.constrain(position[chosen]),
         energy[chosen],

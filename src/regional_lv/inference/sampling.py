@@ -275,7 +275,7 @@ def subject_likelihood(
 ) -> Likelihood:
     """The likelihood of a measured file: the emulator for its channels, and their noise.
 
-    That the file has no volume is said as a warning. Raises InputError if it cannot be used, or has
+    A file without a volume causes a warning. Raises InputError if it cannot be used, or has
     a channel that the study does not observe.
     """
     emulator = emulators.load(emulator_file)

@@ -93,7 +93,7 @@ def read_curves(path: str | Path, unit: str) -> Curves:
         raise error_at(path, header, f"no curves; {_NAMES}")
     for name, channel in named.items():
         if channels.count(channel) > 1:
-            raise error_at(path, header, f"column `{name}`: {channel.name} stands twice; keep one")
+            raise error_at(path, header, f"column `{name}`: {channel.name} occurs twice; keep one")
     if len(rows) < 3:
         raise error_at(path, None, f"{len(rows)} frames are no curve; export the whole cycle")
     for name in named:

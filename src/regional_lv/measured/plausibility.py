@@ -1,4 +1,4 @@
-"""What is odd about measured values, given the heart that they are of: for people, before a study.
+"""Warnings about measured values that are missing or unusual for the heart that they are of.
 
 Nothing here is a reason to refuse a file; `too_small` alone is.
 """
@@ -40,7 +40,7 @@ def too_small(table: pd.DataFrame, cavity_ml: float) -> str:
     )
 
 
-def oddities(
+def data_warnings(
     table: pd.DataFrame,
     channels: Channels,
     parameters: int,
@@ -48,14 +48,14 @@ def oddities(
     cavity_ml: float,
     wall_ml: float,
 ) -> list[str]:
-    """What is missing or odd in a measured table (as of `read_measured`), in sentences.
+    """What is missing or unusual in a measured table (as of `read_measured`), in sentences.
 
     channels: what the study observes. parameters: how many numbers are inferred. strain_exponent: n
     of the strains (l^n - 1) / n. cavity_ml, wall_ml: volumes of the unloaded heart.
     """
-    said = [*_missing(table, channels), *shortcomings(table, parameters)]
+    found = [*_missing(table, channels), *shortcomings(table, parameters)]
     if table.loc[table["quantity"] != "volume", "sd"].isna().any():
-        said.append(
+        found.append(
             "no sd of the strains: the noise of each direction is inferred, and the volume is "
             "taken as exact; give an sd if the noise is known"
         )
@@ -66,11 +66,11 @@ def oddities(
         if quantity in GREEN_MEANS
     }
     for quantity, stretch in stretches.items():
-        said += _unusual(quantity, stretch)
-        said += _slips(full[full["quantity"] == quantity])
-    said += _growth(full, stretches, cavity_ml, wall_ml)
+        found += _unusual(quantity, stretch)
+        found += _slips(full[full["quantity"] == quantity])
+    found += _growth(full, stretches, cavity_ml, wall_ml)
     checks = data_checks.check(table, strain_exponent)
-    return said + [check["says"] for check in checks if not check["passed"]]
+    return found + [check["says"] for check in checks if not check["passed"]]
 
 
 def _missing(table: pd.DataFrame, channels: Channels) -> list[str]:
@@ -78,15 +78,15 @@ def _missing(table: pd.DataFrame, channels: Channels) -> list[str]:
     for channel in channels:
         if channel.name not in given:
             absent.setdefault((channel.quantity, channel.load_fraction), []).append(channel)
-    said = []
+    found = []
     for (quantity, load), some in absent.items():
         if quantity == "volume" and load == 1:
-            continue  # said with what it means
+            continue  # `shortcomings` reports it with its consequence
         all_of_it = sum(c.quantity == quantity and c.load_fraction == load for c in channels)
         at = "" if load == 1 else f" at {100 * load:g} % of the load"
         which = "" if len(some) == all_of_it else " " + ", ".join(c.place for c in some)
-        said.append(f"not measured: {quantity}{at}{which}; what is left decides")
-    return said
+        found.append(f"not measured: {quantity}{at}{which}; the remaining channels are used")
+    return found
 
 
 def _stretch(strains: np.ndarray, exponent: float) -> np.ndarray:

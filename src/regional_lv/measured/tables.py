@@ -297,7 +297,7 @@ def _check_duplicates(table: pd.DataFrame) -> Complaints:
         first = table.loc[table["output"] == row["output"], "line"].iloc[0]
         yield (
             row["line"],
-            f"{row['output']} stands in line {first} already; keep one of them, or their mean",
+            f"{row['output']} is in line {first} already; keep one of them, or their mean",
         )
 
 

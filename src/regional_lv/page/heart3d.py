@@ -56,7 +56,7 @@ def draw(
     """The wall as an HTML element that plotly's script fills (not part of it), to turn and zoom.
 
     mesh: VTU of the unloaded heart. Buttons colour it by zone or by the `medians` of a factor
-    (parameter -> value). hover: what is said of each segment (17), as HTML of plotly's kind.
+    (parameter -> value). hover: the label of each segment (17), in plotly's HTML.
     """
     grid = heart.straight_cells(mesh, SUBDIVISION)
     surface = grid.extract_surface(algorithm="dataset_surface").triangulate()
@@ -182,7 +182,8 @@ def _beside(points: np.ndarray, clear: float) -> np.ndarray:
     if np.hypot(x, y) < 0.3 * radius.max():
         return np.array([x, y, low - clear])
     height = (low + high) / 2
-    level = np.abs(points[:, 2] - height) <= max((high - low) / 4, 1.0)
+    off = np.abs(points[:, 2] - height)
+    level = off <= max((high - low) / 4, 1.0, off.min())  # a large element has no node near it
     outer = (radius[level].max() + clear) / np.hypot(x, y)
     return np.array([outer * x, outer * y, height])
 

@@ -31,10 +31,10 @@ TEMPLATE = Path(__file__).parent / "page.html"
 
 SAME_AS_PRIOR = 0.1
 """Largest distance between the distribution functions of posterior and prior (Kolmogorov-Smirnov)
-at which the data are said to say nothing about a parameter."""
+at which the data are reported not to constrain a parameter."""
 
 STRONG = 0.7
-"""Correlation of the logarithms of a zone's factors from which on they are said to trade off."""
+"""Correlation of the logarithms of a zone's factors from which on a trade-off is reported."""
 
 MOVED = 1.0
 """Posterior standard deviations from which on a change of a factor is shown in bold."""
@@ -180,19 +180,19 @@ def _unit(channel: Channel) -> str:
 def missing(table: pd.DataFrame, channels: Channels) -> list[str]:
     """What the study observes and the table lacks, in words."""
     absent = [c for c in channels if c.name not in set(table["output"])]
-    said = []
+    found = []
     for quantity, load in dict.fromkeys((c.quantity, c.load_fraction) for c in absent):
         some = [c for c in absent if (c.quantity, c.load_fraction) == (quantity, load)]
         all_of_it = [c for c in channels if (c.quantity, c.load_fraction) == (quantity, load)]
         if not some[0].kind.is_strain:
-            said += [words.channel(c.name) for c in some]
+            found += [words.channel(c.name) for c in some]
             continue
         text = f"{quantity} strain"
         if len(some) < len(all_of_it):
             numbers = ", ".join(str(c.segment) for c in some)
             text += f" of segment{'s' if len(some) > 1 else ''} {numbers}"
-        said.append(text + words.at_load(load))
-    return said
+        found.append(text + words.at_load(load))
+    return found
 
 
 # --------------------------------------------------------------------------------------- stiffness
@@ -200,7 +200,7 @@ def missing(table: pd.DataFrame, channels: Channels) -> list[str]:
 
 def stiffness_of(drawn: CasePosterior, parameters: Parameterisation) -> list[dict]:
     """A row for each parameter: median, 95 % interval, what the prior allowed, probability of being
-    above the reference, and whether the data say nothing about it."""
+    above the reference, and whether the data do not constrain it (`silent`)."""
     summary, rows = drawn.summary(), []
     for p in parameters:
         values, row = drawn.draws[p.name].ravel(), summary.loc[p.name]
@@ -238,7 +238,7 @@ def trade_offs(drawn: CasePosterior, parameters: Parameterisation) -> list[dict]
 def silent(
     rows: list[dict], table: pd.DataFrame, channels: Channels, parameters: Parameterisation
 ) -> list[dict]:
-    """Parameters that the data say nothing about, with what was not measured in their zone."""
+    """Parameters that the data do not constrain, with what was not measured in their zone."""
     found = []
     for row in rows:
         if row["silent"]:
@@ -250,9 +250,9 @@ def silent(
 
 
 def _hover(rows: list[dict], table: pd.DataFrame, parameters: Parameterisation) -> list[str]:
-    """What the heart says of each segment (17): its name, its zone's stiffness, its strains."""
+    """The label of each segment (17) of the heart: its name, its zone's stiffness, its strains."""
     strains = table[table["segment"].notna() & (table["load_fraction"] == 1)]
-    said = []
+    labels = []
     for segment in aha.SEGMENTS:
         zone = parameters.zone_of(segment.number)
         lines = [f"<b>segment {segment.number}, {segment.name}</b>"]
@@ -266,8 +266,8 @@ def _hover(rows: list[dict], table: pd.DataFrame, parameters: Parameterisation) 
             f"{row['quantity']} strain: {100 * row['value']:.1f} %"
             for _, row in strains[strains["segment"] == segment.number].iterrows()
         ]
-        said.append("<br>".join(lines))
-    return said
+        labels.append("<br>".join(lines))
+    return labels
 
 
 # --------------------------------------------------------------------------------------------- fit

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pyvista
-from vtkmodules.vtkCommonDataModel import vtkTriQuadraticHexahedron
+from vtkmodules.vtkCommonDataModel import vtkHexahedron, vtkTriQuadraticHexahedron
 
 from regional_lv.errors import InputError
 
@@ -18,21 +18,34 @@ TILT_DEG = 20.0
 LINE_COLOUR = "#F7F7F7"
 PIXELS = (900, 1150)
 
+HEXAHEDRA = {
+    pyvista.CellType.TRIQUADRATIC_HEXAHEDRON: vtkTriQuadraticHexahedron,
+    pyvista.CellType.HEXAHEDRON: vtkHexahedron,
+}
+"""Cells that a mesh of the wall can have: those of the meshes made here, and those of an imported
+mesh that was kept."""
 
-def straight_cells(mesh: Path, subdivision: int, moved: bool = False) -> pyvista.UnstructuredGrid:
-    """The mesh's 27-node hexahedra as subdivision^3 eight-node hexahedra each.
+
+def straight_cells(
+    mesh: Path, subdivision: int, linear: int = 1, moved: bool = False
+) -> pyvista.UnstructuredGrid:
+    """The mesh's 27-node hexahedra as subdivision^3 eight-node hexahedra each, or its eight-node
+    hexahedra, which have straight edges, as linear^3 each.
 
     So many straight edges per curved one make curved walls look curved. Cell data: `segment`,
-    `element` (number of the 27-node cell), `part` (0 ... subdivision^3 - 1, the last reference
+    `element` (number of the mesh's cell), `part` (0 ... subdivision^3 - 1, the last reference
     coordinate fastest), and `depth` in the wall if the mesh has it. With `moved`, nodes are moved
     by the mesh's point data `displacement`.
-    Raises InputError if the mesh has no 27-node hexahedra with segment numbers.
+    Raises InputError if the mesh has no hexahedra with segment numbers.
     """
     source = pyvista.read(mesh)
-    quadratic = source.cells_dict.get(int(pyvista.CellType.TRIQUADRATIC_HEXAHEDRON))
-    if quadratic is None or "segment" not in source.cell_data:
-        raise InputError(f"{mesh}: no 27-node hexahedra with cell data `segment`; remake the mesh")
-    is_solid = source.celltypes == pyvista.CellType.TRIQUADRATIC_HEXAHEDRON
+    kind = solid_type(source)
+    if kind is None or "segment" not in source.cell_data:
+        raise InputError(f"{mesh}: no hexahedra with cell data `segment`; make the mesh again")
+    if kind == pyvista.CellType.HEXAHEDRON:
+        subdivision = linear
+    nodes, is_solid = source.cells_dict[int(kind)], source.celltypes == kind
+    reference = np.array(HEXAHEDRA[kind]().GetParametricCoords()).reshape(-1, 3)
     segment = np.asarray(source.cell_data["segment"])[is_solid].astype(int)
 
     places = source.points + source.point_data["displacement"] if moved else source.points
@@ -40,7 +53,7 @@ def straight_cells(mesh: Path, subdivision: int, moved: bool = False) -> pyvista
     n = subdivision + 1
     ticks = np.linspace(0, 1, n)
     local = np.stack(np.meshgrid(ticks, ticks, ticks, indexing="ij"), axis=-1).reshape(-1, 3)
-    points = np.einsum("pk,ekd->epd", _shape_functions(local), places[quadratic])
+    points = np.einsum("pk,ekd->epd", _shape_functions(local, reference), places[nodes])
 
     i, j, k = (a.ravel() for a in np.meshgrid(*[np.arange(subdivision)] * 3, indexing="ij"))
     corner = [
@@ -54,30 +67,35 @@ def straight_cells(mesh: Path, subdivision: int, moved: bool = False) -> pyvista
         (0, 1, 1),
     ]
     hexes = np.column_stack([((i + a) * n + j + b) * n + k + c for a, b, c in corner])
-    cells = (hexes[None] + (np.arange(len(quadratic)) * n**3)[:, None, None]).reshape(-1, 8)
+    cells = (hexes[None] + (np.arange(len(nodes)) * n**3)[:, None, None]).reshape(-1, 8)
     grid = pyvista.UnstructuredGrid(
         {pyvista.CellType.HEXAHEDRON: cells}, points.reshape(-1, 3).astype(float)
     )
     grid.cell_data["segment"] = np.repeat(segment, subdivision**3)
     if "transmural" in source.point_data:
-        depth = source.point_data["transmural"][quadratic] @ _shape_functions(local).T
+        depth = source.point_data["transmural"][nodes] @ _shape_functions(local, reference).T
         grid.cell_data["depth"] = depth[:, hexes].mean(axis=-1).ravel()
-    grid.cell_data["element"] = np.repeat(np.arange(len(quadratic)), subdivision**3)
-    grid.cell_data["part"] = np.tile(np.arange(subdivision**3), len(quadratic))
+    grid.cell_data["element"] = np.repeat(np.arange(len(nodes)), subdivision**3)
+    grid.cell_data["part"] = np.tile(np.arange(subdivision**3), len(nodes))
     return grid.clean(tolerance=1e-4)
 
 
-def _shape_functions(local: np.ndarray) -> np.ndarray:
-    """Values (p, 27) of the triquadratic shape functions at local points (p, 3) in [0, 1]^3.
+def solid_type(mesh: pyvista.UnstructuredGrid) -> pyvista.CellType | None:
+    """The type of the wall's cells, or None if they are not hexahedra."""
+    return next((kind for kind in HEXAHEDRA if int(kind) in mesh.cells_dict), None)
 
-    VTK names its 27 nodes by their local coordinates; interpolating the monomials there gives
-    the functions in VTK's own order.
+
+def _shape_functions(local: np.ndarray, nodes: np.ndarray) -> np.ndarray:
+    """Values (p, n) of the shape functions of a hexahedron at local points (p, 3) in [0, 1]^3.
+
+    nodes: local coordinates (n, 3) of its 8 or 27 nodes, in VTK's order. Interpolating the
+    monomials there gives the functions in the same order.
     """
-    nodes = np.array(vtkTriQuadraticHexahedron().GetParametricCoords()).reshape(27, 3)
+    degrees = np.arange(round(len(nodes) ** (1 / 3)))
 
     def monomials(x: np.ndarray) -> np.ndarray:
-        powers = x[:, :, None] ** np.arange(3)
-        return np.einsum("pi,pj,pk->pijk", *powers.transpose(1, 0, 2)).reshape(len(x), 27)
+        powers = x[:, :, None] ** degrees
+        return np.einsum("pi,pj,pk->pijk", *powers.transpose(1, 0, 2)).reshape(len(x), len(nodes))
 
     return monomials(local) @ np.linalg.inv(monomials(nodes))
 

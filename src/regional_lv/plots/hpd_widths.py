@@ -35,7 +35,7 @@ def draw(
     """
     tables, warnings = [], []
     fig = style.figure(11.0, 4.8)
-    axes = scenarios.panels(fig, 1, 2, sharey=True)[0]
+    axes = scenarios.panels(fig, 1, 2)[0]  # noise widens the intervals by two decades
     for ax, noise, paths in zip(axes, scenarios.NOISE, (recoveries, noisy), strict=True):
         table = scenarios.read_sets(paths, labels, parameters)
         warnings.append(scenarios.warning(table))
@@ -55,15 +55,15 @@ def draw(
             legend=False,
             **style.BOXES,
         )
-        ax.set(xlabel="", title=noise)
+        ax.set(xlabel="", ylabel="", title=noise, yscale="log")
+        style.plain_log(ax.yaxis)
         ax.yaxis.grid(True, which="both")
-    axes[0].set(ylabel="width of the 95 % HPD interval", yscale="log")
-    style.plain_log(axes[0].yaxis)
+    axes[0].set_ylabel("width of the 95 % HPD interval")
     handles = [Patch(color=colour, alpha=0.6, label=name) for name, colour in GROUPS.items()]
     fig.legend(handles=handles, loc="outside lower center", ncols=3)
     style.suptitle(
         fig,
-        f"How well single parameters are known (the prior's width: {_prior_width(parameters)})",
+        f"Widths of the 95 % HPD intervals (of the prior: {_prior_width(parameters)})",
         " / ".join(filter(None, warnings)),
     )
     style.save(fig, _statistics(pd.concat(tables)), png, csv)

@@ -54,20 +54,11 @@ def draw(
 
 
 def _heart(ax: Axes, mesh: Path, parameters: Parameterisation) -> None:
-    grid = heart.cut(_grid(mesh))
+    grid = heart.cut(heart.straight_cells(mesh, SUBDIVISION))
     colours = [pyvista.Color(colour).int_rgb for colour in parameters.colours.values()]
     zone = parameters.segment_zone[np.asarray(grid.cell_data["segment"]) - 1]
     ax.imshow(heart.render(grid, np.array(colours)[zone]))
     ax.set_title("Unloaded heart, cut open")
-
-
-def _grid(mesh: Path) -> pyvista.UnstructuredGrid:
-    """The wall; a mesh that was kept as it came has straight cells already."""
-    grid = pyvista.read(mesh)
-    straight = grid.celltypes == pyvista.CellType.HEXAHEDRON
-    return (
-        grid.extract_cells(straight) if straight.any() else heart.straight_cells(mesh, SUBDIVISION)
-    )
 
 
 def _strains(ax: Axes, rows: pd.DataFrame) -> None:

@@ -24,11 +24,16 @@ PUBLISHED_COLOURS = dict(
 )
 
 
+FAR = "Glasgow"
+"""The code, of an immersed boundary, whose values would leave no room between the others."""
+
+
 @style.context
 def draw(results: Path, published: Path, png: Path, csv: Path) -> None:
     """Draw `verification.land.run`'s table (CSV) over the published values (CSV).
 
-    The table is long: quantity, by (study | code), name (mesh or code), unknowns, value.
+    Axes hold our values and those of all participants but FAR, whose value is written where it lies
+    outside. The table is long: quantity, by (study | code), name (mesh or code), unknowns, value.
     """
     ours, theirs = pd.read_csv(results), pd.read_csv(published)
     fig = style.figure(9.0, 6.0)
@@ -57,6 +62,12 @@ def _panel(ax: Axes, quantity: str, ours: pd.DataFrame, theirs: pd.DataFrame) ->
     for code, value in zip(known["code"], known[quantity], strict=True):
         ax.axhline(value, color=PUBLISHED_COLOURS[code])
     ax.plot(mine["unknowns"], mine[quantity], "o-", color=style.BLUE, markersize=4, zorder=3)
+    shown = pd.concat([mine[quantity], known.loc[known["code"] != FAR, quantity]])
+    low, high = shown.min(), shown.max()
+    ax.set_ylim(low - 0.08 * (high - low), high + 0.08 * (high - low))
+    for value in known.loc[known["code"] == FAR, quantity]:
+        if not low <= value <= high:
+            ax.text(0.97, 0.04, f"{FAR}: {value:g}", transform=ax.transAxes, ha="right", fontsize=8)
     return [
         (quantity, "study", *row)
         for row in mine[["mesh", "unknowns", quantity]].itertuples(index=False)

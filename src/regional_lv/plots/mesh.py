@@ -22,7 +22,7 @@ def draw(mesh: Path, png: Path, csv: Path) -> None:
     """Draw the mesh `mesh` (VTU, mm) cut open: elements by depth, and fibres by helix angle.
 
     The table has a row per node: x_mm, y_mm, z_mm, depth (0 endocardium, 1 epicardium), helix_deg.
-    Raises InputError if the mesh has no quadratic hexahedra with segment numbers.
+    Raises InputError if the mesh has no hexahedra with segment numbers.
     """
     whole = heart.straight_cells(mesh, SUBDIVISION)
     # Whole elements are kept: a plane would cut slivers off those along it.
@@ -44,7 +44,8 @@ def draw(mesh: Path, png: Path, csv: Path) -> None:
     depth = ScalarMappable(Normalize(0, 1), "cividis")
     rgb = 255 * depth.to_rgba(elements.cell_data["depth"])[:, :3]
     left.imshow(heart.render(elements, rgb, {"element": 0.16}))
-    left.set_title("Quadratic hexahedra")
+    linear = heart.solid_type(source) == pyvista.CellType.HEXAHEDRON
+    left.set_title(f"{'Linear' if linear else 'Quadratic'} hexahedra")
     fig.colorbar(depth, ax=left, location="bottom", shrink=0.8).set_label(
         "depth in the wall (0 endocardium, 1 epicardium)"
     )

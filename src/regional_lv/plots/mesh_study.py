@@ -1,5 +1,6 @@
 """Errors of the observables on several meshes, point by point of the box."""
 
+import textwrap
 from pathlib import Path
 
 import pandas as pd
@@ -20,10 +21,11 @@ def draw(errors: Path, png: Path, csv: Path) -> None:
     """Draw the table (CSV) of `verification.mesh_study.compare`: one dot per mesh and point."""
     table = pd.read_csv(errors)
     shown = table[table["max_strain"] > 0]  # the reference's own errors are zero
-    fig = style.figure(9.5, 3.8)
+    fig = style.figure(11.0, 4.2)
     for ax, (column, label, limits) in zip(fig.subplots(1, 2), PANELS, strict=True):
         _panel(ax, shown, column, limits)
         ax.set_ylabel(label)
+    fig.supxlabel("mesh, with its number of unknowns (line: median, dotted: limits)", fontsize=9)
     style.suptitle(fig, "Error against the reference mesh")
     style.save(fig, table, png, csv)
 
@@ -50,6 +52,6 @@ def _panel(ax: Axes, table: pd.DataFrame, column: str, limits) -> None:
     )
     for limit in limits:
         ax.axhline(limit, color="0.5", linestyle=":", linewidth=1)
-    labels = [f"{unknowns[n]:,}\n" + n.replace(", ", ",\n") for n in names]
+    labels = [f"{unknowns[n]:,}\n{textwrap.fill(n, 10)}" for n in names]
     ax.set_xticks(range(len(names)), labels, fontsize=7)
-    ax.set_xlabel("mesh, with its number of unknowns (line: median, dotted: limits)")
+    ax.set_xlabel("")

@@ -53,7 +53,7 @@ def draw(
     for ax in axes[:, 0]:
         ax.set_ylabel("true positive rate\n(stiffened zones called stiff)")
     warning = scenarios.warning(scenarios.read_sets(recoveries, 2 * list(labels), parameters))
-    style.suptitle(fig, "Telling a stiffened zone from the posterior probability", warning)
+    style.suptitle(fig, "Classification of stiffened zones by posterior probability", warning)
     style.save(fig, pd.concat(parts, ignore_index=True), png, csv)
 
 

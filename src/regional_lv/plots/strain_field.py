@@ -76,7 +76,7 @@ def draw(
 
 def _pictures(fig, vtu: Path, table: pd.DataFrame, directions: Sequence[str], measure: str) -> None:
     per_edge = round(np.cbrt(table["point"].nunique()))  # a piece of a cell around each point
-    grid = heart.straight_cells(vtu, per_edge, moved=True)
+    grid = heart.straight_cells(vtu, per_edge, linear=per_edge, moved=True)
     part = pd.MultiIndex.from_arrays([grid.cell_data["element"], grid.cell_data["part"]])
     values = table.set_index(["cell", "point"])[list(directions)].loc[part]
     for name in directions:

@@ -20,7 +20,7 @@ def draw(mesh: Path, parameters: Parameterisation, png: Path, csv: Path) -> None
     """Draw the mesh `mesh` (VTU, mm) whole, cut open, and as a bullseye with segment numbers.
 
     The table holds, per segment: zone, colour, number of elements and place in the bullseye.
-    Raises InputError if the mesh has no quadratic hexahedra with segment numbers.
+    Raises InputError if the mesh has no hexahedra with segment numbers.
     """
     grid = heart.straight_cells(mesh, SUBDIVISION)
     fig = style.figure(11.0, 4.6)

@@ -48,7 +48,7 @@ class Hypothesis(ABC):
     they go on; None for the derivative at the base value."""
 
     def why_not(self, physics: Mapping) -> str:
-        """Why it cannot be asked of a study with these physics; empty if it can."""
+        """Why it cannot be tested in a study with these physics; empty if it can."""
         return ""
 
     def for_study(self, physics: Mapping) -> "Hypothesis":

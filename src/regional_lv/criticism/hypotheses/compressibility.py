@@ -16,7 +16,7 @@ class Compressibility(SimulatorHypothesis):
         "volume was seen to change by 2 to 10 % within a beat. Psi is the inverse of the bulk "
         "modulus, the relative change of volume per kPa of pressure in the wall; at 0 the volume "
         "is kept. The more it gives, the more the wall thins: radial strains grow beyond what the "
-        "others ask for."
+        "others imply."
     )
     source = (
         "Yin et al. 1996, Am J Physiol 271:H1864-H1870; Ashikaga et al. 2008, Am J Physiol Heart "

@@ -20,7 +20,7 @@ class MixedFrames(TransformHypothesis):
         "Volume and strains often come from different sequences, slices and frames, and the frame "
         "called end-diastolic is not the same in all. Psi is the share of the end-diastolic "
         "pressure that is missing where the strains are read, while the volume is end-diastolic: "
-        "strains come out smaller than the volume asks for. Closed form, as for the pressure: "
+        "strains come out smaller than the volume implies. Closed form, as for the pressure: "
         "strains at the pressure (1 - psi) p are those of a wall with C_a / (1 - psi) at p."
     )
     source = (
