@@ -4,7 +4,6 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from scipy.stats import qmc, truncnorm
 
 from regional_lv.parameters import Parameterisation
 from regional_lv.seeds import derive
@@ -15,6 +14,8 @@ def sobol(n: int, lower: np.ndarray, upper: np.ndarray, scale: str, seed: int) -
 
     `scale` "natural" spreads them evenly, "log" evenly in the logarithm.
     """
+    from scipy.stats import qmc  # slow to import, and the workflow reads sizes from this module
+
     # Powers of two keep the sequence balanced; any prefix of the next one serves.
     exponent = max(int(np.ceil(np.log2(max(n, 1)))), 0)
     points = qmc.Sobol(len(lower), seed=seed).random_base2(exponent)[:n]
@@ -84,6 +85,8 @@ def draw_scenario(
     from N(mu, sd); `zone` is `all`. All draws are independent, from normal distributions truncated
     to the bounds. `scale` is the scenario's name. seed: the study's.
     """
+    from scipy.stats import truncnorm  # here for the same reason as in `sobol`
+
     rng = np.random.default_rng(derive(seed, "scenario", name))
 
     def draw(mean: float, sd: float, rows: int, at: slice) -> np.ndarray:

@@ -29,11 +29,13 @@ TIMES |= {"ms_gradient_batched", "peak_memory_mb", "file_mb"}
 """Columns that say what something took: they alone may differ between two runs."""
 
 COMPARED = (
-    *("tables/ranking.csv", "tables/recovery.csv", "tables/scenarios.csv", "tables/subjects.csv"),
+    *("tables/ranking.csv", "tables/recovery.csv", "tables/subjects.csv"),
+    *(f"posteriors/final/local_3_0-noisy/{table}.csv" for table in ("coverage", "auc")),
     "criticism/synthetic_lateral/findings.json",
 )
 """What a killed run has to make again: simulations, emulators, estimates, posteriors of every kind
-and a verdict stand behind it."""
+and a verdict stand behind it. Of the scenarios one, in several batches and with noise: the others
+are the same rules."""
 
 
 def copy_project(root: Path, target: Path) -> Path:
