@@ -191,6 +191,20 @@ def test_mesh_reruns_everything_after_it(editable):
     assert "make_design" not in rules
 
 
+def test_mesh_of_hypotheses_reruns_the_criticism_only(editable):
+    """Their own mesh, its anchors and what is concluded; no posterior rests on it."""
+    elements = {
+        folder: json.loads((editable / f"results/smoke/geometry/{folder}summary.json").read_text())
+        for folder in ("", "extensions/")
+    }
+    assert elements["extensions/"]["elements"] > elements[""]["elements"]
+    edit_config(editable, lambda c: c["criticism"]["mesh"].update(mid=3))
+    rules = planned(editable)
+    assert {"make_mesh", "solve_anchors", "simulate_extension", "train_extension"} <= rules
+    assert "conclude_criticism" in rules
+    assert not rules & {"fit_predictor", "simulate_batch", "train_emulator", "sample_subject"}
+
+
 def test_figure_module_reruns_that_figure_only(editable):
     module = editable / "src" / "regional_lv" / "plots" / "parity.py"
     module.write_text(module.read_text() + "\n# edited\n")
