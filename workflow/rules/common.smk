@@ -153,6 +153,26 @@ EXTENDED_ON = (
 GIVEN_SURFACES = config["geometry"]["surfaces"]
 
 
+# Meshes of the same ventricle, by the folder that they and what is solved on them are in.
+MESHES = {
+    "": config["mesh"],
+    "finer/": finer(config["mesh"]),
+    "extensions/": config["mesh"] | config["criticism"]["mesh"],
+}
+ANCHORS = min(config["simulations"]["anchors"], config["design"]["natural"] + config["design"]["log"])
+
+
+def mesh_of(wildcards):
+    """Settings of one of the meshes."""
+    return MESHES[wildcards.mesh_folder]
+
+
+def anchors_on(wildcards):
+    """How many: those of hypotheses on a mesh of their own, those of the study on the others."""
+    most = config["criticism"]["anchors"]
+    return min(ANCHORS, most or ANCHORS) if wildcards.mesh_folder == "extensions/" else ANCHORS
+
+
 def imported_files():
     """The mesh to import and, if there is one, the file of its segments; by name."""
     if IMPORTED["file"] == PUBLISHED_HEART:

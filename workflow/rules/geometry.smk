@@ -3,12 +3,6 @@
 Which rules there are depends on where the geometry comes from; one and only one makes the meshes.
 """
 
-# Meshes of the same ventricle, by the folder that they and what is solved on them are in.
-MESHES = {
-    "": config["mesh"],
-    "finer/": finer(config["mesh"]),
-    "extensions/": config["mesh"] | config["criticism"]["mesh"],
-}
 MADE = {
     name: f"{R}/geometry/{{mesh_folder}}{file}"
     for name, file in {
@@ -18,10 +12,6 @@ MADE = {
         "summary": "summary.json",
     }.items()
 }
-
-
-def mesh_of(wildcards):
-    return MESHES[wildcards.mesh_folder]
 
 
 wildcard_constraints:

@@ -1,14 +1,7 @@
 """Where every simulation starts: an inflation, anchors, and the fields predicted from them."""
 
-ANCHORS = min(config["simulations"]["anchors"], config["design"]["natural"] + config["design"]["log"])
 # Two at least: nothing else can be simulated before the anchors.
 ANCHOR_BATCHES = batches(ANCHORS, min(config["simulations"]["batch_size"], -(-ANCHORS // 2)))
-
-
-def anchors_on(wildcards):
-    """How many: those of hypotheses on a mesh of their own, those of the study on the others."""
-    most = config["criticism"]["anchors"]
-    return min(ANCHORS, most or ANCHORS) if wildcards.mesh_folder == "extensions/" else ANCHORS
 
 
 rule solve_baseline:
