@@ -140,7 +140,7 @@ def test_nothing_is_found_once_the_effect_is_removed():
     found = findings(measured(ToyEmulator(), seed=5))
     assert answered(found) == set() and found["confirmation"]["simulations"] == 0
     assert found["words"][0].startswith("The model fits")
-    assert any("Nothing was found" in s for s in found["words"])
+    assert any("No cause was found" in s for s in found["words"])
 
 
 def test_shuffled_channels_name_nothing(injected):
