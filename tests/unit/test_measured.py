@@ -206,7 +206,7 @@ MISTAKES_IN_FURTHER_COLUMNS = {
         "load_fraction",
         ["radial,1,0.4,1,0.5", "radial,1,0.5,1,", "radial,1,0.4,1,0.5"],
         4,
-        "radial_01@0.5 stands in line 2 already",
+        "radial_01@0.5 is in line 2 already",
     ),
     "wrong signs at one load": (
         "load_fraction",

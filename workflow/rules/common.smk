@@ -142,11 +142,12 @@ HEALTHY = {
 }
 
 IMPORTED = config["geometry"]["imported"]
+EXTENDED_MESH = {k: v for k, v in config["criticism"]["mesh"].items() if v is not None}
 # Folder of the meshes and fields that hypotheses are simulated from: their own, if the config asks for
 # a mesh of their own and the geometry is meshed at all.
 EXTENDED_ON = (
     "extensions/"
-    if config["criticism"]["mesh"]
+    if EXTENDED_MESH
     and (config["geometry"]["source"] != "mesh" or config["geometry"]["imported"]["remesh"])
     else ""
 )
@@ -157,7 +158,7 @@ GIVEN_SURFACES = config["geometry"]["surfaces"]
 MESHES = {
     "": config["mesh"],
     "finer/": finer(config["mesh"]),
-    "extensions/": config["mesh"] | config["criticism"]["mesh"],
+    "extensions/": config["mesh"] | EXTENDED_MESH,
 }
 ANCHORS = min(config["simulations"]["anchors"], config["design"]["natural"] + config["design"]["log"])
 
