@@ -27,7 +27,7 @@ from regional_lv.data import path as packaged  # noqa: E402
 from regional_lv.data import segment_table  # noqa: E402
 from regional_lv.design import scenario_size  # noqa: E402
 from regional_lv.errors import InputError  # noqa: E402
-from regional_lv.geometry.make import finer  # noqa: E402
+from regional_lv.geometry.mesh_config import finer  # noqa: E402
 from regional_lv.jobs import module_of  # noqa: E402
 from regional_lv.measured import states_noise  # noqa: E402
 from regional_lv.parameters import Parameterisation  # noqa: E402
@@ -142,24 +142,18 @@ HEALTHY = {
 }
 
 IMPORTED = config["geometry"]["imported"]
-EXTENDED_MESH = {k: v for k, v in config["criticism"]["mesh"].items() if v is not None}
-# Folder of the meshes and fields that hypotheses are simulated from: their own, if the config asks for
-# a mesh of their own and the geometry is meshed at all.
-EXTENDED_ON = (
-    "extensions/"
-    if EXTENDED_MESH
-    and (config["geometry"]["source"] != "mesh" or config["geometry"]["imported"]["remesh"])
-    else ""
-)
 GIVEN_SURFACES = config["geometry"]["surfaces"]
 
-
+EXTENDED_MESH = {k: v for k, v in config["criticism"]["mesh"].items() if v is not None}
 # Meshes of the same ventricle, by the folder that they and what is solved on them are in.
 MESHES = {
     "": config["mesh"],
     "finer/": finer(config["mesh"]),
     "extensions/": config["mesh"] | EXTENDED_MESH,
 }
+# The one that hypotheses are simulated on; an imported mesh that is kept serves for them too.
+MESHED = config["geometry"]["source"] != "mesh" or IMPORTED["remesh"]
+EXTENDED_ON = "extensions/" if EXTENDED_MESH and MESHED else ""
 ANCHORS = min(config["simulations"]["anchors"], config["design"]["natural"] + config["design"]["log"])
 
 

@@ -12,8 +12,9 @@ from regional_lv.geometry.comparison import compare
 from regional_lv.geometry.directions import nodal_directions, nodal_transmural_gradient
 from regional_lv.geometry.fitted import FittedSurfaces, sector_table
 from regional_lv.geometry.imported import import_mesh
-from regional_lv.geometry.make import check_mesh_config, mesh_between
+from regional_lv.geometry.make import mesh_between
 from regional_lv.geometry.mesh import read_mesh, write_mesh
+from regional_lv.geometry.mesh_config import check_mesh_config
 from regional_lv.geometry.summary import cell_volumes, segment_volumes, summarise_mesh
 
 log = logging.getLogger(__name__)

@@ -9,8 +9,9 @@ from regional_lv.errors import InputError
 from regional_lv.geometry.comparison import normal_distances, sample_surface
 from regional_lv.geometry.fitted import FittedSurfaces, StarSurface, aha_sectors
 from regional_lv.geometry.from_mesh import segment_table, write_summary, write_table
-from regional_lv.geometry.make import check_mesh_config, mesh_between
+from regional_lv.geometry.make import mesh_between
 from regional_lv.geometry.mesh import ENDOCARDIUM, EPICARDIUM, SURFACES
+from regional_lv.geometry.mesh_config import check_mesh_config
 from regional_lv.geometry.summary import cavity_volume, segment_volumes, summarise_mesh
 from regional_lv.geometry.triangulated import SIDES, read_ventricle, triangle_points
 

@@ -6,30 +6,11 @@ from pathlib import Path
 from regional_lv.errors import InputError
 from regional_lv.geometry.directions import nodal_directions
 from regional_lv.geometry.mesh import write_mesh
+from regional_lv.geometry.mesh_config import check_mesh_config
 from regional_lv.geometry.meshing import convert_mesh, write_gmsh
 from regional_lv.geometry.summary import scaled_jacobians, summarise
 from regional_lv.geometry.surfaces import Surfaces
 from regional_lv.geometry.table import check_apices, read_segments
-
-
-def check_mesh_config(mesh):
-    """Raise InputError for a config section `mesh` that cannot be meshed."""
-    n = mesh["circumferential"]
-    if n < 16 or n % 8:
-        raise InputError(
-            f"mesh.circumferential is {n}; use 16, 24, 32, 40 or 48 (the apex patch has a quarter "
-            "of it along each side, and a node at the pole)"
-        )
-    for key in ("basal", "mid", "apical", "apex", "transmural"):
-        if mesh[key] < 1:
-            raise InputError(f"mesh.{key} is {mesh[key]}; use at least 1")
-
-
-def finer(mesh: dict) -> dict:
-    """A config section `mesh` with one row more in every direction, and eight elements more around
-    the ventricle: what is simulated on it does not share the study's errors of discretisation."""
-    rows = {key: mesh[key] + 1 for key in ("basal", "mid", "apical", "apex", "transmural")}
-    return {**mesh, **rows, "circumferential": mesh["circumferential"] + 8}
 
 
 def mesh_between(table, surfaces, mesh, fibres, msh, vtu, zones, origin, remedy):
