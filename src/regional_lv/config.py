@@ -346,7 +346,7 @@ def _complaint(error: jsonschema.ValidationError) -> str:
     if error.validator == "enum":
         close = difflib.get_close_matches(str(value), [str(v) for v in limit], n=1)
         hint = f"; did you mean {close[0]}?" if close else ""
-        return f"{value!r} is not offered; choose one of {', '.join(map(str, limit))}{hint}"
+        return f"{value!r} is not offered; choose one of {', '.join(map(_choice, limit))}{hint}"
     if error.validator == "anyOf":
         return f"{value!r} is neither `all` nor {_alternative(limit)}; give one of them"
     if error.validator == "pattern" and "remedy" in error.schema:
@@ -941,6 +941,11 @@ def document() -> str:
     return "\n".join(lines)
 
 
+def _choice(value) -> str:
+    """A value of an `enum` as YAML writes it."""
+    return "null" if value is None else str(value)
+
+
 def _default_text(entry: dict) -> str:
     if "default" not in entry:
         return "none"
@@ -951,7 +956,7 @@ def _default_text(entry: dict) -> str:
 def _meaning(entry: dict) -> str:
     """Description, with the choices where it does not name them itself."""
     text = entry["description"].strip()
-    choices = [str(choice) for choice in entry.get("enum", [])]
+    choices = [_choice(choice) for choice in entry.get("enum", [])]
     missing = [choice for choice in choices if f"`{choice}`" not in text]
     return f"{text} One of {', '.join(f'`{c}`' for c in choices)}." if missing else text
 
