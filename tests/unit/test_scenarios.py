@@ -3,11 +3,13 @@
 import numpy as np
 import pandas as pd
 import pytest
+from sklearn.metrics import roc_auc_score
 
 from regional_lv.channels import Channels
 from regional_lv.design import draw_scenario, scenario_size, write_scenario
 from regional_lv.inference.classification import (
     area,
+    areas_of,
     auc_interval,
     curve_of,
     map_errors_by_zone,
@@ -102,6 +104,15 @@ def test_roc_and_area():
     alone = curve_of(label[:3], score[:3])
     assert alone["false_positive_rate"].isna().all()
     assert alone["true_positive_rate"].tolist() == pytest.approx([0, 1 / 3, 2 / 3, 1])
+
+
+def test_areas_of_resamples_are_those_of_scikit_learn():
+    rng = np.random.default_rng(1)
+    label = rng.random(80) < 0.3
+    score = np.round(rng.normal(size=80) + label, 1)  # with ties
+    counts = rng.integers(4, size=(20, 80))
+    each = [roc_auc_score(label, score, sample_weight=row) for row in counts]
+    assert areas_of(label, score, counts) == pytest.approx(each, abs=1e-12)
 
 
 def test_interval_of_an_area_that_is_known():
