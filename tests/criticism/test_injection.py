@@ -43,7 +43,8 @@ def test_sizes_are_in_the_range_and_away_from_the_base(entries):
             h = effect.hypothesis
             assert h.low <= effect.value <= h.high
             end = h.low if effect.value < h.base else h.high
-            shares.append((effect.value - h.base) / (end - h.base))
+            value, base, end = (h.scale(v) for v in (effect.value, h.base, end))
+            shares.append((value - base) / (end - base))
             assert effect.component in h.components
     assert min(shares) >= injection.LEAST_SHARE - 1e-12
     assert np.mean(shares) == pytest.approx((1 + injection.LEAST_SHARE) / 2, abs=0.06)

@@ -9,6 +9,7 @@ import pandas as pd
 import torch
 
 from regional_lv.channels import Channels
+from regional_lv.criticism.hypotheses.scales import Linear, Scale
 from regional_lv.emulators.base import Emulator, Prediction, SeparablePrediction
 from regional_lv.measured import synthetic_subject
 from regional_lv.parameters import Parameterisation
@@ -70,6 +71,9 @@ class ToyEmulator(Emulator):
     def _restore(self, state): ...
 
 
+LINEAR = Linear()
+
+
 @dataclass(frozen=True)
 class Hypothesis:
     name: str
@@ -82,6 +86,7 @@ class Hypothesis:
     source: str = "made up"
     load_power: float = 0.0
     signature_at: float | None = None
+    scale: Scale = LINEAR
 
     def at_load(self, psi, fraction):
         return psi * fraction**self.load_power

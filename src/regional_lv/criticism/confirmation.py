@@ -25,34 +25,34 @@ LEAST_SPREAD = 1e-9
 class Correction:
     """What simulations of one set add to its emulated outputs, and how well that is known.
 
-    A linear function of log theta and psi: `centre` (S, P + k) and the value there (S, D),
-    derivatives by_log_theta (S, D, P) and by_psi (S, D, k), covariance (S, D, D) of what remains.
-    simulations: how many it was fitted to.
+    A linear function of log theta and psi on its scale: `centre` (S, P + k) and the value there (S,
+    D), derivatives by_log_theta (S, D, P) and by_scaled (S, D, k), covariance (S, D, D) of what
+    remains. simulations: how many it was fitted to.
     """
 
     centre: torch.Tensor
     value: torch.Tensor
     by_log_theta: torch.Tensor
-    by_psi: torch.Tensor
+    by_scaled: torch.Tensor
     covariance: torch.Tensor
     simulations: int
 
-    def mean(self, theta: torch.Tensor, psi: torch.Tensor) -> torch.Tensor:
-        """(..., S, D) at theta (..., S, P) and psi (..., S, k)."""
-        away = torch.cat([theta.log(), psi], dim=-1) - self.centre
-        slopes = torch.cat([self.by_log_theta, self.by_psi], dim=-1)
+    def mean(self, theta: torch.Tensor, scaled: torch.Tensor) -> torch.Tensor:
+        """(..., S, D) at theta (..., S, P) and scaled psi (..., S, k)."""
+        away = torch.cat([theta.log(), scaled], dim=-1) - self.centre
+        slopes = torch.cat([self.by_log_theta, self.by_scaled], dim=-1)
         return self.value + (slopes @ away[..., None])[..., 0]
 
     @classmethod
-    def fit(cls, emulator, theta, psi, outputs) -> "Correction":
-        """From n simulations: theta (n, S, P), psi (n, S, k), outputs (n, S, D) for `emulator`
-        (an `ExtendedEmulator` without a correction).
+    def fit(cls, emulator, theta, scaled, outputs) -> "Correction":
+        """From n simulations: theta (n, S, P), scaled psi (n, S, k), outputs (n, S, D) for
+        `emulator` (an `ExtendedEmulator` without a correction).
 
         Every output by Bayesian ridge regression, whose evidence says how much of the difference
         is linear.
         """
-        difference = outputs - emulator.mean(theta, psi)
-        at = torch.cat([theta.log(), psi], dim=-1)
+        difference = outputs - emulator.mean(theta, scaled)
+        at = torch.cat([theta.log(), scaled], dim=-1)
         centre, sd = at.mean(0), at.std(0)
         s, d, p = *outputs.shape[1:], theta.shape[-1]
         value, slopes = torch.zeros(s, d).double(), torch.zeros(s, d, at.shape[-1]).double()
@@ -122,10 +122,14 @@ def correct(model, members: Sequence[tuple[str, str]], simulations: pd.DataFrame
         return None
     good = good.assign(heart=good["subject"].map(subjects.index)).sort_values(["number", "heart"])
     shape = good["number"].nunique(), len(subjects)
-    psi = [[value for value, _ in json.loads(text).values()] for text in good["effects"]]
+    scales = {e.hypothesis.name: e.hypothesis.scale for e in model.emulator.extensions}
+    scaled = [
+        [scales[name](value) for name, (value, _) in json.loads(text).items()]
+        for text in good["effects"]
+    ]
 
     def tensor(values):
         return torch.as_tensor(np.asarray(values, dtype=float)).reshape(*shape, -1)
 
     theta = tensor(good[parameters].to_numpy())
-    return Correction.fit(model.emulator, theta, tensor(psi), tensor(good[outputs].to_numpy()))
+    return Correction.fit(model.emulator, theta, tensor(scaled), tensor(good[outputs].to_numpy()))

@@ -379,7 +379,7 @@ class Critic:
             model.settle(found.base.fit.x[0])
             old = found.base.fit
             at = model.tail
-            middle = torch.tensor([(hypothesis.low + hypothesis.high) / 2], dtype=old.x.dtype)
+            middle = (model.low[at] + model.high[at])[None] / 2
             x = torch.cat([old.x[0, :at], middle, old.x[0, at:]])[None]
             start = Fit(x, old.objective, old.residual, old.jacobian, old.whitening)
             sampled = self._in_earnest(model, start, hypothesis.name, tails=True)

@@ -30,6 +30,8 @@ class MeanOnly:
 class ExtendedEmulator:
     """f(theta) plus the differences of its extensions, which add up.
 
+    Psi is asked for on the scales of the hypotheses: `scaled` (..., k), one per extension.
+
     extensions: `criticism.extension.Extension`s for the same outputs as `emulator`. correction: a
     `criticism.confirmation.Correction` from simulations with all their effects at once, if there is
     one; its covariance takes the place of the extensions'. The base emulator's stays: a channel
@@ -53,40 +55,42 @@ class ExtendedEmulator:
     def corrected(self, correction) -> "ExtendedEmulator":
         return ExtendedEmulator(self.emulator, self.extensions, correction)
 
-    def predict(self, theta: torch.Tensor, psi: torch.Tensor) -> Prediction:
-        """Mean (..., D) and covariance (..., D, D), the sum of all parts, at `theta` (..., P) and
-        `psi` (..., k)."""
+    def predict(self, theta: torch.Tensor, scaled: torch.Tensor) -> Prediction:
+        """Mean (..., D) and covariance (..., D, D), the sum of all parts, at `theta` (..., P)."""
         base = self.emulator.predict(theta)
         mean, covariance = base.mean, base.covariance
         for i, extension in enumerate(self.extensions):
-            part = extension.difference(self.emulator, theta, psi[..., i])
+            psi = extension.hypothesis.scale.inverse(scaled[..., i])
+            part = extension.difference(self.emulator, theta, psi)
             mean = mean + part.mean
             if self.correction is None:
                 covariance = covariance + part.covariance
         if self.correction is not None:
-            mean = mean + self.correction.mean(theta, psi)
+            mean = mean + self.correction.mean(theta, scaled)
             covariance = covariance + self.correction.covariance
         return Prediction(mean, covariance)
 
     @torch.no_grad()
-    def mean(self, theta: torch.Tensor, psi: torch.Tensor) -> torch.Tensor:
+    def mean(self, theta: torch.Tensor, scaled: torch.Tensor) -> torch.Tensor:
         """Mean (..., D). An extension costs nothing where its psi has the base value."""
         base = self.emulator.predict_mean(theta)
         total = base.clone()
         for i, extension in enumerate(self.extensions):
-            at = psi[..., i] != extension.hypothesis.base
+            h = extension.hypothesis
+            at = scaled[..., i] != h.scale(h.base)
             if at.any():
-                known = (theta[at], psi[..., i][at], base[at])
-                total[at] = total[at] + extension.mean(self._base, *known)
+                psi = h.scale.inverse(scaled[..., i][at])
+                total[at] = total[at] + extension.mean(self._base, theta[at], psi, base[at])
         if self.correction is not None:
-            total = total + self.correction.mean(theta, psi)
+            total = total + self.correction.mean(theta, scaled)
         return total
 
     @torch.no_grad()
     def linearise(
-        self, theta: torch.Tensor, psi: torch.Tensor, active: torch.Tensor | None = None
+        self, theta: torch.Tensor, scaled: torch.Tensor, active: torch.Tensor | None = None
     ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-        """Mean (..., D), its derivatives about log theta (..., D, P) and about psi (..., D, k).
+        """Mean (..., D), its derivatives about log theta (..., D, P) and about `scaled` (..., D,
+        k).
 
         active: (..., k), which extensions are free; the others have the base value, and a
         derivative of zero. All if None.
@@ -94,18 +98,18 @@ class ExtendedEmulator:
         base, slopes = self.emulator.linearise(theta)
         slopes = slopes * theta[..., None, :]
         mean, by_base, slopes = base.clone(), slopes, slopes.clone()
-        by_psi = torch.zeros(*mean.shape, len(self.extensions), dtype=mean.dtype)
+        by_scaled = torch.zeros(*mean.shape, len(self.extensions), dtype=mean.dtype)
         count = theta.shape[-1]
         for i, extension in enumerate(self.extensions):
-            at = torch.ones_like(psi[..., i], dtype=torch.bool)
+            at = torch.ones_like(scaled[..., i], dtype=torch.bool)
             if active is not None:
                 at = active[..., i]
             if not at.any():
                 continue
-            own, value, known = theta[at], psi[..., i][at], base[at]
-            h = extension.hypothesis
-            step = STEP * (h.high - h.low)
-            step = torch.where(value + step > h.high, -step, step)
+            own, value, known = theta[at], scaled[..., i][at], base[at]
+            scale, low, high = _range(extension.hypothesis)
+            step = STEP * (high - low)
+            step = torch.where(value + step > high, -step, step)
             moved = own[..., None, :] * torch.exp(STEP * torch.eye(count, dtype=theta.dtype))
             points = torch.cat([own[..., None, :], own[..., None, :], moved], dim=-2)
             values = value[..., None].expand(*value.shape, count + 2).clone()
@@ -113,31 +117,35 @@ class ExtendedEmulator:
             # To first order, as all of this is: the base model need not be asked again.
             nearby = known[..., None, :] + STEP * by_base[at].mT
             outputs = torch.cat([known[..., None, :], known[..., None, :], nearby], dim=-2)
-            found = extension.mean(self._base, points, values, outputs)
+            found = extension.mean(self._base, points, scale.inverse(values), outputs)
             here = found[..., 0, :]
             mean[at] = mean[at] + here
-            by_psi[..., i][at] = (found[..., 1, :] - here) / step[..., None]
+            by_scaled[..., i][at] = (found[..., 1, :] - here) / step[..., None]
             slopes[at] = slopes[at] + (found[..., 2:, :] - here[..., None, :]).mT / STEP
         if self.correction is not None:
-            mean = mean + self.correction.mean(theta, psi)
+            mean = mean + self.correction.mean(theta, scaled)
             slopes = slopes + self.correction.by_log_theta
-            by_psi = by_psi + self.correction.by_psi
-        return mean, slopes, by_psi
+            by_scaled = by_scaled + self.correction.by_scaled
+        return mean, slopes, by_scaled
 
     @torch.no_grad()
     def signature(self, extension, theta: torch.Tensor) -> torch.Tensor:
-        """d(outputs)/d(psi) (..., D) of one more extension at its base value, or up to where its
-        hypothesis says (`signature_at`)."""
+        """d(outputs)/d(scaled psi) (..., D) of one more extension at its base value, or up to where
+        its hypothesis says (`signature_at`)."""
         h = extension.hypothesis
-        step = STEP * (h.high - h.low)
-        ahead, behind = min(h.base + step, h.high), max(h.base - step, h.low)
+        scale, low, high = _range(h)
+        base, step = scale(h.base), STEP * (high - low)
+        ahead, behind = min(base + step, high), max(base - step, low)
         if h.signature_at is not None:
-            ahead, behind = h.signature_at, h.base
-        base = theta.new_full(theta.shape[:-1], h.base)
-        outputs = self.emulator.predict_mean(theta)
-        difference = extension.mean(self._base, theta, base + (ahead - h.base), outputs)
-        if behind < h.base:
-            difference = difference - extension.mean(
-                self._base, theta, base - (h.base - behind), outputs
-            )
-        return difference / (ahead - behind)
+            ahead, behind = scale(h.signature_at), base
+        outputs, sides = self.emulator.predict_mean(theta), []
+        for end in (ahead, behind):
+            psi = theta.new_full(theta.shape[:-1], scale.inverse(end))
+            sides.append(0.0 if end == base else extension.mean(self._base, theta, psi, outputs))
+        return (sides[0] - sides[1]) / (ahead - behind)
+
+
+def _range(hypothesis) -> tuple:
+    """The scale of psi, and the ends of its range on it."""
+    scale = hypothesis.scale
+    return scale, scale(hypothesis.low), scale(hypothesis.high)

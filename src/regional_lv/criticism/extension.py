@@ -153,8 +153,8 @@ class Extension:
     def _weights(self, psi) -> torch.Tensor:
         """Weights (..., J) of the nodes at psi (...)."""
         h = self.hypothesis
-        z = [h.coordinate(value) for value in (h.base, *h.nodes)]
-        return torch.stack(lagrange(z, h.coordinate(psi))[1:], dim=-1)
+        known = [h.scale(value) for value in (h.base, *h.nodes)]
+        return torch.stack(lagrange(known, h.scale(psi))[1:], dim=-1)
 
     def _change(self, theta, psi) -> tuple[torch.Tensor, torch.Tensor]:
         """Mean (..., D) and covariance (..., D, D)."""

@@ -149,7 +149,7 @@ def _hypothesis(test: Tested, criticism: Criticism) -> dict:
     if holding:
         component = dict(holding[0].members)[name]
         same = [s for s in holding if dict(s.members)[name] == component]
-        psi, weight = _pooled(same, name)
+        psi, weight = _pooled(same, name, h.scale)
         weighted = DescrStatsW(psi.numpy(), weight.numpy())
         low, estimate, high = weighted.quantile([0.025, 0.5, 0.975], return_pandas=False).tolist()
         posterior = _density(weighted, psi, weight, h.low, h.high)
@@ -187,9 +187,9 @@ def _hypothesis(test: Tested, criticism: Criticism) -> dict:
     }
 
 
-def _pooled(sets, name: str) -> tuple[torch.Tensor, torch.Tensor]:
+def _pooled(sets, name: str, scale) -> tuple[torch.Tensor, torch.Tensor]:
     """Draws (N,) of a cause's psi from several sets, and their weights (N,)."""
-    values = [s.sampled.posterior.x[:, s.place(name)] for s in sets]
+    values = [scale.inverse(s.sampled.posterior.x[:, s.place(name)]) for s in sets]
     # Of sets that are all but impossible, the shares still add up.
     share = max(sum(s.probability for s in sets), 1e-300)
     weights = [s.sampled.posterior.weight * max(s.probability, 1e-300) / share for s in sets]
@@ -200,7 +200,7 @@ def _set(one: CauseSet, criticism: Criticism) -> dict:
     gain = (None, None, None)
     if one.sampled is not None:
         gain = gain_of(criticism.base.left_out, one.sampled.left_out, one.sampled.posterior)
-    found = one.fit.x[0, one.model.psi].tolist()
+    found = one.model.psi_of(one.fit.x[0])[0].tolist()
     return {
         "causes": list(one.names),
         "components": [component for _, component in one.members],

@@ -21,8 +21,8 @@ ABSORBED = 0.98
 
 @dataclass(frozen=True)
 class Identified:
-    """identifiable; sd of psi that the data allow; absorbed: share of the signature's information
-    that the parameters take up; why: a sentence."""
+    """identifiable; sd of psi that the data allow, near its base value; absorbed: share of the
+    signature's information that the parameters take up; why: a sentence."""
 
     identifiable: bool
     sd: float
@@ -37,15 +37,16 @@ def identify(model: Model, best: Fit, extension) -> Identified:
     information = float(projected.information(pattern))
     absorbed = float(projected.absorbed(pattern))
     sd = 1 / math.sqrt(information) if information > 0 else math.inf
-    prior = (h.high - h.low) / math.sqrt(12)
+    prior = (h.scale(h.high) - h.scale(h.low)) / math.sqrt(12)
+    unit = h.scale.slope(h.base)  # of psi about its scale
     if not float(pattern.abs().max()) > 0:
         return Identified(False, math.inf, 0.0, "it changes none of the channels observed")
     if sd < LARGEST_SHARE * prior:
         why = (
             f"theta can absorb {100 * absorbed:.0f} % of its signature's information; the rest "
-            f"determines it to {sd:.2g} {_unit(h)}".rstrip()
+            f"determines it to {unit * sd:.2g} {_unit(h)}".rstrip()
         )
-        return Identified(True, sd, absorbed, why)
+        return Identified(True, unit * sd, absorbed, why)
     where, likeness = _hiding_place(model, best, pattern[0])
     if absorbed > ABSORBED:
         why = f"theta absorbs {100 * absorbed:.1f} % of its signature"
@@ -54,10 +55,10 @@ def identify(model: Model, best: Fit, extension) -> Identified:
         why += ", so that the data cannot tell the two apart"
     else:
         why = (
-            f"the data would leave {sd:.2g} {_unit(h)} of uncertainty, the plausible range "
-            f"itself has an sd of {prior:.2g}"
+            f"the data would leave {unit * sd:.2g} {_unit(h)} of uncertainty, the plausible range "
+            f"itself has an sd of {unit * prior:.2g}"
         )
-    return Identified(False, sd, absorbed, why)
+    return Identified(False, unit * sd, absorbed, why)
 
 
 def _unit(hypothesis) -> str:

@@ -141,9 +141,9 @@ def random_subjects(
 
     hearts: how many of each of `KINDS`. Of subjects with one effect each hypothesis takes its turn
     after a shuffle, of the others all combinations are equally likely; what changes the noise
-    stands alone. Values are uniform in the plausible range but for what is close to the base
-    (`LEAST_SHARE`). Theta is log-uniform in `PHYSIOLOGICAL`, as far as its bounds allow. Their
-    order tells nothing.
+    stands alone. Values are uniform in the plausible range, on the scale of the hypothesis, but for
+    what is close to the base (`LEAST_SHARE`). Theta is log-uniform in `PHYSIOLOGICAL`,
+    as far as its bounds allow. Their order tells nothing.
     """
     rng = np.random.default_rng(derive(seed, "benchmark"))
     low = np.log(np.maximum(PHYSIOLOGICAL[0], parameters.lower))
@@ -183,10 +183,11 @@ def _shuffled(names, rng) -> list[str]:
 
 
 def _random_effect(hypothesis: Hypothesis, rng: np.random.Generator) -> dict:
-    base, low, high = hypothesis.base, hypothesis.low, hypothesis.high
+    scale = hypothesis.scale
+    base, low, high = (scale(v) for v in (hypothesis.base, hypothesis.low, hypothesis.high))
     below, above = base - low, high - base
     side = low if rng.uniform() < below / (below + above) else high
-    value = float(base + rng.uniform(LEAST_SHARE, 1.0) * (side - base))
+    value = float(scale.inverse(base + rng.uniform(LEAST_SHARE, 1.0) * (side - base)))
     if hypothesis.components == ("",):
         return {hypothesis.name: value}
     segment = int(rng.choice(hypothesis.components))

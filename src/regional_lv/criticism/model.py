@@ -1,10 +1,10 @@
 """Parameters of one or several hearts, what they predict, and how likely that makes the data.
 
 All models here share one form. Coordinates x (P) are, in this order: what moves theta, one psi per
-extension, and one log noise scale per quantity whose noise is inferred. log theta of heart s is
-`offset[s] + moves[s] @ x[:, :Q]`: the identity for one heart; a block each for several; a column
-for each factor of the material law, over all zones, for hearts of known theta on a material whose
-reference values are known up to these factors.
+extension on the scale of its hypothesis, and one log noise scale per quantity whose noise is
+inferred. log theta of heart s is `offset[s] + moves[s] @ x[:, :Q]`: the identity for one heart; a
+block each for several; a column for each factor of the material law, over all zones, for hearts of
+known theta on a material whose reference values are known up to these factors.
 """
 
 import math
@@ -109,8 +109,8 @@ class Model:
         self.low, self.high = (
             torch.cat([edge, torch.tensor([*values, *[bound] * len(groups)], dtype=torch.float64)])
             for edge, values, bound in (
-                (layout.low, [h.low for h in hypotheses], LOG_SIGMA_BOUNDS[0]),
-                (layout.high, [h.high for h in hypotheses], LOG_SIGMA_BOUNDS[1]),
+                (layout.low, [h.scale(h.low) for h in hypotheses], LOG_SIGMA_BOUNDS[0]),
+                (layout.high, [h.scale(h.high) for h in hypotheses], LOG_SIGMA_BOUNDS[1]),
             )
         )
         s, d = observations.y.shape
@@ -130,17 +130,25 @@ class Model:
         moved = (self.layout.moves @ x[..., None, : len(self.layout.names), None])[..., 0]
         return torch.exp(self.layout.offset + moved)
 
-    def psi_of(self, x: torch.Tensor) -> torch.Tensor:
-        """(..., S, k): the same for all hearts."""
+    def scaled_psi(self, x: torch.Tensor) -> torch.Tensor:
+        """(..., S, k) on the scales of the hypotheses: the same for all hearts."""
         psi = x[..., None, self.psi]
         return psi.expand(*x.shape[:-1], len(self.layout.offset), psi.shape[-1])
+
+    def psi_of(self, x: torch.Tensor) -> torch.Tensor:
+        """(..., S, k) in the units of the hypotheses."""
+        scaled = self.scaled_psi(x).clone()
+        for i, extension in enumerate(self.emulator.extensions):
+            scaled[..., i] = extension.hypothesis.scale.inverse(scaled[..., i])
+        return scaled
 
     # ----------------------------------------------------------------------------- prediction
 
     def mean(self, x: torch.Tensor) -> torch.Tensor:
         """(M, S, D) at x (M, P)."""
         parts = [
-            self.emulator.mean(self.theta(part), self.psi_of(part)) for part in x.split(self._rows)
+            self.emulator.mean(self.theta(part), self.scaled_psi(part))
+            for part in x.split(self._rows)
         ]
         return torch.cat(parts)
 
@@ -160,13 +168,13 @@ class Model:
         theta = self.theta(x)
         if active is not None:
             active = active[:, None, :].expand(len(x), theta.shape[1], -1)
-        mean, by_log_theta, by_psi = self.emulator.linearise(theta, self.psi_of(x), active)
+        mean, by_log_theta, by_psi = self.emulator.linearise(theta, self.scaled_psi(x), active)
         return mean, torch.cat([by_log_theta @ self.layout.moves, by_psi], dim=-1)
 
     def at_base(self, x: torch.Tensor) -> torch.Tensor:
         """Coordinates (M, P) of this model from those (M, P - k) of the model without its
         extensions, with every psi at its base value."""
-        base = [e.hypothesis.base for e in self.emulator.extensions]
+        base = [e.hypothesis.scale(e.hypothesis.base) for e in self.emulator.extensions]
         psi = torch.tensor(base, dtype=x.dtype).expand(len(x), -1)
         return torch.cat([x[:, : self.psi.start], psi, x[:, self.psi.start :]], dim=1)
 
@@ -175,7 +183,7 @@ class Model:
         return max(1, CHUNK // len(self.layout.offset))
 
     def signature(self, extension, x: torch.Tensor) -> torch.Tensor:
-        """d(outputs)/d(psi) (M, S, D) of one more extension at its base."""
+        """d(outputs)/d(scaled psi) (M, S, D) of one more extension at its base."""
         parts = [
             self.emulator.signature(extension, self.theta(part)) for part in x.split(self._rows)
         ]
@@ -186,7 +194,7 @@ class Model:
     def settle(self, x: torch.Tensor) -> "Model":
         """Take the emulator's covariance at x (P); return self."""
         with torch.no_grad():
-            error = self.emulator.predict(self.theta(x), self.psi_of(x)).covariance
+            error = self.emulator.predict(self.theta(x), self.scaled_psi(x)).covariance
         both = self.observations.present[:, :, None] & self.observations.present[:, None, :]
         self.error = torch.where(both, error, 0.0)
         if self.discrepancy is not None:

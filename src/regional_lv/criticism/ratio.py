@@ -62,8 +62,8 @@ def _objective(model: Model, extension, y: torch.Tensor, x: torch.Tensor) -> tor
     # Nested: the emulator's own error is that of the model without the extension.
     extended.error = model.error
     at, h = model.psi.stop, extension.hypothesis
-    found = []
-    for start in (h.base, *(h.low + share * (h.high - h.low) for share in STARTS)):
+    low, high, found = float(extended.low[at]), float(extended.high[at]), []
+    for start in (h.scale(h.base), *(low + share * (high - low) for share in STARTS)):
         psi = torch.full((len(x), 1), float(start), dtype=x.dtype)
         begin = torch.cat([x[:, :at], psi, x[:, at:]], dim=1)
         found.append(fit(extended, y, begin, iterations=ITERATIONS).objective)

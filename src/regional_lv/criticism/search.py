@@ -105,10 +105,11 @@ class Search:
     # --------------------------------------------------------------------------------- starts
 
     def _spread(self, place: int) -> list[torch.Tensor]:
-        h, found = self.model.emulator.extensions[place].hypothesis, []
+        at, found = self.model.psi.start + place, []
+        low, high = self.model.low[at], self.model.high[at]
         for share in SHARES:
             x = self._base.x[0].clone()
-            x[self.model.psi.start + place] = h.low + share * (h.high - h.low)
+            x[at] = low + share * (high - low)
             found.append(x)
         return found
 
@@ -143,14 +144,15 @@ class Search:
         return dict(sorted(grown.items()))
 
     def _step(self, here: Fit, projected: Projected, place: int):
-        """Gain (M,) of the objective that one more cause promises at fits, and its psi (M,)."""
-        extension = self.model.emulator.extensions[place]
-        h = extension.hypothesis
+        """Gain (M,) of the objective that one more cause promises at fits, and its coordinate
+        (M,)."""
+        extension, at = self.model.emulator.extensions[place], self.model.psi.start + place
+        base, low, high = (v[at] for v in (self._base.x[0], self.model.low, self.model.high))
         pattern = pattern_of(self.model, extension, here.x)
         information = projected.information(pattern)[:, 0].clamp(min=1e-300)
         slope = (pattern[..., 0] * projected.residual).sum(-1)
-        step = (slope / information).clamp(h.low - h.base, h.high - h.base)
-        return slope * step - 0.5 * information * step.square(), h.base + step
+        step = (slope / information).clamp(low - base, high - base)
+        return slope * step - 0.5 * information * step.square(), base + step
 
     def _promising(self, grown: dict, most: int) -> dict:
         """The sets that promise most, each with its best start."""

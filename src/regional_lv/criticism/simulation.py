@@ -144,15 +144,16 @@ class Extended:
                     except NotConverged as failure:
                         halvings += 1
                         error = failure if halvings > HALVINGS else None
-                        goals.append((known[-1][0] + goals[-1]) / 2)
+                        ends = known[-1][0], goals[-1]
+                        goals.append(h.scale.inverse(sum(map(h.scale, ends)) / 2))
                     else:
                         known.append((goals.pop(), state.w))
                 yield node, state if error is None else error
 
     def _foretell(self, known: list, goal: float) -> np.ndarray:
         """Field at psi = `goal` from fields known at others, by the polynomial through them."""
-        z = [self.hypothesis.coordinate(psi) for psi, _ in known]
-        weights = lagrange(z, self.hypothesis.coordinate(goal))
+        scale = self.hypothesis.scale
+        weights = lagrange([scale(psi) for psi, _ in known], scale(goal))
         return sum(weight * w for weight, (_, w) in zip(weights, known, strict=True))
 
 

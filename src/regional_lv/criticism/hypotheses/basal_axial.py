@@ -6,6 +6,8 @@ from regional_lv.criticism.hypotheses.base import BaseSupport
 class BasalAxial(BaseSupport):
     name = "basal_axial"
     component = "axial"
+    high = 10.0  # a centimetre under a filling pressure; beyond, the heart moves as a whole
+    nodes = (1.0, 10.0)
     parameter = "axial compliance of the base"
     description = (
         "The simulated base stays in its plane. In a living heart the valve plane moves along the "

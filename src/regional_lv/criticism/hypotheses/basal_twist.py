@@ -1,15 +1,17 @@
 """A base that is held against twisting."""
 
 from regional_lv.criticism.hypotheses.base import SimulatorHypothesis, value_at, with_value
+from regional_lv.criticism.hypotheses.scales import Saturating
 
 
 class BasalTwist(SimulatorHypothesis):
     name = "basal_twist"
     parameter = "circumferential stiffness of the base"
     unit = "kPa/mm"
-    base, low, high = 0.0, 0.0, 10.0
+    base, low, high = 0.0, 0.0, 100.0
+    scale = Saturating(1.0)  # kPa/mm, about as stiff as the base itself
     path = ("supports", "base", "circumferential")
-    nodes = (1.0, 10.0)
+    nodes = (0.3, 3.0, 100.0)
     in_the_form = True
     slope_at_base = False
     description = (
@@ -23,15 +25,9 @@ class BasalTwist(SimulatorHypothesis):
         "Streeter et al. 1969, Circ Res 24:339-347, doi 10.1161/01.RES.24.3.339; springs at the "
         "base: Pfaller et al. 2019, doi 10.1007/s10237-018-1098-4"
     )
-    half_way = 1.0
-    """Stiffness (kPa/mm) about which the springs are as stiff as the base."""
 
     def at_load(self, psi, fraction):
         return psi / fraction
-
-    def coordinate(self, psi):
-        """Share of the motion that the springs take away."""
-        return psi / (psi + self.half_way)
 
     def extend(self, physics, value, component=""):
         return physics if value == self.base else with_value(physics, self.path, 1 / float(value))

@@ -4,7 +4,6 @@ Torch is imported where it is needed: every job of a run reads the catalogue.
 """
 
 import copy
-import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from functools import cache
@@ -13,6 +12,7 @@ from typing import ClassVar
 import numpy as np
 
 from regional_lv.channels import Channel, Channels
+from regional_lv.criticism.hypotheses.scales import Linear, Logarithmic, Saturating, Scale
 from regional_lv.mechanics.materials import MATERIALS, material_from_config
 from regional_lv.mechanics.supports import supports_from_config
 from regional_lv.quantities import QUANTITIES
@@ -25,10 +25,10 @@ REGISTRY = Registry("hypothesis", "criticism.hypotheses")
 class Hypothesis(ABC):
     """A physical extension of the base model, f(theta, psi) with f(theta, base) = f(theta).
 
-    parameter: the field's term for psi; `base` lies in the plausible range [low, high], on which
-    the prior is uniform. components: the places the effect can have, one of them unknown, or just
-    one without a name. description: the physics, and which way psi works; source: the literature
-    that the range and the physics come from.
+    parameter: the field's term for psi; `base` lies in the plausible range [low, high]. scale: on
+    which the prior is uniform over that range, and the effect is smooth. components: the places the
+    effect can have, one of them unknown, or just one without a name. description: the physics, and
+    which way psi works; source: the literature that the range and the physics come from.
 
     A new hypothesis is one file and one entry in `REGISTRY`: in the package's own list, or by
     `REGISTRY.add` of a plugin.
@@ -42,6 +42,7 @@ class Hypothesis(ABC):
     base: float
     low: float
     high: float
+    scale: ClassVar[Scale] = Linear()
     components: tuple[str, ...] = ("",)
     signature_at: ClassVar[float | None] = None
     """Psi up to which the signature is a secant from the base value, for effects that begin unlike
@@ -80,7 +81,7 @@ class SimulatorHypothesis(Hypothesis):
     """One key of the physics, at `path`; `nodes` are the values of psi that are simulated.
 
     Between the base and the nodes, differences from the base model are interpolated by the
-    polynomial in `coordinate`, the scale on which the effect is smooth.
+    polynomial on the `scale`.
 
     path: the section of the physics and the keys below it. in_the_form: whether psi is the size of
     an optional term of the weak form (a spring, a dead load, compressibility), so that the base
@@ -99,10 +100,6 @@ class SimulatorHypothesis(Hypothesis):
 
     def extend(self, physics, value, component=""):
         return with_value(physics, self.path, float(value))
-
-    def coordinate(self, psi):
-        """A smooth growing function of psi (float or tensor)."""
-        return psi
 
     def strain_exponent(self, psi, own: float):
         """Exponent (float, or a tensor as psi is) of the measure of the strains with the effect;
@@ -142,15 +139,13 @@ class ScaledConstant(SimulatorHypothesis):
     path = ("material", "constants")
     constant: ClassVar[str]
     base = 1.0
+    scale = Logarithmic()
 
     def extend(self, physics, value, component=""):
         if value == self.base:
             return physics
         own = material_from_config(physics["material"]).values[self.constant]
         return with_value(physics, (*self.path, self.constant), own * float(value))
-
-    def coordinate(self, psi):
-        return logarithm(psi)
 
     def why_not(self, physics):
         law = physics["material"]["law"]
@@ -167,23 +162,17 @@ class BaseSupport(SimulatorHypothesis):
 
     component: ClassVar[str]
     unit = "mm/kPa"
-    base, low, high = 0.0, 0.0, 10.0
-    nodes = (1.0, 10.0)
+    base, low = 0.0, 0.0
+    scale = Saturating(1.0)  # mm/kPa, about as compliant as the base itself
     in_the_form = True
     slope_at_base = False
     signature_at = 3.0  # a hardly loosened base only gives at its edge; then all of it moves
-    half_way = 1.0
-    """Compliance (mm/kPa) about which the base is as stiff as the spring."""
 
     def __init_subclass__(cls):
         cls.path = ("supports", "base", cls.component)
 
     def at_load(self, psi, fraction):
         return psi * fraction
-
-    def coordinate(self, psi):
-        """Share of the free motion, that of two springs in series."""
-        return psi / (psi + self.half_way)
 
     def extend(self, physics, value, component=""):
         return physics if value == self.base else with_value(physics, self.path, float(value))
@@ -264,11 +253,6 @@ class NoiseHypothesis(Hypothesis):
 def mask_of(outputs: tuple[str, ...], quantity: str) -> np.ndarray:
     """Mask (D,) of one quantity's channels among `outputs`."""
     return Channels.parse(outputs).of_quantity(quantity)
-
-
-def logarithm(psi):
-    """Of a float or a tensor."""
-    return math.log(psi) if isinstance(psi, float | int) else psi.log()
 
 
 # ----------------------------------------------------------------------- keys of the physics

@@ -8,6 +8,7 @@ from regional_lv.criticism.hypotheses.base import (
     why_not_scaling,
     with_value,
 )
+from regional_lv.criticism.hypotheses.scales import Logarithmic
 
 
 class EndDiastolicPressure(TransformHypothesis):
@@ -15,6 +16,7 @@ class EndDiastolicPressure(TransformHypothesis):
     parameter = "end-diastolic pressure"
     unit = "mmHg"
     base, low, high = 8.0, 4.0, 16.0
+    scale = Logarithmic()
     description = (
         "The pressure that fills the ventricle is rarely measured together with the images; a "
         "healthy heart's is between 4 and 12 mmHg, a failing one's above 16. A higher pressure "

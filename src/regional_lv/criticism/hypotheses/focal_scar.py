@@ -1,7 +1,8 @@
 """One segment stiffer, or softer, than the zone it belongs to."""
 
 from regional_lv import aha
-from regional_lv.criticism.hypotheses.base import SimulatorHypothesis, logarithm, with_value
+from regional_lv.criticism.hypotheses.base import SimulatorHypothesis, with_value
+from regional_lv.criticism.hypotheses.scales import Logarithmic
 
 
 class FocalScar(SimulatorHypothesis):
@@ -9,6 +10,7 @@ class FocalScar(SimulatorHypothesis):
     parameter = "multiplier of the stiffness in one segment"
     unit = "1"
     base, low, high = 1.0, 0.3, 5.0
+    scale = Logarithmic()
     components = tuple(str(segment.number) for segment in aha.SEGMENTS)
     path = ("material", "segment_factors")
     nodes = (0.3, 5.0)
@@ -28,6 +30,3 @@ class FocalScar(SimulatorHypothesis):
     def extend(self, physics, value, component=""):
         factors = {component: float(value)} if component else {}
         return with_value(physics, self.path, factors)
-
-    def coordinate(self, psi):
-        return logarithm(psi)

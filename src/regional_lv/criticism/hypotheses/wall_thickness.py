@@ -1,6 +1,7 @@
 """A wall thicker or thinner than in the table."""
 
-from regional_lv.criticism.hypotheses.base import SimulatorHypothesis, logarithm
+from regional_lv.criticism.hypotheses.base import SimulatorHypothesis
+from regional_lv.criticism.hypotheses.scales import Logarithmic
 
 
 class WallThickness(SimulatorHypothesis):
@@ -8,6 +9,7 @@ class WallThickness(SimulatorHypothesis):
     parameter = "scale of the wall thickness"
     unit = "1"
     base, low, high = 1.0, 0.75, 1.25
+    scale = Logarithmic()
     path = ("geometry", "wall_thickness_scale")
     nodes = (0.75, 1.25)
     description = (
@@ -20,6 +22,3 @@ class WallThickness(SimulatorHypothesis):
     source = (
         "Kawel et al. 2012, Circ Cardiovasc Imaging 5:500-508, doi 10.1161/CIRCIMAGING.112.973560"
     )
-
-    def coordinate(self, psi):
-        return logarithm(psi)
