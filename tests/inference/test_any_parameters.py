@@ -167,7 +167,8 @@ def test_subject_with_torsion_and_two_loads(study, sampler, tmp_path):
     (tmp_path / "subject.csv").write_text("\n".join(lines) + "\n")
     likelihood = sampling.subject_likelihood(folder / "e.pt", tmp_path / "subject.csv", 0.5)
     assert list(likelihood.noise.groups) == ["circumferential", "torsion"]
-    few = NUTS | {"warmup": 30, "draws": 20, "rhat_max": 10.0, "ess_min": 0}
+    # Chains that short say nothing of the posterior: what counts is that both samplers run.
+    few = NUTS | {"warmup": 30, "draws": 20, "rhat_max": 10.0, "ess_min": 0, "max_tree_depth": 4}
     how = sampling.Sampling(few, POINT, 1, "subjects")
     sampled = sampling.sample_cases([likelihood], ["someone"], how, sampler)
     data = sampling.to_inference_data(sampled, few)
