@@ -21,15 +21,16 @@ COUNTS = re.compile(rb'NumberOf\w+\s*=\s*["\'](\d+)|^element \w+ (\d+)', re.MULT
 """How XML of VTK and PLY announce numbers of points and cells."""
 
 
-def check_file(path: str | Path, most_mb: float = MOST_MB) -> Path:
+def check_file(path: str | Path, most_mb: float = MOST_MB, remedy: str = "check the path") -> Path:
     """The path of a regular file of at most `most_mb`. Raises InputError for anything else."""
     path = Path(path)
     try:
         size = path.stat().st_size
         if not path.is_file():
-            raise InputError(f"{path}: is no file; check the path")
+            raise InputError(f"{path}: is no file; {remedy}")
     except (OSError, ValueError) as error:
-        raise InputError(f"{path}: cannot be read ({error}); check the path") from error
+        reason = (getattr(error, "strerror", None) or str(error)).lower()
+        raise InputError(f"{path}: cannot be read ({reason}); {remedy}") from error
     if size > most_mb * 1e6:
         raise InputError(
             f"{path}: has {size / 1e6:.0f} MB, and at most {most_mb:g} are read; give a smaller "
@@ -62,7 +63,7 @@ def reading(path: str | Path, remedy: str, most_mb: float = MOST_MB) -> Iterator
     Raises InputError with the `remedy` for whatever is raised inside, for a file that is too large
     and for one that takes too much memory.
     """
-    check_file(path, most_mb)
+    check_file(path, most_mb, remedy)
     with _bounded_memory():
         try:
             yield

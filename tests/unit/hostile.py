@@ -12,8 +12,8 @@ from regional_lv.errors import InputError
 
 REMEDY = re.compile(
     r"\b(add|attach|begin|change|check|choose|close|convert|correct|did you mean|exchange|export|"
-    r"fill in|flip|flatten|give|keep|leave|lower|make|move|multiply|must|allowed here|name|omit|raise|remove|"
-    r"rename|save|separate|set|shorten|smooth|sort|split|tag|turn|use|write)\b"
+    r"fill in|flip|flatten|give|keep|leave|lower|make|move|multiply|must|allowed here|"
+    r"name|omit|raise|remove|rename|save|separate|set|shorten|smooth|sort|split|tag|turn|use|write)\b"
 )
 """Words of which the remedy in a message has one."""
 
