@@ -105,7 +105,7 @@ def _read(path: str | Path, names: tuple[str, ...], published: bool) -> pd.DataF
         )
     else:
         values = table
-    numbers = values.apply(pd.to_numeric, errors="coerce").to_numpy(float)
+    numbers = values.apply(_numbers).to_numpy(float)
     if not len(numbers):
         raise InputError(f"{path}: holds no rows; give finished simulations")
     bad = ~np.isfinite(numbers)
@@ -120,6 +120,12 @@ def _read(path: str | Path, names: tuple[str, ...], published: bool) -> pd.DataF
         numbers = aha.outputs_from_published(numbers)
     read = pd.DataFrame(numbers, columns=list(names))
     return read.join(table[SENSITIVITY]) if SENSITIVITY in table else read
+
+
+def _numbers(column: pd.Series) -> pd.Series:
+    """NaN for what is no number; pandas would make nanoseconds of a date."""
+    plain = pd.api.types.is_numeric_dtype(column)
+    return pd.to_numeric(column if plain else column.map(str), errors="coerce")
 
 
 def _load(path: Path) -> pd.DataFrame:

@@ -256,7 +256,7 @@ BOMB = "a0: &a0 [x, x, x, x, x, x, x, x, x]\n" + "".join(
         ("study: !!python/name:os.system", "not valid YAML"),
         (f"study: mine\n{BOMB}", "aliases"),
         ("study: mine\nmesh: &m {basal: *m}", "aliases"),
-        ("study: mine\nmesh: " + "[" * 1500, "nested too deeply"),
+        ("study: mine\nmesh: " + "[" * 500, "nested too deeply"),
         ("study: mine\nseed: 1" + "0" * 400, "too large"),
         ("study: mine\nloading: {pressure_mmhg: .nan}", "finite"),
         ("study: mine\nseed: 2020-02-31", "cannot be read"),
