@@ -5,6 +5,7 @@
 # make smoke    every step once
 # make hidden-effects   effects injected into synthetic hearts, criticised blind, and the score
 # make test     lint, format, workflow lint, the documentation without warnings, all tests
+# make test-fuzz    thousands of damaged inputs of each kind (EXAMPLES=2000)
 # make env      the environment (the targets above make it themselves)
 # make test-wheel   installation from wheels and the physics tests in a bare Debian 13 (as root)
 # make bench-simulator     what a simulation costs, beside cold load stepping
@@ -16,8 +17,8 @@
 SHELL := bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help env quick study paper published smoke hidden-effects test test-wheel bench-simulator lint
-.PHONY: format docs docs-notebook
+.PHONY: help env quick study paper published smoke hidden-effects test test-fuzz test-wheel bench-simulator
+.PHONY: lint format docs docs-notebook
 
 CORES ?= 2
 export CORES
@@ -57,6 +58,10 @@ hidden-effects: env
 test: lint docs
 	@envs/install.sh test
 	pytest -n "$$CORES" --dist loadfile --no-loadscope-reorder
+
+EXAMPLES ?= 2000
+test-fuzz: env
+	FUZZ_EXAMPLES=$(EXAMPLES) pytest -n "$$CORES" tests/unit/test_hostile_input.py
 
 test-wheel:
 	envs/test-wheel.sh

@@ -11,6 +11,7 @@ import itertools
 import math
 import os
 import re
+import reprlib
 import statistics
 import sys
 import warnings
@@ -24,6 +25,7 @@ from regional_lv.channels import Channels
 from regional_lv.criticism.hypotheses import REGISTRY
 from regional_lv.data import VOLUNTEER
 from regional_lv.errors import InputError
+from regional_lv.input_files import read_text, reading
 from regional_lv.mechanics.loads import LOADS
 from regional_lv.mechanics.materials import material_from_config
 from regional_lv.mechanics.observables.layer import check_layer
@@ -51,6 +53,12 @@ PATHS = "give its path from the folder of the configuration, or from the one in 
 
 CURVES = ("curves", "unit", "reference", "frame")
 """What a subject with `source: curves` has to say."""
+
+LONGEST_NAME, LONGEST_TEXT = 100, 4000
+"""Characters that a key and any other text may have."""
+
+MOST_ENTRIES, MOST_DEPTH = 100_000, 20
+"""Values that a configuration may hold, and sections in one another."""
 
 PHYSICS = ("material", "fibres", "loading", "supports", "observables", "solver")
 """Sections that describe the simulator."""
@@ -110,7 +118,7 @@ def load(
     if not isinstance(config, dict):
         source, folders = str(config), [Path(config).parent]
         config = read(config)
-    config, schema = _with_text_keys(config), load_schema()
+    config, schema = _usable(source, config), load_schema()
     errors = list(jsonschema.Draft202012Validator(schema).iter_errors(config))
     empty = [error for error in errors if _is_asked_for(error)]
     unfilled = sorted(line for error in empty for line in _explain(error))
@@ -154,24 +162,76 @@ def physics(config: dict) -> dict:
 
 def read(path: str | Path) -> dict:
     """What a YAML file of keys holds. Raises InputError."""
-    try:
-        content = yaml.safe_load(Path(path).read_text())
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror}); check the path") from error
-    except yaml.YAMLError as error:
-        raise InputError(
-            f"{path}: not valid YAML; correct what the parser names: {error}"
-        ) from error
+    text = read_text(path, most_mb=1)
+    with reading(path, "correct what the parser names"):
+        try:
+            content = yaml.safe_load(text)
+        except yaml.YAMLError as error:
+            raise InputError(
+                f"{path}: not valid YAML; correct what the parser names: {str(error)[:1000]}"
+            ) from error
     if not isinstance(content, dict):
         raise InputError(f"{path}: holds no keys; write at least `study: <name>`")
     return content
 
 
-def _with_text_keys(value):
-    """YAML reads keys such as 1 or no as something else than text."""
-    if isinstance(value, dict):
-        return {str(key): _with_text_keys(item) for key, item in value.items()}
-    return value
+def _usable(source: str, config: dict) -> dict:
+    """A copy whose keys are text: YAML reads keys such as 1 or no as something else.
+
+    Raises InputError for what no key of a study may hold: other things than text, finite numbers of
+    64 bits, lists and sections, text of several lines, and more than a study can have, such as
+    aliases (`*name`) that stand for each other.
+    """
+    complaints, entries = [], 0
+
+    def copied(value, key: str, depth: int):
+        nonlocal entries
+        entries += 1
+        if entries > MOST_ENTRIES or depth > MOST_DEPTH:
+            aliases = "write out what aliases (`*name`) stand for, or remove them"
+            _raise(source, [*complaints, f"{key}: holds too much, or itself; {aliases}"])
+        if isinstance(value, dict):
+            section = {}
+            for name, item in value.items():
+                at = _join(key, _shown(name))
+                complaint = _unusable_text(str(name), LONGEST_NAME) if name != "" else "is no name"
+                if complaint:
+                    complaints.append(f"{at}: {complaint}; rename this key")
+                elif str(name) in section:
+                    complaints.append(f"{at}: occurs twice; remove one of the two")
+                else:
+                    section[str(name)] = copied(item, at, depth + 1)
+            return section
+        if isinstance(value, list):
+            return [copied(item, f"{key}.{i}", depth + 1) for i, item in enumerate(value)]
+        if isinstance(value, str):
+            complaint = _unusable_text(value, LONGEST_TEXT)
+        elif value is None or isinstance(value, bool):
+            complaint = ""
+        elif not isinstance(value, int | float):
+            complaint = f"{_shown(value)} is neither text, a number, a list nor a section"
+        elif not -(2**63) <= value < 2**63 and isinstance(value, int):
+            complaint = "the number is too large"
+        else:
+            complaint = "" if math.isfinite(value) else f"{value} is not a finite number"
+        if complaint:
+            complaints.append(f"{key}: {complaint}; correct it, or leave it out for the default")
+        return value
+
+    usable = copied(config, "", 0)
+    _raise(source, complaints)
+    return usable
+
+
+def _unusable_text(text: str, longest: int) -> str:
+    if len(text) > longest:
+        return f"has {len(text)} characters, and at most {longest} are possible"
+    return "" if text.isprintable() else f"{text!r} holds line breaks or other control characters"
+
+
+def _shown(value) -> str:
+    """A value in a message, on one line and short."""
+    return reprlib.repr(value).strip("'")
 
 
 def _is_asked_for(error: jsonschema.ValidationError) -> bool:
@@ -336,31 +396,40 @@ def _explain_unknown(schema: dict, key: str, name: str) -> str:
     return f"{_join(key, name)}: unknown key; {hint}allowed here: {', '.join(here)}"
 
 
+def _repr(value) -> str:
+    """`repr` without the middle of what is long."""
+    text = repr(value)
+    return text if len(text) <= 300 else f"{text[:200]} ... {text[-50:]}"
+
+
 def _complaint(error: jsonschema.ValidationError) -> str:
     value, limit = error.instance, error.validator_value
     if _is_asked_for(error):
         return f"empty; {error.schema['if_empty']}"
     if error.validator == "type":
-        given = "an empty value" if value is None else repr(value)
+        given = "an empty value" if value is None else _repr(value)
         return f"{given} is not {_type_name(limit)}{_number_hint(value, limit)}"
     if error.validator == "enum":
         close = difflib.get_close_matches(str(value), [str(v) for v in limit], n=1)
         hint = f"; did you mean {close[0]}?" if close else ""
-        return f"{value!r} is not offered; choose one of {', '.join(map(_choice, limit))}{hint}"
+        return (
+            f"{_repr(value)} is not offered; choose one of {', '.join(map(_choice, limit))}{hint}"
+        )
     if error.validator == "anyOf":
-        return f"{value!r} is neither `all` nor {_alternative(limit)}; give one of them"
+        return f"{_repr(value)} is neither `all` nor {_alternative(limit)}; give one of them"
     if error.validator == "pattern" and "remedy" in error.schema:
-        return f"{value!r} is not possible; {error.schema['remedy']}"
+        return f"{_repr(value)} is not possible; {error.schema['remedy']}"
     if error.validator in ("minItems", "maxItems") and limit > 1:
-        return f"{value!r} holds {len(value)} values; give {limit}"
+        return f"{_repr(value)} holds {len(value)} values; give {limit}"
     words = {
-        "minimum": f"{value!r} is too small; give at least {limit}",
-        "exclusiveMinimum": f"{value!r} is too small; give more than {limit}",
-        "maximum": f"{value!r} is too large; give at most {limit}",
-        "exclusiveMaximum": f"{value!r} is too large; give less than {limit}",
+        "maxLength": f"{_repr(value)} has more than {limit} characters; shorten it",
+        "minimum": f"{_repr(value)} is too small; give at least {limit}",
+        "exclusiveMinimum": f"{_repr(value)} is too small; give more than {limit}",
+        "maximum": f"{_repr(value)} is too large; give at most {limit}",
+        "exclusiveMaximum": f"{_repr(value)} is too large; give less than {limit}",
         "minItems": "the list is empty; name at least one",
-        "uniqueItems": f"{value!r} names something twice; remove the repetition",
-        "pattern": f"{value!r} is not a usable name; use letters, digits and underscores, and "
+        "uniqueItems": f"{_repr(value)} names something twice; remove the repetition",
+        "pattern": f"{_repr(value)} is not a usable name; use letters, digits and underscores, and "
         "begin with a letter",
     }
     return words[error.validator]

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from regional_lv.errors import InputError
+from regional_lv.input_files import read_text
 
 
 class CsvLines(NamedTuple):
@@ -33,13 +34,7 @@ def read_lines(path: str | Path, required: Sequence[str] = ()) -> CsvLines:
     Raises InputError for a file that cannot be read, a column of `required` that it lacks, one that
     occurs twice, and rows that do not have a field for each column.
     """
-    try:
-        # utf-8-sig: spreadsheet programs begin a CSV with a byte order mark.
-        text = Path(path).read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        raise error_at(
-            path, None, f"cannot be read ({error}); check path and encoding (UTF-8)"
-        ) from error
+    text = read_text(path)
     numbered = [
         (number, line)
         for number, line in enumerate(text.splitlines(), start=1)
@@ -47,9 +42,7 @@ def read_lines(path: str | Path, required: Sequence[str] = ()) -> CsvLines:
     ]
     if not numbered:
         raise error_at(path, None, "holds no table; begin it with a line that names the columns")
-    parsed = [
-        (number, [field.strip() for field in next(csv.reader([line]))]) for number, line in numbered
-    ]
+    parsed = [(number, _fields(path, number, line)) for number, line in numbered]
     (header, columns), *rows = parsed
     for name in required:
         if name not in columns:
@@ -75,6 +68,13 @@ def read_lines(path: str | Path, required: Sequence[str] = ()) -> CsvLines:
             if any(fields)
         ],
     )
+
+
+def _fields(path: str | Path, number: int, line: str) -> list[str]:
+    try:
+        return [field.strip() for field in next(csv.reader([line]))]
+    except csv.Error as error:
+        raise error_at(path, number, f"is no line of a CSV ({error}); correct it") from error
 
 
 def _column_remedy(name: str, columns: list[str], required: Sequence[str]) -> str:

@@ -5,10 +5,12 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import pyarrow.parquet as pq
 
 from regional_lv import aha
 from regional_lv.channels import Channels
 from regional_lv.errors import InputError
+from regional_lv.input_files import reading
 from regional_lv.parameters import Parameterisation
 from regional_lv.seeds import derive
 
@@ -55,9 +57,24 @@ def read_tables(
             "them, or set design.lower and design.upper (or parameters.bounds) to what was "
             "simulated"
         )
+    if SENSITIVITY in y:
+        _check_sensitivities(outputs, y[SENSITIVITY], len(channels) * len(parameters))
     table = pd.DataFrame({"sample": np.arange(len(theta))})
     table[list(parameters.names)] = theta
     return table.join(y)
+
+
+def _check_sensitivities(path: str | Path, rows: pd.Series, size: int) -> None:
+    for number, row in enumerate(rows, start=1):
+        try:
+            values = np.asarray(row, dtype=float)
+        except (TypeError, ValueError):
+            values = np.array([np.nan])
+        if values.shape != (size,) or not np.isfinite(values).all():
+            raise InputError(
+                f"{path}: row {number}, column {SENSITIVITY}: is not {size} finite numbers; "
+                "correct it, or leave the column out"
+            )
 
 
 def _read(path: str | Path, names: tuple[str, ...], published: bool) -> pd.DataFrame:
@@ -88,7 +105,7 @@ def _read(path: str | Path, names: tuple[str, ...], published: bool) -> pd.DataF
         )
     else:
         values = table
-    numbers = values.apply(pd.to_numeric, errors="coerce").to_numpy(float)
+    numbers = values.apply(_numbers).to_numpy(float)
     if not len(numbers):
         raise InputError(f"{path}: holds no rows; give finished simulations")
     bad = ~np.isfinite(numbers)
@@ -105,19 +122,21 @@ def _read(path: str | Path, names: tuple[str, ...], published: bool) -> pd.DataF
     return read.join(table[SENSITIVITY]) if SENSITIVITY in table else read
 
 
+def _numbers(column: pd.Series) -> pd.Series:
+    """NaN for what is no number; pandas would make nanoseconds of a date."""
+    plain = pd.api.types.is_numeric_dtype(column)
+    return pd.to_numeric(column if plain else column.map(str), errors="coerce")
+
+
 def _load(path: Path) -> pd.DataFrame:
     """Columns are named by numbers where the file has no header."""
-    try:
+    with reading(path, "give Parquet, or CSV in UTF-8 with as many cells in every row"):
         if path.suffix == ".parquet":
-            return pd.read_parquet(path)
-        with path.open() as lines:
+            # What pandas notes in the file, such as its index, is not needed and may be wrong.
+            return pq.ParquetFile(path).read().to_pandas(ignore_metadata=True)
+        with path.open(encoding="utf-8-sig") as lines:
             first = lines.readline().split(",")
         return pd.read_csv(path, header=None if all(map(_is_number, first)) else 0)
-    except (OSError, ValueError, pd.errors.ParserError) as error:
-        raise InputError(
-            f"{path}: cannot be read as a table ({error}); give Parquet, or CSV with as many cells "
-            "in every row"
-        ) from error
 
 
 def _is_number(text: str) -> bool:

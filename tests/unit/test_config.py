@@ -612,7 +612,7 @@ def test_unreadable_file_is_named(tmp_path, content, remedy):
 
 
 def test_missing_file_is_named():
-    with pytest.raises(InputError, match=r"nowhere\.yaml: cannot be read .* check the path"):
+    with pytest.raises(InputError, match=r"nowhere\.yaml: cannot be read .* check path"):
         config.load("nowhere.yaml")
 
 

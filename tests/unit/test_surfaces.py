@@ -338,7 +338,7 @@ def test_insertions_notice_a_mirrored_heart(pair):
         ("none.stl", None, "no such file"),
         ("heart.obj", "v 0 0 0", "the format .obj is not read; save it as .stl, .ply or .vtp"),
         ("text.stl", "not a surface", "holds no triangles, or is no STL file"),
-        ("text.ply", "not a surface", "holds no triangles, or is no PLY file"),
+        ("text.ply", "not a surface", "text.ply: cannot be read"),
         ("text.vtp", "not a surface", "holds no triangles, or is no VTP file"),
         ("empty.stl", "solid heart\nendsolid heart\n", "holds no triangles"),
     ],

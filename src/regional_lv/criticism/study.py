@@ -18,6 +18,7 @@ from regional_lv.criticism.observations import observe
 from regional_lv.criticism.verdict import Criticism, Searched, Settings
 from regional_lv.emulators.base import Emulator
 from regional_lv.errors import InputError
+from regional_lv.input_files import reading
 from regional_lv.jobs import passes_on
 from regional_lv.measured import read_measured
 from regional_lv.seeds import derive
@@ -178,10 +179,8 @@ def read_known_theta(
     """
     tables = []
     for path in paths:
-        try:
+        with reading(path, "check the path, and save it as CSV in UTF-8"):
             table = pd.read_csv(path, dtype={"subject": str})
-        except (OSError, ValueError) as error:
-            raise InputError(f"{path}: cannot be read ({error}); check the path") from error
         missing = [c for c in ("subject", *parameters) if c not in table]
         if missing:
             raise InputError(f"{path}: no column {', '.join(missing)}; add what is missing")
@@ -193,6 +192,9 @@ def read_known_theta(
         raise InputError(f"{where}: no row for {', '.join(absent)}; add a row for each subject")
     values = values[~values.index.duplicated()].loc[subjects]
     for subject, row in values.iterrows():
-        if not (pd.to_numeric(row, errors="coerce") > 0).all():
-            raise InputError(f"{where}, row {subject}: a parameter is not above zero; correct it")
+        numbers = pd.to_numeric(row, errors="coerce")
+        if not numbers.between(0, float("inf"), inclusive="neither").all():
+            raise InputError(
+                f"{where}, row {subject}: a parameter is no finite number above zero; correct it"
+            )
     return torch.as_tensor(values.to_numpy(float))

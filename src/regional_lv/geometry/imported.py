@@ -5,7 +5,6 @@ element's number.
 """
 
 from pathlib import Path
-from xml.etree import ElementTree
 
 import meshio
 import numpy as np
@@ -19,6 +18,7 @@ from regional_lv.geometry.elements import exterior_faces
 from regional_lv.geometry.mesh import BASE, ENDOCARDIUM, EPICARDIUM, SURFACES, Mesh
 from regional_lv.geometry.segment_tags import check_segment_tags, name_elements, read_segment_tags
 from regional_lv.geometry.summary import scaled_jacobians
+from regional_lv.input_files import check_counts, reading
 
 MM_PER = {"mm": 1.0, "cm": 10.0, "m": 1000.0}
 UNIT_NAMES = {"mm": "millimetres", "cm": "centimetres", "m": "metres"}
@@ -67,21 +67,18 @@ def import_mesh(mesh_path, segments_path=None, unit="mm"):
 def _read(path):
     """(points, cells, element numbers, segment or None, facets by surface) of a mesh file."""
     named = {}
-    if not path.is_file():
-        raise InputError(f"{path}: no such file; give geometry.imported.file a mesh")
-    try:
+    with reading(path, "give geometry.imported.file a mesh, saved as .vtu or Abaqus .inp"):
+        check_counts(path)
         if path.suffix.lower() == ".inp":
             raw, numbers, surfaces = read_abaqus(path)
             named = _three_surfaces(surfaces)
         else:
             raw, numbers = meshio.read(path), None
-    except InputError:
-        raise
-    # meshio ends the process over some files (SystemExit).
-    except (meshio.ReadError, ElementTree.ParseError, KeyError, ValueError, SystemExit) as error:
-        raise InputError(
-            f"{path}: meshio cannot read it ({error}); save the mesh as .vtu or Abaqus .inp"
-        ) from None
+        return _hexahedra(path, raw, numbers, named)
+
+
+def _hexahedra(path, raw, numbers, named):
+    """What `_read` returns, of meshio's mesh."""
     solid = [i for i, block in enumerate(raw.cells) if block.type == "hexahedron"]
     other = {block.type for block in raw.cells if block.dim == 3} - {"hexahedron"}
     if other or not solid:
@@ -90,6 +87,10 @@ def _read(path):
             "hexahedra alone can be imported"
         )
     cells = np.concatenate([raw.cells[i].data for i in solid]).astype(np.int64)
+    if not np.isfinite(raw.points).all() or raw.points.shape[1] != 3:
+        raise InputError(f"{path}: its points are not three numbers each; export it again")
+    if cells.min() < 0 or cells.max() >= len(raw.points):
+        raise InputError(f"{path}: an element has a node that is not there; export it again")
     segment = None
     if "segment" in raw.cell_data:
         segment = np.concatenate([raw.cell_data["segment"][i] for i in solid]).ravel()
@@ -134,7 +135,7 @@ def _check_length(path, points, unit):
         )
     raise InputError(
         f"{path}: the ventricle is {length:g} mm long; between {low:g} and {high:g} are possible, "
-        "its long axis being the z axis"
+        "its long axis being the z axis; correct its points"
     )
 
 

@@ -8,6 +8,7 @@ from scipy.io import loadmat
 
 from regional_lv import aha
 from regional_lv.errors import InputError
+from regional_lv.input_files import reading
 
 COLUMNS = ["element", "aha_segment"]
 PUBLISHED_FIELD = "elRegions"
@@ -23,14 +24,8 @@ def read_segment_tags(path, numbers):
     path = Path(path)
     if path.suffix.lower() == ".mat":
         return _read_published(path, len(numbers))
-    try:
+    with reading(path, "give geometry.imported.segments a table of elements, as CSV in UTF-8"):
         table = pd.read_csv(path, skipinitialspace=True)
-    except FileNotFoundError:
-        raise InputError(
-            f"{path}: no such file; give geometry.imported.segments a table of elements"
-        ) from None
-    except (pd.errors.ParserError, pd.errors.EmptyDataError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: not a CSV table ({error}); save it as CSV in UTF-8") from None
     missing = [column for column in COLUMNS if column not in table.columns]
     if missing:
         raise InputError(f"{path}: column {', '.join(missing)} is missing; add it to the header")
@@ -80,19 +75,13 @@ def name_elements(numbers):
 
 
 def _read_published(path, size):
-    try:
+    with reading(path, "give geometry.imported.segments the paper's .mat file, or a CSV instead"):
         content = loadmat(path, simplify_cells=True)
-    except FileNotFoundError:
-        raise InputError(
-            f"{path}: no such file; give geometry.imported.segments the paper's .mat file"
-        ) from None
-    except (ValueError, NotImplementedError) as error:
-        raise InputError(f"{path}: not a MATLAB file ({error}); give a CSV instead") from None
-    fields = [value for value in content.values() if isinstance(value, dict)]
-    labels = next((f[PUBLISHED_FIELD] for f in fields if PUBLISHED_FIELD in f), None)
-    if labels is None:
-        raise InputError(f"{path}: holds no {PUBLISHED_FIELD}; give a CSV of elements instead")
-    labels = np.asarray(labels, dtype=int)
+        fields = [value for value in content.values() if isinstance(value, dict)]
+        labels = next((f[PUBLISHED_FIELD] for f in fields if PUBLISHED_FIELD in f), None)
+        if labels is None:
+            raise InputError(f"{path}: holds no {PUBLISHED_FIELD}; give a CSV of elements instead")
+        labels = np.asarray(labels, dtype=int)
     if labels.shape != (size,):
         raise InputError(
             f"{path}: labels {labels.size} elements but the mesh has {size}; give the labels of "

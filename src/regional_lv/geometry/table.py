@@ -103,7 +103,7 @@ def _check_sizes(path, table):
             if not low <= value <= high:
                 raise InputError(
                     f"{path}, line {line}: {column} is {value:g}; a left ventricle has between "
-                    f"{low:g} and {high:g} mm"
+                    f"{low:g} and {high:g} mm; correct it"
                 )
 
 

@@ -15,20 +15,21 @@ import logging
 from dataclasses import dataclass
 from pathlib import Path
 
+import meshio
 import numpy as np
 import pyvista
 from scipy.spatial import cKDTree
 from vtkmodules.vtkIOGeometry import vtkSTLReader
-from vtkmodules.vtkIOPLY import vtkPLYReader
 from vtkmodules.vtkIOXML import vtkXMLPolyDataReader
 
 from regional_lv.errors import InputError
 from regional_lv.geometry.fitted import SEPTUM_DEG
 from regional_lv.geometry.imported import MM_PER, PLAUSIBLE_LENGTH_MM, UNIT_NAMES, units_that_fit
+from regional_lv.input_files import check_counts, check_file, reading
 
 log = logging.getLogger(__name__)
 
-READERS = {".stl": vtkSTLReader, ".ply": vtkPLYReader, ".vtp": vtkXMLPolyDataReader}
+READERS = {".stl": vtkSTLReader, ".vtp": vtkXMLPolyDataReader}
 SIDES = ("endocardium", "epicardium")
 KEY = "geometry.surfaces"
 
@@ -150,18 +151,15 @@ def _cones(surface):
 
 
 def _read(path):
-    if not path.is_file():
-        raise InputError(f"{path}: no such file; give its path from the folder in which you start")
-    if path.suffix.lower() not in READERS:
+    check_file(path)
+    if path.suffix.lower() not in (*READERS, ".ply"):
         raise InputError(
             f"{path}: the format {path.suffix or 'without a suffix'} is not read; save it as "
             ".stl, .ply or .vtp"
         )
-    reader = READERS[path.suffix.lower()]()
-    reader.SetFileName(str(path))
-    with pyvista.vtk_verbosity("off"):
-        reader.Update()
-    raw = pyvista.wrap(reader.GetOutput())
+    with reading(path, "export the surface again"):
+        check_counts(path)
+        raw = _read_ply(path) if path.suffix.lower() == ".ply" else _read_vtk(path)
     faces = raw.triangulate().faces if raw.n_points else []
     if len(faces) == 0:
         raise InputError(
@@ -182,6 +180,24 @@ def _read(path):
             f"{_place(shared.points[0])}; export one clean surface, without walls inside"
         )
     return surface
+
+
+def _read_vtk(path):
+    reader = READERS[path.suffix.lower()]()
+    reader.SetFileName(str(path))
+    with pyvista.vtk_verbosity("off"):
+        reader.Update()
+    return pyvista.wrap(reader.GetOutput())
+
+
+def _read_ply(path):
+    """By meshio: VTK's reader of PLY ends the process over damaged files."""
+    mesh = meshio.ply.read(path)
+    faces = [face for block in mesh.cells if block.dim == 2 for face in np.asarray(block.data)]
+    if any(np.min(face) < 0 or np.max(face) >= len(mesh.points) for face in faces):
+        raise InputError(f"{path}: a triangle has a point that is not there; export it again")
+    sized = [np.concatenate([[len(face)], face]) for face in faces]
+    return pyvista.PolyData(np.array(mesh.points, dtype=float), faces=np.concatenate(sized))
 
 
 def _edges(surface, **wanted):
