@@ -19,6 +19,7 @@ import pytest
 import yaml
 
 from regional_lv import data
+from regional_lv.manifest import checksum
 from tests.workflow.lint import findings
 
 PARTS = ("Snakefile", "workflow", "config", "src", "envs", "profiles")
@@ -147,6 +148,14 @@ def test_everything_is_made(study):
     assert costs.loc["all", "wall_s"] == pytest.approx(costs["wall_s"][:-1].sum(), abs=1)
 
 
+def test_manifest_agrees_with_the_results(study):
+    verify = [sys.executable, "-c", "from regional_lv.cli import main; main()", "verify"]
+    done = subprocess.run(
+        [*verify, "results/smoke"], cwd=study, capture_output=True, text=True, timeout=60
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
 def test_report_is_one_page(study):
     run(study, "--report", "report.html")
     page = (study / "report.html").read_text()
@@ -208,7 +217,7 @@ def test_mesh_of_hypotheses_reruns_the_criticism_only(editable):
 def test_figure_module_reruns_that_figure_only(editable):
     module = editable / "src" / "regional_lv" / "plots" / "parity.py"
     module.write_text(module.read_text() + "\n# edited\n")
-    assert planned(editable) - {"all"} == {"plot_parity", "tabulate_costs"}
+    assert planned(editable) - {"all"} == {*("plot_parity", "tabulate_costs", "write_manifest")}
 
 
 def test_bounds_rerun_what_they_bound_but_not_the_mesh(editable):
@@ -292,6 +301,12 @@ def test_killed_run_continues_and_one_core_gives_the_same_tables(study, root, tm
     run(project, "--cores", "1", *(f"results/smoke/{name}" for name in COMPARED))
     for path, modified in finished.items():
         assert path.stat().st_mtime_ns == modified, f"{path} was made again"
+
+    # Bit by bit, figures and pages too; the manifest names apart what also holds times.
+    made = json.loads((results / "manifest.json").read_text())["files"]
+    again = {name: checksum(other / name) for name in made if (other / name).is_file()}
+    assert len(again) > 20
+    assert again == {name: made[name] for name in again}
 
     tables = [
         p.relative_to(other)
