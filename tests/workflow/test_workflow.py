@@ -21,14 +21,9 @@ import yaml
 from regional_lv import data
 from regional_lv.manifest import checksum
 from tests.workflow.lint import findings
+from tests.workflow.same import assert_same, tables
 
 PARTS = ("Snakefile", "workflow", "config", "src", "envs", "profiles")
-TIMES = {"cpu_s", "seconds", "cpu_s_mean", "cpu_s_median", "cpu_s_p95"}
-TIMES |= {"training_seconds", "seconds_per_case", "seconds_per_case_least_squares"}
-TIMES |= {"seconds_per_case_weighted", "ms_localise", "ms_prediction", "ms_gradient"}
-TIMES |= {"ms_gradient_batched", "peak_memory_mb", "file_mb"}
-"""Columns that say what something took: they alone may differ between two runs."""
-
 COMPARED = (
     *("tables/ranking.csv", "tables/recovery.csv", "tables/subjects.csv"),
     *(f"posteriors/final/local_3_0-noisy/{table}.csv" for table in ("coverage", "auc")),
@@ -269,13 +264,6 @@ def test_bad_measured_file_stops_before_anything_runs(editable):
     assert "patient.csv" in output and "4" in output
 
 
-def read_table(path: Path) -> pd.DataFrame:
-    table = pd.read_parquet(path) if path.suffix == ".parquet" else pd.read_csv(path)
-    if path.stem == "paper_comparison":
-        table = table[table["quantity"] != "simulation_minutes"]
-    return table.drop(columns=[c for c in table.columns if c in TIMES])
-
-
 def test_killed_run_continues_and_one_core_gives_the_same_tables(study, root, tmp_path):
     project = copy_project(root, tmp_path / "project")
     process = subprocess.Popen(
@@ -308,21 +296,10 @@ def test_killed_run_continues_and_one_core_gives_the_same_tables(study, root, tm
     assert len(again) > 20
     assert again == {name: made[name] for name in again}
 
-    tables = [
-        p.relative_to(other)
-        for pattern in ("*.csv", "*.parquet")
-        for p in other.rglob(pattern)
-        if "benchmarks" not in p.parts
-    ]
-    assert len(tables) > 60
-    findings = [p.relative_to(other) for p in other.rglob("findings.json")]
-    assert findings
-    for name in findings:
-        assert (results / name).read_text() == (other / name).read_text()
-    for name in tables:
-        pd.testing.assert_frame_equal(
-            read_table(results / name), read_table(other / name), check_exact=True, obj=str(name)
-        )
+    names = tables(other)
+    assert len(names) > 60 and Path("criticism/synthetic_lateral/findings.json") in names
+    for name in names:
+        assert_same(results / name, other / name)
 
 
 def test_lint(root, tmp_path):

@@ -29,6 +29,7 @@ rule write_manifest:
         config=config,
         configfiles=CONFIG_FILES,
         overrides=dict(workflow.config_settings.config),
+    localrule: True
     log:
         f"{LOGS}/manifest.log",
     script:
