@@ -47,8 +47,8 @@ class Run:
         self._to_come[rule] -= 1
 
     def finish(self, job: int, now: float) -> None:
-        """This job has ended well. Of jobs that go to a cluster Snakemake may not have said that they
-        began; how long these took is not known."""
+        """This job has ended well. Jobs that go to a cluster are not always announced; how long
+        those took is not known."""
         if job in self._started:
             rule, begun = self._started.pop(job)
             self._expected += self._typical(rule)

@@ -17,10 +17,9 @@ from importlib.util import find_spec
 from pathlib import Path
 from types import SimpleNamespace
 
-# Every process simulates alone. Where SLURM's srun started it, Open MPI would take it for a part of an
-# MPI job and end it, unless it was built for that SLURM.
-for name in [name for name in os.environ if name.startswith("SLURM_")]:
-    del os.environ[name]
+# Every process simulates alone. By this variable Open MPI would take one that SLURM's srun started
+# for a part of an MPI job, and end it unless it was built for that SLURM.
+os.environ.pop("SLURM_NODELIST", None)
 
 # The wheel wants to be first: it loads the MPI that all of its parts share.
 with contextlib.suppress(ModuleNotFoundError):
