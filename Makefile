@@ -7,6 +7,7 @@
 # make test     lint, format, workflow lint, the documentation without warnings, all tests
 # make env      the environment (the targets above make it themselves)
 # make test-wheel   installation from wheels and the physics tests in a bare Debian 13 (as root)
+# make test-slurm   the smoke study on a SLURM of one node, and the same without it (Debian 12, as root)
 # make bench-simulator     what a simulation costs, beside cold load stepping
 # make docs     the documentation, in docs/_build/html
 # make docs-notebook   run docs/library.ipynb again and keep its outputs
@@ -16,7 +17,7 @@
 SHELL := bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help env quick study paper published smoke hidden-effects test test-wheel bench-simulator lint
+.PHONY: help env quick study paper published smoke hidden-effects test test-wheel test-slurm bench-simulator lint
 .PHONY: format docs docs-notebook
 
 CORES ?= 2
@@ -60,6 +61,10 @@ test: lint docs
 
 test-wheel:
 	envs/test-wheel.sh
+
+test-slurm: env
+	@envs/install.sh test
+	envs/test-slurm.sh
 
 bench-simulator: env
 	snakemake --cores "$$CORES" results/three_loads/mechanics/predictor.npz \
