@@ -29,8 +29,8 @@ PACKAGES = {
 
 HOLD_TIMES = (
     *("screening/*.parquet", "emulators/*.pt", "posteriors/*.nc", "posteriors/*/diagnostics.csv"),
-    *("tables/ranking.*", "tables/architectures.*", "tables/paper_comparison.*"),
-    *("tables/sample_efficiency.*", "figures/sample_efficiency.*"),
+    *("tables/ranking.*", "tables/paper_comparison.*", "tables/sample_efficiency.*"),
+    "figures/sample_efficiency.csv",
 )
 """Files that also hold wall or CPU seconds, and differ from run to run in these alone."""
 
