@@ -47,15 +47,23 @@ fi
     'Run on another machine; this test changes no cluster that is there.'
 state=$(mktemp -d /tmp/slurm-test.XXXXXX)
 daemons=()
+running=
 
 shut_down() {
     trap - EXIT INT TERM
+    if [[ -n $running ]]; then
+        kill "$running" 2>/dev/null || true # it submits nothing more
+    fi
     if ((${#daemons[@]} == 3)); then
         scancel --state=PENDING,RUNNING --user="$(id -un)" 2>/dev/null || true
         for _ in {1..30}; do
             [[ -n $(squeue --noheader 2>/dev/null) ]] || break
             sleep 1
         done
+    fi
+    if [[ -n $running ]]; then
+        kill -KILL "$running" 2>/dev/null || true # rather than wait for its next look at its jobs
+        wait "$running" 2>/dev/null || true
     fi
     # In the reverse order; these are the processes that this script started.
     for ((i = ${#daemons[@]} - 1; i >= 0; i--)); do
@@ -144,7 +152,15 @@ copy() { # copy <name>: the project's files as they are now
 
 study() { # study <name> <arguments...>: run the study there
     printf '==> %s: %s\n' "$1" "$config"
-    (cd "$copies/$1" && python -m snakemake --configfile "$config" "${@:2}" -- "${targets[@]}")
+    # In the background, because a trap waits for what runs in the foreground. Nobody else uses the
+    # copies, and a lock would outlive an interrupted run.
+    (
+        cd "$copies/$1"
+        exec python -m snakemake --nolock --configfile "$config" "${@:2}" -- "${targets[@]}"
+    ) &
+    running=$!
+    wait "$running"
+    running=
 }
 
 started=$SECONDS
