@@ -55,7 +55,7 @@ shut_down() {
         kill "$running" 2>/dev/null || true # it submits nothing more
     fi
     if ((${#daemons[@]} == 3)); then
-        scancel --state=PENDING,RUNNING --user="$(id -un)" 2>/dev/null || true
+        scancel --user="$(id -un)" || true
         for _ in {1..30}; do
             [[ -n $(squeue --noheader 2>/dev/null) ]] || break
             sleep 1
