@@ -76,7 +76,8 @@ trap shut_down EXIT
 trap 'exit 1' INT TERM
 
 start() { # start <name> <command...>: run a daemon in the background, its messages in a file
-    "${@:2}" >"$state/$1.out" 2>&1 &
+    # In a session of its own: what interrupts this script must not end it before its jobs.
+    setsid "${@:2}" >"$state/$1.out" 2>&1 &
     daemons+=($!)
 }
 
