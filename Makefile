@@ -8,6 +8,7 @@
 # make test-fuzz    thousands of damaged inputs of each kind (EXAMPLES=2000)
 # make env      the environment (the targets above make it themselves)
 # make test-wheel   installation from wheels and the physics tests in a bare Debian 13 (as root)
+# make test-slurm   the smoke study on a SLURM of one node, and the same without it (Debian 12, as root)
 # make bench-simulator     what a simulation costs, beside cold load stepping
 # make docs     the documentation, in docs/_build/html
 # make docs-notebook   run docs/library.ipynb again and keep its outputs
@@ -17,8 +18,8 @@
 SHELL := bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help env quick study paper published smoke hidden-effects test test-fuzz test-wheel bench-simulator
-.PHONY: lint format docs docs-notebook
+.PHONY: help env quick study paper published smoke hidden-effects test test-fuzz test-wheel test-slurm
+.PHONY: bench-simulator lint format docs docs-notebook
 
 CORES ?= 2
 export CORES
@@ -65,6 +66,10 @@ test-fuzz: env
 
 test-wheel:
 	envs/test-wheel.sh
+
+test-slurm: env
+	@envs/install.sh test
+	envs/test-slurm.sh
 
 bench-simulator: env
 	snakemake --cores "$$CORES" results/three_loads/mechanics/predictor.npz \

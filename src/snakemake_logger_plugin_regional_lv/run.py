@@ -47,10 +47,12 @@ class Run:
         self._to_come[rule] -= 1
 
     def finish(self, job: int, now: float) -> None:
-        """This job has ended well."""
-        rule, begun = self._started.pop(job)
-        self._expected += self._typical(rule)
-        self._taken += now - begun
+        """This job has ended well. Jobs that go to a cluster are not always announced; how long
+        those took is not known."""
+        if job in self._started:
+            rule, begun = self._started.pop(job)
+            self._expected += self._typical(rule)
+            self._taken += now - begun
 
     def fail(self, job: int) -> None:
         """This job has ended with an error."""
@@ -67,7 +69,11 @@ class Run:
             max(0.0, speed * self._typical(rule) - (now - begun))
             for rule, begun in self._started.values()
         ]
-        to_come = sum(n * self._typical(rule) for rule, n in self._to_come.items() if n > 0)
+        waiting = {rule: n for rule, n in self._to_come.items() if n > 0}
+        to_come = sum(n * self._typical(rule) for rule, n in waiting.items())
+        # Rules of jobs that began unannounced are still among them; their number is known.
+        known, number = sum(waiting.values()), self.total - self.done - len(self._started)
+        to_come *= min(1.0, max(0, number) / known) if known else 1.0
         return max([(speed * to_come + sum(running)) / self._cores, *running])
 
     def line(self, now: float) -> str:

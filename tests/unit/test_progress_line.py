@@ -42,6 +42,16 @@ def test_a_job_that_failed_is_not_under_way():
     assert run.line(2.0).endswith("now: simulations")
 
 
+def test_a_job_of_a_cluster_may_end_without_having_been_announced():
+    run = Run({"a_rule": 4, "total": 4}, cores=1, now=0.0)
+    run.start(0, "a_rule", 0.0)
+    for job in range(3):
+        run.finish(job, UNKNOWN_SECONDS)
+        run.count(job + 1, 4)
+    assert run.left(UNKNOWN_SECONDS) == pytest.approx(UNKNOWN_SECONDS)
+    assert run.line(UNKNOWN_SECONDS) == "[10 s] 3 of 4 steps done, about 10 s left"
+
+
 @pytest.mark.parametrize(
     ("seconds", "exact", "rounded"),
     [(7.4, "7 s", "10 s"), (134, "2 min 14 s", "2 min"), (7500, "2 h 05 min", "2 h 05 min")],

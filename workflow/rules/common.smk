@@ -47,9 +47,15 @@ from regional_lv.published import (  # noqa: E402
 )
 from regional_lv.seeds import derive  # noqa: E402
 
+# Of several configurations the last one counts first, for the paths in them too; those that were
+# named count before the workflow's own.
+CONFIG_FILES = [os.path.relpath(file) for file in workflow.overwrite_configfiles]
+CONFIG_FILES = [
+    *(file for file in map(os.path.relpath, workflow.configfiles) if file not in CONFIG_FILES),
+    *CONFIG_FILES,
+]
 try:
-    # Of several configurations the last one counts first, for the paths in them too.
-    folders = [Path(file).parent for file in reversed(workflow.overwrite_configfiles)]
+    folders = [Path(file).parent for file in reversed(CONFIG_FILES)]
     config.update(study_config.load(config, folders=folders))
 except InputError as error:
     raise WorkflowError(str(error))

@@ -10,6 +10,7 @@ rule tabulate_costs:
         table=f"{R}/benchmarks/costs.csv",
     params:
         call="tables.costs:tabulate_costs",
+    localrule: True
     log:
         f"{LOGS}/costs.log",
     script:

@@ -132,6 +132,7 @@ rule gather_injected:
         table=f"{C}/benchmark/subjects.parquet",
     params:
         call="criticism.batches:gather",
+    localrule: True
     log:
         f"{LOGS}/criticism/benchmark/gather_injected.log",
     script:
@@ -146,6 +147,7 @@ rule gather_truth:
         table=f"{R}/truth/benchmark.parquet",
     params:
         call="criticism.batches:gather",
+    localrule: True
     log:
         f"{LOGS}/criticism/benchmark/gather_truth.log",
     script:
@@ -272,6 +274,7 @@ rule extend_study:
         subject=lambda wildcards: wildcards.subject,
     wildcard_constraints:
         subject="|".join(SUBJECTS) or "(?!)",
+    localrule: True
     log:
         f"{LOGS}/criticism/{{subject}}/extend.log",
     script:
@@ -290,6 +293,7 @@ rule compare_extended:
         subject=lambda wildcards: wildcards.subject,
     wildcard_constraints:
         subject="|".join(SUBJECTS) or "(?!)",
+    localrule: True
     log:
         f"{LOGS}/criticism/{{subject}}/compare.log",
     script:
@@ -311,6 +315,7 @@ rule report_criticism:
         call="criticism.report:write_report",
     wildcard_constraints:
         subject="|".join(CRITICISED) or "(?!)",
+    localrule: True
     log:
         f"{LOGS}/criticism/report_{{subject}}.log",
     script:
@@ -396,6 +401,7 @@ rule score_benchmark:
         summary=f"{C}/benchmark/summary.json",
     params:
         call="criticism.benchmark:score_benchmark",
+    localrule: True
     log:
         f"{LOGS}/criticism/benchmark/score_benchmark.log",
     script:
@@ -414,6 +420,7 @@ rule plot_hidden_effects:
         csv=f"{C}/benchmark/hidden_effects.csv",
     params:
         call="plots.hidden_effects:draw",
+    localrule: True
     log:
         f"{LOGS}/criticism/benchmark/plot_hidden_effects.log",
     script:

@@ -10,6 +10,7 @@ rule make_design:
         design={key: config["design"][key] for key in ("natural", "log", "test")},
         parameters=PARAMETER_SPEC,
         seed=config["seed"],
+    localrule: True
     log:
         f"{LOGS}/design/make_design.log",
     script:
@@ -29,6 +30,7 @@ rule draw_scenario:
         seed=config["seed"],
     wildcard_constraints:
         scenario=any_of(SCENARIOS),
+    localrule: True
     log:
         f"{LOGS}/design/draw_scenario-{{scenario}}.log",
     script:

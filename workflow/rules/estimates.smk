@@ -117,6 +117,7 @@ checkpoint rank_emulators:
         channels=OUTPUTS,
         size=config["emulators"]["shortlist"]["size"],
         estimator=config["emulators"]["shortlist"]["estimator"],
+    localrule: True
     log:
         f"{LOGS}/estimates/rank_emulators.log",
     script:
@@ -149,6 +150,7 @@ rule compare_transforms:
         transforms=TRANSFORMS,
         files=list(EMULATORS),
         channels=OUTPUTS,
+    localrule: True
     log:
         f"{LOGS}/estimates/compare_transforms.log",
     script:

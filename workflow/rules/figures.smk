@@ -265,6 +265,7 @@ for name, plot in PLOTS.items():
             **plot.get("params", {}),
         wildcard_constraints:
             **plot.get("wildcards", {}),
+        localrule: True
         log:
             f"{LOGS}/figures/{file}.log",
         script:

@@ -46,6 +46,7 @@ rule make_page:
         extended=f"{C}/{{subject}}/extended.yaml",
     wildcard_constraints:
         subject=any_of(SUBJECTS),
+    localrule: True
     log:
         f"{LOGS}/pages/{{subject}}.log",
     script:

@@ -42,6 +42,7 @@ rule make_paper_comparison:
     params:
         call="paper.comparison:compare_study",
         threshold=config["reduction"]["explained_variance"],
+    localrule: True
     log:
         f"{LOGS}/tables/paper_comparison.log",
     script:

@@ -88,6 +88,7 @@ if EVALUATION:
         params:
             call="inference.choice:choose_final",
             wanted=config["emulators"]["final"],
+        localrule: True
         log:
             f"{LOGS}/posteriors/choose_final.log",
         script:
@@ -105,6 +106,7 @@ if EVALUATION:
             + expand(f"{R}/posteriors/{EMULATOR}/test/{{table}}", table=SET_TABLES),
         params:
             call="inference.choice:adopt",
+        localrule: True
         log:
             f"{LOGS}/posteriors/adopt_test_posteriors.log",
         script:
@@ -125,6 +127,7 @@ rule classify_zones:
         healthy=HEALTHY,
     wildcard_constraints:
         set=any_of([*SCENARIOS, *NOISY]),
+    localrule: True
     log:
         f"{LOGS}/posteriors/{{emulator}}/{{set}}/classify_zones.log",
     script:
@@ -144,6 +147,7 @@ rule score_classification:
     params:
         call="inference.classification:score_classification",
         seed=config["seed"],
+    localrule: True
     log:
         f"{LOGS}/posteriors/{{emulator}}/{{set}}/score_classification.log",
     script:

@@ -7,6 +7,7 @@ rule fetch_published:
         fetched_path(config["study"], "{file}"),
     wildcard_constraints:
         file="|".join(FILES),
+    localrule: True
     log:
         f"{LOGS}/published/fetch-{{file}}.log",
     script:

@@ -11,6 +11,7 @@ rule fit_reduction:
         call="reduction:fit_reduction",
         channels=OUTPUTS,
         explained_variance=config["reduction"]["explained_variance"],
+    localrule: True
     log:
         f"{LOGS}/reduction/fit_reduction.log",
     script:

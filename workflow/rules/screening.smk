@@ -20,6 +20,7 @@ if FROM_TABLES:
             seed=config["seed"],
         wildcard_constraints:
             set=any_of(["train", *SCORED, *TABLE_SETS]),
+        localrule: True
         log:
             f"{LOGS}/screening/{{set}}.log",
         script:
@@ -44,6 +45,7 @@ else:
             channels=OUTPUTS,
         wildcard_constraints:
             set=any_of(SIMULATION_BATCHES),
+        localrule: True
         log:
             f"{LOGS}/screening/{{set}}.log",
         script:

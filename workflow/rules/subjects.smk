@@ -34,6 +34,7 @@ rule import_volunteer:
         chosen=lambda wildcards: config["subjects"][wildcards.subject]["slices"],
     wildcard_constraints:
         subject=subjects_from("published_volunteer"),
+    localrule: True
     log:
         f"{LOGS}/subjects/import_{{subject}}.log",
     script:
@@ -54,6 +55,7 @@ rule import_published_simulation:
         row=lambda wildcards: config["subjects"][wildcards.subject]["row"],
     wildcard_constraints:
         subject=subjects_from("published_simulation"),
+    localrule: True
     log:
         f"{LOGS}/subjects/import_{{subject}}.log",
     script:
@@ -74,6 +76,7 @@ rule import_measured:
         strain_exponent=config["observables"]["strain_exponent"],
     wildcard_constraints:
         subject=subjects_from("file"),
+    localrule: True
     log:
         f"{LOGS}/subjects/import_{{subject}}.log",
     script:
@@ -94,6 +97,7 @@ rule import_curves:
         strain_exponent=config["observables"]["strain_exponent"],
     wildcard_constraints:
         subject=subjects_from("curves"),
+    localrule: True
     log:
         f"{LOGS}/subjects/import_{{subject}}.log",
     script:

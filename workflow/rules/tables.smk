@@ -110,6 +110,7 @@ for name, table in TABULATED.items():
         params:
             call=table["call"],
             **table.get("params", {}),
+        localrule: True
         log:
             f"{LOGS}/tables/{file}.log",
         script:

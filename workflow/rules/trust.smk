@@ -64,6 +64,7 @@ rule gather_agreement:
         table=f"{R}/posteriors/{{emulator}}/sampler_agreement.csv",
     params:
         call="inference.agreement:gather",
+    localrule: True
     log:
         f"{LOGS}/posteriors/{{emulator}}/gather_agreement.log",
     script:
@@ -104,6 +105,7 @@ rule pick_draws:
         cases=config["trust"]["resimulated_cases"],
         draws=config["trust"]["resimulated_draws"],
         seed=config["seed"],
+    localrule: True
     log:
         f"{LOGS}/design/pick_draws.log",
     script:
@@ -120,6 +122,7 @@ rule resimulate_draws:
         summary=f"{R}/posteriors/{EMULATOR}/resimulated_summary.csv",
     params:
         call="inference.resimulation:compare_resimulated",
+    localrule: True
     log:
         f"{LOGS}/posteriors/resimulate_draws.log",
     script:
@@ -162,6 +165,7 @@ rule compare_noise_priors:
         scales=config["clinical"]["noise_prior_scales"],
     wildcard_constraints:
         subject=any_of(NOISE_INFERRED),
+    localrule: True
     log:
         f"{LOGS}/posteriors/{{emulator}}/subjects/{{subject}}_noise_prior.log",
     script:

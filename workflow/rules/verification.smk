@@ -116,6 +116,7 @@ rule plot_land:
         csv=f"{V}/land.csv",
     params:
         call="plots.land:draw",
+    localrule: True
     log:
         f"{LOGS}/verification/plot_land.log",
     script:
@@ -131,6 +132,7 @@ rule plot_convergence:
         csv=f"{V}/convergence.csv",
     params:
         call="plots.convergence:draw",
+    localrule: True
     log:
         f"{LOGS}/verification/plot_convergence.log",
     script:
@@ -186,6 +188,7 @@ rule compare_meshes:
         call="verification.mesh_study:compare_meshes",
         meshes=list(STUDY_MESHES),
         channels=OUTPUTS,
+    localrule: True
     log:
         f"{LOGS}/verification/compare_meshes.log",
     script:
@@ -200,6 +203,7 @@ rule plot_mesh_study:
         csv=f"{V}/mesh_study.csv",
     params:
         call="plots.mesh_study:draw",
+    localrule: True
     log:
         f"{LOGS}/verification/plot_mesh_study.log",
     script:

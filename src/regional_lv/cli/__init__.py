@@ -1,10 +1,12 @@
-"""The command line: a folder for a heart of your own, the check of it, and its study."""
+"""The command line: a folder for a heart of your own, the check of it, its study, and the check of
+what that made."""
 
 import click
 
 from regional_lv.cli.check import check
 from regional_lv.cli.new import new
 from regional_lv.cli.run import run
+from regional_lv.cli.verify import verify
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"]})
@@ -13,5 +15,5 @@ def main() -> None:
     """Regional stiffness of a left ventricle from its geometry and its measured strains."""
 
 
-for command in (new, check, run):
+for command in (new, check, run, verify):
     main.add_command(command)

@@ -33,17 +33,17 @@ def load(path: Path, base: Path | None = None) -> dict:
         if base is None:
             return study_config.load(path)
         below = study_config.read(base)
-        return study_config.load(_merged(below, own), str(path), [path.parent, base.parent])
+        return study_config.load(merged(below, own), str(path), [path.parent, base.parent])
     except InputError as error:
         raise Mistakes(str(error)) from None
 
 
-def _merged(below: dict, above: dict) -> dict:
+def merged(below: dict, above: dict) -> dict:
     """What Snakemake makes of two configurations: sections are joined, other values replaced."""
     both = dict(below)
     for key, value in above.items():
         joins = isinstance(value, dict) and isinstance(below.get(key), dict)
-        both[key] = _merged(below[key], value) if joins else value
+        both[key] = merged(below[key], value) if joins else value
     return both
 
 

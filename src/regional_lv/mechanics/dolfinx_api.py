@@ -17,6 +17,10 @@ from importlib.util import find_spec
 from pathlib import Path
 from types import SimpleNamespace
 
+# Every process simulates alone. By this variable Open MPI would take one that SLURM's srun started
+# for a part of an MPI job, and end it unless it was built for that SLURM.
+os.environ.pop("SLURM_NODELIST", None)
+
 # The wheel wants to be first: it loads the MPI that all of its parts share.
 with contextlib.suppress(ModuleNotFoundError):
     import dolfinx_solver  # noqa: F401

@@ -1,0 +1,36 @@
+"""What a study was made with, and checksums of what it shows and of what stands behind that."""
+
+SHOWN = [
+    *FIGURES,
+    *TABLES,
+    *SUMMARIES,
+    *([] if FROM_TABLES else rules.criticism.input),
+    *PAGES,
+]
+BEHIND = [
+    *expand(f"{R}/screening/{{name}}.parquet", name=["train", "test"]),
+    f"{R}/emulators/{EMULATOR}.pt",
+    *expand(f"{R}/measured/{{subject}}.csv", subject=SUBJECTS),
+    *expand(f"{POSTERIORS}/subjects/{{subject}}.nc", subject=SUBJECTS),
+    *([CHOICE, *(file for name in SETS for file in posterior_files(EMULATOR, name))] if EVALUATION else []),
+    *([] if FROM_TABLES else [f"{R}/geometry/mesh.vtu"]),
+    *([] if FROM_TABLES else expand(f"{C}/{{subject}}/findings.json", subject=CRITICISED)),
+]
+
+
+rule write_manifest:
+    """Logs and benchmarks are left out: they say how it went, not what came out."""
+    input:
+        results=[*SHOWN, *BEHIND],
+    output:
+        manifest=f"{R}/manifest.json",
+    params:
+        call="manifest:write_manifest",
+        config=config,
+        configfiles=CONFIG_FILES,
+        overrides=dict(workflow.config_settings.config),
+    localrule: True
+    log:
+        f"{LOGS}/manifest.log",
+    script:
+        "../scripts/call.py"
