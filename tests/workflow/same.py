@@ -9,7 +9,7 @@ import pandas as pd
 TIMES = {"cpu_s", "seconds", "cpu_s_mean", "cpu_s_median", "cpu_s_p95"}
 TIMES |= {"training_seconds", "seconds_per_case", "seconds_per_case_least_squares"}
 TIMES |= {"seconds_per_case_weighted", "ms_localise", "ms_prediction", "ms_gradient"}
-TIMES |= {"ms_gradient_batched", "peak_memory_mb", "file_mb"}
+TIMES |= {"ms_gradient_batched", "peak_memory_mb", "file_mb", "simulation_cpu_s", "training_s"}
 """Columns and keys that say what something took: they alone may differ between two runs."""
 
 LEFT_OUT = {"benchmarks", "logs"}
