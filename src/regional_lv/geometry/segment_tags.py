@@ -82,7 +82,7 @@ def name_elements(numbers):
 def _read_published(path, size):
     try:
         content = loadmat(path, simplify_cells=True)
-    except FileNotFoundError:
+    except OSError:  # SciPy's own, which is no FileNotFoundError
         raise InputError(
             f"{path}: no such file; give geometry.imported.segments the paper's .mat file"
         ) from None
