@@ -56,13 +56,17 @@ class Channel:
     @classmethod
     def parse(cls, name: str) -> "Channel":
         """The channel of a column. Raises InputError for a name that is none."""
-        column, _, fraction = name.partition("@")
+        column, at, fraction = name.partition("@")
+        try:
+            load = float(fraction) if at else 1.0
+        except ValueError:
+            load = np.nan  # at no load
         for quantity, kind in QUANTITIES.items():
             stem = kind.column_of("")
             if column == stem or column.startswith(f"{stem}_"):
                 place = column[len(stem) + 1 :]
-                if place in kind.places:
-                    return cls(quantity, place, float(fraction) if fraction else 1.0)
+                if place in kind.places and 0 < load <= 1:
+                    return cls(quantity, place, load)
         raise InputError(
             f"{name}: not the name of a channel; give for instance volume_ml, circumferential_07 "
             "or circumferential_07@0.5"

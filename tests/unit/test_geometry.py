@@ -9,7 +9,7 @@ import pytest
 import vtk
 from scipy.spatial import cKDTree
 
-from regional_lv import data
+from regional_lv import aha, data
 from regional_lv.aha import LEVELS
 from regional_lv.errors import InputError
 from regional_lv.geometry import meshing
@@ -227,9 +227,15 @@ def test_mesh_laid_out_without_gmsh_is_the_same(tmp_path, monkeypatch):
 
 
 def test_gmsh_file_names_its_parts(made):
-    names = meshio.read(made[1] / "mesh.msh").field_data
-    assert set(SURFACES.values()) < set(names)
-    assert len(names) == 17 + 3
+    """Under the names of the AHA and of the surfaces lie the elements that the mesh has there."""
+    mesh, raw = made[0], meshio.read(made[1] / "mesh.msh")
+    parts = [(3, s.name, (mesh.segment == s.number).sum()) for s in aha.SEGMENTS]
+    parts += [(2, name, (mesh.surface == tag).sum()) for tag, name in SURFACES.items()]
+    found = {
+        name: (dim, sum((tags == tag).sum() for tags in raw.cell_data["gmsh:physical"]))
+        for name, (tag, dim) in raw.field_data.items()
+    }
+    assert found == {name: (dim, count) for dim, name, count in parts}
 
 
 def test_node_order_is_that_of_vtk():

@@ -416,9 +416,3 @@ def test_bad_config(imported_cfg, message):
     with pytest.raises(InputError) as error:
         study_config.load(config)
     assert message in str(error.value)
-
-
-def test_published_heart_is_a_valid_study(root):
-    config = study_config.load(root / "config" / "published_heart.yaml")
-    assert config["geometry"]["source"] == "mesh"
-    assert config["geometry"]["imported"]["remesh"] is True

@@ -1,6 +1,5 @@
 """Measured files: round trips, the published volunteer, and one case per kind of bad input."""
 
-import json
 import warnings
 from pathlib import Path
 
@@ -23,7 +22,6 @@ from regional_lv.measured import (
     states_noise,
     synthetic_subject,
     write_measured,
-    write_truth,
 )
 from regional_lv.parameters import Parameterisation
 
@@ -462,13 +460,6 @@ def test_noise_has_the_asked_size(outputs):
     sd = np.array([2.0] + [0.01] * 51)
     np.testing.assert_allclose(table["value"] - outputs, sd * np.arange(52), atol=1e-12)
     assert table["sd"].tolist() == sd.tolist()
-
-
-def test_truth_lies_apart(tmp_path):
-    theta = dict.fromkeys(PARAMETERS.names, 1.0)
-    write_truth(tmp_path / "anna.json", theta, {}, {"strain": 0.02, "volume": 2.0}, 7)
-    truth = json.loads((tmp_path / "anna.json").read_text())
-    assert truth["theta"] == theta and truth["seed"] == 7 and truth["effects"] == {}
 
 
 def test_what_has_no_noise_is_not_measured(outputs):

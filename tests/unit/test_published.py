@@ -2,7 +2,9 @@
 
 import hashlib
 import http.server
+import io
 import logging
+import re
 import subprocess
 import sys
 import threading
@@ -201,14 +203,6 @@ def test_repository_that_hangs_is_given_up(monkeypatch):
     assert time.monotonic() - start < 1
 
 
-def test_pinned_files_name_a_digest_and_the_pinned_commit(monkeypatch):
-    monkeypatch.setattr(published, "FILES", PINNED)
-    assert published.COMMIT.startswith("76d81bc") and len(published.COMMIT) == 40
-    for name in PINNED:
-        assert len(PINNED[name].sha256) == 64
-        assert published.COMMIT in published.repository_url(name)
-
-
 CLONE = {
     "ACase/4.3Data/ACase.csv": published.VOLUNTEER,
     **{f"ACase/4.3Data/slice{n}.csv": f"measured/slice{n}.csv" for n in range(1, 6)},
@@ -222,7 +216,8 @@ CLONE = {
 """Where files lie in the public repository, looked up there, and what the project calls them."""
 
 
-def test_every_file_is_found_in_a_folder_laid_out_like_the_repository(tmp_path, monkeypatch):
+def test_every_file_is_found_in_a_clone_and_at_its_address(tmp_path, monkeypatch):
+    """The repository answers with what lies at the place that it was asked for."""
     known = dict(PINNED)
     clone = tmp_path / "MultiR_FixedG_JRSSC"
     for place, name in CLONE.items():
@@ -230,11 +225,20 @@ def test_every_file_is_found_in_a_folder_laid_out_like_the_repository(tmp_path, 
         (clone / place).parent.mkdir(parents=True, exist_ok=True)
         (clone / place).write_bytes(content)
         known[name] = known[name]._replace(sha256=hashlib.sha256(content).hexdigest())
+
+    def answer(address, timeout):
+        host, owner, repository, commit, place = address.split("/", 6)[2:]
+        assert (host, repository) == ("raw.githubusercontent.com", clone.name)
+        assert re.fullmatch("[0-9a-f]{40}", commit) and owner == "Aether-Ren"
+        return io.BytesIO(f"what {place} holds".encode())
+
+    monkeypatch.setattr(published.urllib.request, "urlopen", answer)
     monkeypatch.setattr(published, "FILES", known)
     assert set(known) == set(CLONE.values())
     for place, name in CLONE.items():
-        copy = published.fetch_published(name, str(clone), False, tmp_path / "copy" / name)
-        assert copy.read_bytes() == f"what {place} holds".encode()
+        for mirror, download in ((str(clone), False), (None, True)):
+            copy = published.fetch_published(name, mirror, download, tmp_path / "copy" / name)
+            assert copy.read_bytes() == f"what {place} holds".encode()
     assert published.volunteer_available(study(str(clone), download=False))
 
 
