@@ -7,11 +7,12 @@ import pytest
 import torch
 
 from regional_lv.criticism.extended import ExtendedEmulator
-from regional_lv.criticism.fit import fit_best, fit_from_nothing
+from regional_lv.criticism.fit import fit, fit_best, fit_from_nothing
 from regional_lv.criticism.linear import approximate, leave_out_linearly
 from regional_lv.criticism.model import LOG_2PI, Layout, Model
 from regional_lv.criticism.observations import observe
 from regional_lv.criticism.posterior import gain_of, laplace, leave_out, sample
+from regional_lv.criticism.search import log_evidence as evidence_of_fit
 from tests.criticism.toy import PARAMETERS, ToyEmulator, bias, measured
 
 
@@ -90,6 +91,12 @@ def test_extension_and_its_evidence(base):
     posterior = sample(extended, *laplace(extended, fitted), 1000, 2)
     exact, mean, covariance = log_evidence(extended)
     assert posterior.log_evidence == pytest.approx(exact, abs=4 * posterior.evidence_error + 0.02)
+    # The fits' evidence leaves the prior's slope out: by (log theta's variance) / 2 of each.
+    assert float(evidence_of_fit(extended, fitted)) == pytest.approx(exact, abs=0.1)
+    none = torch.zeros(1, 1, dtype=torch.bool)
+    at_base = fit(extended, extended.observations.y[None], extended.at_base(best.x), active=none)
+    without = float(evidence_of_fit(extended, at_base, none))
+    assert without == pytest.approx(log_evidence(build())[0], abs=0.1)
     psi, sd = posterior.moments(posterior.x[:, 10])
     assert float(psi) == pytest.approx(float(mean[10]), abs=0.15 * float(sd))
     assert float(sd) == pytest.approx(float(covariance[10, 10].sqrt()), rel=0.1)

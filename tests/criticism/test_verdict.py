@@ -85,6 +85,13 @@ def test_injected_effect_is_named(found):
     assert found["remaining"]["p_value"] > 0.05
 
 
+def test_an_effect_without_which_nothing_fits_is_named():
+    """The base model's posterior lies at its bounds there, and its evidence is poorly known."""
+    found = findings(measured(ToyEmulator(), basal(), 1.9, seed=5, strain=0.0005))
+    assert found["named"] == ["basal_motion"] and found["sets"][0]["log_evidence"] > 1000
+    assert found["unlisted_probability"] < 0.01
+
+
 def test_pressure_is_reported_as_absorbed(found):
     (pressure,) = [h for h in found["hypotheses"] if h["name"] == "end_diastolic_pressure"]
     assert not pressure["identifiable"]

@@ -316,7 +316,6 @@ class Critic:
             return Criticism(
                 *(self.observations, self.settings, base, searched, tests, sets, nothing, unlisted)
             )
-        reference = base.posterior.log_evidence
         confirmed = [s for s in sets if s.confirmed]
         likely = [s for s in confirmed if s.probability >= LEAST_PROBABILITY] or confirmed[:1]
         for one in likely[:MOST_SAMPLED]:
@@ -329,7 +328,7 @@ class Critic:
         found.best = next((s for s in sets if s.sampled is not None), None)
         if found.best is not None:
             found.best.misfit = self._misfit_of(found.best.sampled, "best")
-        self._last_resort(found)
+        self._last_resort(found, reference)
         if found.best is not None and found.best.model.tails is None:
             found.name_causes()
         return found
@@ -361,7 +360,7 @@ class Critic:
         )
         return score.judge_misfit(observed, null)
 
-    def _last_resort(self, found: Criticism) -> None:
+    def _last_resort(self, found: Criticism, reference: float) -> None:
         """Heavy tails explain anything: they are taken only where neither a set of physical causes
         nor a smooth departure does as well, and where few channels stand alone far off."""
         best, searched = found.best, found.searched
@@ -383,7 +382,7 @@ class Critic:
             x = torch.cat([old.x[0, :at], middle, old.x[0, at:]])[None]
             start = Fit(x, old.objective, old.residual, old.jacobian, old.whitening)
             sampled = self._in_earnest(model, start, hypothesis.name, tails=True)
-            evidence = sampled.posterior.log_evidence - found.base.posterior.log_evidence
+            evidence = sampled.posterior.log_evidence - reference
             found.outliers = outliers.why_not(sampled)
             if found.outliers or evidence + single < max(rivals) + math.log(19):
                 continue

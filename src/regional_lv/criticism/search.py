@@ -201,7 +201,7 @@ def _chunks(rows: list, size: int) -> list[list]:
 
 
 def log_evidence(model: Model, found: Fit, active: torch.Tensor | None = None) -> torch.Tensor:
-    """Laplace's approximation (M,) at fits, but for a number that all sets of one model share.
+    """Laplace's approximation (M,) at fits, as `posterior.sample` has it by importance sampling.
 
     active: (M, k), the extensions that are free; all if None. Cut at the ends of their ranges.
     """
@@ -215,11 +215,14 @@ def log_evidence(model: Model, found: Fit, active: torch.Tensor | None = None) -
     precision = torch.where(both, precisions(model, found), identity)
     factor = torch.linalg.cholesky(precision)
     covariance = torch.cholesky_inverse(factor)
-    total = found.objective - factor.diagonal(dim1=-2, dim2=-1).log().sum(-1)
-    if model.layout.uniform_in_theta:
-        total = total + found.x[:, : len(model.layout.names)].sum(-1)
-    width = (model.high - model.low)[model.psi]
+    volume = 0.5 * LOG_2PI * free.sum(-1) - factor.diagonal(dim1=-2, dim2=-1).log().sum(-1)
     psi, sd = found.x[:, model.psi], covariance.diagonal(dim1=-2, dim2=-1)[:, model.psi].sqrt()
     inside = [torch.special.ndtr((edge[model.psi] - psi) / sd) for edge in (model.high, model.low)]
-    each = 0.5 * LOG_2PI - width.log() + (inside[0] - inside[1]).clamp(min=1e-12).log()
-    return total + torch.where(active, each, 0.0).sum(-1)
+    cut = (inside[0] - inside[1]).clamp(min=1e-12).log()
+    width = (model.high - model.low)[model.psi].log().expand_as(cut)  # of those that are not free
+    volume = volume + torch.where(active, cut, width).sum(-1)
+    likelihood = found.objective - 0.5 * LOG_2PI * int(model.observations.present.sum())
+    if model.first_sigma < found.x.shape[1]:
+        noise, sigma = model.observations.noise, found.x[:, model.first_sigma :].exp()
+        likelihood = likelihood + 0.5 * sigma.square().sum(-1) / noise.prior_scale**2
+    return likelihood + model.log_prior(found.x) + volume
