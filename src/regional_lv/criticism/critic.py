@@ -122,7 +122,7 @@ class Critic:
             misfit = score.Misfit(both, misfit.families, misfit.largest)
         detected = self.testable and misfit.p_value <= level
         tests, critical = self._tests(observed, null, usable, identified, tails)
-        sets, unlisted, prior = [], -math.inf, -math.inf
+        sets, unlisted, prior, reference = [], -math.inf, -math.inf, math.nan
         if self.testable:
             reference = float(log_evidence(model, best)[0])
             sets, prior = self._sets(model, best, reference, usable, detected)
@@ -133,7 +133,7 @@ class Critic:
             "; ".join(f"{label(s['members'])} {s['log_evidence']:.1f}" for s in sets[:5]),
         )
         x = best.x[0].tolist()
-        return Searched(x, misfit, detected, tests, sets, unlisted, prior, critical)
+        return Searched(x, reference, misfit, detected, tests, sets, unlisted, prior, critical)
 
     def _tests(self, observed, null, usable, identified, tails) -> tuple[list[dict], float]:
         """What the scores say of every hypothesis, the most conspicuous first; and the score that
@@ -256,8 +256,7 @@ class Critic:
         columns = ["set", "draw", "subject", *self.emulator.parameters.names, "effects"]
         if not (searched.detected and searched.sets):
             return pd.DataFrame(columns=columns)
-        reference = self._base(searched)[1]
-        best, *others = self._weighed(searched, simulations, reference)[0]
+        best, *others = self._weighed(searched, simulations)[0]
         # What single effects do to each other may pass for one more cause: the sets with one less
         # are simulated, too.
         smaller = [s for s in others if set(s.members) < set(best.members)]
@@ -270,13 +269,10 @@ class Critic:
             rows += design_rows(one.members, one.model, draws)
         return pd.DataFrame(rows, columns=columns)
 
-    def _weighed(self, searched: Searched, simulations: pd.DataFrame | None, reference: float):
+    def _weighed(self, searched: Searched, simulations: pd.DataFrame | None):
         """The leading sets, corrected by what was simulated of them, with their probabilities, the
-        most probable first; and the probabilities of the base model and of what is not listed.
-
-        reference: log evidence of the base model.
-        """
-        sets = []
+        most probable first; and the probabilities of the base model and of what is not listed."""
+        sets, reference = [], searched.base_evidence
         for row in searched.sets:
             members, x = row["members"], torch.tensor(row["x"], dtype=torch.float64)
             correction = None
@@ -293,17 +289,16 @@ class Critic:
             one.probability = weight
         return sorted(sets, key=lambda s: -s.probability), weights[-2], weights[-1]
 
-    def _base(self, searched: Searched) -> tuple[Model, float, Fit]:
-        """The base model, its log evidence, and its fit."""
+    def _base(self, searched: Searched) -> tuple[Model, Fit]:
+        """The base model and its fit."""
         model = self._model(())
-        best = fit_best(model, torch.tensor([searched.base_x], dtype=torch.float64))
-        return model, float(log_evidence(model, best)[0]), best
+        return model, fit_best(model, torch.tensor([searched.base_x], dtype=torch.float64))
 
     # ----------------------------------------------------------------------------- conclusion
 
     def conclude(self, searched: Searched, simulations: pd.DataFrame | None = None) -> Criticism:
         """Decide, with the simulations of the leading sets."""
-        model, reference, best = self._base(searched)
+        model, best = self._base(searched)
         base = self._in_earnest(model, best, "base")
         tests = [self._tested(row) for row in searched.tests]
         if not self.testable:
@@ -311,7 +306,7 @@ class Critic:
                 *(self.observations, self.settings, base, searched, tests, []),
                 *(1.0, 0.0),
             )
-        sets, nothing, unlisted = self._weighed(searched, simulations, reference)
+        sets, nothing, unlisted = self._weighed(searched, simulations)
         if not searched.detected:
             return Criticism(
                 *(self.observations, self.settings, base, searched, tests, sets, nothing, unlisted)
@@ -320,7 +315,7 @@ class Critic:
         likely = [s for s in confirmed if s.probability >= LEAST_PROBABILITY] or confirmed[:1]
         for one in likely[:MOST_SAMPLED]:
             one.sampled = self._in_earnest(one.model, one.fit, label(one.members))
-            one.log_evidence = one.sampled.posterior.log_evidence - reference
+            one.log_evidence = one.sampled.posterior.log_evidence - searched.base_evidence
         sets, nothing, unlisted = self._probabilities(searched, sets)
         found = Criticism(
             *(self.observations, self.settings, base, searched, tests, sets, nothing, unlisted)
@@ -328,7 +323,7 @@ class Critic:
         found.best = next((s for s in sets if s.sampled is not None), None)
         if found.best is not None:
             found.best.misfit = self._misfit_of(found.best.sampled, "best")
-        self._last_resort(found, reference)
+        self._last_resort(found)
         if found.best is not None and found.best.model.tails is None:
             found.name_causes()
         return found
@@ -360,7 +355,7 @@ class Critic:
         )
         return score.judge_misfit(observed, null)
 
-    def _last_resort(self, found: Criticism, reference: float) -> None:
+    def _last_resort(self, found: Criticism) -> None:
         """Heavy tails explain anything: they are taken only where neither a set of physical causes
         nor a smooth departure does as well, and where few channels stand alone far off."""
         best, searched = found.best, found.searched
@@ -382,7 +377,7 @@ class Critic:
             x = torch.cat([old.x[0, :at], middle, old.x[0, at:]])[None]
             start = Fit(x, old.objective, old.residual, old.jacobian, old.whitening)
             sampled = self._in_earnest(model, start, hypothesis.name, tails=True)
-            evidence = sampled.posterior.log_evidence - reference
+            evidence = sampled.posterior.log_evidence - searched.base_evidence
             found.outliers = outliers.why_not(sampled)
             if found.outliers or evidence + single < max(rivals) + math.log(19):
                 continue

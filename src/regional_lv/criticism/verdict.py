@@ -82,12 +82,15 @@ class Tested:
 class Searched:
     """What the search leaves for the steps after it; plain numbers (`content`, `of`).
 
-    base_x: fit of the base model. misfit: of it, over all tests. sets: members, fit and log prior
+    base_x: fit of the base model. base_evidence: its log evidence, to which all others are
+    relative (a base model that misses by hundreds is fitted elsewhere by and by, and a second value
+    would differ by as much). misfit: of it, over all tests. sets: members, fit and log prior
     of the leading sets. unlisted: log evidence, relative to the base model, of a discrepancy that
     no listed cause makes. critical_z: score that is significant over the catalogue.
     """
 
     base_x: list[float]
+    base_evidence: float
     misfit: score.Misfit
     detected: bool
     tests: list[dict]
