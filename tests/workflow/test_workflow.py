@@ -293,7 +293,7 @@ def test_killed_run_continues_and_one_core_gives_the_same_tables(study, root, tm
     # Bit by bit, figures and pages too; the manifest names apart what also holds times.
     made = json.loads((results / "manifest.json").read_text())["files"]
     again = {name: checksum(other / name) for name in made if (other / name).is_file()}
-    assert len(again) > 20
+    assert {COMPARED[-1], "posteriors/final.json"} <= set(again)
     assert again == {name: made[name] for name in again}
 
     names = tables(other)
