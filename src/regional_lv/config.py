@@ -540,6 +540,8 @@ def _check_model(config: dict, parameters: Parameterisation, channels: Channels)
         if subject["mesh"] == "finer" and config["geometry"]["source"] not in MESHED_ANEW:
             yield f"{key}.mesh: an imported mesh cannot be made finer; write study"
         yield from _check_effects(f"{key}.effects", subject["effects"], config)
+    if config["criticism"]["discretisation"] and config["geometry"]["source"] not in MESHED_ANEW:
+        yield "criticism.discretisation: an imported mesh cannot be made finer; write 0"
     benchmark = config["criticism"]["benchmark"]
     yield from _check_noise("criticism.benchmark.noise", benchmark["noise"], channels)
     noise = config["scenarios"]["noise"]

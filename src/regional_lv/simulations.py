@@ -21,7 +21,6 @@ from regional_lv.mechanics.continuation import (
 )
 from regional_lv.mechanics.predictor import Known, load_predictors
 from regional_lv.mechanics.simulator import Simulator, State
-from regional_lv.parameters import Parameterisation
 from regional_lv.progress import Progress
 
 log = logging.getLogger(__name__)
@@ -70,17 +69,29 @@ def known_from(solutions: Mapping[float, Solution], simulator: Simulator) -> dic
     return guesses
 
 
-def anchors_of(design: pd.DataFrame, anchors: int, parameters: Parameterisation) -> np.ndarray:
-    """Points (n, P) of a design to solve first: the first ones of its Sobol sequences.
+def anchors_of(design: pd.DataFrame, anchors: int) -> pd.DataFrame:
+    """Rows of a design to solve first: the first ones of its Sobol sequences.
 
     Half of them natural, half logarithmic, as far as there are so many.
     """
-    natural, logarithmic = (
-        design.loc[design["scale"] == scale, list(parameters.names)].to_numpy()
-        for scale in ("natural", "log")
-    )
+    natural, logarithmic = (design[design["scale"] == scale] for scale in ("natural", "log"))
     from_log = min(len(logarithmic), anchors - min(len(natural), anchors // 2))
-    return np.concatenate([natural[: anchors - from_log], logarithmic[:from_log]])
+    return pd.concat([natural.iloc[: anchors - from_log], logarithmic.iloc[:from_log]])
+
+
+def growing_runner(mesh: str | Path, physics: dict, start: str | Path) -> GrowingRunner:
+    """A runner that knows the solution of `solve_baseline` (npz) of that mesh."""
+    simulator = make_simulator(mesh, physics)
+    with np.load(start) as saved:
+        theta = saved["theta"]
+        solutions = {
+            load: Solution(
+                State(saved[f"w@{load:g}"], theta, load * simulator.full_pressure),
+                saved[f"tangents@{load:g}"],
+            )
+            for load in simulator.channels.load_fractions
+        }
+    return GrowingRunner(Solver(simulator, physics["solver"]), known_from(solutions, simulator))
 
 
 def solve_anchors(
@@ -99,21 +110,9 @@ def solve_anchors(
     theta (n, P), and by load `fields@<load>` (n, size) and `tangents@<load>` (n, P, size), single
     precision. An anchor that fails is left out.
     """
-    simulator = make_simulator(mesh, physics)
-    loads = simulator.channels.load_fractions
-    with np.load(start) as saved:
-        theta = saved["theta"]
-        solutions = {
-            load: Solution(
-                State(saved[f"w@{load:g}"], theta, load * simulator.full_pressure),
-                saved[f"tangents@{load:g}"],
-            )
-            for load in loads
-        }
-    guesses = known_from(solutions, simulator)
-    thetas = anchors_of(pd.read_parquet(design), anchors, simulator.parameters)
-    thetas = thetas[int(batch) :: batches]
-    runner = GrowingRunner(Solver(simulator, physics["solver"]), guesses)
+    runner = growing_runner(mesh, physics, start)
+    rows = anchors_of(pd.read_parquet(design), anchors).iloc[int(batch) :: batches]
+    thetas = rows[list(runner.parameters.names)].to_numpy()
     progress, solved = Progress(f"anchors, batch {batch}", len(thetas)), []
     for row, result in runner.run_all(thetas):
         progress.step(failed=result.state is None)
@@ -122,11 +121,34 @@ def solve_anchors(
         else:
             solved.append(result)
     arrays = {"theta": np.stack([r.theta for r in solved])}
-    for load in loads:
+    for load in runner.channels.load_fractions:
         found = [r.solutions[load] for r in solved]
         arrays[f"fields@{load:g}"] = np.stack([s.state.w for s in found]).astype(np.float32)
         arrays[f"tangents@{load:g}"] = np.stack([s.tangents for s in found]).astype(np.float32)
     np.savez(fields, cpu_s=sum(r.cpu_s for r in solved), **arrays)
+
+
+def simulate_anchors(
+    mesh: str | Path,
+    start: str | Path,
+    design: str | Path,
+    physics: dict,
+    anchors: int,
+    batches: int,
+    batch: str,
+    simulations: str | Path,
+) -> None:
+    """Simulate a batch of a design's anchors on a mesh without a predictor; write the table of
+    `tabulate`. Arguments as of `solve_anchors`."""
+    runner = growing_runner(mesh, physics, start)
+    rows = anchors_of(pd.read_parquet(design), anchors).iloc[int(batch) :: batches]
+    progress, results = Progress(f"anchors, batch {batch}", len(rows)), {}
+    for row, result in runner.run_all(rows[list(runner.parameters.names)].to_numpy()):
+        result.solutions = {}
+        results[row] = result
+        progress.step(failed=result.status != "converged")
+    made = [results[row] for row in range(len(rows))]
+    tabulate(rows, made, runner.channels).to_parquet(simulations, index=False)
 
 
 def make_runner(

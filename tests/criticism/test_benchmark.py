@@ -128,7 +128,7 @@ def test_figure_shows_confusions_and_power(cases, tmp_path):
 def test_from_subjects_to_score(tmp_path, monkeypatch):
     """Hearts in closed form through the files: an effect, none, and one that is withheld."""
     catalogue = [Pressure(), bias(), basal()]
-    monkeypatch.setattr(benchmark.emulators, "load", lambda path: ToyEmulator())
+    monkeypatch.setattr(benchmark, "load_emulator", lambda *_: ToyEmulator())
     monkeypatch.setattr(benchmark, "read_extensions", lambda paths: catalogue)
     rows, truths = [], []
     hearts = ("a", "singles", basal()), ("b", "nulls", None), ("c", "unlisted", basal())

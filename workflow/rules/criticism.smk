@@ -36,7 +36,12 @@ BENCHMARK_STEP = STEP | {
     "batch_size": config["criticism"]["benchmark"]["subjects_per_batch"],
 }
 EXTENSIONS = expand(f"{C}/extensions/{{hypothesis}}.pt", hypothesis=HYPOTHESES)
-EMULATORS_OF = {"emulator": f"{R}/emulators/{EMULATOR}.pt", "extensions": EXTENSIONS}
+DISCRETISATION = f"{C}/discretisation.pt" if config["criticism"]["discretisation"] else []
+EMULATORS_OF = {
+    "emulator": f"{R}/emulators/{EMULATOR}.pt",
+    "extensions": EXTENSIONS,
+    "discretisation": DISCRETISATION,
+}
 OF_SUBJECT = EMULATORS_OF | {
     "measured": lambda wildcards: expand(
         f"{R}/measured/{{subject}}.csv", subject=criticised(wildcards.subject)
@@ -96,6 +101,53 @@ rule train_extension:
         f"{LOGS}/criticism/extensions/{{hypothesis}}.log",
     benchmark:
         f"{R}/benchmarks/criticism/extensions/{{hypothesis}}.tsv"
+    threads: 1
+    script:
+        "../scripts/call.py"
+
+
+rule simulate_finer:
+    """Some of the study's simulations again, on a finer mesh; on two cores."""
+    input:
+        mesh=f"{R}/geometry/finer/mesh.vtu",
+        start=f"{R}/mechanics/finer/baseline.npz",
+        design=f"{R}/design/train.parquet",
+    output:
+        simulations=f"{C}/finer/batch-{{batch}}.parquet",
+    priority: FIRST
+    params:
+        call="simulations:simulate_anchors",
+        physics=PHYSICS,
+        anchors=config["criticism"]["discretisation"],
+        batches=CONFIRMED_IN,
+    log:
+        f"{LOGS}/criticism/finer/batch-{{batch}}.log",
+    benchmark:
+        f"{R}/benchmarks/criticism/finer/batch-{{batch}}.tsv"
+    threads: 1
+    script:
+        "../scripts/call.py"
+
+
+rule train_discretisation:
+    """What the finer mesh changes of the base model."""
+    input:
+        train=f"{R}/screening/train.parquet",
+        batches=expand(f"{C}/finer/batch-{{batch}}.parquet", batch=range(CONFIRMED_IN)),
+    output:
+        discretisation=f"{C}/discretisation.pt",
+        report=f"{C}/discretisation.json",
+    priority: FIRST
+    params:
+        call="criticism.discretisation:train_discretisation",
+        physics=PHYSICS,
+        parameters=PARAMETER_SPEC,
+        channels=OUTPUTS,
+        seed=config["seed"],
+    log:
+        f"{LOGS}/criticism/discretisation.log",
+    benchmark:
+        f"{R}/benchmarks/criticism/discretisation.tsv"
     threads: 1
     script:
         "../scripts/call.py"

@@ -9,8 +9,8 @@ import numpy as np
 import pandas as pd
 import torch
 
-from regional_lv import emulators
 from regional_lv.channels import Channels
+from regional_lv.criticism.discretisation import load_emulator
 from regional_lv.criticism.extended import ExtendedEmulator
 from regional_lv.criticism.extension import read_extensions
 from regional_lv.criticism.fit import fit
@@ -37,7 +37,7 @@ class Batch:
     Parameters
     ----------
     subjects, batch, batch_size: the table (Parquet), and which of its rows.
-    emulator, extensions, settings, strain_exponent, noise_prior_scale, seed: as of
+    emulator, extensions, settings, strain_exponent, noise_prior_scale, seed, discretisation: as of
         `study.read_critic`.
     """
 
@@ -52,10 +52,11 @@ class Batch:
         strain_exponent: float,
         noise_prior_scale: float,
         seed: int,
+        discretisation: str | Path | Sequence[str] = (),
     ):
         first = int(batch) * batch_size
         self._rows = pd.read_parquet(subjects).iloc[first : first + batch_size]
-        self._emulator = emulators.load(emulator)
+        self._emulator = load_emulator(emulator, discretisation)
         self._changing, self._noises = split(read_extensions(extensions))
         self._rest = Settings.from_config(settings), strain_exponent, noise_prior_scale
         self._seed = seed
@@ -179,6 +180,7 @@ def score_benchmark(
     cases: str | Path,
     confusion: str | Path,
     summary: str | Path,
+    discretisation: str | Path | Sequence[str] = (),
 ) -> None:
     """Compare verdicts with the truth: a table with a row per effect, and one per subject without
     any, a table of confusions (CSV), and the rates that count with their intervals (JSON). The one
@@ -187,7 +189,7 @@ def score_benchmark(
     known = pd.read_parquet(truth)
     known = known[known["status"] == "converged"].set_index("subject")
     hearts = pd.read_parquet(subjects).set_index("subject", drop=False)
-    trained = emulators.load(emulator)
+    trained = load_emulator(emulator, discretisation)
     changing, _ = split(read_extensions(extensions))
     by_place = {(e.hypothesis.name, e.component): e for e in changing}
     rows = []

@@ -131,5 +131,5 @@ def correct(model, members: Sequence[tuple[str, str]], simulations: pd.DataFrame
     def tensor(values):
         return torch.as_tensor(np.asarray(values, dtype=float)).reshape(*shape, -1)
 
-    theta = tensor(good[parameters].to_numpy())
-    return Correction.fit(model.emulator, theta, tensor(scaled), tensor(good[outputs].to_numpy()))
+    theta, simulated = (tensor(good[names].to_numpy()) for names in (parameters, outputs))
+    return Correction.fit(model.emulator.on_study_mesh, theta, tensor(scaled), simulated)

@@ -173,7 +173,8 @@ class Extension:
         place[range(changing), [self.outputs.index(name) for name in self._changing]] = 1.0
         return mean @ place, place.T @ covariance @ place
 
-    def _state(self) -> dict:
+    def state(self) -> dict:
+        """Everything that `from_state` needs, in tensors and plain values."""
         h = self.hypothesis
         return {
             "hypothesis": h.name,
@@ -187,8 +188,9 @@ class Extension:
         }
 
     @classmethod
-    def _from_state(cls, path, state: dict) -> "Extension":
-        hypothesis = copy.copy(REGISTRY[state["hypothesis"]])
+    def from_state(cls, path, state: dict, hypothesis: Hypothesis) -> "Extension":
+        """The extension whose `state` this is; `path` is named in errors."""
+        hypothesis = copy.copy(hypothesis)
         hypothesis.base, hypothesis.low, hypothesis.high = state["range"]
         if isinstance(hypothesis, SimulatorHypothesis):
             hypothesis.nodes = tuple(state["nodes"])
@@ -206,7 +208,7 @@ class Extension:
 def read_extensions(paths: Sequence[str | Path]) -> list[Extension]:
     """All components of the hypotheses in the given files, in their order."""
     return [
-        Extension._from_state(path, state)
+        Extension.from_state(path, state, REGISTRY[state["hypothesis"]])
         for path in paths
         for state in torch.load(path, weights_only=True)
     ]
@@ -246,19 +248,22 @@ def train_extension(
         scale = Scale(channels, exponent)
         for component, rows in table.groupby("component", sort=False):
             own = derive(seed, "extension", hypothesis, component)
-            learnt, errors = _train(asked, component, rows, scale, parameters, own)
+            learnt, errors = learn(asked, component, rows, scale, parameters, own)
             extensions.append(learnt)
             found.append({"component": component} | errors)
             progress.step()
-    torch.save([each._state() for each in extensions], extension)
+    torch.save([each.state() for each in extensions], extension)
     content = {"hypothesis": hypothesis, "components": found}
     Path(report).write_text(json.dumps(content, indent=2) + "\n")
 
 
-def _train(
+def learn(
     hypothesis, component, rows: pd.DataFrame, scale: Scale, parameters, seed
 ) -> tuple[Extension, dict]:
-    """Extension of one component, and what its report says."""
+    """Extension of one component, and what its report says.
+
+    rows: of `simulate_extension`, of all anchors at the base and at every node.
+    """
     started = time.monotonic()
     nodes = list(hypothesis.nodes)
     converged = rows["status"] == "converged"

@@ -9,8 +9,8 @@ from pathlib import Path
 import pandas as pd
 import torch
 
-from regional_lv import emulators
 from regional_lv.criticism.critic import Critic
+from regional_lv.criticism.discretisation import OnFinerMesh, load_emulator
 from regional_lv.criticism.extension import read_extensions
 from regional_lv.criticism.findings import findings_of, write_findings
 from regional_lv.criticism.hypotheses import NoiseHypothesis
@@ -32,7 +32,7 @@ class Inputs:
 
     name: str
     tables: dict[str, pd.DataFrame]
-    emulator: Emulator
+    emulator: Emulator | OnFinerMesh
     extensions: list
     noises: list
     settings: Settings
@@ -66,13 +66,15 @@ def read_critic(
     noise_prior_scale: float,
     seed: int,
     known_theta: Sequence[str | Path] = (),
+    discretisation: str | Path | Sequence[str] = (),
 ) -> Inputs:
     """What all steps of the criticism read.
 
     subject: name of the subject, or of the joint criticism. subjects, measured: whose files they
     are, and the files. settings: section `criticism` of the config. strain_exponent: of the study's
     strain measure. known_theta: tables (CSV) with `subject` and the parameters, for hearts whose
-    theta is known up to a common number for each factor of the material.
+    theta is known up to a common number for each factor of the material. discretisation: file of
+    `discretisation.train_discretisation`, or nothing.
 
     Raises InputError for files that cannot be used, before anything is fitted.
     """
@@ -80,7 +82,7 @@ def read_critic(
         name: read_measured(path, strain_exponent=strain_exponent)
         for name, path in zip(subjects, measured, strict=True)
     }
-    trained = emulators.load(emulator)
+    trained = load_emulator(emulator, discretisation)
     names = trained.parameters.names
     theta = read_known_theta(known_theta, list(subjects), names) if known_theta else None
     changing, noises = split(read_extensions(extensions))
