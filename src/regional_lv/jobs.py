@@ -10,6 +10,8 @@ import sys
 from collections.abc import Callable
 
 from regional_lv.channels import Channels
+from regional_lv.errors import InputError
+from regional_lv.faults import explain
 from regional_lv.parameters import Parameterisation
 from regional_lv.progress import start_log
 
@@ -60,6 +62,8 @@ def run(snakemake) -> None:
 
     Arguments are the named inputs, outputs and params; of the wildcards, those that the function
     takes and that have no value otherwise.
+
+    Raises InputError in place of what a full disk, a damaged file and the like raise.
     """
     start_log(snakemake.log[0])
     function = function_of(snakemake.params.call)
@@ -70,4 +74,11 @@ def run(snakemake) -> None:
     values = {k: v for k, v in snakemake.wildcards.items() if k in wanted}
     for part in (snakemake.input, snakemake.output, snakemake.params):
         values |= {k: v for k, v in part.items() if k not in NOT_PASSED}
-    function(**{k: OBJECTS[k](v) if k in OBJECTS else v for k, v in values.items()})
+    try:
+        function(**{k: OBJECTS[k](v) if k in OBJECTS else v for k, v in values.items()})
+    except InputError:
+        raise
+    except Exception as error:
+        if fault := explain(error, snakemake.input, snakemake.output):
+            raise InputError(fault) from error
+        raise

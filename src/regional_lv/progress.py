@@ -9,16 +9,21 @@ from regional_lv.errors import InputError
 
 FORMAT = "%(asctime)s %(levelname)s %(message)s"
 
+STOPPED = "CRITICAL stopped: "
+"""In a log: what follows is an error that the user can correct, and how."""
+
 
 def start_log(path: str | Path) -> None:
     """Send log records, warnings and the error a script ends with to `path`, and to stderr what is
-    a warning at least: there, jobs that run side by side would write into each other's lines.
+    a warning: there, jobs that run side by side would write into each other's lines, and the error
+    is shown by Snakemake (`show-failed-logs`) or its logger.
 
     A second call in the same process goes on with the new file alone.
     """
     Path(path).parent.mkdir(parents=True, exist_ok=True)
     handlers = [logging.FileHandler(path, mode="w"), logging.StreamHandler(sys.stderr)]
     handlers[1].setLevel(logging.WARNING)
+    handlers[1].addFilter(lambda record: record.levelno < logging.CRITICAL)
     for handler in handlers:
         handler.addFilter(_ours_or_important)
     logging.basicConfig(level=logging.INFO, format=FORMAT, handlers=handlers, force=True)

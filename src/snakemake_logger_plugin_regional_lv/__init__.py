@@ -9,12 +9,15 @@ import logging
 import sys
 import threading
 import time
+from collections.abc import Sequence
+from pathlib import Path
 
 from snakemake.logging import DefaultFilter, DefaultFormatter
 from snakemake_interface_logger_plugins.base import LogHandlerBase
 from snakemake_interface_logger_plugins.common import LogEvent
 from snakemake_interface_logger_plugins.settings import LogHandlerSettingsBase
 
+from regional_lv.progress import STOPPED
 from snakemake_logger_plugin_regional_lv.run import Run
 
 INTERVAL = 20.0
@@ -28,6 +31,29 @@ UNINTERESTING = (
     *("Conda environments", "Group jobs", "Singularity containers", "Workflow runtime"),
 )
 """How messages begin that are for those who debug Snakemake."""
+
+BEFORE_JOB_ERROR = "RuleException:\nCalledProcessError"
+"""How a message begins that says no more than that a script failed; the job's error follows."""
+
+KILLED = "died with <Signals.SIGKILL"
+OUT_OF_MEMORY = (
+    "Error: a job was killed from outside, most often because the memory of the machine does not "
+    "suffice; run fewer jobs at a time (`--cores 1`). What is finished is kept."
+)
+
+
+def reason_of(logs: Sequence[str]) -> str:
+    """What a job's log says that the user can correct; "" if it ends with a defect, whose traceback
+    counts."""
+    for log in logs:
+        try:
+            lines = Path(log).read_text().splitlines()
+        except (OSError, UnicodeDecodeError):
+            continue
+        for at, line in enumerate(lines):
+            if STOPPED in line:
+                return "\n".join([line.partition(STOPPED)[2], *lines[at + 1 :]])
+    return ""
 
 
 class LogHandlerSettings(LogHandlerSettingsBase):
@@ -54,10 +80,18 @@ class LogHandler(LogHandlerBase):
 
     def emit(self, record: logging.LogRecord) -> None:
         event, now = getattr(record, "event", None), time.monotonic()
-        if self.common_settings.dryrun or record.levelno >= logging.WARNING:
-            self._print(self.format(record))
-            if event == LogEvent.JOB_ERROR and self._run is not None:
-                self._run.fail(record.jobid)
+        if event == LogEvent.JOB_ERROR and self._run is not None:
+            self._run.fail(record.jobid)
+            reason = reason_of(record.log or ())
+            self._print(
+                f"Error: {reason}\n    log: {record.log[0]}" if reason else self.format(record)
+            )
+        elif self.common_settings.dryrun or record.levelno >= logging.WARNING:
+            text = self.format(record)
+            if KILLED in text:
+                self._print(OUT_OF_MEMORY)
+            elif not text.startswith(BEFORE_JOB_ERROR):
+                self._print(text)
         elif event is None:
             text = self.format(record)
             if text and not text.startswith(UNINTERESTING):

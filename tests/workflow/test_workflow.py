@@ -7,7 +7,6 @@ its way and finished with one core.
 import json
 import os
 import re
-import shutil
 import signal
 import subprocess
 import sys
@@ -21,9 +20,9 @@ import yaml
 from regional_lv import data
 from regional_lv.manifest import checksum
 from tests.workflow.lint import findings
+from tests.workflow.project import command, copy_project, run
 from tests.workflow.same import assert_same, tables
 
-PARTS = ("Snakefile", "workflow", "config", "src", "envs", "profiles")
 COMPARED = (
     *("tables/ranking.csv", "tables/recovery.csv", "tables/subjects.csv"),
     *(f"posteriors/final/local_3_0-noisy/{table}.csv" for table in ("coverage", "auc")),
@@ -32,31 +31,6 @@ COMPARED = (
 """What a killed run has to make again: simulations, emulators, estimates, posteriors of every kind
 and a verdict stand behind it. Of the scenarios one, in several batches and with noise: the others
 are the same rules."""
-
-
-def copy_project(root: Path, target: Path) -> Path:
-    for part in PARTS:
-        source = root / part
-        if source.is_dir():
-            shutil.copytree(source, target / part, ignore=shutil.ignore_patterns("__pycache__"))
-        else:
-            target.mkdir(parents=True, exist_ok=True)
-            shutil.copy2(source, target / part)
-    return target
-
-
-def command(*arguments: str) -> list[str]:
-    return [sys.executable, "-m", "snakemake", "--configfile", "config/smoke.yaml", *arguments]
-
-
-def run(project: Path, *arguments: str, check: bool = True) -> str:
-    done = subprocess.run(
-        command(*arguments), cwd=project, capture_output=True, text=True, timeout=1200
-    )
-    output = done.stdout + done.stderr
-    if check and done.returncode:
-        pytest.fail(f"snakemake {' '.join(arguments)} failed:\n{output[-6000:]}")
-    return output
 
 
 def planned(project: Path) -> set[str]:
