@@ -8,6 +8,7 @@
 # make test-fuzz    thousands of damaged inputs of each kind (EXAMPLES=2000)
 # make env      the environment (the targets above make it themselves)
 # make test-wheel   installation from wheels and the physics tests in a bare Debian 13 (as root)
+# make test-faults  kills, full disks, damaged files and other faults while a study runs (as root)
 # make test-slurm   the smoke study on a SLURM of one node, and the same without it (Debian 12, as root)
 # make bench-simulator     what a simulation costs, beside cold load stepping
 # make docs     the documentation, in docs/_build/html
@@ -18,7 +19,8 @@
 SHELL := bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help env quick study paper published smoke hidden-effects test test-fuzz test-wheel test-slurm
+.PHONY: help env quick study paper published smoke hidden-effects
+.PHONY: test test-faults test-fuzz test-slurm test-wheel
 .PHONY: bench-simulator lint format docs docs-notebook
 
 CORES ?= 2
@@ -64,6 +66,10 @@ EXAMPLES ?= 2000
 test-fuzz: env
 	FUZZ_EXAMPLES=$(EXAMPLES) pytest -n "$$CORES" tests/unit/test_hostile_input.py
 
+test-faults: env
+	@envs/install.sh test
+	pytest tests/faults
+
 test-wheel:
 	envs/test-wheel.sh
 
@@ -80,11 +86,13 @@ bench-simulator: env
 lint: env
 	ruff check .
 	ruff format --check .
+	snakefmt --check Snakefile workflow
 	python tests/workflow/lint.py config/smoke.yaml
 
 format: env
 	ruff check --fix .
 	ruff format .
+	snakefmt Snakefile workflow
 	python -m regional_lv.config config/README.md
 
 # In an environment of its own: it needs neither the simulator nor the package.

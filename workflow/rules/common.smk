@@ -135,9 +135,11 @@ if FROM_TABLES and "test" in TABLE_SETS and config["simulations"]["holdout"]:
     SCORED.append("holdout")
 # Sets with a known truth whose posteriors are sampled, and how many cases each has.
 SETS = {
-    "test": config["design"]["test"]
-    if config["test_posteriors"]["cases"] == "all"
-    else config["test_posteriors"]["cases"],
+    "test": (
+        config["design"]["test"]
+        if config["test_posteriors"]["cases"] == "all"
+        else config["test_posteriors"]["cases"]
+    ),
     **{name: scenario_size(scenario, PARAMETERS) for name, scenario in SCENARIOS.items()},
     **{noisy: scenario_size(SCENARIOS[name], PARAMETERS) for noisy, name in NOISY.items()},
 }
@@ -160,7 +162,9 @@ MESHES = {
 # The one that hypotheses are simulated on; an imported mesh that is kept serves for them too.
 MESHED = config["geometry"]["source"] != "mesh" or IMPORTED["remesh"]
 EXTENDED_ON = "extensions/" if EXTENDED_MESH and MESHED else ""
-ANCHORS = min(config["simulations"]["anchors"], config["design"]["natural"] + config["design"]["log"])
+ANCHORS = min(
+    config["simulations"]["anchors"], config["design"]["natural"] + config["design"]["log"]
+)
 
 
 def mesh_of(wildcards):
@@ -205,9 +209,11 @@ if config["estimates"]["both_transforms"]:
 # with, `<emulator>-<transform>` for the other.
 TRANSFORMS = {
     name: {
-        transform: name
-        if transform == config["emulators"][name]["input_transform"]
-        else f"{name}-{transform}"
+        transform: (
+            name
+            if transform == config["emulators"][name]["input_transform"]
+            else f"{name}-{transform}"
+        )
         for transform in ("identity", "log")
     }
     for name in config["emulators"]["names"]
@@ -279,18 +285,18 @@ def noise_prior_posteriors(wildcards):
     clinical = config["clinical"]
     folder = f"{R}/posteriors/{wildcards.emulator}/subjects"
     return [
-        f"{folder}/{wildcards.subject}.nc"
-        if scale == clinical["noise_prior_scale"]
-        else f"{folder}/noise_prior/{wildcards.subject}-{scale}.nc"
+        (
+            f"{folder}/{wildcards.subject}.nc"
+            if scale == clinical["noise_prior_scale"]
+            else f"{folder}/noise_prior/{wildcards.subject}-{scale}.nc"
+        )
         for scale in clinical["noise_prior_scales"]
     ]
 
 
 def posterior_files(emulator, name):
     """Files of the posteriors of a set."""
-    return expand(
-        f"{R}/posteriors/{emulator}/{name}/{{batch}}.nc", batch=posterior_batches(name)
-    )
+    return expand(f"{R}/posteriors/{emulator}/{name}/{{batch}}.nc", batch=posterior_batches(name))
 
 
 def local_scenarios(noisy):
@@ -308,7 +314,9 @@ def extension_batches(hypothesis):
     """Files of the simulations of a hypothesis; closed forms and noise have none."""
     if not isinstance(hypothesis, SimulatorHypothesis):
         return []
-    return expand(f"{R}/criticism/simulations/{hypothesis.name}/{{batch}}.parquet", batch=ANCHOR_BATCHES)
+    return expand(
+        f"{R}/criticism/simulations/{hypothesis.name}/{{batch}}.parquet", batch=ANCHOR_BATCHES
+    )
 
 
 def anchors_per_batch(hypothesis):
@@ -364,9 +372,7 @@ def shortlist():
 
 def of_shortlist(*files):
     """Files of the test set's posteriors, of every shortlisted emulator."""
-    return [
-        f"{R}/posteriors/{emulator}/test/{file}" for emulator in shortlist() for file in files
-    ]
+    return [f"{R}/posteriors/{emulator}/test/{file}" for emulator in shortlist() for file in files]
 
 
 def criticised(name):

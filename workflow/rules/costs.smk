@@ -8,10 +8,10 @@ rule tabulate_costs:
         SUMMARIES,
     output:
         table=f"{R}/benchmarks/costs.csv",
-    params:
-        call="tables.costs:tabulate_costs",
-    localrule: True
     log:
         f"{LOGS}/costs.log",
+    localrule: True
+    params:
+        call="tables.costs:tabulate_costs",
     script:
         "../scripts/call.py"

@@ -65,18 +65,18 @@ rule simulate_extension:
         library=lambda wildcards: code_of(HYPOTHESES[wildcards.hypothesis]),
     output:
         simulations=f"{C}/simulations/{{hypothesis}}/batch-{{batch}}.parquet",
-    priority: FIRST
-    params:
-        call="criticism.simulation:simulate_extension",
-        physics=PHYSICS,
-        most=lambda wildcards: anchors_per_batch(HYPOTHESES[wildcards.hypothesis]),
-    wildcard_constraints:
-        hypothesis="|".join(HYPOTHESES),
     log:
         f"{LOGS}/criticism/simulations/{{hypothesis}}-batch-{{batch}}.log",
     benchmark:
         f"{R}/benchmarks/criticism/simulations/{{hypothesis}}-batch-{{batch}}.tsv"
+    wildcard_constraints:
+        hypothesis="|".join(HYPOTHESES),
+    priority: FIRST
     threads: 1
+    params:
+        call="criticism.simulation:simulate_extension",
+        physics=PHYSICS,
+        most=lambda wildcards: anchors_per_batch(HYPOTHESES[wildcards.hypothesis]),
     script:
         "../scripts/call.py"
 
@@ -88,20 +88,20 @@ rule train_extension:
     output:
         extension=f"{C}/extensions/{{hypothesis}}.pt",
         report=f"{C}/extensions/{{hypothesis}}.json",
+    log:
+        f"{LOGS}/criticism/extensions/{{hypothesis}}.log",
+    benchmark:
+        f"{R}/benchmarks/criticism/extensions/{{hypothesis}}.tsv"
+    wildcard_constraints:
+        hypothesis="|".join(HYPOTHESES),
     priority: FIRST
+    threads: 1
     params:
         call="criticism.extension:train_extension",
         physics=PHYSICS,
         parameters=PARAMETER_SPEC,
         channels=OUTPUTS,
         seed=config["seed"],
-    wildcard_constraints:
-        hypothesis="|".join(HYPOTHESES),
-    log:
-        f"{LOGS}/criticism/extensions/{{hypothesis}}.log",
-    benchmark:
-        f"{R}/benchmarks/criticism/extensions/{{hypothesis}}.tsv"
-    threads: 1
     script:
         "../scripts/call.py"
 
@@ -114,17 +114,17 @@ rule simulate_finer:
         design=f"{R}/design/train.parquet",
     output:
         simulations=f"{C}/finer/batch-{{batch}}.parquet",
+    log:
+        f"{LOGS}/criticism/finer/batch-{{batch}}.log",
+    benchmark:
+        f"{R}/benchmarks/criticism/finer/batch-{{batch}}.tsv"
     priority: FIRST
+    threads: 1
     params:
         call="simulations:simulate_anchors",
         physics=PHYSICS,
         anchors=config["criticism"]["discretisation"],
         batches=CONFIRMED_IN,
-    log:
-        f"{LOGS}/criticism/finer/batch-{{batch}}.log",
-    benchmark:
-        f"{R}/benchmarks/criticism/finer/batch-{{batch}}.tsv"
-    threads: 1
     script:
         "../scripts/call.py"
 
@@ -137,18 +137,18 @@ rule train_discretisation:
     output:
         discretisation=f"{C}/discretisation.pt",
         report=f"{C}/discretisation.json",
+    log:
+        f"{LOGS}/criticism/discretisation.log",
+    benchmark:
+        f"{R}/benchmarks/criticism/discretisation.tsv"
     priority: FIRST
+    threads: 1
     params:
         call="criticism.discretisation:train_discretisation",
         physics=PHYSICS,
         parameters=PARAMETER_SPEC,
         channels=OUTPUTS,
         seed=config["seed"],
-    log:
-        f"{LOGS}/criticism/discretisation.log",
-    benchmark:
-        f"{R}/benchmarks/criticism/discretisation.tsv"
-    threads: 1
     script:
         "../scripts/call.py"
 
@@ -160,6 +160,11 @@ rule inject_batch:
     output:
         subjects=temp(f"{C}/benchmark/subjects/batch-{{batch}}.parquet"),
         truth=temp(f"{R}/truth/benchmark/batch-{{batch}}.parquet"),
+    log:
+        f"{LOGS}/criticism/benchmark/inject-batch-{{batch}}.log",
+    benchmark:
+        f"{R}/benchmarks/criticism/benchmark/inject-batch-{{batch}}.tsv"
+    threads: 1
     params:
         call="criticism.injection:inject_batch",
         physics=PHYSICS,
@@ -168,11 +173,6 @@ rule inject_batch:
         benchmark=config["criticism"]["benchmark"],
         seed=config["seed"],
         batch_size=config["simulations"]["batch_size"],
-    log:
-        f"{LOGS}/criticism/benchmark/inject-batch-{{batch}}.log",
-    benchmark:
-        f"{R}/benchmarks/criticism/benchmark/inject-batch-{{batch}}.tsv"
-    threads: 1
     script:
         "../scripts/call.py"
 
@@ -182,11 +182,11 @@ rule gather_injected:
         batches=expand(f"{C}/benchmark/subjects/{{batch}}.parquet", batch=INJECTED_BATCHES),
     output:
         table=f"{C}/benchmark/subjects.parquet",
-    params:
-        call="criticism.batches:gather",
-    localrule: True
     log:
         f"{LOGS}/criticism/benchmark/gather_injected.log",
+    localrule: True
+    params:
+        call="criticism.batches:gather",
     script:
         "../scripts/call.py"
 
@@ -197,11 +197,11 @@ rule gather_truth:
         batches=expand(f"{R}/truth/benchmark/{{batch}}.parquet", batch=INJECTED_BATCHES),
     output:
         table=f"{R}/truth/benchmark.parquet",
-    params:
-        call="criticism.batches:gather",
-    localrule: True
     log:
         f"{LOGS}/criticism/benchmark/gather_truth.log",
+    localrule: True
+    params:
+        call="criticism.batches:gather",
     script:
         "../scripts/call.py"
 
@@ -222,18 +222,18 @@ rule search_causes:
         **OF_SUBJECT,
     output:
         search=f"{C}/{{subject}}/search.json",
-    priority: FIRST
-    params:
-        call="criticism.study:search_causes",
-        **STEP,
-        subjects=lambda wildcards: criticised(wildcards.subject),
-    wildcard_constraints:
-        subject="|".join(CRITICISED) or "(?!)",
     log:
         f"{LOGS}/criticism/{{subject}}/search.log",
     benchmark:
         f"{R}/benchmarks/criticism/{{subject}}/search.tsv"
+    wildcard_constraints:
+        subject="|".join(CRITICISED) or "(?!)",
+    priority: FIRST
     threads: 1
+    params:
+        **STEP,
+        call="criticism.study:search_causes",
+        subjects=lambda wildcards: criticised(wildcards.subject),
     script:
         "../scripts/call.py"
 
@@ -246,18 +246,18 @@ rule plan_confirmation:
         simulations=lambda wildcards: confirmations(wildcards.subject, int(wildcards.turn)),
     output:
         design=f"{C}/{{subject}}/confirmation/design-{{turn}}.parquet",
-    priority: FIRST
-    params:
-        call="criticism.study:plan_confirmation",
-        **STEP,
-        subjects=lambda wildcards: criticised(wildcards.subject),
-    wildcard_constraints:
-        subject="|".join(CRITICISED) or "(?!)",
     log:
         f"{LOGS}/criticism/{{subject}}/plan-{{turn}}.log",
     benchmark:
         f"{R}/benchmarks/criticism/{{subject}}/plan-{{turn}}.tsv"
+    wildcard_constraints:
+        subject="|".join(CRITICISED) or "(?!)",
+    priority: FIRST
     threads: 1
+    params:
+        **STEP,
+        call="criticism.study:plan_confirmation",
+        subjects=lambda wildcards: criticised(wildcards.subject),
     script:
         "../scripts/call.py"
 
@@ -271,19 +271,19 @@ rule simulate_sets:
         design=f"{C}/{{subject}}/confirmation/design-{{turn}}.parquet",
     output:
         simulations=f"{C}/{{subject}}/confirmation/simulations-{{turn}}-{{part}}.parquet",
+    log:
+        f"{LOGS}/criticism/{{subject}}/simulate-{{turn}}-{{part}}.log",
+    benchmark:
+        f"{R}/benchmarks/criticism/{{subject}}/simulate-{{turn}}-{{part}}.tsv"
+    wildcard_constraints:
+        subject="|".join([*CRITICISED, r"benchmark/batch-\d+"]),
     priority: FIRST
+    threads: 1
     params:
         call="criticism.injection:simulate_sets",
         parts=CONFIRMED_IN,
         physics=PHYSICS,
         parameters=PARAMETER_SPEC,
-    wildcard_constraints:
-        subject="|".join([*CRITICISED, r"benchmark/batch-\d+"]),
-    log:
-        f"{LOGS}/criticism/{{subject}}/simulate-{{turn}}-{{part}}.log",
-    benchmark:
-        f"{R}/benchmarks/criticism/{{subject}}/simulate-{{turn}}-{{part}}.tsv"
-    threads: 1
     script:
         "../scripts/call.py"
 
@@ -296,18 +296,18 @@ rule conclude_criticism:
         simulations=lambda wildcards: confirmations(wildcards.subject, len(TURNS)),
     output:
         findings=f"{C}/{{subject}}/findings.json",
-    priority: FIRST
-    params:
-        call="criticism.study:conclude_criticism",
-        **STEP,
-        subjects=lambda wildcards: criticised(wildcards.subject),
-    wildcard_constraints:
-        subject="|".join(CRITICISED) or "(?!)",
     log:
         f"{LOGS}/criticism/{{subject}}/conclude.log",
     benchmark:
         f"{R}/benchmarks/criticism/{{subject}}/conclude.tsv"
+    wildcard_constraints:
+        subject="|".join(CRITICISED) or "(?!)",
+    priority: FIRST
     threads: 1
+    params:
+        **STEP,
+        call="criticism.study:conclude_criticism",
+        subjects=lambda wildcards: criticised(wildcards.subject),
     script:
         "../scripts/call.py"
 
@@ -320,15 +320,15 @@ rule extend_study:
     output:
         extended=f"{C}/{{subject}}/extended.yaml",
         corrected=f"{C}/{{subject}}/extended.csv",
+    log:
+        f"{LOGS}/criticism/{{subject}}/extend.log",
+    wildcard_constraints:
+        subject="|".join(SUBJECTS) or "(?!)",
+    localrule: True
     params:
         call="criticism.extend:write_extended",
         config=config,
         subject=lambda wildcards: wildcards.subject,
-    wildcard_constraints:
-        subject="|".join(SUBJECTS) or "(?!)",
-    localrule: True
-    log:
-        f"{LOGS}/criticism/{{subject}}/extend.log",
     script:
         "../scripts/call.py"
 
@@ -340,14 +340,14 @@ rule compare_extended:
         after=f"{C}/{{subject}}/findings.json",
     output:
         table=f"{C}/{{subject}}/compared.csv",
-    params:
-        call="criticism.extend:compare_extended",
-        subject=lambda wildcards: wildcards.subject,
+    log:
+        f"{LOGS}/criticism/{{subject}}/compare.log",
     wildcard_constraints:
         subject="|".join(SUBJECTS) or "(?!)",
     localrule: True
-    log:
-        f"{LOGS}/criticism/{{subject}}/compare.log",
+    params:
+        call="criticism.extend:compare_extended",
+        subject=lambda wildcards: wildcards.subject,
     script:
         "../scripts/call.py"
 
@@ -363,13 +363,13 @@ rule report_criticism:
         ),
         residuals=f"{C}/{{subject}}/residuals.png",
         table=f"{C}/{{subject}}/residuals.csv",
-    params:
-        call="criticism.report:write_report",
+    log:
+        f"{LOGS}/criticism/report_{{subject}}.log",
     wildcard_constraints:
         subject="|".join(CRITICISED) or "(?!)",
     localrule: True
-    log:
-        f"{LOGS}/criticism/report_{{subject}}.log",
+    params:
+        call="criticism.report:write_report",
     script:
         "../scripts/call.py"
 
@@ -387,14 +387,14 @@ rule search_benchmark:
         **OF_BATCH,
     output:
         searches=f"{C}/benchmark/searches/batch-{{batch}}.json",
-    params:
-        call="criticism.benchmark:search_batch",
-        **BENCHMARK_STEP,
     log:
         f"{LOGS}/criticism/benchmark/search-{{batch}}.log",
     benchmark:
         f"{R}/benchmarks/criticism/benchmark/search-{{batch}}.tsv"
     threads: 1
+    params:
+        **BENCHMARK_STEP,
+        call="criticism.benchmark:search_batch",
     script:
         "../scripts/call.py"
 
@@ -409,14 +409,14 @@ rule plan_benchmark:
         ),
     output:
         design=f"{C}/benchmark/batch-{{batch}}/confirmation/design-{{turn}}.parquet",
-    params:
-        call="criticism.benchmark:plan_batch",
-        **BENCHMARK_STEP,
     log:
         f"{LOGS}/criticism/benchmark/plan-{{batch}}-{{turn}}.log",
     benchmark:
         f"{R}/benchmarks/criticism/benchmark/plan-{{batch}}-{{turn}}.tsv"
     threads: 1
+    params:
+        **BENCHMARK_STEP,
+        call="criticism.benchmark:plan_batch",
     script:
         "../scripts/call.py"
 
@@ -426,17 +426,19 @@ rule conclude_benchmark:
     input:
         **OF_BATCH,
         searches=f"{C}/benchmark/searches/batch-{{batch}}.json",
-        simulations=lambda wildcards: confirmations(f"benchmark/batch-{wildcards.batch}", len(TURNS)),
+        simulations=lambda wildcards: confirmations(
+            f"benchmark/batch-{wildcards.batch}", len(TURNS)
+        ),
     output:
         verdicts=f"{C}/benchmark/verdicts/batch-{{batch}}.parquet",
-    params:
-        call="criticism.benchmark:conclude_batch",
-        **BENCHMARK_STEP,
     log:
         f"{LOGS}/criticism/benchmark/conclude-{{batch}}.log",
     benchmark:
         f"{R}/benchmarks/criticism/benchmark/conclude-{{batch}}.tsv"
     threads: 1
+    params:
+        **BENCHMARK_STEP,
+        call="criticism.benchmark:conclude_batch",
     script:
         "../scripts/call.py"
 
@@ -444,18 +446,18 @@ rule conclude_benchmark:
 rule score_benchmark:
     """The one rule of the criticism that reads a truth, after all verdicts are in."""
     input:
+        **OF_BATCH,
         verdicts=expand(f"{C}/benchmark/verdicts/{{batch}}.parquet", batch=VERDICT_BATCHES),
         truth=f"{R}/truth/benchmark.parquet",
-        **OF_BATCH,
     output:
         cases=f"{C}/benchmark/cases.csv",
         confusion=f"{C}/benchmark/confusion.csv",
         summary=f"{C}/benchmark/summary.json",
-    params:
-        call="criticism.benchmark:score_benchmark",
-    localrule: True
     log:
         f"{LOGS}/criticism/benchmark/score_benchmark.log",
+    localrule: True
+    params:
+        call="criticism.benchmark:score_benchmark",
     script:
         "../scripts/call.py"
 
@@ -470,10 +472,10 @@ rule plot_hidden_effects:
             category="Criticism",
         ),
         csv=f"{C}/benchmark/hidden_effects.csv",
-    params:
-        call="plots.hidden_effects:draw",
-    localrule: True
     log:
         f"{LOGS}/criticism/benchmark/plot_hidden_effects.log",
+    localrule: True
+    params:
+        call="plots.hidden_effects:draw",
     script:
         "../scripts/call.py"

@@ -5,14 +5,14 @@ rule make_design:
     output:
         train=f"{R}/design/train.parquet",
         test=f"{R}/design/test.parquet",
+    log:
+        f"{LOGS}/design/make_design.log",
+    localrule: True
     params:
         call="design:write_design",
         design={key: config["design"][key] for key in ("natural", "log", "test")},
         parameters=PARAMETER_SPEC,
         seed=config["seed"],
-    localrule: True
-    log:
-        f"{LOGS}/design/make_design.log",
     script:
         "../scripts/call.py"
 
@@ -21,6 +21,11 @@ rule draw_scenario:
     """Ventricles with simulated disease."""
     output:
         table=f"{R}/design/{{scenario}}.parquet",
+    log:
+        f"{LOGS}/design/draw_scenario-{{scenario}}.log",
+    wildcard_constraints:
+        scenario=any_of(SCENARIOS),
+    localrule: True
     params:
         call="design:write_scenario",
         name=lambda wildcards: wildcards.scenario,
@@ -28,10 +33,5 @@ rule draw_scenario:
         healthy=HEALTHY,
         parameters=PARAMETER_SPEC,
         seed=config["seed"],
-    wildcard_constraints:
-        scenario=any_of(SCENARIOS),
-    localrule: True
-    log:
-        f"{LOGS}/design/draw_scenario-{{scenario}}.log",
     script:
         "../scripts/call.py"

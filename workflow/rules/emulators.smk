@@ -7,7 +7,14 @@ rule train_emulator:
     output:
         emulator_file=f"{R}/emulators/{{emulator}}.pt",
         report=f"{R}/emulators/{{emulator}}/fit.json",
+    log:
+        f"{LOGS}/emulators/{{emulator}}/train.log",
+    benchmark:
+        f"{R}/benchmarks/emulators/{{emulator}}.tsv"
+    wildcard_constraints:
+        emulator=any_of(EMULATORS),
     priority: FIRST
+    threads: 1
     params:
         call="emulators:train_emulator",
         name=lambda wildcards: EMULATORS[wildcards.emulator][0],
@@ -15,13 +22,6 @@ rule train_emulator:
         parameters=PARAMETER_SPEC,
         channels=OUTPUTS,
         seed=config["seed"],
-    wildcard_constraints:
-        emulator=any_of(EMULATORS),
-    log:
-        f"{LOGS}/emulators/{{emulator}}/train.log",
-    benchmark:
-        f"{R}/benchmarks/emulators/{{emulator}}.tsv"
-    threads: 1
     script:
         "../scripts/call.py"
 
@@ -33,12 +33,12 @@ rule predict_test_set:
     output:
         predictions=f"{R}/emulators/{{emulator}}/{{set}}_predictions.parquet",
         errors=f"{R}/emulators/{{emulator}}/{{set}}_errors.csv",
-    params:
-        call="emulators:predict_test_set",
-    wildcard_constraints:
-        set=any_of(SCORED),
     log:
         f"{LOGS}/emulators/{{emulator}}/predict_{{set}}.log",
+    wildcard_constraints:
+        set=any_of(SCORED),
     threads: 1
+    params:
+        call="emulators:predict_test_set",
     script:
         "../scripts/call.py"

@@ -14,19 +14,19 @@ rule estimate_parameters:
         test=f"{R}/screening/{{set}}.parquet",
     output:
         estimates=f"{ESTIMATES}/{{emulator}}/{{set}}.parquet",
+    log:
+        f"{LOGS}/estimates/{{emulator}}/estimate_{{set}}.log",
+    benchmark:
+        f"{R}/benchmarks/estimates/{{emulator}}_{{set}}.tsv"
+    wildcard_constraints:
+        set=any_of(SCORED),
+    threads: 1
     params:
         call="estimates.estimate:estimate_parameters",
         point=config["map"],
         adam_steps=config["estimates"]["adam_steps"],
         hops=config["estimates"]["hops"],
         seed=config["seed"],
-    wildcard_constraints:
-        set=any_of(SCORED),
-    log:
-        f"{LOGS}/estimates/{{emulator}}/estimate_{{set}}.log",
-    benchmark:
-        f"{R}/benchmarks/estimates/{{emulator}}_{{set}}.tsv"
-    threads: 1
     script:
         "../scripts/call.py"
 
@@ -37,11 +37,11 @@ rule measure_cost:
         test=f"{R}/screening/test.parquet",
     output:
         cost=f"{ESTIMATES}/{{emulator}}/cost.json",
-    params:
-        call="estimates.estimate:measure_cost",
     log:
         f"{LOGS}/estimates/{{emulator}}/measure_cost.log",
     threads: 1
+    params:
+        call="estimates.estimate:measure_cost",
     script:
         "../scripts/call.py"
 
@@ -54,14 +54,14 @@ if FROM_TABLES:
             screened=expand(f"{R}/screening/{{name}}.parquet", name=["train", *SCORED]),
         output:
             reference=f"{ESTIMATES}/reference.pt",
+        log:
+            f"{LOGS}/estimates/fit_reference.log",
+        threads: 1
         params:
             call="estimates.reference:fit_reference",
             parameters=PARAMETER_SPEC,
             channels=OUTPUTS,
             seed=config["seed"],
-        log:
-            f"{LOGS}/estimates/fit_reference.log",
-        threads: 1
         script:
             "../scripts/call.py"
 
@@ -71,14 +71,14 @@ if FROM_TABLES:
             estimates=f"{ESTIMATES}/{{emulator}}/{{set}}.parquet",
         output:
             checked=f"{ESTIMATES}/{{emulator}}/{{set}}_checked.parquet",
+        log:
+            f"{LOGS}/estimates/{{emulator}}/predict_{{set}}.log",
+        wildcard_constraints:
+            set=any_of(SCORED),
+        threads: 1
         params:
             call="estimates.reference:predict_estimates",
             cases=config["estimates"]["checked_cases"],
-        wildcard_constraints:
-            set=any_of(SCORED),
-        log:
-            f"{LOGS}/estimates/{{emulator}}/predict_{{set}}.log",
-        threads: 1
         script:
             "../scripts/call.py"
 
@@ -91,15 +91,15 @@ else:
             estimates=f"{ESTIMATES}/{{emulator}}/test.parquet",
         output:
             checked=f"{ESTIMATES}/{{emulator}}/test_checked.parquet",
-        params:
-            call="estimates.check:simulate_estimates",
-            physics=PHYSICS,
-            cases=config["estimates"]["checked_cases"],
         log:
             f"{LOGS}/estimates/{{emulator}}/simulate_estimates.log",
         benchmark:
             f"{R}/benchmarks/estimates/{{emulator}}_simulated.tsv"
         threads: 1
+        params:
+            call="estimates.check:simulate_estimates",
+            physics=PHYSICS,
+            cases=config["estimates"]["checked_cases"],
         script:
             "../scripts/call.py"
 
@@ -111,15 +111,15 @@ checkpoint rank_emulators:
         ranking=f"{ESTIMATES}/ranking.csv",
         pairs=f"{ESTIMATES}/pairs.csv",
         shortlist=f"{ESTIMATES}/shortlist.json",
+    log:
+        f"{LOGS}/estimates/rank_emulators.log",
+    localrule: True
     params:
         call="estimates.ranking:rank_emulators",
         names=RANKED,
         channels=OUTPUTS,
         size=config["emulators"]["shortlist"]["size"],
         estimator=config["emulators"]["shortlist"]["estimator"],
-    localrule: True
-    log:
-        f"{LOGS}/estimates/rank_emulators.log",
     script:
         "../scripts/call.py"
 
@@ -145,14 +145,14 @@ rule compare_transforms:
         train=f"{R}/screening/train.parquet",
     output:
         comparison=f"{ESTIMATES}/transforms.csv",
+    log:
+        f"{LOGS}/estimates/compare_transforms.log",
+    localrule: True
     params:
         call="estimates.transforms:compare_transforms",
         transforms=TRANSFORMS,
         files=list(EMULATORS),
         channels=OUTPUTS,
-    localrule: True
-    log:
-        f"{LOGS}/estimates/compare_transforms.log",
     script:
         "../scripts/call.py"
 
@@ -163,6 +163,14 @@ rule measure_efficiency:
         test=f"{R}/screening/test.parquet",
     output:
         curve=f"{R}/efficiency/{{emulator}}-{{transform}}.csv",
+    log:
+        f"{LOGS}/efficiency/{{emulator}}-{{transform}}.log",
+    benchmark:
+        f"{R}/benchmarks/efficiency/{{emulator}}-{{transform}}.tsv"
+    wildcard_constraints:
+        emulator="exact_gp|gradient_gp",
+        transform="log|identity",
+    threads: 1
     params:
         call="estimates.efficiency:measure_efficiency",
         settings=lambda wildcards: config["emulators"][wildcards.emulator],
@@ -172,14 +180,6 @@ rule measure_efficiency:
         channels=OUTPUTS,
         point=config["map"],
         seed=config["seed"],
-    wildcard_constraints:
-        emulator="exact_gp|gradient_gp",
-        transform="log|identity",
-    log:
-        f"{LOGS}/efficiency/{{emulator}}-{{transform}}.log",
-    benchmark:
-        f"{R}/benchmarks/efficiency/{{emulator}}-{{transform}}.tsv"
-    threads: 1
     script:
         "../scripts/call.py"
 

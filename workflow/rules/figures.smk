@@ -26,9 +26,9 @@ SUBJECT = {
     "diagnostics": f"{POSTERIORS}/subjects/{{subject}}.csv",
 }
 TRUTH = {
-    "truth": lambda wildcards: f"{R}/truth/{wildcards.subject}.json"
-    if wildcards.subject in SYNTHETIC
-    else []
+    "truth": lambda wildcards: (
+        f"{R}/truth/{wildcards.subject}.json" if wildcards.subject in SYNTHETIC else []
+    )
 }
 SOURCE_OF = {"source": lambda wildcards: SUBJECT_SOURCES[wildcards.subject]}
 OF_PARAMETERS = {"parameters": PARAMETER_SPEC}
@@ -77,7 +77,9 @@ PLOTS = {
     "per_sample_mse": {
         "category": "Emulator",
         "input": {
-            "estimates": expand(f"{ESTIMATES}/{{name}}/test.parquet", name=config["emulators"]["names"]),
+            "estimates": expand(
+                f"{ESTIMATES}/{{name}}/test.parquet", name=config["emulators"]["names"]
+            ),
             "shortlist": f"{ESTIMATES}/shortlist.json",
         },
         "params": {"names": config["emulators"]["names"]},
@@ -148,7 +150,8 @@ PLOTS = {
         | {
             "labels": lambda wildcards: [SCENARIO_LABELS[n] for n in BULLSEYES[wildcards.which][0]],
             "zones": lambda wildcards: BULLSEYES[wildcards.which][1],
-            "title": lambda wildcards: BULLSEYES[wildcards.which][2] + NOISE_TITLES[wildcards.noise],
+            "title": lambda wildcards: BULLSEYES[wildcards.which][2]
+            + NOISE_TITLES[wildcards.noise],
         },
         "wildcards": {"which": any_of(BULLSEYES), "noise": any_of(NOISE_TITLES)},
     },
@@ -260,14 +263,14 @@ for name, plot in PLOTS.items():
                 subcategory="{subject}" if "{subject}" in file else None,
             ),
             csv=f"{R}/figures/{file}.csv",
-        params:
-            call=f"plots.{name}:draw",
-            **plot.get("params", {}),
+        log:
+            f"{LOGS}/figures/{file}.log",
         wildcard_constraints:
             **plot.get("wildcards", {}),
         localrule: True
-        log:
-            f"{LOGS}/figures/{file}.log",
+        params:
+            **plot.get("params", {}),
+            call=f"plots.{name}:draw",
         script:
             "../scripts/call.py"
 

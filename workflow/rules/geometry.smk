@@ -25,6 +25,8 @@ if config["geometry"]["source"] == "segments":
             table=SEGMENT_TABLE,
         output:
             **MADE,
+        log:
+            f"{LOGS}/geometry/{{mesh_folder}}make_mesh.log",
         params:
             call="geometry.make:make_mesh",
             endo_apex_z_mm=config["geometry"]["endo_apex_z_mm"],
@@ -32,8 +34,6 @@ if config["geometry"]["source"] == "segments":
             mesh=mesh_of,
             fibres=config["fibres"],
             zones=PARAMETER_SPEC["zones"],
-        log:
-            f"{LOGS}/geometry/{{mesh_folder}}make_mesh.log",
         script:
             "../scripts/call.py"
 
@@ -45,14 +45,14 @@ elif config["geometry"]["source"] == "surfaces":
             epicardium=GIVEN_SURFACES["epicardium"],
         output:
             **MADE,
+        log:
+            f"{LOGS}/geometry/{{mesh_folder}}mesh_surfaces.log",
         params:
             call="geometry.from_surfaces:mesh_surfaces",
             surfaces=GIVEN_SURFACES,
             mesh=mesh_of,
             fibres=config["fibres"],
             zones=PARAMETER_SPEC["zones"],
-        log:
-            f"{LOGS}/geometry/{{mesh_folder}}mesh_surfaces.log",
         script:
             "../scripts/call.py"
 
@@ -63,13 +63,13 @@ else:
             **imported_files(),
         output:
             vtu=f"{R}/geometry/imported.vtu",
+        log:
+            f"{LOGS}/geometry/import_mesh.log",
         params:
             call="geometry.from_mesh:write_imported",
             unit=IMPORTED["unit"],
             fibres=config["fibres"],
             zones=PARAMETER_SPEC["zones"],
-        log:
-            f"{LOGS}/geometry/import_mesh.log",
         script:
             "../scripts/call.py"
 
@@ -81,13 +81,13 @@ else:
             output:
                 **MADE,
                 fit=f"{R}/geometry/{{mesh_folder}}fit.csv",
+            log:
+                f"{LOGS}/geometry/{{mesh_folder}}remesh.log",
             params:
                 call="geometry.from_mesh:remesh",
                 mesh=mesh_of,
                 fibres=config["fibres"],
                 zones=PARAMETER_SPEC["zones"],
-            log:
-                f"{LOGS}/geometry/{{mesh_folder}}remesh.log",
             script:
                 "../scripts/call.py"
 
@@ -101,11 +101,11 @@ else:
                 vtu=f"{R}/geometry/mesh.vtu",
                 segments=f"{R}/geometry/segments.csv",
                 summary=f"{R}/geometry/summary.json",
+            log:
+                f"{LOGS}/geometry/keep_mesh.log",
             params:
                 call="geometry.from_mesh:keep_mesh",
                 fibres=config["fibres"],
                 zones=PARAMETER_SPEC["zones"],
-            log:
-                f"{LOGS}/geometry/keep_mesh.log",
             script:
                 "../scripts/call.py"

@@ -12,7 +12,11 @@ BEHIND = [
     f"{R}/emulators/{EMULATOR}.pt",
     *expand(f"{R}/measured/{{subject}}.csv", subject=SUBJECTS),
     *expand(f"{POSTERIORS}/subjects/{{subject}}.nc", subject=SUBJECTS),
-    *([CHOICE, *(file for name in SETS for file in posterior_files(EMULATOR, name))] if EVALUATION else []),
+    *(
+        [CHOICE, *(file for name in SETS for file in posterior_files(EMULATOR, name))]
+        if EVALUATION
+        else []
+    ),
     *([] if FROM_TABLES else [f"{R}/geometry/mesh.vtu"]),
     *([] if FROM_TABLES else expand(f"{C}/{{subject}}/findings.json", subject=CRITICISED)),
 ]
@@ -24,13 +28,13 @@ rule write_manifest:
         results=[*SHOWN, *BEHIND],
     output:
         manifest=f"{R}/manifest.json",
+    log:
+        f"{LOGS}/manifest.log",
+    localrule: True
     params:
         call="manifest:write_manifest",
         config=config,
         configfiles=CONFIG_FILES,
         overrides=dict(workflow.config_settings.config),
-    localrule: True
-    log:
-        f"{LOGS}/manifest.log",
     script:
         "../scripts/call.py"

@@ -11,14 +11,14 @@ rule solve_baseline:
     output:
         start=f"{R}/mechanics/{{mesh_folder}}baseline.npz",
         summary=f"{R}/mechanics/{{mesh_folder}}baseline.json",
-    priority: FIRST
-    params:
-        call="simulations:solve_baseline",
-        physics=PHYSICS,
     log:
         f"{LOGS}/mechanics/{{mesh_folder}}solve_baseline.log",
     benchmark:
         f"{R}/benchmarks/{{mesh_folder}}solve_baseline.tsv"
+    priority: FIRST
+    params:
+        call="simulations:solve_baseline",
+        physics=PHYSICS,
     script:
         "../scripts/call.py"
 
@@ -31,17 +31,17 @@ rule solve_anchors:
         design=f"{R}/design/train.parquet",
     output:
         fields=f"{R}/mechanics/{{mesh_folder}}anchors/batch-{{batch}}.npz",
+    log:
+        f"{LOGS}/mechanics/{{mesh_folder}}solve_anchors-{{batch}}.log",
+    benchmark:
+        f"{R}/benchmarks/{{mesh_folder}}anchors/batch-{{batch}}.tsv"
     priority: FIRST
+    threads: 1
     params:
         call="simulations:solve_anchors",
         physics=PHYSICS,
         anchors=anchors_on,
         batches=len(ANCHOR_BATCHES),
-    log:
-        f"{LOGS}/mechanics/{{mesh_folder}}solve_anchors-{{batch}}.log",
-    benchmark:
-        f"{R}/benchmarks/{{mesh_folder}}anchors/batch-{{batch}}.tsv"
-    threads: 1
     script:
         "../scripts/call.py"
 
@@ -51,14 +51,14 @@ rule fit_predictor:
         anchors=expand(f"{R}/mechanics/anchors/{{batch}}.npz", batch=ANCHOR_BATCHES),
     output:
         predictor=f"{R}/mechanics/predictor.npz",
-    priority: FIRST
-    params:
-        call="mechanics.predictor:fit_predictor",
-        physics=PHYSICS,
     log:
         f"{LOGS}/mechanics/fit_predictor.log",
     benchmark:
         f"{R}/benchmarks/fit_predictor.tsv"
+    priority: FIRST
+    params:
+        call="mechanics.predictor:fit_predictor",
+        physics=PHYSICS,
     script:
         "../scripts/call.py"
 
@@ -71,11 +71,11 @@ rule map_strains:
     output:
         table=f"{R}/mechanics/strains.parquet",
         vtu=f"{R}/mechanics/strains.vtu",
+    log:
+        f"{LOGS}/mechanics/map_strains.log",
     params:
         call="strain_field:map_strains",
         physics=PHYSICS,
-    log:
-        f"{LOGS}/mechanics/map_strains.log",
     script:
         "../scripts/call.py"
 
@@ -87,10 +87,10 @@ rule calibrate_reference:
         predictor=f"{R}/mechanics/predictor.npz",
     output:
         calibration=f"{R}/mechanics/calibration.json",
+    log:
+        f"{LOGS}/mechanics/calibrate_reference.log",
     params:
         call="paper.reference_material:calibrate_reference",
         physics=PHYSICS,
-    log:
-        f"{LOGS}/mechanics/calibrate_reference.log",
     script:
         "../scripts/call.py"

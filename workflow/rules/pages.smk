@@ -13,9 +13,9 @@ rule pages:
 rule make_page:
     """Without a simulator there is neither a heart nor a criticism to show, and the page says so."""
     input:
+        **SUBJECT,
         template=os.path.relpath(SOURCE / "regional_lv" / "page" / "page.html"),
         measured=f"{R}/measured/{{subject}}.csv",
-        **SUBJECT,
         choice=CHOICE if EVALUATION else [],
         predictions=f"{R}/emulators/{EMULATOR}/test_predictions.parquet",
         strains_picture=f"{PAGE_FIGURES}/measured_strains.png",
@@ -32,6 +32,11 @@ rule make_page:
             category="Subjects",
             subcategory="{subject}",
         ),
+    log:
+        f"{LOGS}/pages/{{subject}}.log",
+    wildcard_constraints:
+        subject=any_of(SUBJECTS),
+    localrule: True
     params:
         call="page.page:make_page",
         study=config["study"],
@@ -44,10 +49,5 @@ rule make_page:
         scales_with_pressure=not why_not_scaling(PHYSICS),
         limitations=os.path.relpath(SOURCE.parent / "LIMITATIONS.md", f"{R}/pages"),
         extended=f"{C}/{{subject}}/extended.yaml",
-    wildcard_constraints:
-        subject=any_of(SUBJECTS),
-    localrule: True
-    log:
-        f"{LOGS}/pages/{{subject}}.log",
     script:
         "../scripts/call.py"

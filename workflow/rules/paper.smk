@@ -23,7 +23,10 @@ rule make_paper_comparison:
         reasons=os.path.relpath(papers("differences.csv")),
         screened=expand(f"{R}/screening/{{name}}.parquet", name=["train", "test", *SCENARIOS]),
         explained=f"{R}/reduction/explained_variance.csv",
-        coverage=lambda wildcards: [*of_shortlist("coverage.csv"), f"{POSTERIORS}/test/coverage.csv"],
+        coverage=lambda wildcards: [
+            *of_shortlist("coverage.csv"),
+            f"{POSTERIORS}/test/coverage.csv",
+        ],
         diagnostics=lambda wildcards: [
             *of_shortlist("diagnostics.csv"),
             f"{POSTERIORS}/test/diagnostics.csv",
@@ -39,11 +42,11 @@ rule make_paper_comparison:
             category="Paper",
         ),
         md=f"{R}/tables/paper_comparison.md",
+    log:
+        f"{LOGS}/tables/paper_comparison.log",
+    localrule: True
     params:
         call="paper.comparison:compare_study",
         threshold=config["reduction"]["explained_variance"],
-    localrule: True
-    log:
-        f"{LOGS}/tables/paper_comparison.log",
     script:
         "../scripts/call.py"

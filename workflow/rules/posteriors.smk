@@ -38,6 +38,13 @@ rule sample_posteriors:
         ),
     output:
         posteriors=f"{R}/posteriors/{{emulator}}/{{set}}/batch-{{batch}}.nc",
+    log:
+        f"{LOGS}/posteriors/{{emulator}}/{{set}}/batch-{{batch}}.log",
+    benchmark:
+        f"{R}/benchmarks/posteriors/{{emulator}}/{{set}}/batch-{{batch}}.tsv"
+    wildcard_constraints:
+        set=any_of(SETS),
+    threads: 1
     params:
         call="inference.sampling:sample_set_batch",
         set_name=lambda wildcards: wildcards.set,
@@ -48,13 +55,6 @@ rule sample_posteriors:
         nuts=config["nuts"],
         point=config["map"],
         seed=config["seed"],
-    wildcard_constraints:
-        set=any_of(SETS),
-    log:
-        f"{LOGS}/posteriors/{{emulator}}/{{set}}/batch-{{batch}}.log",
-    benchmark:
-        f"{R}/benchmarks/posteriors/{{emulator}}/{{set}}/batch-{{batch}}.tsv"
-    threads: 1
     script:
         "../scripts/call.py"
 
@@ -64,12 +64,12 @@ rule summarise_posteriors:
         posteriors=lambda wildcards: posterior_files(wildcards.emulator, wildcards.set),
     output:
         tables=expand(f"{R}/posteriors/{{{{emulator}}}}/{{{{set}}}}/{{table}}", table=SET_TABLES),
-    params:
-        call="inference.summaries:summarise_posteriors",
-    wildcard_constraints:
-        set=any_of(SETS),
     log:
         f"{LOGS}/posteriors/{{emulator}}/{{set}}/summarise.log",
+    wildcard_constraints:
+        set=any_of(SETS),
+    params:
+        call="inference.summaries:summarise_posteriors",
     script:
         "../scripts/call.py"
 
@@ -85,12 +85,12 @@ if EVALUATION:
         output:
             emulator_file=f"{R}/emulators/{EMULATOR}.pt",
             report=f"{R}/posteriors/{EMULATOR}.json",
+        log:
+            f"{LOGS}/posteriors/choose_final.log",
+        localrule: True
         params:
             call="inference.choice:choose_final",
             wanted=config["emulators"]["final"],
-        localrule: True
-        log:
-            f"{LOGS}/posteriors/choose_final.log",
         script:
             "../scripts/call.py"
 
@@ -104,11 +104,11 @@ if EVALUATION:
         output:
             adopted=posterior_files(EMULATOR, "test")
             + expand(f"{R}/posteriors/{EMULATOR}/test/{{table}}", table=SET_TABLES),
-        params:
-            call="inference.choice:adopt",
-        localrule: True
         log:
             f"{LOGS}/posteriors/adopt_test_posteriors.log",
+        localrule: True
+        params:
+            call="inference.choice:adopt",
         script:
             "../scripts/call.py"
 
@@ -122,14 +122,14 @@ rule classify_zones:
     output:
         classified=f"{R}/posteriors/{{emulator}}/{{set}}/zone_classification.csv",
         by_zone=f"{R}/posteriors/{{emulator}}/{{set}}/map_errors_by_zone.csv",
-    params:
-        call="inference.classification:classify_zones",
-        healthy=HEALTHY,
+    log:
+        f"{LOGS}/posteriors/{{emulator}}/{{set}}/classify_zones.log",
     wildcard_constraints:
         set=any_of([*SCENARIOS, *NOISY]),
     localrule: True
-    log:
-        f"{LOGS}/posteriors/{{emulator}}/{{set}}/classify_zones.log",
+    params:
+        call="inference.classification:classify_zones",
+        healthy=HEALTHY,
     script:
         "../scripts/call.py"
 
@@ -144,12 +144,12 @@ rule score_classification:
     output:
         roc=f"{R}/posteriors/{{emulator}}/{{set}}/roc.csv",
         auc=f"{R}/posteriors/{{emulator}}/{{set}}/auc.csv",
+    log:
+        f"{LOGS}/posteriors/{{emulator}}/{{set}}/score_classification.log",
+    localrule: True
     params:
         call="inference.classification:score_classification",
         seed=config["seed"],
-    localrule: True
-    log:
-        f"{LOGS}/posteriors/{{emulator}}/{{set}}/score_classification.log",
     script:
         "../scripts/call.py"
 
@@ -161,6 +161,13 @@ rule sample_subject:
     output:
         posterior=f"{R}/posteriors/{{emulator}}/subjects/{{subject}}.nc",
         diagnostics=f"{R}/posteriors/{{emulator}}/subjects/{{subject}}.csv",
+    log:
+        f"{LOGS}/posteriors/{{emulator}}/subjects/{{subject}}.log",
+    benchmark:
+        f"{R}/benchmarks/posteriors/{{emulator}}/subjects/{{subject}}.tsv"
+    wildcard_constraints:
+        subject=any_of(SUBJECTS),
+    threads: 1
     params:
         call="inference.sampling:sample_subject",
         sampler=config["test_posteriors"]["sampler"],
@@ -168,12 +175,5 @@ rule sample_subject:
         point=config["map"],
         noise_prior_scale=config["clinical"]["noise_prior_scale"],
         seed=config["seed"],
-    wildcard_constraints:
-        subject=any_of(SUBJECTS),
-    log:
-        f"{LOGS}/posteriors/{{emulator}}/subjects/{{subject}}.log",
-    benchmark:
-        f"{R}/benchmarks/posteriors/{{emulator}}/subjects/{{subject}}.tsv"
-    threads: 1
     script:
         "../scripts/call.py"

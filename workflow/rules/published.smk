@@ -5,10 +5,10 @@ rule fetch_published:
     """Where a file was found is no parameter: its content cannot differ (checksum)."""
     output:
         fetched_path(config["study"], "{file}"),
+    log:
+        f"{LOGS}/published/fetch-{{file}}.log",
     wildcard_constraints:
         file="|".join(FILES),
     localrule: True
-    log:
-        f"{LOGS}/published/fetch-{{file}}.log",
     script:
         "../scripts/fetch_published.py"

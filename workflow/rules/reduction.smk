@@ -7,12 +7,12 @@ rule fit_reduction:
     output:
         reduction=f"{R}/reduction/reduction.npz",
         explained=f"{R}/reduction/explained_variance.csv",
+    log:
+        f"{LOGS}/reduction/fit_reduction.log",
+    localrule: True
     params:
         call="reduction:fit_reduction",
         channels=OUTPUTS,
         explained_variance=config["reduction"]["explained_variance"],
-    localrule: True
-    log:
-        f"{LOGS}/reduction/fit_reduction.log",
     script:
         "../scripts/call.py"

@@ -3,13 +3,17 @@
 if FROM_TABLES:
 
     rule import_simulations:
-        """Checked and in the project's order; what has no table of its own is held out of `train`.
-        """
+        """Checked and in the project's order; what has no table of its own is held out of `train`."""
         input:
             inputs=lambda wildcards: simulation_table(wildcards.set, "inputs"),
             outputs=lambda wildcards: simulation_table(wildcards.set, "outputs"),
         output:
             kept=f"{R}/screening/{{set}}.parquet",
+        log:
+            f"{LOGS}/screening/{{set}}.log",
+        wildcard_constraints:
+            set=any_of(["train", *SCORED, *TABLE_SETS]),
+        localrule: True
         params:
             call="simulation_tables:import_simulations",
             own_test="test" in TABLE_SETS,
@@ -18,11 +22,6 @@ if FROM_TABLES:
             parameters=PARAMETER_SPEC,
             channels=OUTPUTS,
             seed=config["seed"],
-        wildcard_constraints:
-            set=any_of(["train", *SCORED, *TABLE_SETS]),
-        localrule: True
-        log:
-            f"{LOGS}/screening/{{set}}.log",
         script:
             "../scripts/call.py"
 
@@ -38,15 +37,15 @@ else:
             kept=f"{R}/screening/{{set}}.parquet",
             excluded=f"{R}/screening/{{set}}_excluded.csv",
             summary=f"{R}/screening/{{set}}_summary.csv",
+        log:
+            f"{LOGS}/screening/{{set}}.log",
+        wildcard_constraints:
+            set=any_of(SIMULATION_BATCHES),
         priority: FIRST
+        localrule: True
         params:
             call="screening:screen_simulations",
             parameters=PARAMETER_SPEC,
             channels=OUTPUTS,
-        wildcard_constraints:
-            set=any_of(SIMULATION_BATCHES),
-        localrule: True
-        log:
-            f"{LOGS}/screening/{{set}}.log",
         script:
             "../scripts/call.py"

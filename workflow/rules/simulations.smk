@@ -18,17 +18,17 @@ rule simulate_batch:
         design=f"{R}/design/{{set}}.parquet",
     output:
         simulations=f"{R}/simulations/{{set}}/batch-{{batch}}.parquet",
-    priority: FIRST
-    params:
-        call="simulations:simulate_batch",
-        physics=PHYSICS,
-        batch_size=config["simulations"]["batch_size"],
-    wildcard_constraints:
-        set=any_of(SIMULATION_BATCHES),
     log:
         f"{LOGS}/simulations/{{set}}/batch-{{batch}}.log",
     benchmark:
         f"{R}/benchmarks/simulations/{{set}}/batch-{{batch}}.tsv"
+    wildcard_constraints:
+        set=any_of(SIMULATION_BATCHES),
+    priority: FIRST
     threads: 1
+    params:
+        call="simulations:simulate_batch",
+        physics=PHYSICS,
+        batch_size=config["simulations"]["batch_size"],
     script:
         "../scripts/call.py"

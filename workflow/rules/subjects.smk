@@ -1,5 +1,6 @@
 """Measured files: of synthetic subjects, of published ones, and the user's own."""
 
+
 rule simulate_subject:
     """The only rule that writes a truth; no rule that infers reads it."""
     input:
@@ -7,6 +8,10 @@ rule simulate_subject:
     output:
         measured=f"{R}/measured/{{subject}}.csv",
         truth=f"{R}/truth/{{subject}}.json",
+    log:
+        f"{LOGS}/subjects/simulate_{{subject}}.log",
+    wildcard_constraints:
+        subject=subjects_from("synthetic"),
     priority: FIRST
     params:
         call="subjects:simulate_subject",
@@ -14,10 +19,6 @@ rule simulate_subject:
         physics=PHYSICS,
         subject=lambda wildcards: config["synthetic_subjects"][wildcards.subject],
         seed=lambda wildcards: subject_seed(wildcards.subject),
-    wildcard_constraints:
-        subject=subjects_from("synthetic"),
-    log:
-        f"{LOGS}/subjects/simulate_{{subject}}.log",
     script:
         "../scripts/call.py"
 
@@ -27,16 +28,16 @@ rule import_volunteer:
         unpack(volunteer_files),
     output:
         measured=f"{R}/measured/{{subject}}.csv",
+    log:
+        f"{LOGS}/subjects/import_{{subject}}.log",
+    wildcard_constraints:
+        subject=subjects_from("published_volunteer"),
+    localrule: True
     params:
         call="measured.published:import_volunteer",
         channels=OUTPUTS,
         frame=lambda wildcards: config["subjects"][wildcards.subject]["frame"],
         chosen=lambda wildcards: config["subjects"][wildcards.subject]["slices"],
-    wildcard_constraints:
-        subject=subjects_from("published_volunteer"),
-    localrule: True
-    log:
-        f"{LOGS}/subjects/import_{{subject}}.log",
     script:
         "../scripts/call.py"
 
@@ -49,15 +50,15 @@ rule import_published_simulation:
     output:
         measured=f"{R}/measured/{{subject}}.csv",
         theta=f"{R}/known_theta/{{subject}}.csv",
+    log:
+        f"{LOGS}/subjects/import_{{subject}}.log",
+    wildcard_constraints:
+        subject=subjects_from("published_simulation"),
+    localrule: True
     params:
         call="measured.published:import_published_simulation",
         channels=OUTPUTS,
         row=lambda wildcards: config["subjects"][wildcards.subject]["row"],
-    wildcard_constraints:
-        subject=subjects_from("published_simulation"),
-    localrule: True
-    log:
-        f"{LOGS}/subjects/import_{{subject}}.log",
     script:
         "../scripts/call.py"
 
@@ -68,17 +69,17 @@ rule import_measured:
         file=lambda wildcards: config["subjects"][wildcards.subject]["measured"],
     output:
         measured=f"{R}/measured/{{subject}}.csv",
+    log:
+        f"{LOGS}/subjects/import_{{subject}}.log",
+    wildcard_constraints:
+        subject=subjects_from("file"),
+    localrule: True
     params:
         call="measured.tables:import_measured",
         channels=OUTPUTS,
         parameters=PARAMETER_SPEC,
         pressure_mmhg=config["loading"]["pressure_mmhg"],
         strain_exponent=config["observables"]["strain_exponent"],
-    wildcard_constraints:
-        subject=subjects_from("file"),
-    localrule: True
-    log:
-        f"{LOGS}/subjects/import_{{subject}}.log",
     script:
         "../scripts/call.py"
 
@@ -89,16 +90,16 @@ rule import_curves:
         curves=lambda wildcards: config["subjects"][wildcards.subject]["curves"],
     output:
         measured=f"{R}/measured/{{subject}}.csv",
+    log:
+        f"{LOGS}/subjects/import_{{subject}}.log",
+    wildcard_constraints:
+        subject=subjects_from("curves"),
+    localrule: True
     params:
         call="measured.curves:import_curves",
         subject=lambda wildcards: config["subjects"][wildcards.subject],
         channels=OUTPUTS,
         parameters=PARAMETER_SPEC,
         strain_exponent=config["observables"]["strain_exponent"],
-    wildcard_constraints:
-        subject=subjects_from("curves"),
-    localrule: True
-    log:
-        f"{LOGS}/subjects/import_{{subject}}.log",
     script:
         "../scripts/call.py"

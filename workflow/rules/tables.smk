@@ -54,7 +54,9 @@ TABULATED = {
         "call": "tables.posteriors:diagnostics",
         "input": {
             "shortlist": lambda wildcards: of_shortlist("diagnostics.csv"),
-            "scenarios": expand(f"{POSTERIORS}/{{name}}/diagnostics.csv", name=[*SCENARIOS, *NOISY]),
+            "scenarios": expand(
+                f"{POSTERIORS}/{{name}}/diagnostics.csv", name=[*SCENARIOS, *NOISY]
+            ),
             "subjects": expand(f"{POSTERIORS}/subjects/{{subject}}.csv", subject=SUBJECTS),
         },
     },
@@ -107,12 +109,12 @@ for name, table in TABULATED.items():
                 subcategory="{subject}" if "{subject}" in file else None,
             ),
             tex=f"{R}/tables/{file}.tex",
-        params:
-            call=table["call"],
-            **table.get("params", {}),
-        localrule: True
         log:
             f"{LOGS}/tables/{file}.log",
+        localrule: True
+        params:
+            **table.get("params", {}),
+            call=table["call"],
         script:
             "../scripts/call.py"
 

@@ -7,6 +7,13 @@ rule compare_samplers:
         posteriors=lambda wildcards: posterior_files(wildcards.emulator, wildcards.set),
     output:
         table=f"{R}/posteriors/{{emulator}}/{{set}}/sampler_agreement.csv",
+    log:
+        f"{LOGS}/posteriors/{{emulator}}/{{set}}/compare_samplers.log",
+    benchmark:
+        f"{R}/benchmarks/posteriors/{{emulator}}/{{set}}/compare_samplers.tsv"
+    wildcard_constraints:
+        set=any_of(SETS),
+    threads: 1
     params:
         call="inference.agreement:compare_samplers",
         set_name=lambda wildcards: wildcards.set,
@@ -15,13 +22,6 @@ rule compare_samplers:
         nuts=config["nuts"],
         point=config["map"],
         seed=config["seed"],
-    wildcard_constraints:
-        set=any_of(SETS),
-    log:
-        f"{LOGS}/posteriors/{{emulator}}/{{set}}/compare_samplers.log",
-    benchmark:
-        f"{R}/benchmarks/posteriors/{{emulator}}/{{set}}/compare_samplers.tsv"
-    threads: 1
     script:
         "../scripts/call.py"
 
@@ -33,19 +33,19 @@ rule compare_subject:
         posterior=f"{R}/posteriors/{{emulator}}/subjects/{{subject}}.nc",
     output:
         table=f"{R}/posteriors/{{emulator}}/subjects/{{subject}}_sampler_agreement.csv",
+    log:
+        f"{LOGS}/posteriors/{{emulator}}/subjects/{{subject}}_sampler_agreement.log",
+    benchmark:
+        f"{R}/benchmarks/posteriors/{{emulator}}/subjects/{{subject}}_sampler_agreement.tsv"
+    wildcard_constraints:
+        subject=any_of(SUBJECTS),
+    threads: 1
     params:
         call="inference.agreement:compare_subject",
         nuts=SUBJECT_NUTS,
         point=config["map"],
         noise_prior_scale=config["clinical"]["noise_prior_scale"],
         seed=config["seed"],
-    wildcard_constraints:
-        subject=any_of(SUBJECTS),
-    log:
-        f"{LOGS}/posteriors/{{emulator}}/subjects/{{subject}}_sampler_agreement.log",
-    benchmark:
-        f"{R}/benchmarks/posteriors/{{emulator}}/subjects/{{subject}}_sampler_agreement.tsv"
-    threads: 1
     script:
         "../scripts/call.py"
 
@@ -62,11 +62,11 @@ rule gather_agreement:
         ),
     output:
         table=f"{R}/posteriors/{{emulator}}/sampler_agreement.csv",
-    params:
-        call="inference.agreement:gather",
-    localrule: True
     log:
         f"{LOGS}/posteriors/{{emulator}}/gather_agreement.log",
+    localrule: True
+    params:
+        call="inference.agreement:gather",
     script:
         "../scripts/call.py"
 
@@ -79,6 +79,11 @@ rule calibrate_chain:
         ranks=f"{R}/posteriors/{{emulator}}/sbc_ranks.csv",
         histogram=f"{R}/posteriors/{{emulator}}/sbc.csv",
         tests=f"{R}/posteriors/{{emulator}}/sbc_test.csv",
+    log:
+        f"{LOGS}/posteriors/{{emulator}}/calibrate_chain.log",
+    benchmark:
+        f"{R}/benchmarks/posteriors/{{emulator}}/calibrate_chain.tsv"
+    threads: 1
     params:
         call="inference.rank_calibration:calibrate_chain",
         cases=config["trust"]["calibration_cases"],
@@ -86,11 +91,6 @@ rule calibrate_chain:
         nuts=config["nuts"],
         point=config["map"],
         seed=config["seed"],
-    log:
-        f"{LOGS}/posteriors/{{emulator}}/calibrate_chain.log",
-    benchmark:
-        f"{R}/benchmarks/posteriors/{{emulator}}/calibrate_chain.tsv"
-    threads: 1
     script:
         "../scripts/call.py"
 
@@ -100,14 +100,14 @@ rule pick_draws:
         posteriors=lambda wildcards: posterior_files(EMULATOR, "test"),
     output:
         design=f"{R}/design/resimulated.parquet",
+    log:
+        f"{LOGS}/design/pick_draws.log",
+    localrule: True
     params:
         call="inference.resimulation:pick_draws",
         cases=config["trust"]["resimulated_cases"],
         draws=config["trust"]["resimulated_draws"],
         seed=config["seed"],
-    localrule: True
-    log:
-        f"{LOGS}/design/pick_draws.log",
     script:
         "../scripts/call.py"
 
@@ -120,11 +120,11 @@ rule resimulate_draws:
     output:
         table=f"{R}/posteriors/{EMULATOR}/resimulated.csv",
         summary=f"{R}/posteriors/{EMULATOR}/resimulated_summary.csv",
-    params:
-        call="inference.resimulation:compare_resimulated",
-    localrule: True
     log:
         f"{LOGS}/posteriors/resimulate_draws.log",
+    localrule: True
+    params:
+        call="inference.resimulation:compare_resimulated",
     script:
         "../scripts/call.py"
 
@@ -137,6 +137,13 @@ rule sample_noise_prior:
     output:
         posterior=f"{R}/posteriors/{{emulator}}/subjects/noise_prior/{{subject}}-{{scale}}.nc",
         diagnostics=f"{R}/posteriors/{{emulator}}/subjects/noise_prior/{{subject}}-{{scale}}.csv",
+    log:
+        f"{LOGS}/posteriors/{{emulator}}/subjects/noise_prior/{{subject}}-{{scale}}.log",
+    benchmark:
+        f"{R}/benchmarks/posteriors/{{emulator}}/subjects/noise_prior/{{subject}}-{{scale}}.tsv"
+    wildcard_constraints:
+        subject=any_of(NOISE_INFERRED),
+    threads: 1
     params:
         call="inference.sampling:sample_subject",
         sampler=config["test_posteriors"]["sampler"],
@@ -144,13 +151,6 @@ rule sample_noise_prior:
         point=config["map"],
         noise_prior_scale=lambda wildcards: float(wildcards.scale),
         seed=config["seed"],
-    wildcard_constraints:
-        subject=any_of(NOISE_INFERRED),
-    log:
-        f"{LOGS}/posteriors/{{emulator}}/subjects/noise_prior/{{subject}}-{{scale}}.log",
-    benchmark:
-        f"{R}/benchmarks/posteriors/{{emulator}}/subjects/noise_prior/{{subject}}-{{scale}}.tsv"
-    threads: 1
     script:
         "../scripts/call.py"
 
@@ -160,13 +160,13 @@ rule compare_noise_priors:
         posteriors=noise_prior_posteriors,
     output:
         table=f"{R}/posteriors/{{emulator}}/subjects/{{subject}}_noise_prior.csv",
-    params:
-        call="inference.noise_prior:compare_noise_priors",
-        scales=config["clinical"]["noise_prior_scales"],
+    log:
+        f"{LOGS}/posteriors/{{emulator}}/subjects/{{subject}}_noise_prior.log",
     wildcard_constraints:
         subject=any_of(NOISE_INFERRED),
     localrule: True
-    log:
-        f"{LOGS}/posteriors/{{emulator}}/subjects/{{subject}}_noise_prior.log",
+    params:
+        call="inference.noise_prior:compare_noise_priors",
+        scales=config["clinical"]["noise_prior_scales"],
     script:
         "../scripts/call.py"

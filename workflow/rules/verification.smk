@@ -39,13 +39,13 @@ rule verify:
 rule verify_land:
     output:
         results=f"{V}/land_results.csv",
-    params:
-        call="verification.land:verify_land",
-        solver=config["solver"],
     log:
         f"{LOGS}/verification/verify_land.log",
     benchmark:
         f"{R}/benchmarks/verify_land.tsv"
+    params:
+        call="verification.land:verify_land",
+        solver=config["solver"],
     script:
         "../scripts/call.py"
 
@@ -58,6 +58,8 @@ rule make_refined_mesh:
         vtu=f"{V}/heart/{{refinement}}/mesh.vtu",
         segments=f"{V}/heart/{{refinement}}/segments.csv",
         summary=f"{V}/heart/{{refinement}}/summary.json",
+    log:
+        f"{LOGS}/verification/make_refined_mesh-{{refinement}}.log",
     params:
         call="geometry.make:make_mesh",
         endo_apex_z_mm=config["geometry"]["endo_apex_z_mm"],
@@ -67,8 +69,6 @@ rule make_refined_mesh:
         | dict.fromkeys(REFINED_ROWS, int(wildcards.refinement)),
         fibres=config["fibres"],
         zones=PARAMETER_SPEC["zones"],
-    log:
-        f"{LOGS}/verification/make_refined_mesh-{{refinement}}.log",
     script:
         "../scripts/call.py"
 
@@ -79,13 +79,13 @@ rule solve_refined_heart:
     output:
         start=temp(f"{V}/heart/{{refinement}}/baseline.npz"),
         summary=f"{V}/heart/{{refinement}}/baseline.json",
-    params:
-        call="simulations:solve_baseline",
-        physics=PHYSICS,
     log:
         f"{LOGS}/verification/solve_refined_heart-{{refinement}}.log",
     benchmark:
         f"{R}/benchmarks/solve_refined_heart-{{refinement}}.tsv"
+    params:
+        call="simulations:solve_baseline",
+        physics=PHYSICS,
     script:
         "../scripts/call.py"
 
@@ -96,13 +96,13 @@ rule verify_convergence:
     output:
         errors=f"{V}/convergence_errors.csv",
         orders=f"{V}/orders.csv",
-    params:
-        call="verification.convergence:verify_convergence",
-        physics=PHYSICS,
     log:
         f"{LOGS}/verification/verify_convergence.log",
     benchmark:
         f"{R}/benchmarks/verify_convergence.tsv"
+    params:
+        call="verification.convergence:verify_convergence",
+        physics=PHYSICS,
     script:
         "../scripts/call.py"
 
@@ -114,11 +114,11 @@ rule plot_land:
     output:
         png=f"{V}/land.png",
         csv=f"{V}/land.csv",
-    params:
-        call="plots.land:draw",
-    localrule: True
     log:
         f"{LOGS}/verification/plot_land.log",
+    localrule: True
+    params:
+        call="plots.land:draw",
     script:
         "../scripts/call.py"
 
@@ -130,11 +130,11 @@ rule plot_convergence:
     output:
         png=f"{V}/convergence.png",
         csv=f"{V}/convergence.csv",
-    params:
-        call="plots.convergence:draw",
-    localrule: True
     log:
         f"{LOGS}/verification/plot_convergence.log",
+    localrule: True
+    params:
+        call="plots.convergence:draw",
     script:
         "../scripts/call.py"
 
@@ -147,6 +147,8 @@ rule make_study_mesh:
         vtu=f"{V}/meshes/{{mesh}}/mesh.vtu",
         segments=f"{V}/meshes/{{mesh}}/segments.csv",
         summary=f"{V}/meshes/{{mesh}}/summary.json",
+    log:
+        f"{LOGS}/verification/make_study_mesh-{{mesh}}.log",
     params:
         call="geometry.make:make_mesh",
         endo_apex_z_mm=config["geometry"]["endo_apex_z_mm"],
@@ -154,8 +156,6 @@ rule make_study_mesh:
         mesh=lambda wildcards: config["mesh"] | STUDY_MESHES[wildcards.mesh],
         fibres=config["fibres"],
         zones=PARAMETER_SPEC["zones"],
-    log:
-        f"{LOGS}/verification/make_study_mesh-{{mesh}}.log",
     script:
         "../scripts/call.py"
 
@@ -166,14 +166,14 @@ rule observe_mesh:
         mesh_file=f"{V}/meshes/{{mesh}}/mesh.vtu",
     output:
         observables=f"{V}/meshes/{{mesh}}/observables.parquet",
-    params:
-        call="verification.mesh_study:observe_mesh",
-        physics=PHYSICS,
-        seed=config["seed"],
     log:
         f"{LOGS}/verification/observe_mesh-{{mesh}}.log",
     benchmark:
         f"{R}/benchmarks/observe_mesh-{{mesh}}.tsv"
+    params:
+        call="verification.mesh_study:observe_mesh",
+        physics=PHYSICS,
+        seed=config["seed"],
     script:
         "../scripts/call.py"
 
@@ -184,13 +184,13 @@ rule compare_meshes:
     output:
         errors=f"{V}/mesh_errors.csv",
         summary=f"{V}/mesh_study_summary.csv",
+    log:
+        f"{LOGS}/verification/compare_meshes.log",
+    localrule: True
     params:
         call="verification.mesh_study:compare_meshes",
         meshes=list(STUDY_MESHES),
         channels=OUTPUTS,
-    localrule: True
-    log:
-        f"{LOGS}/verification/compare_meshes.log",
     script:
         "../scripts/call.py"
 
@@ -201,11 +201,11 @@ rule plot_mesh_study:
     output:
         png=f"{V}/mesh_study.png",
         csv=f"{V}/mesh_study.csv",
-    params:
-        call="plots.mesh_study:draw",
-    localrule: True
     log:
         f"{LOGS}/verification/plot_mesh_study.log",
+    localrule: True
+    params:
+        call="plots.mesh_study:draw",
     script:
         "../scripts/call.py"
 
@@ -221,12 +221,12 @@ if config["geometry"]["source"] == "mesh" and IMPORTED["remesh"]:
             outputs=fetched_path(config["study"], TRAINING_OUTPUTS),
         output:
             table=f"{R}/verification/imported_mesh.csv",
-        params:
-            call="verification.imported_mesh:verify_imported_mesh",
-            physics=PHYSICS,
         log:
             f"{LOGS}/verification/verify_imported_mesh.log",
         benchmark:
             f"{R}/benchmarks/verify_imported_mesh.tsv"
+        params:
+            call="verification.imported_mesh:verify_imported_mesh",
+            physics=PHYSICS,
         script:
             "../scripts/call.py"
