@@ -55,6 +55,8 @@ def damage_of(file: str | Path) -> str:
         read(path)
     except InputError:
         return ""  # it was read, and what it says is the problem
+    except SystemExit:  # meshio's way
+        return "cannot be read"
     except Exception as error:
         return (str(error).strip().splitlines() or [type(error).__name__])[0][:200]
     return ""

@@ -78,7 +78,7 @@ def run(snakemake) -> None:
         function(**{k: OBJECTS[k](v) if k in OBJECTS else v for k, v in values.items()})
     except InputError:
         raise
-    except Exception as error:
+    except (Exception, SystemExit) as error:  # meshio ends the process over damaged files
         if fault := explain(error, snakemake.input, snakemake.output):
             raise InputError(fault) from error
         raise
