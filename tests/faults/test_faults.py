@@ -151,18 +151,18 @@ def test_two_runs_at_once(finished, study):
 
 
 @pytest.mark.parametrize(
-    ("damaged", "removed", "made_again"),
+    ("damaged", "removed"),
     [
-        ("simulations/train/batch-0000.parquet", "screening/train.parquet", ()),
-        ("emulators/exact_gp.pt", "emulators/exact_gp/test_errors.csv", ()),
-        ("posteriors/final/subjects/synthetic_lateral.nc", "tables/subjects.csv", ()),
-        ("mechanics/predictor.npz", "simulations/test/batch-0000.parquet", ()),
-        ("geometry/mesh.vtu", "figures/zones.png", ()),
-        ("estimates/shortlist.json", "tables/ranking.csv", ()),
+        ("simulations/train/batch-0000.parquet", "screening/train.parquet"),
+        ("emulators/exact_gp.pt", "emulators/exact_gp/test_errors.csv"),
+        ("posteriors/final/subjects/synthetic_lateral.nc", "tables/subjects.csv"),
+        ("mechanics/predictor.npz", "simulations/test/batch-0000.parquet"),
+        ("geometry/mesh.vtu", "figures/zones.png"),
+        ("estimates/shortlist.json", "figures/uncertainty.png"),
     ],
 )
 @pytest.mark.parametrize("how", ["truncated", "empty", "overwritten"])
-def test_a_damaged_file_is_named(finished, study, damaged, removed, made_again, how):
+def test_a_damaged_file_is_named(finished, study, damaged, removed, how):
     path, target = finished / RESULTS / damaged, finished / RESULTS / removed
     assert path.is_file() and target.is_file()
     changes = {

@@ -27,6 +27,7 @@ from regional_lv.data import path as packaged  # noqa: E402
 from regional_lv.data import segment_table  # noqa: E402
 from regional_lv.design import scenario_size  # noqa: E402
 from regional_lv.errors import InputError  # noqa: E402
+from regional_lv.faults import AGAIN, damage_of  # noqa: E402
 from regional_lv.geometry.mesh_config import finer  # noqa: E402
 from regional_lv.jobs import module_of  # noqa: E402
 from regional_lv.measured import states_noise  # noqa: E402
@@ -364,8 +365,10 @@ def shortlist():
     wanted = config["emulators"]["shortlist"]
     if wanted["names"]:
         return wanted["names"]
-    ranking = checkpoints.rank_emulators.get()
-    best = json.loads(Path(ranking.output.shortlist).read_text())["shortlist"]
+    file = checkpoints.rank_emulators.get().output.shortlist
+    if damage := damage_of(file):
+        raise WorkflowError(f"{file}: damaged ({damage}); delete it and {AGAIN}")
+    best = json.loads(Path(file).read_text())["shortlist"]
     also = [name for name in wanted["also"] if name in config["emulators"]["names"]]
     return list(dict.fromkeys([*best, *also]))
 
