@@ -150,7 +150,7 @@ def test_along_the_shell_of_an_exact_volume(sampler):
     noise = Noise(torch.zeros_like(unit), {"even": unit * even, "odd": unit * ~even}, 1.0)
     deviates = torch.as_tensor(np.random.default_rng(4).normal(size=len(unit)))
     likelihood = Likelihood(emulator, emulator.predict(truth).mean + 0.3 * deviates * unit, noise)
-    settings = {"warmup": 150, "draws": 400, "chains": 2, "rhat_max": 1.03, "target_accept": 0.9}
+    settings = {"warmup": 150, "draws": 250, "chains": 4, "rhat_max": 1.03, "target_accept": 0.9}
     how = sampling.Sampling(settings, {"starts": 4, "iterations": 100}, 1, "test")
     (maximum,) = how.find_maxima([likelihood])
     start = maximum.theta[0], maximum.log_sigma[0]
