@@ -6,8 +6,6 @@ import json
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
-from regional_lv.errors import InputError
-
 AGAIN = "run the same command again: what is finished is kept"
 
 FULL = {errno.ENOSPC, errno.EDQUOT}
@@ -53,8 +51,6 @@ def damage_of(file: str | Path) -> str:
         return "empty"
     try:
         read(path)
-    except InputError:
-        return ""  # it was read, and what it says is the problem
     except SystemExit:  # meshio's way
         return "cannot be read"
     except Exception as error:

@@ -18,7 +18,7 @@ from regional_lv.criticism.injection import Ventricles, read_effects, simulate_d
 from regional_lv.criticism.study import Inputs, criticise, split
 from regional_lv.criticism.verdict import Settings
 from regional_lv.measured import synthetic_subject
-from tests.workflow.test_workflow import copy_project, run
+from tests.workflow.project import copy_project, run
 
 THETA = {
     **{"C_a_anterior": 1.0, "C_b_anterior": 1.0, "C_a_inferior": 1.1, "C_b_inferior": 0.9},

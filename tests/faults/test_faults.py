@@ -6,7 +6,6 @@ tables are those of a study that nothing disturbed. Needs root (small disks are 
 
 import os
 import random
-import re
 import shutil
 import signal
 import subprocess
@@ -15,37 +14,23 @@ from pathlib import Path
 
 import pytest
 
-from tests.workflow.project import command, copy_project
+from tests.workflow.project import attempt, copy_project, run, start
 from tests.workflow.same import assert_same, tables
 
 RESULTS = Path("results/smoke")
+BOTH = "--cores", "2"
 KILLS = 10
 SEED = 2026
 
 
-def finish(project: Path, *arguments: str, before: tuple[str, ...] = (), **options) -> str:
-    """What Snakemake prints; it has to succeed."""
-    output, code = attempt(project, *arguments, before=before, **options)
-    assert code == 0, output[-6000:]
-    return output
+def finish(project: Path, *arguments: str, **options) -> str:
+    """It has to succeed; the whole study on two cores, unless arguments say otherwise."""
+    return run(project, *(arguments or BOTH), timeout=1800, **options)
 
 
-def attempt(project: Path, *arguments: str, before: tuple[str, ...] = (), **options):
-    """What Snakemake prints, and its exit code. before: a command that it is an argument of."""
-    done = subprocess.run(
-        [*before, *command(*(arguments or ("--cores", "2")))],
-        cwd=project,
-        capture_output=True,
-        text=True,
-        timeout=1800,
-        **options,
-    )
-    return done.stdout + done.stderr, done.returncode
-
-
-def refuse(project: Path, *words: str, arguments: tuple[str, ...] = (), **options) -> str:
+def refuse(project: Path, *words: str, arguments: tuple[str, ...] = BOTH, **options) -> str:
     """It has to fail with these words in its messages and no traceback."""
-    output, code = attempt(project, *arguments, **options)
+    output, code = attempt(project, *arguments, timeout=1800, **options)
     assert code, output[-3000:]
     for word in words:
         assert word in output, output[-6000:]
@@ -109,14 +94,7 @@ def test_kills_at_random_moments(study, root, tmp_path):
     killed = 0
     while killed < KILLS:
         whom = ("all", "snakemake", "job")[killed % 3]
-        process = subprocess.Popen(
-            command("--cores", "2"),
-            cwd=project,
-            start_new_session=True,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
+        process = start(project, *BOTH, stderr=subprocess.PIPE)
         try:
             process.wait(moment.uniform(5, 60))
             break  # it has finished before its next kill
@@ -140,9 +118,7 @@ def test_kills_at_random_moments(study, root, tmp_path):
 
 def test_two_runs_at_once(finished, study):
     shutil.rmtree(finished / RESULTS / "posteriors/final/subjects")
-    first = subprocess.Popen(
-        command("--cores", "1"), cwd=finished, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
-    )
+    first = start(finished, "--cores", "1")
     time.sleep(8)
     assert first.poll() is None
     refuse(finished, "Directory cannot be locked", "--unlock")
@@ -228,13 +204,13 @@ def test_too_little_memory(finished, study):
     assert_undisturbed(finished, study)
 
 
-@pytest.mark.parametrize("jump", ["-2 days", "+2 days"])
-def test_a_clock_that_jumps(root, study, finished, jump):
+@pytest.mark.parametrize("jump", ["-2d", "+2d"])
+def test_a_clock_that_jumps(study, finished, jump):
     """The second half of the study runs at another date than the first."""
     if shutil.which("faketime") is None:
         pytest.fail("Debian's faketime is missing: apt-get install faketime")
     for name in ("posteriors/final/subjects", "tables", "pages"):
         shutil.rmtree(finished / RESULTS / name)
-    finish(finished, before=("faketime", "-f", re.sub(" days", "d", jump)))
+    finish(finished, before=("faketime", "-f", jump))
     finish(finished)
     assert_undisturbed(finished, study)

@@ -3,6 +3,7 @@
 import shutil
 import subprocess
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
@@ -25,11 +26,35 @@ def command(*arguments: str) -> list[str]:
     return [sys.executable, "-m", "snakemake", "--configfile", "config/smoke.yaml", *arguments]
 
 
-def run(project: Path, *arguments: str, check: bool = True) -> str:
+def attempt(
+    project: Path, *arguments: str, before: Sequence[str] = (), timeout: float = 1200
+) -> tuple[str, int]:
+    """What Snakemake prints, and its exit code. before: a command that it is an argument of."""
     done = subprocess.run(
-        command(*arguments), cwd=project, capture_output=True, text=True, timeout=1200
+        [*before, *command(*arguments)],
+        cwd=project,
+        capture_output=True,
+        text=True,
+        timeout=timeout,
     )
-    output = done.stdout + done.stderr
-    if check and done.returncode:
+    return done.stdout + done.stderr, done.returncode
+
+
+def run(project: Path, *arguments: str, check: bool = True, **options) -> str:
+    """What Snakemake prints; options: of `attempt`. With `check` it has to succeed."""
+    output, code = attempt(project, *arguments, **options)
+    if check and code:
         pytest.fail(f"snakemake {' '.join(arguments)} failed:\n{output[-6000:]}")
     return output
+
+
+def start(project: Path, *arguments: str, stderr: int = subprocess.DEVNULL) -> subprocess.Popen:
+    """Snakemake, under way in a process group of its own."""
+    return subprocess.Popen(
+        command(*arguments),
+        cwd=project,
+        start_new_session=True,
+        stdout=subprocess.DEVNULL,
+        stderr=stderr,
+        text=True,
+    )

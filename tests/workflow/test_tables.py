@@ -12,7 +12,7 @@ import yaml
 
 from regional_lv.channels import Channels
 from regional_lv.parameters import Parameterisation
-from tests.workflow.test_workflow import copy_project
+from tests.workflow.project import copy_project
 
 MECHANICS = {
     *("make_mesh", "solve_baseline", "make_design", "solve_anchors", "fit_predictor"),

@@ -27,7 +27,7 @@ from regional_lv.data import path as packaged  # noqa: E402
 from regional_lv.data import segment_table  # noqa: E402
 from regional_lv.design import scenario_size  # noqa: E402
 from regional_lv.errors import InputError  # noqa: E402
-from regional_lv.faults import AGAIN, damage_of  # noqa: E402
+from regional_lv.faults import AGAIN  # noqa: E402
 from regional_lv.geometry.mesh_config import finer  # noqa: E402
 from regional_lv.jobs import module_of  # noqa: E402
 from regional_lv.measured import states_noise  # noqa: E402
@@ -366,9 +366,10 @@ def shortlist():
     if wanted["names"]:
         return wanted["names"]
     file = checkpoints.rank_emulators.get().output.shortlist
-    if damage := damage_of(file):
-        raise WorkflowError(f"{file}: damaged ({damage}); delete it and {AGAIN}")
-    best = json.loads(Path(file).read_text())["shortlist"]
+    try:
+        best = json.loads(Path(file).read_text())["shortlist"]
+    except ValueError as error:
+        raise WorkflowError(f"{file}: damaged ({error}); delete it and {AGAIN}")
     also = [name for name in wanted["also"] if name in config["emulators"]["names"]]
     return list(dict.fromkeys([*best, *also]))
 
