@@ -87,6 +87,7 @@ lint: env
 	ruff check .
 	ruff format --check .
 	snakefmt --check Snakefile workflow
+	mypy
 	python tests/workflow/lint.py config/smoke.yaml
 
 format: env

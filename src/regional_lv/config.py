@@ -127,19 +127,19 @@ def load(
     for error in empty:
         # The defaults serve to find what else is wrong; nothing runs on them.
         _remove(config, error.absolute_path)
-    config = _resolve(schema, config, folders)
+    given: dict = _resolve(schema, config, folders)
     try:
-        load_plugins(Path(plugin).resolve() for plugin in config.get("plugins", ()))
+        load_plugins(Path(plugin).resolve() for plugin in given.get("plugins", ()))
     except InputError as error:
         _raise(source, [str(error)])
-    complete = _complete(schema, config)
-    if "subjects" not in config and not complete["evaluation"]:
+    complete = _complete(schema, given)
+    if "subjects" not in given and not complete["evaluation"]:
         del complete["subjects"]["volunteer"]
     _complete_by_registries(complete)
     _complete_holdout(complete)
-    if "synthetic_subjects" not in config:
+    if "synthetic_subjects" not in given:
         _carry_over(complete)
-        _drop_impossible(complete, named=config.get("subjects", {}))
+        _drop_impossible(complete, named=given.get("subjects", {}))
     _raise(source, [*unfilled, *_cross_check(complete)])
     if complete["simulations"]["source"] == "table":
         # The one place that says how many test cases there are.
@@ -182,7 +182,8 @@ def _usable(source: str, config: dict) -> dict:
     64 bits, lists and sections, text of several lines, and more than a study can have, such as
     aliases (`*name`) that stand for each other.
     """
-    complaints, entries = [], 0
+    complaints: list[str] = []
+    entries = 0
 
     def copied(value, key: str, depth: int):
         nonlocal entries
@@ -526,7 +527,7 @@ def _check_model(config: dict, parameters: Parameterisation, channels: Channels)
     sizes = {"train": design["natural"] + design["log"], "test": design["test"]}
     if config["simulations"]["source"] == "table":
         # What cannot be read has been reported already.
-        sizes = None if mistakes else _table_sizes(config)
+        sizes = {} if mistakes else _table_sizes(config)
     if sizes:
         yield from _check_sizes(config, sizes, least=len(parameters) + 2)
     yield from _check_scenarios(config["scenarios"], parameters)
@@ -766,14 +767,11 @@ def _table_sizes(config: dict) -> dict[str, int]:
     from regional_lv.simulation_tables import read_tables, split
 
     simulations = config["simulations"]
-    model = {
-        "parameters": Parameterisation.from_config(config),
-        "channels": Channels.from_config(config),
-    }
+    parameters, channels = Parameterisation.from_config(config), Channels.from_config(config)
     sizes = {
         name: PUBLISHED_ROWS[name]
         if PUBLISHED in files.values()
-        else len(read_tables(**files, **model))
+        else len(read_tables(**files, parameters=parameters, channels=channels))
         for name, files in simulations["tables"].items()
     }
     holdout = simulations["holdout"]

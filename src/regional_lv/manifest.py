@@ -111,7 +111,7 @@ def holds_times(name: str) -> bool:
 def versions() -> dict[str, str | None]:
     """Versions of Python, of `PACKAGES`, and the commit of the project's checkout, with `-dirty`
     behind it if files were edited; None for what is not there."""
-    found = {"python": platform.python_version()}
+    found: dict[str, str | None] = {"python": platform.python_version()}
     found |= {name: _version(names) for name, names in PACKAGES.items()}
     return found | {"regional-lv commit": _commit(Path(__file__).resolve().parents[2])}
 

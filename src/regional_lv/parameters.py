@@ -104,7 +104,9 @@ class Parameterisation(Sequence):
     def from_config(cls, config: Mapping) -> "Parameterisation":
         """From a checked configuration: its sections `parameters`, `material` and `design`."""
         asked, design = config["parameters"], config["design"]
-        zones = ZONES[asked["zones"]] if isinstance(asked["zones"], str) else asked["zones"]
+        zones = asked["zones"]
+        if isinstance(zones, str):
+            zones = ZONES[zones]
         law = config["material"]["law"]
         factors = asked["factors"] or [factor.name for factor in MATERIALS[law].factors]
         _check_factors(tuple(asked["bounds"]), dict.fromkeys(factors), law, "parameters.bounds")
@@ -197,10 +199,6 @@ class Parameterisation(Sequence):
         if set(self.zones) <= set(COLOURS):
             return {zone: COLOURS[zone] for zone in self.zones}
         return {z: MORE_COLOURS[i % len(MORE_COLOURS)] for i, z in enumerate(self.zones)}
-
-    def index(self, zone: str, factor: str) -> int:
-        """Place in theta of one zone's factor."""
-        return self.names.index(f"{factor}_{zone}")
 
     def of_zone(self, zone: str) -> slice:
         """Places in theta of one zone's factors."""

@@ -21,7 +21,10 @@ def start_log(path: str | Path) -> None:
     A second call in the same process goes on with the new file alone.
     """
     Path(path).parent.mkdir(parents=True, exist_ok=True)
-    handlers = [logging.FileHandler(path, mode="w"), logging.StreamHandler(sys.stderr)]
+    handlers: list[logging.Handler] = [
+        logging.FileHandler(path, mode="w"),
+        logging.StreamHandler(sys.stderr),
+    ]
     handlers[1].setLevel(logging.WARNING)
     handlers[1].addFilter(lambda record: record.levelno < logging.CRITICAL)
     for handler in handlers:

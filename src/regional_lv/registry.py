@@ -101,6 +101,9 @@ def _import(path: Path) -> None:
         raise InputError(f"plugins: there is no file {path}; give the path of a Python file")
     name = f"{GROUP}_plugin_{path.stem}"
     spec = importlib.util.spec_from_file_location(name, path)
+    if spec is None or spec.loader is None:
+        _loaded.discard(str(path))
+        raise InputError(f"plugins: {path} is no Python file; name one that ends in .py")
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module
     try:

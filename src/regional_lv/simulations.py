@@ -14,6 +14,7 @@ from regional_lv.geometry.thickness import thickened
 from regional_lv.mechanics.continuation import (
     Effort,
     GrowingRunner,
+    NotConverged,
     Runner,
     Simulation,
     Solution,
@@ -26,7 +27,7 @@ from regional_lv.progress import Progress
 log = logging.getLogger(__name__)
 
 
-def make_simulator(mesh: str | Path | Mesh, physics: dict, extended: bool = False) -> Simulator:
+def make_simulator(mesh: str | Path | Mesh, physics: Mapping, extended: bool = False) -> Simulator:
     """The simulator of a mesh (or its file); `physics` and `extended` as for `Simulator`, with the
     section `geometry` for the wall's thickness."""
     mesh = mesh if isinstance(mesh, Mesh) else read_mesh(mesh)
@@ -46,9 +47,12 @@ def solve_baseline(mesh: str | Path, physics: dict, start: str | Path, summary: 
     theta = simulator.parameters.middle
     solutions, arrays = solver.inflate_all(theta, effort), {"theta": theta}
     for load, found in solutions.items():
+        assert found.tangents is not None
         arrays |= {f"w@{load:g}": found.state.w, f"tangents@{load:g}": found.tangents}
     np.savez_compressed(start, **arrays)
     reference = Runner(solver, known_from(solutions, simulator)).run(np.ones(len(theta)))
+    if reference.state is None or reference.observables is None:
+        raise NotConverged(f"at theta = 1: {reference.reason}")
     values = dict(zip(simulator.channels.names, reference.observables.tolist(), strict=True))
     content = {
         "unknowns": simulator.size,
@@ -61,10 +65,11 @@ def solve_baseline(mesh: str | Path, physics: dict, start: str | Path, summary: 
 
 
 def known_from(solutions: Mapping[float, Solution], simulator: Simulator) -> dict[float, Known]:
-    """By load fraction, the guesses that solutions at these loads give."""
+    """By load fraction, the guesses that solutions with tangents at these loads give."""
     guesses = {}
     for load, found in solutions.items():
         guesses[load] = Known(simulator.size, simulator.parameters.blocks)
+        assert found.tangents is not None
         guesses[load].add(found.state.theta, found.state.w, found.tangents)
     return guesses
 
@@ -152,7 +157,7 @@ def simulate_anchors(
 
 
 def make_runner(
-    mesh: str | Path | Mesh, physics: dict, predictor: str | Path, sensitivities: bool = True
+    mesh: str | Path | Mesh, physics: Mapping, predictor: str | Path, sensitivities: bool = True
 ) -> Runner:
     """Runs simulations, with `sensitivities` or without, from the predictor file's fields."""
     solver = Solver(make_simulator(mesh, physics), physics["solver"])

@@ -79,12 +79,13 @@ class LogHandler(LogHandlerBase):
         self._ended = threading.Event()
 
     def emit(self, record: logging.LogRecord) -> None:
-        event, now = getattr(record, "event", None), time.monotonic()
+        said, now = vars(record), time.monotonic()
+        event = said.get("event")
         if event == LogEvent.JOB_ERROR and self._run is not None:
-            self._run.fail(record.jobid)
-            reason = reason_of(record.log or ())
+            self._run.fail(said["jobid"])
+            reason = reason_of(said["log"] or ())
             self._print(
-                f"Error: {reason}\n    log: {record.log[0]}" if reason else self.format(record)
+                f"Error: {reason}\n    log: {said['log'][0]}" if reason else self.format(record)
             )
         elif self.common_settings.dryrun or record.levelno >= logging.WARNING:
             text = self.format(record)
@@ -97,17 +98,19 @@ class LogHandler(LogHandlerBase):
             if text and not text.startswith(UNINTERESTING):
                 self._print(text)
         elif event == LogEvent.RESOURCES_INFO:
-            self._cores = getattr(record, "cores", self._cores)
+            self._cores = said.get("cores", self._cores)
         elif event == LogEvent.RUN_INFO:
-            self._run = Run(record.stats, self._cores, now)
+            self._run = Run(said["stats"], self._cores, now)
             threading.Thread(target=self._keep_alive, daemon=True).start()
+        elif self._run is None:
+            return
         elif event == LogEvent.JOB_INFO:
-            self._run.start(record.jobid, record.rule_name, now)
+            self._run.start(said["jobid"], said["rule_name"], now)
             self._line(now)
         elif event == LogEvent.JOB_FINISHED:
-            self._run.finish(record.job_id, now)
+            self._run.finish(said["job_id"], now)
         elif event == LogEvent.PROGRESS:
-            self._run.count(record.done, record.total)
+            self._run.count(said["done"], said["total"])
             self._line(now)
 
     def close(self) -> None:
@@ -117,10 +120,12 @@ class LogHandler(LogHandlerBase):
     def _keep_alive(self) -> None:
         while not self._ended.wait(1.0):
             now = time.monotonic()
+            assert self._run is not None  # there is one before the thread starts
             if now - self._printed > INTERVAL and not self._run.complete:
                 self._line(now)
 
     def _line(self, now: float) -> None:
+        assert self._run is not None
         if self._run.complete or now - self._printed > SHORTEST:
             self._printed = now
             self._print(self._run.line(now))

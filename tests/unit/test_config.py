@@ -558,6 +558,13 @@ def test_a_plugin_that_fails_is_named(tmp_path):
         config.load(changed("plugins", [str(tmp_path / "bad.py")]))
 
 
+def test_a_plugin_that_is_no_python_file_is_refused(tmp_path):
+    path = tmp_path / "plugin.txt"
+    path.write_text("")
+    with pytest.raises(InputError, match=r"plugin\.txt is no Python file"):
+        config.load(changed("plugins", [str(path)]))
+
+
 def test_configurations_are_read_without_torch_and_dolfinx():
     code = "import sys; from regional_lv import config; config.load('config/smoke.yaml');"
     code += "print({'torch', 'dolfinx', 'matplotlib'} & set(sys.modules))"

@@ -54,7 +54,7 @@ def sampled(emulator, table, path):
     theta[..., lateral] = THETA.numpy()[lateral] * np.exp(
         ridge[..., 0] + 0.02 * rng.standard_normal((2, 200, 1, 2))
     )
-    theta[..., PARAMETERS.index("apical", "C_b")] = rng.uniform(0.1, 5.0, (2, 200, 1))
+    theta[..., PARAMETERS.names.index("C_b_apical")] = rng.uniform(0.1, 5.0, (2, 200, 1))
     names = table["output"].tolist()
     mean = emulator.predict_mean(torch.as_tensor(theta)).numpy()
     mean = mean[..., [CHANNELS.names.index(name) for name in names]]

@@ -78,7 +78,7 @@ def _configuration(folder: Path, manifest: Mapping, given: tuple[str, ...]) -> I
         source = ", ".join(map(str, files))
         try:
             contents = map(study_config.read, files)
-            content = functools.reduce(merged, [*contents, manifest["overrides"]], {})
+            content: dict = functools.reduce(merged, [*contents, manifest["overrides"]], {})
             folders = [file.parent for file in reversed(files)]
             now = study_config.load(content, source, folders)
         except InputError as error:

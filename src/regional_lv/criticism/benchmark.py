@@ -78,7 +78,7 @@ class Batch:
 def search_batch(searches: str | Path, **batch) -> None:
     """What `study.search_causes` does, for the subjects of a batch (as of `Batch`); writes one JSON
     of all, with the seconds that each took."""
-    found = {}
+    found: dict[str, dict] = {}
     for inputs in Batch(**batch).inputs():
         started = time.monotonic()
         found[inputs.name] = {"search": inputs.critic().search().content()}
@@ -284,7 +284,8 @@ def summarise(cases: pd.DataFrame) -> dict:
     group of which none is present. `coverage`: of the 95 % intervals of causes in the answer.
     """
     hearts = cases.groupby("subject", sort=True)
-    summary = {"subjects": int(hearts.ngroups), "seconds_median": float(cases["seconds"].median())}
+    summary: dict[str, object] = {"subjects": int(hearts.ngroups)}
+    summary["seconds_median"] = float(cases["seconds"].median())
     for kind in KINDS:
         own = cases[cases["kind"] == kind].groupby("subject", sort=True)
         part = {

@@ -54,7 +54,7 @@ class Correction:
         difference = outputs - emulator.mean(theta, scaled)
         at = torch.cat([theta.log(), scaled], dim=-1)
         centre, sd = at.mean(0), at.std(0)
-        s, d, p = *outputs.shape[1:], theta.shape[-1]
+        (s, d), p = outputs.shape[1:], theta.shape[-1]
         value, slopes = torch.zeros(s, d).double(), torch.zeros(s, d, at.shape[-1]).double()
         covariance = torch.zeros(s, d, d).double()
         for heart in range(s):

@@ -325,7 +325,7 @@ class Critic:
             found.best.misfit = self._misfit_of(found.best.sampled, "best")
         self._last_resort(found)
         if found.best is not None and found.best.model.tails is None:
-            found.name_causes()
+            found.name_causes(found.best)
         return found
 
     def _in_earnest(self, model: Model, best: Fit, name: str, tails: bool = False) -> Sampled:
@@ -359,7 +359,8 @@ class Critic:
         """Heavy tails explain anything: they are taken only where neither a set of physical causes
         nor a smooth departure does as well, and where few channels stand alone far off."""
         best, searched = found.best, found.searched
-        fits = best is not None and found.adequate and bool(best.misfit.families)
+        misfit = None if best is None else best.misfit
+        fits = misfit is not None and found.adequate and bool(misfit.families)
         if fits or len(found.base.model.low) > LARGEST_SAMPLED:
             return
         rivals = [searched.unlisted + searched.unlisted_prior]

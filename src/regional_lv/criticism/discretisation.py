@@ -9,6 +9,7 @@ base model before it is criticised.
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import cast
 
 import pandas as pd
 import torch
@@ -71,13 +72,14 @@ def _finer(theta: torch.Tensor) -> torch.Tensor:
 
 def load_emulator(
     emulator: str | Path, discretisation: str | Path | Sequence[str] = ()
-) -> Emulator | OnFinerMesh:
+) -> Emulator:
     """The emulator of a file, corrected by the file of `train_discretisation` if there is one."""
     trained = emulators.load(emulator)
     if not discretisation:
         return trained
     state = torch.load(discretisation, weights_only=True)
-    return OnFinerMesh(trained, Extension.from_state(discretisation, state, FinerMesh()))
+    corrected = OnFinerMesh(trained, Extension.from_state(discretisation, state, FinerMesh()))
+    return cast(Emulator, corrected)  # what it has not itself, its `__getattr__` hands on
 
 
 def train_discretisation(

@@ -94,7 +94,7 @@ class Extension:
         if self._emulator is None:
             zero = torch.zeros_like(mean)
             return Prediction(zero, torch.zeros(*mean.shape, mean.shape[-1], dtype=mean.dtype))
-        change, covariance = self._change(theta, psi)
+        change, covariance = self._change(self._emulator.predict(theta), psi)
         difference, slope = self._differences(mean, change, psi)
         return Prediction(difference, slope[..., :, None] * covariance * slope[..., None, :])
 
@@ -156,9 +156,8 @@ class Extension:
         known = [h.scale(value) for value in (h.base, *h.nodes)]
         return torch.stack(lagrange(known, h.scale(psi))[1:], dim=-1)
 
-    def _change(self, theta, psi) -> tuple[torch.Tensor, torch.Tensor]:
-        """Mean (..., D) and covariance (..., D, D)."""
-        at_nodes = self._emulator.predict(theta)
+    def _change(self, at_nodes: Prediction, psi) -> tuple[torch.Tensor, torch.Tensor]:
+        """Mean (..., D) and covariance (..., D, D) at psi (...)."""
         weights = self._weights(psi)
         count, changing = len(self.hypothesis.nodes), len(self._changing)
         by_node = at_nodes.mean.reshape(*psi.shape, count, changing)
@@ -239,11 +238,12 @@ def train_extension(
     """
     asked = REGISTRY[hypothesis].for_study(physics)
     exponent = float(physics["observables"]["strain_exponent"])
+    found: list[dict] = []
     if not isinstance(asked, SimulatorHypothesis):
-        extensions, found = [Extension(asked, channels.names, exponent)], []
+        extensions = [Extension(asked, channels.names, exponent)]
     else:
         table = pd.concat([pd.read_parquet(batch) for batch in batches], ignore_index=True)
-        extensions, found = [], []
+        extensions = []
         progress = Progress(hypothesis, len(asked.components))
         scale = Scale(channels, exponent)
         for component, rows in table.groupby("component", sort=False):

@@ -80,9 +80,8 @@ def findings_of(
         ]
         + _limits(criticism, emulator.channels),
     }
-    if criticism.best is not None:
-        misfit = criticism.best.misfit
-        content["remaining"] = _misfit(final, misfit, not criticism.adequate)
+    if criticism.best is not None and criticism.best.misfit is not None:
+        content["remaining"] = _misfit(final, criticism.best.misfit, not criticism.adequate)
     content["words"] = words.verdict(content)
     return _plain(content)
 
@@ -197,7 +196,7 @@ def _pooled(sets, name: str, scale) -> tuple[torch.Tensor, torch.Tensor]:
 
 
 def _set(one: CauseSet, criticism: Criticism) -> dict:
-    gain = (None, None, None)
+    gain: tuple[float | None, ...] = (None, None, None)
     if one.sampled is not None:
         gain = gain_of(criticism.base.left_out, one.sampled.left_out, one.sampled.posterior)
     found = one.model.psi_of(one.fit.x[0])[0].tolist()
@@ -212,16 +211,15 @@ def _set(one: CauseSet, criticism: Criticism) -> dict:
         "elpd_gain_se": gain[1],
         "misfit_p_value": one.misfit.p_value if one.misfit else None,
         "confirmed": one.confirmed,
-        "simulations": one.correction.simulations if one.confirmed else 0,
+        "simulations": one.simulations,
         "difference_sd": one.difference_sd,
     }
 
 
 def _confirmation(criticism: Criticism) -> dict:
     """What stands behind the best set; with what was simulated of all."""
-    best, confirmed = criticism.best, [s for s in criticism.sets if s.confirmed]
-    channels = []
-    if best is not None and best.confirmed:
+    best, channels = criticism.best, []
+    if best is not None and best.correction is not None:
         o, value, in_sds = criticism.observations, best.correction.value, best.difference_sds
         channels = [
             {"subject": subject, "output": channel.name, "difference": float(value[i, j])}
@@ -231,7 +229,7 @@ def _confirmation(criticism: Criticism) -> dict:
             if o.present[i, j]
         ]
     return {
-        "simulations": sum(s.correction.simulations for s in confirmed),
+        "simulations": sum(s.simulations for s in criticism.sets),
         "largest_difference_sd": best.difference_sd if best is not None else math.nan,
         "channels": channels,
     }
@@ -251,7 +249,7 @@ def _gain(before: Sampled, after: Sampled) -> dict:
     elpd, se, over_folds = gain_of(before.left_out, after.left_out, after.posterior)
     o = before.model.observations
     kinds = {"rmse": o.channels.is_strain, "rmse_volume_ml": o.channels.of_quantity("volume")}
-    found = {"elpd": elpd, "elpd_se": se, "elpd_se_folds": over_folds}
+    found: dict[str, float | None] = {"elpd": elpd, "elpd_se": se, "elpd_se_folds": over_folds}
     found["elpd_before"] = float(before.left_out.elpd.sum())
     folds = dict(
         zip(

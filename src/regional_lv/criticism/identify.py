@@ -84,5 +84,4 @@ def _hiding_place(model: Model, best: Fit, pattern: torch.Tensor) -> tuple[str, 
         name: float((target @ column).abs() / (target.norm() * column.norm()).clamp(min=1e-300))
         for name, column in places.items()
     }
-    best_name = max(likeness, key=likeness.get)
-    return best_name, likeness[best_name]
+    return max(likeness.items(), key=lambda item: item[1])

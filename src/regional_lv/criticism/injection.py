@@ -42,7 +42,7 @@ def read_effects(effects: dict) -> list[Effect]:
     """The `effects` of a `synthetic_subjects` entry."""
     found = []
     for name, value in effects.items():
-        at = (value,)
+        at = (value, "")
         if isinstance(value, dict):
             at = (value["multiplier"], str(value["segment"]))
         found.append(Effect(REGISTRY[name], *at))
@@ -61,7 +61,7 @@ class Ventricles:
     """
 
     def __init__(self, mesh: str | Path, physics: Mapping, predictor: str | Path | None = None):
-        self._files, self._physics = (mesh, predictor), physics
+        self._mesh, self._predictor, self._physics = mesh, predictor, physics
         self._base: Runner | None = None
         self.channels = Channels.from_config(physics)
 
@@ -88,16 +88,17 @@ class Ventricles:
 
     def _simulated(self, physics: Mapping, theta: np.ndarray) -> tuple[Sequence[str], np.ndarray]:
         """Names and values of all channels of one simulation."""
-        if self._files[1] is None:
+        if self._predictor is None:
             return self._inflated(physics, theta)
-        runner = self._runner(physics)
+        runner = self._runner(physics, self._predictor)
         result = runner.run(theta)
         if result.status != "converged":
             raise ArithmeticError(result.reason)
+        assert result.observables is not None
         return runner.channels.names, result.observables
 
     def _inflated(self, physics, theta):
-        solver = Solver(make_simulator(self._files[0], physics), physics["solver"])
+        solver = Solver(make_simulator(self._mesh, physics), physics["solver"])
         simulator, effort = solver.simulator, Effort()
         values = np.empty(len(simulator.channels))
         for load in simulator.channels.load_fractions:
@@ -105,12 +106,11 @@ class Ventricles:
             values[simulator.places_of(load)] = simulator.observables(state.w, None, load)[0]
         return simulator.channels.names, values
 
-    def _runner(self, physics: Mapping) -> Runner:
-        mesh, predictor = self._files
+    def _runner(self, physics: Mapping, predictor: str | Path) -> Runner:
         if physics is not self._physics:
-            return make_runner(mesh, physics, predictor)
+            return make_runner(self._mesh, physics, predictor)
         if self._base is None:
-            self._base = make_runner(mesh, physics, predictor)
+            self._base = make_runner(self._mesh, physics, predictor)
         return self._base
 
 
@@ -157,7 +157,7 @@ def random_subjects(
             names = turns[number : number + 1]
             if size != 1:
                 names = _shuffled(among, rng)[:size]
-            effects = {}
+            effects: dict[str, float | dict] = {}
             for name in names:
                 effects |= _random_effect(hypotheses[name], rng)
             drawn.append((kind, effects, names[0] if kind == "unlisted" else ""))

@@ -5,6 +5,7 @@ importance. Exact where the model is linear in its coordinates and no bound is n
 """
 
 import math
+from dataclasses import fields
 
 import torch
 
@@ -40,10 +41,7 @@ def leave_out_linearly(model: Model, best: Fit) -> LeftOut:
     elpd, joint = [], []
     for i, number in enumerate(numbers):
         at = torch.nonzero(o.groups[number])[:, 0]
-        single = Fit(
-            *(getattr(found, k)[i : i + 1] for k in ("x", "objective", "residual", "jacobian")),
-            found.whitening[i : i + 1],
-        )
+        single = Fit(*(getattr(found, field.name)[i : i + 1] for field in fields(Fit)))
         _, covariance = laplace(model, single)
         r = model.means
         slopes = found.jacobian[i][:, at]

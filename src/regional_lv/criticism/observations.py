@@ -1,5 +1,6 @@
 """What was observed of one heart, or of several that are criticised together."""
 
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -147,7 +148,11 @@ def contrasts(observations: Observations) -> dict[str, dict[str, torch.Tensor]]:
     channels, seen = observations.channels, observations.present.any(0)
     segmental = dict.fromkeys(c.quantity for c in channels if c.segment is not None)
     segments = {"all": [s.number for s in aha.SEGMENTS]}
-    families = {"direction": segments, "level": aha.LEVELS, "wall": WALLS}
+    families: dict[str, Mapping[str, Iterable[int]]] = {
+        "direction": segments,
+        "level": aha.LEVELS,
+        "wall": WALLS,
+    }
     found: dict[str, dict[str, torch.Tensor]] = {}
     for family, places in families.items():
         found[family] = {}

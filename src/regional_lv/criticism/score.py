@@ -120,7 +120,8 @@ def statistics(model: Model, found: Fit, extensions) -> Statistics:
     """All tests of the fits in `found`; `extensions`: the candidate causes with a signature."""
     projected = Projected.of(found, model)
     o = model.observations
-    misfit, names = {}, {}
+    misfit: dict[str, torch.Tensor] = {}
+    names: dict[str, tuple[str, ...]] = {}
     if not o.noise.groups:
         misfit["overall"] = found.deviance[:, None]
         names["overall"] = ("all channels together",)
@@ -142,14 +143,14 @@ def statistics(model: Model, found: Fit, extensions) -> Statistics:
         diagonal = projected.precision.diagonal(dim1=-2, dim2=-1)[:, here]
         standard = projected.residual[:, here] / diagonal.clamp(min=1e-300).sqrt()
         tails = tail_score(standard)
-    patterns = [pattern_of(model, e, found.x) for e in extensions]
+    signatures = [pattern_of(model, e, found.x) for e in extensions]
     scores = [
-        _one_way(projected.score(pattern)[:, 0], e.hypothesis)
-        for pattern, e in zip(patterns, extensions, strict=True)
+        _one_way(projected.score(signature)[:, 0], e.hypothesis)
+        for signature, e in zip(signatures, extensions, strict=True)
     ]
     none = torch.zeros(len(found.x), 0).double()
     causes = torch.stack(scores, -1) if scores else none
-    pairs = pair_score(projected, patterns, [e.hypothesis.name for e in extensions])
+    pairs = pair_score(projected, signatures, [e.hypothesis.name for e in extensions])
     return Statistics(misfit, names, causes, pairs, tails)
 
 
@@ -288,6 +289,7 @@ def judge_misfit(observed: Statistics, null: Statistics, tails: bool = False) ->
     if null.causes.shape[1] > 1:
         judge("pair", observed.pairs[0], null.pairs)
     if tails:
+        assert observed.tails is not None
         judge("tails", observed.tails[0], null.tails)
     together = torch.stack(scaled).amax(0)
     return Misfit(share_beyond(float(together[0]), together[1:]), families, largest)

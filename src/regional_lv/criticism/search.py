@@ -89,7 +89,9 @@ class Search:
 
     def run(self) -> list[Candidate]:
         """All fitted sets, the one with the largest evidence first."""
-        rows = [((place,), x) for place in self._name for x in self._spread(place)]
+        rows: list[tuple[tuple[int, ...], torch.Tensor]] = [
+            ((place,), x) for place in self._name for x in self._spread(place)
+        ]
         self._fit_all(rows, "single causes")
         for size in range(2, min(self.largest, len(self.causes)) + 1):
             parents = [c for members, c in self.found.items() if len(members) == size - 1]

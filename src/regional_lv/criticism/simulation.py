@@ -37,7 +37,7 @@ class Extended:
 
     def __init__(
         self,
-        mesh: Path,
+        mesh: str | Path,
         physics: Mapping,
         hypothesis: SimulatorHypothesis,
         component: str = "",
@@ -89,8 +89,9 @@ class Extended:
         )
         simulator = self.simulator(h.base)
         field = -simulator.solve(residual)
-        along = simulator.observables(state.w, field[None], fraction)[1][0]
-        return field + carried, along + outputs
+        _, along = simulator.observables(state.w, field[None], fraction)
+        assert along is not None
+        return field + carried, along[0] + outputs
 
     def nodes(
         self,
@@ -265,4 +266,5 @@ class _Clock:
             result.status, result.reason = "failed", f"load {fraction:g}: {observed}"
             result.observables = result.sensitivity = None
         elif result.status == "converged":
+            assert result.observables is not None and result.sensitivity is not None
             result.observables[at], result.sensitivity[at] = observed

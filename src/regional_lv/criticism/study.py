@@ -10,7 +10,7 @@ import pandas as pd
 import torch
 
 from regional_lv.criticism.critic import Critic
-from regional_lv.criticism.discretisation import OnFinerMesh, load_emulator
+from regional_lv.criticism.discretisation import load_emulator
 from regional_lv.criticism.extension import read_extensions
 from regional_lv.criticism.findings import findings_of, write_findings
 from regional_lv.criticism.hypotheses import NoiseHypothesis
@@ -32,7 +32,7 @@ class Inputs:
 
     name: str
     tables: dict[str, pd.DataFrame]
-    emulator: Emulator | OnFinerMesh
+    emulator: Emulator
     extensions: list
     noises: list
     settings: Settings
@@ -143,9 +143,10 @@ def criticise(inputs: Inputs, simulate: Callable[[pd.DataFrame], pd.DataFrame] |
     is confirmed, and nothing named.
     """
     critic = inputs.critic()
-    searched, made = critic.search(), []
-    for turn in range(inputs.settings.rounds if simulate else 0):
-        design = critic.plan(searched, _together(made), turn)
+    searched = critic.search()
+    made: list[pd.DataFrame] = []
+    while simulate and len(made) < inputs.settings.rounds:
+        design = critic.plan(searched, _together(made), len(made))
         if design.empty:
             break
         made.append(simulate(design))

@@ -9,6 +9,7 @@ import torch
 from regional_lv.criticism import score
 from regional_lv.criticism.confirmation import Correction
 from regional_lv.criticism.fit import Fit, white
+from regional_lv.criticism.hypotheses import Hypothesis
 from regional_lv.criticism.identify import Identified
 from regional_lv.criticism.model import Model
 from regional_lv.criticism.observations import Observations
@@ -65,7 +66,7 @@ class Tested:
     catalogue.
     """
 
-    hypothesis: object
+    hypothesis: Hypothesis
     component: str
     z: float
     p_single: float
@@ -151,8 +152,14 @@ class CauseSet:
         return self.correction is not None
 
     @property
+    def simulations(self) -> int:
+        """How many of these there are."""
+        return 0 if self.correction is None else self.correction.simulations
+
+    @property
     def difference_sds(self) -> torch.Tensor:
         """(S, D) differences of simulated and emulated channels, in sds of the noise."""
+        assert self.correction is not None
         return self.correction.value / self.model.noise_variance(self.fit.x)[0].sqrt()
 
     @property
@@ -212,13 +219,19 @@ class Criticism:
 
     @property
     def final(self) -> Sampled:
-        return self.base if self.best is None else self.best.sampled
+        if self.best is None:
+            return self.base
+        assert self.best.sampled is not None
+        return self.best.sampled
 
     @property
     def adequate(self) -> bool:
         """Whether the best set is confirmed and fits the data."""
         best = self.best
-        return best is not None and best.misfit.p_value > ADEQUATE * len(best.members)
+        if best is None:
+            return False
+        assert best.misfit is not None
+        return best.misfit.p_value > ADEQUATE * len(best.members)
 
     @property
     def explained(self) -> bool:
@@ -228,21 +241,21 @@ class Criticism:
     def probability(self, name: str) -> float:
         return _total(s for s in self.sets if name in s.names)
 
-    def name_causes(self) -> None:
-        """Name the causes that are certain, and the groups of which one is."""
-        for name in self.best.names:
-            if self.best.at_bound(name):
+    def name_causes(self, best: CauseSet) -> None:
+        """Name the causes of the best set that are certain, and the groups of which one is."""
+        for name in best.names:
+            if best.at_bound(name):
                 self.acts_like.append(name)
             elif not self.adequate:
                 continue
             elif self.probability(name) >= PROBABILITY:
                 self.named.append(name)
             else:
-                group = self._group(name)
+                group = self._group(best, name)
                 if group and group not in self.groups:
                     self.groups.append(group)
 
-    def _group(self, name: str) -> list[str]:
+    def _group(self, best: CauseSet, name: str) -> list[str]:
         """The fewest causes, `name` first, of which at least one is present with `PROBABILITY`;
         empty if that takes too many."""
         group, rest = [name], self.base_probability + self.unlisted_probability
@@ -252,11 +265,11 @@ class Criticism:
                 return group
             shares: dict[str, float] = {}
             for one in without:
-                for other in set(one.names) - set(self.best.names):
+                for other in set(one.names) - set(best.names):
                     shares[other] = shares.get(other, 0.0) + one.probability
             if not shares or len(group) == LARGEST_GROUP:
                 return []
-            group.append(max(sorted(shares), key=shares.get))
+            group.append(max(sorted(shares), key=shares.__getitem__))
 
 
 def _total(sets: Iterable[CauseSet]) -> float:

@@ -28,7 +28,12 @@ class Prediction:
     """Predictive distribution of the outputs, Gaussian, in their natural units.
 
     mean: (..., D). covariance: (..., D, D). Both differentiable with respect to theta.
+    `variance`, `output_covariance` and `freedom`: of a `SeparablePrediction` alone.
     """
+
+    variance: torch.Tensor
+    output_covariance: torch.Tensor
+    freedom: float
 
     def __init__(self, mean: torch.Tensor, covariance: torch.Tensor):
         self.mean = mean
@@ -63,10 +68,6 @@ class SeparablePrediction(Prediction):
         super().__init__(mean, output_covariance)
         self.variance, self.freedom = variance, freedom
         self.output_covariance = output_covariance
-
-    def at_variance(self, variance: torch.Tensor) -> "SeparablePrediction":
-        """The same mean with another variance (...)."""
-        return SeparablePrediction(self.mean, variance, self.output_covariance, self.freedom)
 
     @property
     def covariance(self) -> torch.Tensor:
@@ -145,12 +146,6 @@ class Emulator(ABC):
     learns_from_sensitivities: ClassVar[bool] = False
     defaults: ClassVar[dict] = {"input_transform": "log"}
     """Settings and their default values, for an emulator without a section in the schema."""
-    error_prior_scale: float | None = None
-    """Scale of the half-normal prior on one unknown scale of the errors of all outputs, in training
-    sd, for an emulator that leaves it to the likelihood; None: its covariance says it all."""
-    jacobian_factor: float = 1.0
-    """Factor on the variance of the errors along the columns of the Jacobian, which are what
-    inference mistakes for a change of theta (`likelihood.inflate`)."""
 
     def __init__(self, **settings):
         self.settings = _complete(type(self), settings)
@@ -171,6 +166,19 @@ class Emulator(ABC):
     def upper(self) -> torch.Tensor:
         """Upper bounds (P,) of the parameters."""
         return torch.tensor(self.parameters.upper)
+
+    @property
+    def error_prior_scale(self) -> float | None:
+        """Scale of the half-normal prior on one unknown scale of the errors of all outputs, in
+        training sd, for an emulator that leaves it to the likelihood; None: its covariance says it
+        all."""
+        return None
+
+    @property
+    def jacobian_factor(self) -> float:
+        """Factor on the variance of the errors along the columns of the Jacobian, which are what
+        inference mistakes for a change of theta (`likelihood.inflate`)."""
+        return 1.0
 
     # --------------------------------------------------------------------------- interface
 
@@ -252,7 +260,8 @@ class Emulator(ABC):
     def with_variance(self, theta: torch.Tensor, variance: torch.Tensor) -> Prediction:
         """Predict at `theta` (..., P) with a `variance` (...) that is given, if the covariance is
         separable; cheaper for an emulator whose mean costs less than its variance."""
-        return self.predict(theta).at_variance(variance)
+        own = self.predict(theta)
+        return SeparablePrediction(own.mean, variance, own.output_covariance, own.freedom)
 
     def jacobian(self, theta: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor | None]:
         """d(mean)/d(theta) (..., D, P); d(variance)/d(theta) (..., P) if separable, else None.

@@ -106,6 +106,7 @@ class GradientGP(ExactGP):
     def _learn_hyperparameters(self, training: TrainingSet, seed: int) -> dict:
         rows = subset(len(training.x), self.settings["hyperparameter_rows"], seed)
         y = training.y[rows]
+        assert training.slopes is not None  # it learns from sensitivities
         observed = _observations(y - y.mean(0), training.slopes[rows])
         self.model = GradientModel(self.parameters, training.x[rows], observed)
         self.model.learn(self.settings["iterations"])

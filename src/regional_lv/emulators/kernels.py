@@ -145,7 +145,7 @@ def weighted_slopes(
 
 
 def make_kernel(
-    name: str, inputs: int, blocks: Blocks | None = None, batch: Sequence[int] = ()
+    name: str, inputs: int, blocks: Blocks = (), batch: Sequence[int] = ()
 ) -> gpytorch.kernels.Kernel:
     """A kernel of unit variance with a length scale for each of the `inputs`, double precision.
 

@@ -70,7 +70,7 @@ class LocalModel(gpytorch.models.ExactGP):
         scores: int,
         joint: bool,
         hidden: list[int] | None,
-        blocks: Blocks | None = None,
+        blocks: Blocks = (),
     ):
         batch = torch.Size(() if joint else (scores,))
         noise = GreaterThan(LEAST_NUGGET, transform=torch.exp, inv_transform=torch.log)

@@ -25,7 +25,7 @@ def build(sizes: list[int], seed: int = 0) -> torch.nn.Sequential:
     follow the derivative.
     """
     generator = torch.Generator().manual_seed(derive(seed, "weights"))
-    layers = []
+    layers: list[torch.nn.Module] = []
     for widths in itertools.pairwise(sizes):
         linear = torch.nn.Linear(*widths)
         # SiLU halves the second moment of what comes out of a layer.

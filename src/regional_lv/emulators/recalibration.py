@@ -111,7 +111,8 @@ def fit_trend(distance: torch.Tensor, x: torch.Tensor) -> tuple[float, float]:
 
     distance, x = distance.numpy(), x.numpy()
     found = minimize(loss, [np.log(distance.mean()), 0.0], jac=True, method="L-BFGS-B")
-    return tuple(float(value) for value in found.x)
+    level, power = found.x
+    return float(level), float(power)
 
 
 def fit_freedom(along: torch.Tensor, across: torch.Tensor, inputs: int, others: int) -> float:

@@ -39,7 +39,7 @@ class SharedKernelGP(gpytorch.models.ExactGP):
     """
 
     def __init__(
-        self, kernel: str, inputs: int, nugget: float, blocks: Blocks | None = None, x=None, y=None
+        self, kernel: str, inputs: int, nugget: float, blocks: Blocks = (), x=None, y=None
     ):
         noise = GreaterThan(nugget, transform=torch.exp, inv_transform=torch.log)
         super().__init__(x, y, gpytorch.likelihoods.GaussianLikelihood(noise_constraint=noise))
@@ -113,7 +113,7 @@ def fit_hyperparameters(
     iterations: int,
     restarts: int,
     seed: int,
-    blocks: Blocks | None = None,
+    blocks: Blocks = (),
 ) -> SharedKernelGP:
     """Most likely of `restarts` seeded starts, for inputs (N, P) and outputs (N, D) of unit scale.
 
@@ -133,6 +133,7 @@ def fit_hyperparameters(
         )
         if best is None or loss < least:
             best, least = model, loss
+    assert best is not None  # there is a first start
     return best
 
 
@@ -160,7 +161,7 @@ def choose_kernel(x: torch.Tensor, y: torch.Tensor, nugget: float, seed: int) ->
                 cross = model.covar_module(x[outside], x[inside]).to_dense()
             total += float((mean + cross @ weights - y[outside]).square().sum())
         errors[kernel] = math.sqrt(total / y.numel())
-    best = min(errors, key=errors.get)
+    best = min(errors, key=errors.__getitem__)
     log.info(
         "kernel %s: cross-validated errors %s",
         *(best, ", ".join(f"{name} {error:.4f}" for name, error in errors.items())),

@@ -23,12 +23,13 @@ def simulate_estimates(
     progress = Progress("simulations of estimates", len(table))
     status, values = [], []
     outputs = runner.channels.names
+    nothing = np.full(len(outputs), np.nan)
     for theta in table[list(runner.parameters.names)].to_numpy():
         result = runner.run(theta)
         status.append(result.status)
-        converged = result.status == "converged"
-        values.append(result.observables if converged else np.full(len(outputs), np.nan))
-        progress.step(failed=not converged)
+        observed = result.observables if result.status == "converged" else None
+        values.append(nothing if observed is None else observed)
+        progress.step(failed=observed is None)
     write_checked(table, status, "simulator", np.stack(values), outputs, checked)
 
 

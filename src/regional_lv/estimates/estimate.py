@@ -4,8 +4,9 @@ import json
 import logging
 import statistics
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 import pandas as pd
@@ -20,6 +21,8 @@ from regional_lv.progress import Progress
 from regional_lv.seeds import derive
 
 log = logging.getLogger(__name__)
+
+Result = TypeVar("Result")
 
 ESTIMATORS = ("least_squares", "weighted")
 
@@ -145,7 +148,9 @@ def _gradient(likelihood: Likelihood, theta: torch.Tensor) -> torch.Tensor:
     return torch.autograd.grad(likelihood.log_density(theta).sum(), theta)[0]
 
 
-def _milliseconds(function, repeats: int = TIMING_REPEATS) -> tuple[float, object]:
+def _milliseconds(
+    function: Callable[[], Result], repeats: int = TIMING_REPEATS
+) -> tuple[float, Result]:
     """Median time of a call (after a first one that does not count), and what it returned."""
     result, times = function(), []
     for _ in range(repeats):

@@ -5,6 +5,8 @@ observations together, Levenberg-Marquardt steps with exact Jacobians (`inferenc
 to its minimum, and the best is perturbed and taken down again, `hops` times.
 """
 
+from typing import cast
+
 import torch
 
 from regional_lv.emulators.base import Emulator, SeparablePrediction
@@ -60,7 +62,7 @@ def find_least_squares(
 
     starts: Sobol points kept per row; iterations: Levenberg-Marquardt steps at most, each time.
     """
-    flat = MeanOnly(emulator)
+    flat = cast(Emulator, MeanOnly(emulator))  # it has all that is asked for here
     likelihood = Likelihood(flat, y, Noise.none(flat))
     first = _nearest_points(emulator, y, starts, seed).log()
     low, high = log_bounds(emulator)

@@ -33,7 +33,7 @@ def compare_transforms(
     paths = dict(zip(files, zip(estimates, predictions, strict=True), strict=True))
     rows = []
     for name, parts in transforms.items():
-        row = {"emulator": name}
+        row: dict[str, float] = {}
         for transform, part in parts.items():
             estimated, predicted = (pd.read_parquet(path) for path in paths[part])
             errors, scores = parameter_errors(estimated), predictive_scores(predicted, sd)
@@ -41,6 +41,6 @@ def compare_transforms(
                 row[f"{quantity}_{transform}"] = (errors | scores)[quantity]
         for quantity in QUANTITIES:
             row[f"{quantity}_gain"] = row[f"{quantity}_identity"] / row[f"{quantity}_log"]
-        rows.append(row)
+        rows.append({"emulator": name, **row})
     order = [f"{q}_{part}" for q in QUANTITIES for part in (*TRANSFORMS, "gain")]
     pd.DataFrame(rows)[["emulator", *order]].to_csv(comparison, index=False)

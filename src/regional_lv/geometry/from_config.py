@@ -37,7 +37,8 @@ def make_heart(config: Mapping, folder: str | Path) -> Path:
     given = geometry["imported"]
     files = given["file"], given["segments"]
     if given["file"] == PUBLISHED_HEART:
-        files = tuple(fetched_path(config["study"], path) for path in (HEART_MESH, HEART_SEGMENTS))
+        study = config["study"]
+        files = fetched_path(study, HEART_MESH), fetched_path(study, HEART_SEGMENTS)
     imported = folder / "imported.vtu"
     write_imported(files[0], given["unit"], fibres, imported, files[1], zones)
     if given["remesh"]:

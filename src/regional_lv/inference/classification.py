@@ -182,4 +182,5 @@ def auc_interval(label, score, group, rng: np.random.Generator) -> tuple[float, 
     areas = areas_of(label, score, times[:, case])
     if np.isnan(areas).all():
         return float("nan"), float("nan")
-    return tuple(float(end) for end in np.nanquantile(areas, [0.025, 0.975]))
+    low, high = np.nanquantile(areas, [0.025, 0.975])
+    return float(low), float(high)

@@ -76,7 +76,7 @@ class Draws:
         chains = np.concatenate([self.theta, self.sigma], axis=-1)
         return check_convergence(
             chains,
-            range(chains.shape[-1]),
+            [str(i) for i in range(chains.shape[-1])],
             self.diverging,
             settings.rhat_max,
             settings.ess_min,

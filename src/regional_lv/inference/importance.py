@@ -12,6 +12,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TypeAlias
 
 import arviz as az
 import torch
@@ -31,7 +32,7 @@ TRUNCATION = 20
 early round would make it collapse."""
 
 
-Limit = float | torch.Tensor
+Limit: TypeAlias = float | torch.Tensor
 """Of the sd of every coordinate: one for all, or (P,)."""
 
 
@@ -84,7 +85,7 @@ def sample(
     one distribution; further ones are of mixtures, `most_rounds` in all (None: `rounds`). Ends when
     the effective sample size reaches `least_ess`. largest_sd: of a proposal.
     """
-    proposal = Student(mean, tame(covariance, largest_sd))
+    proposal: Student | Mixture = Student(mean, tame(covariance, largest_sd))
     proposals, us, targets = [], [], []
     for turn in range(most_rounds or rounds):
         u = proposal.draw(draws, generator)

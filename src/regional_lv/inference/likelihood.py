@@ -89,7 +89,7 @@ class Noise:
         empty = self.sd.new_zeros(0, self.sd.shape[-1])
         return torch.stack([*self.groups.values()]) if self.groups else empty
 
-    def freedom_beside(self, prediction: SeparablePrediction) -> float:
+    def freedom_beside(self, prediction: Prediction) -> float:
         """Degrees of freedom with which the emulator's errors count beside this noise."""
         return math.inf if self.present else prediction.freedom
 
@@ -235,7 +235,10 @@ class Likelihood:
         """The same (...) for what the emulator predicts at theta."""
         residual = self.y - prediction.mean
         if self._whiten is not None:
-            scale = torch.exp(2 * log_sigma) if self.noise.groups else 1.0
+            scale = 1.0
+            if self.noise.groups:
+                assert log_sigma is not None
+                scale = torch.exp(2 * log_sigma)
             variances = prediction.variance[..., None] + scale * self._rho
             white = residual @ self._whiten
             length = self.of_length((white * white / variances).sum(-1))

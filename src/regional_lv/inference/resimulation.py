@@ -58,10 +58,10 @@ def compare_resimulated(
     `summarise`.
     """
     emulator = emulators.load(emulator_file)
-    columns = emulator.parameters, emulator.outputs
-    theta, truth, _ = emulators.read_simulations(simulations, *columns)
+    model = emulator.parameters, emulator.outputs
+    theta, truth, _ = emulators.read_simulations(simulations, *model)
     labels = pd.read_parquet(simulations, columns=["case", "draw"])
-    _, observed, cases = emulators.read_simulations(test, *columns)
+    _, observed, cases = emulators.read_simulations(test, *model)
     places = {case: i for i, case in enumerate(cases)}
     tables = []
     for case, rows in labels.groupby("case", sort=False):

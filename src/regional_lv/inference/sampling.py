@@ -44,7 +44,7 @@ class Sampled:
     draws: tuple[Draws, ...]
     samplers: tuple[str, ...]
     truth: np.ndarray | None = None
-    zones: Sequence[str] | None = None
+    zones: np.ndarray | None = None
 
 
 @dataclass(frozen=True)

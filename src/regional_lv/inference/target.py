@@ -93,7 +93,7 @@ class Target:
         with covariance M M', from the expected information and the curvature of the soft bounds."""
         position, p = self.unconstrain(theta, log_sigma), self.inputs
         bounds = -torch.autograd.functional.hessian(
-            lambda v: self.transform.log_jacobian(v[:p]), position
+            lambda v: self.transform.open(v[:p])[1], position
         )
         slope = torch.autograd.functional.jacobian(
             lambda v: torch.cat([torch.log(self.transform.theta(v[:p])), v[p:]]), position

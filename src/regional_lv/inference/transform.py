@@ -91,10 +91,6 @@ class ThetaTransform:
         theta = torch.exp(log_theta).clamp(self.lower, self.upper)
         return theta, (self.bounded.log_slope(v) + (1 - POWER) * log_theta).sum(-1)
 
-    def log_jacobian(self, v: torch.Tensor) -> torch.Tensor:
-        """The second of `open`."""
-        return self.open(v)[1]
-
     def position(self, theta: torch.Tensor) -> torch.Tensor:
         """v (..., P) of `theta`."""
         return self.bounded.outside(_scaled(theta))

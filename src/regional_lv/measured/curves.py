@@ -13,7 +13,7 @@ import re
 import warnings
 from collections.abc import Mapping
 from pathlib import Path
-from typing import NamedTuple
+from typing import Final, Literal, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -38,7 +38,7 @@ CLOCKS = ("frame", "time", "time_ms", "time_s")
 HOW = ("reference", "measure", "frame", "end_diastole_frame")
 """Keys of a subject that say how `look_back` takes its curves, in the order of its arguments."""
 
-EARLIEST_DIASTOLE = "earliest_diastole"
+EARLIEST_DIASTOLE: Final = "earliest_diastole"
 """The word for the first frame in which the ventricle fills."""
 FILLING = 0.1
 """Share of the greatest contraction that is gone when the ventricle fills."""
@@ -188,7 +188,7 @@ def look_back(
     curves: Curves,
     reference: str,
     measure: str,
-    frame: int | str,
+    frame: int | Literal["earliest_diastole"],
     end_diastole_frame: int | None = None,
 ) -> LookingBack:
     """Stretches from end diastole back to the unloaded frame.

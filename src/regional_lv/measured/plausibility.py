@@ -6,7 +6,7 @@ Nothing here is a reason to refuse a file; `too_small` alone is.
 import numpy as np
 import pandas as pd
 
-from regional_lv.channels import Channels
+from regional_lv.channels import Channel, Channels
 from regional_lv.criticism import data_checks
 from regional_lv.measured.tables import shortcomings
 
@@ -74,7 +74,8 @@ def data_warnings(
 
 
 def _missing(table: pd.DataFrame, channels: Channels) -> list[str]:
-    given, absent = set(table["output"]), {}
+    given = set(table["output"])
+    absent: dict[tuple[str, float], list[Channel]] = {}
     for channel in channels:
         if channel.name not in given:
             absent.setdefault((channel.quantity, channel.load_fraction), []).append(channel)

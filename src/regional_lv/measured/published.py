@@ -2,6 +2,7 @@
 they had been measured."""
 
 from pathlib import Path
+from typing import Literal, TypeAlias
 
 import numpy as np
 import pandas as pd
@@ -13,11 +14,14 @@ from regional_lv.measured.tables import make_table, observed, write_measured
 from regional_lv.parameters import Parameterisation
 from regional_lv.published import SLICES_OF_LEVEL
 
+Frame: TypeAlias = int | Literal["extrema"]
+"""Number of a cine frame (1, 2, ...), or the largest strains, whenever they occur."""
+
 
 def published_volunteer(
     case: str | Path,
     slices: list[str | Path] | None = None,
-    frame: int | str | None = None,
+    frame: Frame | None = None,
     chosen: list[int] | None = None,
 ) -> pd.DataFrame:
     """The healthy volunteer of the paper as a measured table.
@@ -37,6 +41,7 @@ def published_volunteer(
         raise error_at(case, None, f"shape {row.shape} instead of (1, 33); fetch it again")
     values, source = row[0], "published volunteer"
     if slices is not None:
+        assert frame is not None
         values = np.concatenate([values[:1], _slice_strains(slices, frame, chosen)])
         source += f", frame {frame}"
         if chosen:
@@ -53,7 +58,7 @@ def published_volunteer(
 
 def import_volunteer(
     case: str | Path,
-    frame: int | str | None,
+    frame: Frame | None,
     chosen: list[int] | None,
     channels: Channels,
     measured: str | Path,
@@ -71,7 +76,7 @@ _APICAL_SECTORS = ((0, 1), (2,), (3, 4), (5,))
 """Septal, anterior, lateral, inferior: means of the sectors that they contain."""
 
 
-def _slice_strains(slices, frame: int | str, chosen: list[int] | None) -> np.ndarray:
+def _slice_strains(slices, frame: Frame, chosen: list[int] | None) -> np.ndarray:
     """The 32 strains of one frame, in published order: per level the mean over its slices."""
     tables = [_slice(path, frame) for path in slices]
     values = []
@@ -85,7 +90,7 @@ def _slice_strains(slices, frame: int | str, chosen: list[int] | None) -> np.nda
     return np.array(values)
 
 
-def _slice(path: str | Path, frame: int | str) -> np.ndarray:
+def _slice(path: str | Path, frame: Frame) -> np.ndarray:
     """Circumferential and radial strains (2, 6) of one slice."""
     try:
         curves = np.loadtxt(path, delimiter=",", skiprows=1, ndmin=2)

@@ -1,6 +1,7 @@
 """Measured tables of synthetic subjects, and their truth, which lies apart."""
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ from regional_lv.measured.tables import make_table
 
 
 def synthetic_subject(
-    outputs: np.ndarray, channels: Channels, noise: dict, unit_noise: np.ndarray
+    outputs: np.ndarray, channels: Channels, noise: Mapping, unit_noise: np.ndarray
 ) -> pd.DataFrame:
     """Measured table of a simulated ventricle: `outputs` plus noise.
 

@@ -34,7 +34,7 @@ SIGN_TOLERANCE = 0.05
 SAME_LOAD = 1e-3
 """Load fractions that differ by less are the same."""
 
-MEASURES = {2: "Green", 1: "nominal", 0: "logarithmic", -2: "Almansi"}
+MEASURES: dict[float, str] = {2: "Green", 1: "nominal", 0: "logarithmic", -2: "Almansi"}
 
 
 class MeasuredWarning(UserWarning):
@@ -346,7 +346,7 @@ def _check_strain(row: pd.Series, largest: float, exponent: float | None) -> Com
     """A strain (stretch^n - 1) / n lies above -1 / n for n above zero, below it for n below."""
     value, end = row["value"], -1 / exponent if exponent else math.nan
     # Where the exponent is 0 or not known, nothing is beyond the end.
-    if (value - end) * (exponent or 0) <= 0:
+    if exponent and (value - end) * exponent <= 0:
         measure = MEASURES.get(exponent, f"Seth-Hill (n = {exponent:g})")
         yield (
             row["line"],

@@ -7,11 +7,12 @@ converged pressure), because a configuration that cannot be solved is a result o
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Generic, TypeVar
 
 import numpy as np
 
 from regional_lv.channels import Channels
-from regional_lv.mechanics.equilibrium import LinearSolveError
+from regional_lv.mechanics.equilibrium import Equilibrium, LinearSolveError
 from regional_lv.mechanics.simulator import Simulator, State
 from regional_lv.parameters import Parameterisation
 
@@ -24,8 +25,16 @@ LEAST_SHARE = 1 / 16
 MIXED_STEPS, MOST_KEPT, PATIENCE, GAIN = 12, 60, 8, 0.7
 
 
+AnyEquilibrium = TypeVar("AnyEquilibrium", bound=Equilibrium)
+
+
 class NotConverged(ArithmeticError):
-    """Newton's method stopped without a solution; the message says how."""
+    """Newton's method stopped without a solution; the message says how.
+
+    `last_pressure` (mmHg): how far the inflation got.
+    """
+
+    last_pressure = 0.0
 
 
 @dataclass
@@ -72,8 +81,9 @@ class Mixing:
 
     def __init__(self, dofs: np.ndarray):
         self._dofs = dofs
-        self._last = None
-        self._moves, self._changes = [], []
+        self._last: tuple[np.ndarray, np.ndarray] | None = None
+        self._moves: list[np.ndarray] = []
+        self._changes: list[np.ndarray] = []
 
     def mixed(self, w: np.ndarray, step: np.ndarray) -> np.ndarray:
         """The step to take from `w` in place of `step`; the first one is left as it is."""
@@ -90,8 +100,8 @@ class Mixing:
         return step
 
 
-class Solver:
-    """Reaches equilibria of a `Simulator`.
+class Solver(Generic[AnyEquilibrium]):
+    """Reaches equilibria of a `Simulator`, or of another `Equilibrium`.
 
     Parameters
     ----------
@@ -100,7 +110,7 @@ class Solver:
     kept: whether a factorisation is kept for further steps; if not, every step has its own.
     """
 
-    def __init__(self, simulator: Simulator, settings: dict, kept: bool = True):
+    def __init__(self, simulator: AnyEquilibrium, settings: dict, kept: bool = True):
         self.simulator = simulator
         self.settings = settings
         self.most_kept = MOST_KEPT if kept else 0
@@ -229,7 +239,9 @@ class Solver:
             step = (here.pressure - before.pressure) * (2.0 if spent <= 4 else 1.3)
         return here
 
-    def inflate_all(self, theta: np.ndarray, effort: Effort) -> dict[float, Solution]:
+    def inflate_all(
+        self: "Solver[Simulator]", theta: np.ndarray, effort: Effort
+    ) -> dict[float, Solution]:
         """Solutions with tangents at every observed load, by load fraction, each from nothing.
 
         Raises `NotConverged`.
@@ -249,7 +261,7 @@ class Runner:
     `sensitivities` tells whether derivatives are wanted.
     """
 
-    def __init__(self, solver: Solver, guesses: Mapping, sensitivities: bool = True):
+    def __init__(self, solver: Solver[Simulator], guesses: Mapping, sensitivities: bool = True):
         self.solver, self.guesses = solver, guesses
         self.sensitivities = sensitivities
 
@@ -276,7 +288,7 @@ class Runner:
         except NotConverged as error:
             result.status = "failed"
             result.reason = str(error) if not result.solutions else f"load {fraction:g}: {error}"
-            result.last_pressure = getattr(error, "last_pressure", 0.0)
+            result.last_pressure = error.last_pressure
             result.sensitivity = None
         else:
             result.last_pressure = pressure
@@ -320,8 +332,9 @@ class Runner:
         if self.sensitivities:
             tangents = simulator.field_sensitivities(state.w)
         values, per_log = simulator.observables(state.w, tangents, fraction)
+        assert result.observables is not None  # `run` has made room
         result.observables[at] = values
-        if self.sensitivities:
+        if result.sensitivity is not None:
             result.sensitivity[at] = (per_log / state.theta[:, None]).T
         return Solution(state, tangents)
 

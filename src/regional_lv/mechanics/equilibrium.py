@@ -73,6 +73,8 @@ class Equilibrium:
     symmetric: whether the tangent is; a symmetric factorisation takes half the operations.
     """
 
+    displacement_dofs: np.ndarray
+
     def __init__(
         self,
         w,
@@ -93,6 +95,11 @@ class Equilibrium:
         self._tangent = api.compile_form(tangent)
         self._build_linear_solver()
         self._turn(turned.angle)
+
+    def set(self, theta: np.ndarray, pressure: float) -> None:
+        """Set the parameters (P,) and the pressure: of a subclass that `Solver` is for, which has
+        the `displacement_dofs` (n, 3) as well."""
+        raise NotImplementedError
 
     def _build_linear_solver(self) -> None:
         self._matrix = api.create_matrix(self._tangent)

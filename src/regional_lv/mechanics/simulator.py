@@ -6,6 +6,7 @@ made of objects: a material law, supports, loads, a parameterisation, and an obs
 knows one equilibrium problem; how a solution is reached is the business of `continuation`.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -58,7 +59,7 @@ class Simulator(Equilibrium):
         a Newton step.
     """
 
-    def __init__(self, mesh: Mesh, physics: dict, extended: bool = False):
+    def __init__(self, mesh: Mesh, physics: Mapping, extended: bool = False):
         loading = physics["loading"]
         self.parameters = Parameterisation.from_spec(physics["parameters"])
         self.channels = Channels.from_config(physics)
@@ -86,8 +87,10 @@ class Simulator(Equilibrium):
         # the tangent is symmetric. Cell-wise constant pressures leave so many zeros on the diagonal
         # that their symmetric factorisation takes three times as long as the general one.
         symmetric = held_axially and api.element_order(mesh.cells) == 2
-        held = () if base is None else base.held(self.displacement_dofs, self.displacement_nodes)
-        super().__init__(self.w, residual, tangent, *held, symmetric=symmetric)
+        fixed, rotation = np.zeros(0, dtype=int), None
+        if base is not None:
+            fixed, rotation = base.held(self.displacement_dofs, self.displacement_nodes)
+        super().__init__(self.w, residual, tangent, fixed, rotation, symmetric)
 
     # ---------------------------------------------------------------- the weak form
 

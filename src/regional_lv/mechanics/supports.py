@@ -163,17 +163,17 @@ class Base(Support):
         on_base = np.flatnonzero(np.abs(nodes[:, 2] - nodes[:, 2].max()) < 1e-6)
         angle = np.arctan2(nodes[on_base, 1], nodes[on_base, 0])
         radial, around, axial = dofs[on_base].T
-        fixed = [
+        held = [
             d for c, d in zip(COMPONENTS, (radial, around, axial), strict=True) if self.holds(c)
         ]
         if math.isinf(self.compliance["circumferential"]):
             # Equilibrium leaves the rotation about the long axis free, and no load turns: holding
             # one node removes it without any reaction.
-            fixed.append(around[:1])
+            held.append(around[:1])
         circle = None
         if self.holds("radial") and not self.holds("circumferential"):
             circle = nodes[on_base, :2]
-        fixed = np.concatenate(fixed) if fixed else np.zeros(0, dtype=int)
+        fixed = np.concatenate(held) if held else np.zeros(0, dtype=int)
         return fixed, Rotation(radial, around, angle, circle)
 
 

@@ -1,7 +1,6 @@
 """One HTML page for each subject, that needs nothing but itself."""
 
 import json
-from collections.abc import Mapping
 from itertools import combinations
 from pathlib import Path
 
@@ -370,5 +369,5 @@ def emulator_of(
     }
 
 
-def _coverage(candidates: list[Mapping], name: str) -> dict | None:
+def _coverage(candidates: list[dict], name: str) -> dict | None:
     return next((one for one in candidates if one["emulator"] == name), None)

@@ -158,7 +158,8 @@ def compare_study(
     )
     ours += from_scenarios({Path(path).parent.name: path for path in zone_correlations})
     ours += from_volunteer(*volunteer) if volunteer else []
-    ours += from_ranking(*estimates, chosen(choice))
+    ranking, pairs = estimates
+    ours += from_ranking(ranking, pairs, chosen(choice))
     _save(compare(numbers, reasons, pd.DataFrame(ours)), csv, md)
 
 

@@ -122,7 +122,7 @@ class ZoneShape:
 
 def _outline(cells: Sequence[Cell]) -> Path:
     """Border of the union of cells: the sides of their pieces that no two of them share."""
-    sides: dict[tuple, list] = {}
+    sides: dict[tuple, np.ndarray] = {}
     for cell in cells:
         first, last = (round(angle / STEP_DEG) for angle in (cell.start, cell.stop))
         for k in range(first, last):
@@ -224,7 +224,7 @@ def paint_zones(
     scale = ScalarMappable(norm, cmap)
     shapes = zone_shapes(parameters)
     size = None if len(shapes) <= FEW_ZONES else 6
-    for shape, value, label in zip(shapes.values(), values, labels, strict=True):
+    for shape, value, label in zip(shapes.values(), np.asarray(values), labels, strict=True):
         known = np.isfinite(value)
         colour = scale.to_rgba(value) if known else "#EEEEEE"
         ax.add_patch(shape.patch(facecolor=colour, edgecolor="white", linewidth=1.2))

@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
+from matplotlib.artist import Artist
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
@@ -55,7 +56,7 @@ def draw(
     """
     found = read(posterior, diagnostics, truth=truth)
     summary = found.summary()
-    upper = max(np.quantile(found.draws[name], 0.999) for name in parameters.names)
+    upper = max(float(np.quantile(found.draws[name], 0.999)) for name in parameters.names)
     ticks = _ticks(max([upper, *found.truth.values()]))
     shapes = bullseye.zone_shapes(parameters)
 
@@ -235,9 +236,9 @@ def _zone(
     return rows
 
 
-def _legend(factors: tuple[str, ...], has_truth: bool) -> list:
+def _legend(factors: tuple[str, ...], has_truth: bool) -> list[Artist]:
     sides = (" (above the line)", " (below the line)") if len(factors) > 1 else ("",)
-    handles = [
+    handles: list[Artist] = [
         Patch(color=colour, alpha=0.45, label=style.factor_label(name) + sides[at % len(sides)])
         for at, (name, colour) in enumerate(style.factor_colours(factors).items())
     ]

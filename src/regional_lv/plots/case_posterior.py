@@ -63,7 +63,7 @@ class CasePosterior:
 
 
 def read(
-    nc: Path, diagnostics: Path, case: str | None = None, truth: Path | None = None
+    nc: str | Path, diagnostics: str | Path, case: str | None = None, truth: Path | None = None
 ) -> CasePosterior:
     """Read case `case` (default: the only one) of an InferenceData file.
 

@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 import seaborn
 from matplotlib.axes import Axes
-from matplotlib.collections import QuadMesh
+from matplotlib.collections import Collection
 
 from regional_lv.parameters import Parameterisation
 from regional_lv.plots import scenarios, style
@@ -62,7 +62,7 @@ def matrix(
     what: str,
     names: Sequence[str],
     label: Callable[[str], str],
-) -> QuadMesh:
+) -> Collection:
     """Heat map of the means with numbers on it; the diagonal is grey.
 
     what: `parameter` or `zone`, the stem of the columns that hold `names`; label: makes a label of

@@ -42,7 +42,6 @@ def draw_residuals(
     directions = list(dict.fromkeys(tables["before"].loc[~whole, "quantity"]))
     fig = style.figure(2.9 * len(directions) + 0.9, 3.35 * len(steps) + 0.3)
     axes = fig.subplots(len(steps), len(directions), squeeze=False)
-    scale = None
     for row, (when, all_loads) in zip(axes, tables.items(), strict=True):
         table = all_loads[all_loads["load_fraction"] == all_loads["load_fraction"].max()]
         for ax, direction in zip(row, directions, strict=True):

@@ -78,7 +78,7 @@ def _holding(paths: Sequence[Path], case: str) -> Path:
 
 def _columns(axes, posterior: CasePosterior, shown: Sequence[str], named: bool) -> pd.DataFrame:
     summary = posterior.summary()
-    rows = []
+    rows: list[tuple] = []
     for (trace, marginal), name in zip(axes, shown, strict=True):
         trace_panel(trace, name, posterior.draws[name], rows)
         marginal_panel(marginal, name, posterior.draws[name], rows)

@@ -27,7 +27,7 @@ mesh that was kept."""
 
 
 def straight_cells(
-    mesh: Path, subdivision: int, linear: int = 1, moved: bool = False
+    mesh: str | Path, subdivision: int, linear: int = 1, moved: bool = False
 ) -> pyvista.UnstructuredGrid:
     """The mesh's 27-node hexahedra as subdivision^3 eight-node hexahedra each, or its eight-node
     hexahedra, which have straight edges, as linear^3 each.

@@ -44,8 +44,8 @@ def draw(
     fig = style.figure(9.0, 4.8 * lines)
     grid = fig.add_gridspec(lines, 2)
     legend_at = next((title for title, channel in shown.items() if channel.segment), None)
-    for place, (title, channel) in zip(grid, shown.items(), strict=False):
-        _panel(fig, place, table[panel == title], channel, parameters, title == legend_at)
+    for at, (title, channel) in enumerate(shown.items()):
+        _panel(fig, grid[at], table[panel == title], channel, parameters, title == legend_at)
     cases = table["case"].nunique()
     style.suptitle(fig, f"Emulator {label_of(chosen(choice))} on {cases} simulated test cases")
     style.save(fig, table, png, csv)

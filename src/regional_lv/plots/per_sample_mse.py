@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pandas as pd
 import seaborn
+from matplotlib.artist import Artist
 from matplotlib.cbook import boxplot_stats
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
@@ -18,7 +19,12 @@ WORDS = {
     "least_squares": "least squares on the mean (the paper's)",
     "weighted": "weighted by the predictive covariance",
 }
-MEANS = {"marker": "D", "markersize": 3.5, "markerfacecolor": "white", "markeredgecolor": "black"}
+MEANS: dict = {
+    "marker": "D",
+    "markersize": 3.5,
+    "markerfacecolor": "white",
+    "markeredgecolor": "black",
+}
 
 
 @style.context
@@ -73,7 +79,9 @@ def draw(
     axes[0].set(title=f"(A) linear scale{cut}", ylim=(0, top))
     # Scaled after the boxes are drawn: quartiles and means are those of the MSE, not of its log.
     axes[1].set(title="(B) logarithmic scale", yscale="log")
-    handles = [Patch(color=COLOURS[key], alpha=0.6, label=WORDS[key]) for key in COLOURS]
+    handles: list[Artist] = [
+        Patch(color=COLOURS[key], alpha=0.6, label=WORDS[key]) for key in COLOURS
+    ]
     handles.append(Line2D([], [], linestyle="", label="mean", **MEANS))
     handles.append(
         Line2D([], [], linestyle="", label="beyond the whiskers", **style.BOXES["flierprops"])

@@ -30,9 +30,15 @@ WIDTH = 0.84
 GRID = 100
 """Values at which a density is evaluated."""
 
-INTERVAL = {"color": style.BLACK, "linewidth": 0.8}
-MEDIAN = {"color": style.BLACK, "linestyle": "", "marker": "_", "markersize": 7}
-INSIDE = {"color": style.OBSERVED, "linestyle": "", "marker": "D", "markersize": 4, "zorder": 5}
+INTERVAL: dict = {"color": style.BLACK, "linewidth": 0.8}
+MEDIAN: dict = {"color": style.BLACK, "linestyle": "", "marker": "_", "markersize": 7}
+INSIDE: dict = {
+    "color": style.OBSERVED,
+    "linestyle": "",
+    "marker": "D",
+    "markersize": 4,
+    "zorder": 5,
+}
 OUTSIDE = INSIDE | {"marker": "x", "markersize": 7, "markeredgewidth": 2}
 
 COLUMNS = ["output", "quantity", "segment", "item", "value", "density", "inside"]
@@ -191,7 +197,7 @@ def _violin(
     heights = gaussian_kde(draws)(values)
     inside = bool(lower <= observed <= upper)
     head = (channel.name, channel.quantity, channel.segment)
-    rows = [
+    rows: list[tuple] = [
         (*head, item, value, np.nan, None)
         for item, value in (("median", median), ("lower95", lower), ("upper95", upper))
     ]

@@ -51,7 +51,7 @@ def draw(
     factors = parameters.factors
     (rows, columns), places = style.zone_places(len(parameters.zones), len(factors))
     fig = style.figure(max(12.0, 2.4 * columns), 2.95 * rows + 2.9)
-    fig.get_layout_engine().set(h_pad=0.09)
+    fig.set_layout_engine("constrained", h_pad=0.09)
     grid = fig.add_gridspec(rows + 1, columns, height_ratios=[1] * rows + [0.95])
     table["outcome"] = np.select(
         [table["failed"], table["covered"].astype(bool)], ["failed", "covers"], "misses"
@@ -148,8 +148,9 @@ def _coverage(ax: Axes, table: pd.DataFrame, parameters: Sequence[str]) -> None:
     )
     many = len(names) > MANY
     labels = [style.label(name) for name in names]
-    shown = labels if many else map(style.in_lines, labels)
-    ax.set_xticks(range(len(names)), shown, rotation=90 if many else 0)
+    if not many:
+        labels = [style.in_lines(label) for label in labels]
+    ax.set_xticks(range(len(names)), labels, rotation=90 if many else 0)
     ax.set(xlabel="", ylabel="intervals that cover (%)", ylim=(None, 101))
     ax.set_title("Coverage of the 50, 80 and 95 % intervals, with binomial 95 % intervals")
 

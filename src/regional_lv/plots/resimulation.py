@@ -23,8 +23,7 @@ def draw(resimulated: Path, png: Path, csv: Path) -> None:
     """
     table = pd.read_csv(resimulated)
     channels = Channels.parse(table["output"].unique())
-    quantity = {channel.name: channel.quantity for channel in channels}
-    table["quantity"] = table["output"].map(quantity)
+    table["quantity"] = table["output"].map({c.name: c.quantity for c in channels})
     colours = style.quantity_colours(channels.quantities)
     fig = style.figure(2.6 * len(colours) + 0.6, 3.6)
     axes = fig.subplots(1, len(colours), sharey=True, squeeze=False)[0]

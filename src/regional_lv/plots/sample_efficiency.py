@@ -28,7 +28,7 @@ def draw(curves: Sequence[Path], png: Path, csv: Path) -> None:
     shown = table.assign(
         curve=table["emulator"].map(label_of) + ", " + table["input_transform"].map(INPUTS)
     )
-    curves = shown.drop_duplicates("curve").set_index("curve")
+    kinds = shown.drop_duplicates("curve").set_index("curve")
     dashes = {"log": "", "identity": (3, 1.5)}
     fig = style.figure(9.0, 4.2)
     axes = fig.subplots(1, 2)
@@ -40,10 +40,10 @@ def draw(curves: Sequence[Path], png: Path, csv: Path) -> None:
             hue="curve",
             style="curve",
             ax=ax,
-            palette=curves["emulator"].map(COLOURS).to_dict(),
+            palette=kinds["emulator"].map(COLOURS).to_dict(),
             estimator=None,
-            dashes=curves["input_transform"].map(dashes).to_dict(),
-            markers=dict.fromkeys(curves.index, "o"),
+            dashes=kinds["input_transform"].map(dashes).to_dict(),
+            markers=dict.fromkeys(kinds.index, "o"),
             markersize=5,
         )
         ax.set(xscale="log", yscale="log", xlabel="training simulations", ylabel=label)

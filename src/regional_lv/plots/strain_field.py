@@ -15,7 +15,12 @@ from regional_lv.parameters import Parameterisation
 from regional_lv.plots import heart, style
 from regional_lv.quantities import QUANTITIES
 
-MEASURES = {2: "Green strain", 1: "nominal strain", 0: "logarithmic strain", -2: "Almansi strain"}
+MEASURES: dict[float, str] = {
+    2: "Green strain",
+    1: "nominal strain",
+    0: "logarithmic strain",
+    -2: "Almansi strain",
+}
 """Exponent of the Seth-Hill family -> what the strain is called."""
 
 LINES = ("-", "--", "-.", ":", (0, (6, 1, 1, 1, 1, 1)))
@@ -42,9 +47,10 @@ def draw(
     table = pd.read_parquet(strains)
     directions = [name for name in QUANTITIES if QUANTITIES[name].is_strain and name in table]
     zones, per_zone = parameters.zones, len(directions)
-    (lines, columns), _ = style.zone_places(len(zones), per_zone)
-    fig = style.figure(1.9 * max(columns, 3) + 3.0, 2.3 * lines)
-    left, right = fig.subfigures(1, 2, width_ratios=[1, 0.6 * max(columns, 3)])
+    (lines, across), _ = style.zone_places(len(zones), per_zone)
+    fig = style.figure(1.9 * max(across, 3) + 3.0, 2.3 * lines)
+    ratios = [1, 0.6 * max(across, 3)]
+    left, right = fig.subfigures(1, 2, squeeze=False, width_ratios=ratios)[0]
     measure = MEASURES.get(strain_exponent, "strain")
     _pictures(left, vtu, table, directions, measure)
     rows = []
@@ -97,7 +103,7 @@ def _pictures(fig, vtu: Path, table: pd.DataFrame, directions: Sequence[str], me
 def _densities(
     ax: Axes, table: pd.DataFrame, zone: str, segments: Sequence[int], direction: str
 ) -> list[tuple]:
-    rows = []
+    rows: list[tuple] = []
     for number, line, colour in zip(segments, cycle(LINES), cycle(COLOURS), strict=False):
         part = table[table["segment"] == number]
         values, weights = part[direction].to_numpy(), part["volume_mm3"].to_numpy()
@@ -118,7 +124,7 @@ def _densities(
             linestyle=line,
             label=str(number),
         )
-        at, heights = ax.lines[-1].get_data()
+        at, heights = map(np.asarray, ax.lines[-1].get_data())
         rows += [
             (zone, number, direction, "density", v, h) for v, h in zip(at, heights, strict=True)
         ]

@@ -72,7 +72,7 @@ RC = {
 context = matplotlib.rc_context(RC)
 """Decorator of every `draw`: the style holds while the figure is made and leaks nowhere."""
 
-BOXES = {
+BOXES: dict = {
     "linewidth": 0.8,
     "linecolor": BLACK,
     "saturation": 1,

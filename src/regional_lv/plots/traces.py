@@ -36,7 +36,7 @@ def draw(
     fig = style.figure(10.5, 1.15 * len(names) + 1.2)
     axes = fig.subplots(len(names), 3, width_ratios=[2.4, 1.2, 1.0], squeeze=False)
     _share(axes, len(found.parameters))
-    rows = []
+    rows: list[tuple] = []
     for (trace, marginal, memory), name in zip(axes, names, strict=True):
         draws = found.draws[name]
         row = summary.loc[name]

@@ -10,7 +10,7 @@ import pandas as pd
 from regional_lv.errors import InputError
 
 
-def verdict_of(diagnostics: Path, case: str) -> str:
+def verdict_of(diagnostics: str | Path, case: str) -> str:
     """Verdict of one case in a `diagnostics.csv`: "passed" or "failed: ..." with every reason.
 
     Raises InputError if the file has no row for the case.
@@ -39,7 +39,7 @@ def chosen(choice: Path) -> str:
 
 def by_emulator(paths: Sequence[Path]) -> dict[str, list[Path]]:
     """Files `posteriors/<emulator>/<set>/...` by the emulator in their path, in their order."""
-    groups = {}
+    groups: dict[str, list[Path]] = {}
     for path in paths:
         groups.setdefault(Path(path).parent.parent.name, []).append(path)
     return groups

@@ -45,7 +45,8 @@ def _name(ax: Axes, zone: str, shape: bullseye.ZoneShape) -> None:
     """The zone's name: outside the rim beside it, or inside above the middle."""
     x, y = shape.centre
     cells = [bullseye.SEGMENT_CELLS[number - 1] for number in shape.segments]
-    text, middle = style.zone_label(zone), {"ha": "center", "va": "center"}
+    text = style.zone_label(zone)
+    middle: dict = {"ha": "center", "va": "center"}
     if x == y == 0 or max(cell.outer for cell in cells) < 1:
         ax.text(x, y + 0.12, text, **middle)
         return

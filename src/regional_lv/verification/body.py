@@ -28,7 +28,7 @@ def block(shape: tuple[int, int, int], place) -> tuple[np.ndarray, np.ndarray]:
     lattice = _lattice([np.linspace(0, 1, n) for n in size])
     first = _lattice([2 * np.arange(n) for n in shape])
     places = first[:, None, :] + (NODES + 1).astype(int)
-    return place(lattice), np.ravel_multi_index(tuple(np.moveaxis(places, -1, 0)), size)
+    return place(lattice), np.ravel_multi_index(tuple(np.moveaxis(places, -1, 0)), size.tolist())
 
 
 def join(blocks) -> tuple[np.ndarray, np.ndarray]:

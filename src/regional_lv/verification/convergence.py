@@ -7,6 +7,7 @@ r^2 = R^2 + a^2 - A^2, and the pressure is an integral over R.
 """
 
 import json
+from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
 
@@ -125,7 +126,7 @@ def _cut_planes(dofs, nodes):
     return np.concatenate([around, axial]), Rotation(radial, around, angle[held])
 
 
-def run(physics: dict, hearts: list[Path]) -> tuple[pd.DataFrame, pd.DataFrame]:
+def run(physics: dict, hearts: Sequence[str | Path]) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Errors of the tube and of the heart, and the orders fitted to them.
 
     hearts: three summaries of `simulations.solve_baseline`, on meshes of the same heart with one,
@@ -139,7 +140,7 @@ def run(physics: dict, hearts: list[Path]) -> tuple[pd.DataFrame, pd.DataFrame]:
 
 
 def verify_convergence(
-    hearts: list[str | Path], physics: dict, errors: str | Path, orders: str | Path
+    hearts: Sequence[str | Path], physics: dict, errors: str | Path, orders: str | Path
 ) -> None:
     """Write the tables that `run` returns (CSV)."""
     found, fitted = run(physics, hearts)
@@ -212,7 +213,7 @@ def _refined_heart(summaries: list[dict]) -> tuple[pd.DataFrame, pd.DataFrame]:
     for quantity, outputs in names.items():
         values = np.array([[s["observables_theta_1"][o] for o in outputs] for s in summaries])
         first, second = (np.linalg.norm(b - a) for a, b in pairwise(values))
-        p = _order(first / second)
+        p = _order(float(first / second))
         limit = values[2] + (values[2] - values[1]) * 3**-p / (2**-p - 3**-p)
         orders.append(("heart", quantity, p, np.nan))
         for k, (summary, value) in enumerate(zip(summaries, values, strict=True), start=1):

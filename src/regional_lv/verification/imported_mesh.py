@@ -1,6 +1,7 @@
 """The imported mesh as it is (Q1-P0) against the re-meshed one (quadratic): the same 52 outputs."""
 
 import logging
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -41,7 +42,7 @@ def verify_imported_mesh(
     known = Known(coarse.size, coarse.parameters.blocks)
     known.add(one.theta, one.w, coarse.field_sensitivities(one.w))
     other = solver.newton(known.field(row), row, pressure, effort)
-    columns = {"output": Channels.of().names}
+    columns: dict[str, Sequence[str] | np.ndarray] = {"output": Channels.of().names}
     for name, state in (("", one), ("_row_1", other)):
         effort = Effort()
         start = transfer(coarse, fine, state.w)

@@ -29,10 +29,11 @@ def observe_mesh(
     points = further_points(parameters, seed, "mesh study", NATURAL, LOG)
     thetas = np.vstack([points, np.ones(len(parameters))])
     progress = Progress(f"mesh {mesh}", len(thetas))
-    rows = [None] * len(thetas)
+    rows: list[list[float]] = [[] for _ in thetas]
     for row, result in GrowingRunner(solver, guesses).run_all(thetas):
         dilation = np.nan if result.state is None else simulator.dilation(result.state.w)
         rows[row] = [simulator.size, dilation, result.newton_steps, *result.theta]
+        assert result.observables is not None
         rows[row] += result.observables.tolist()
         progress.step(failed=result.state is None)
     columns = ["unknowns", "mean_dilation", "newton_steps", *parameters.names]

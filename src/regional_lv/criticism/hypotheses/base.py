@@ -42,6 +42,8 @@ class Hypothesis(ABC):
     base: float
     low: float
     high: float
+    nodes: tuple[float, ...]
+    """Of a `SimulatorHypothesis` alone."""
     scale: ClassVar[Scale] = Linear()
     components: tuple[str, ...] = ("",)
     signature_at: ClassVar[float | None] = None
@@ -72,6 +74,11 @@ class Hypothesis(ABC):
         """Share of the end-diastolic pressure at which `channel` is observed in truth."""
         return channel.load_fraction
 
+    def strain_exponent(self, psi, own: float):
+        """Exponent (float, or a tensor as psi is) of the measure of the strains with the effect;
+        `own` is the study's."""
+        return own
+
     def noise(self, shape, value: float, rng: np.random.Generator) -> np.ndarray | None:
         """Noise of unit scale, or None where it stays Gaussian."""
         return None
@@ -92,7 +99,6 @@ class SimulatorHypothesis(Hypothesis):
     """
 
     path: ClassVar[tuple[str, ...]]
-    nodes: tuple[float, ...]
     in_the_form: ClassVar[bool] = False
     needs_solving: ClassVar[bool] = True
     slope_at_base: ClassVar[bool] = True
@@ -100,11 +106,6 @@ class SimulatorHypothesis(Hypothesis):
 
     def extend(self, physics, value, component=""):
         return with_value(physics, self.path, float(value))
-
-    def strain_exponent(self, psi, own: float):
-        """Exponent (float, or a tensor as psi is) of the measure of the strains with the effect;
-        `own` is the study's."""
-        return own
 
     def why_not(self, physics):
         found = value_at(physics, self.path)

@@ -53,7 +53,7 @@ def window_weights(depth: np.ndarray, inner: float, outer: float, points: int) -
         share = (integral(last) - integral(first)) / w[i]
         for along in range(3):
             mine = axis == along
-            at = [slice(None)] * 3
+            at: list[slice | int] = [slice(None)] * 3
             at[along] = i
             weights[(mine, *at)] = share[mine]
     return weights.reshape(cells, q)

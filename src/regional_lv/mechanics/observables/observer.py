@@ -83,7 +83,8 @@ class Observer:
                 leaves[-2],
                 (loaded, unloaded),
             )
-            order, found = [], []
+            order: list[int] = []
+            found = []
             for kind, asked in kinds.items():
                 rows, places = zip(*asked, strict=True)
                 order += rows
