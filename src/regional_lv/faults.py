@@ -6,6 +6,8 @@ import json
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
+from regional_lv.errors import InputError
+
 AGAIN = "run the same command again: what is finished is kept"
 
 FULL = {errno.ENOSPC, errno.EDQUOT}
@@ -23,14 +25,19 @@ def explain(error: BaseException, inputs: Iterable[str], outputs: Iterable[str])
     folder = next((str(Path(file).parent) for file in outputs), ".")
     if number in FULL or any(words in str(error) for words in FULL_WORDS):
         return f"{folder}: no space left on its disk; make room and {AGAIN}"
-    if number in REFUSED:
-        where = getattr(error, "filename", None) or folder
+    if isinstance(error, OSError) and number in REFUSED:
+        where = error.filename or folder
         return f"{where}: {error.strerror}; make it accessible and {AGAIN}"
     if isinstance(error, MemoryError) or "can't allocate memory" in str(error):
         return (
             "the memory of this machine does not suffice; run fewer jobs at a time (`--cores 1`), "
             f"or simulate on a coarser mesh (`mesh`), and {AGAIN}"
         )
+    if isinstance(error, InputError):
+        # It says what is wrong with a file of the user's. Of one that the study made, which is
+        # half there or empty, it says only what is missing in it.
+        results = {Path(file).parts[:2] for file in outputs}
+        inputs = [file for file in inputs if Path(file).parts[:2] in results]
     for file in inputs:
         if damage := damage_of(file):
             return (

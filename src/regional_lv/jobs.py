@@ -21,7 +21,7 @@ OBJECTS = {"parameters": Parameterisation.from_spec, "channels": Channels.parse}
 """Arguments that a rule gives as plain values, which Snakemake can compare, and what makes the
 object of them."""
 
-NOT_PASSED = {"call", "library"}
+NOT_PASSED = {"call", "code"}
 """Names of a rule that are no arguments: what is called, and the code that it depends on."""
 
 
@@ -51,7 +51,8 @@ def passes_on(to: Callable) -> Callable:
         own = [p for p in signature.parameters.values() if p.kind is not p.VAR_KEYWORD]
         rest = inspect.signature(to).parameters.values()
         named = [p.replace(kind=p.KEYWORD_ONLY) for p in (*own, *rest)]
-        function.__signature__ = signature.replace(parameters=named)
+        changed = signature.replace(parameters=named)
+        function.__signature__ = changed  # type: ignore[attr-defined]  # typeshed has none
         return function
 
     return decorate
@@ -63,7 +64,7 @@ def run(snakemake) -> None:
     Arguments are the named inputs, outputs and params; of the wildcards, those that the function
     takes and that have no value otherwise.
 
-    Raises InputError in place of what a full disk, a damaged file and the like raise.
+    Raises InputError in place of what a full disk, a damaged file and the like raise (`faults`).
     """
     start_log(snakemake.log[0])
     function = function_of(snakemake.params.call)
@@ -76,8 +77,6 @@ def run(snakemake) -> None:
         values |= {k: v for k, v in part.items() if k not in NOT_PASSED}
     try:
         function(**{k: OBJECTS[k](v) if k in OBJECTS else v for k, v in values.items()})
-    except InputError:
-        raise
     except (Exception, SystemExit) as error:  # meshio ends the process over damaged files
         if fault := explain(error, snakemake.input, snakemake.output):
             raise InputError(fault) from error

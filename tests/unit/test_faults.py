@@ -1,5 +1,6 @@
 """Faults of the machine, in words; `tests/faults` makes them happen."""
 
+import contextlib
 import errno
 import json
 import os
@@ -10,6 +11,7 @@ import pandas as pd
 import pytest
 import torch
 
+from regional_lv.errors import InputError
 from regional_lv.faults import READERS, damage_of, explain
 from snakemake_logger_plugin_regional_lv import reason_of
 
@@ -61,6 +63,21 @@ def test_a_damaged_file_is_named(tmp_path, suffix, how):
     path.write_bytes({"half": content[: len(content) // 2], "empty": b"", "noise": noise}[how])
     told = explain(KeyError("what the damage led to"), ["Snakefile", path], OUTPUTS)
     assert f"{path}: damaged (" in told and "delete it" in told
+
+
+def test_an_input_error_over_a_damaged_file_of_the_study(tmp_path):
+    """What it says of the content is beside the point. Of the user's own file it says it all."""
+    error = InputError("made.json: no key a; add it")
+    for inside in ("results/a/made.json", "mine.json"):
+        path = tmp_path / inside
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text("{")
+    with contextlib.chdir(tmp_path):
+        told = explain(error, ["mine.json", "results/a/made.json"], OUTPUTS)
+        assert told.startswith("results/a/made.json: damaged") and "delete it" in told
+        assert explain(error, ["mine.json"], OUTPUTS) == ""
+        (tmp_path / "results/a/made.json").write_text("{}")
+        assert explain(error, ["results/a/made.json"], OUTPUTS) == ""
 
 
 def test_a_mesh_and_a_table_can_be_damaged(small_mesh, tmp_path):
