@@ -1,6 +1,7 @@
-"""Which files of the library a script depends on, read off their import statements."""
+"""Which files of the library a step depends on, read off their import statements."""
 
 import ast
+import hashlib
 import os
 from collections.abc import Iterable
 from functools import cache
@@ -29,6 +30,19 @@ def files(source: Path, modules: Iterable[str], without: Iterable[str] = ()) -> 
     return sorted(seen.values())
 
 
+def digest(files: Iterable[str | Path]) -> str:
+    """Sixteen hexadecimal digits that change with the content of any of the files."""
+    together = hashlib.sha256()
+    for file in files:
+        together.update(_checksum(Path(file)))
+    return together.hexdigest()[:16]
+
+
+@cache
+def _checksum(path: Path) -> bytes:
+    return hashlib.sha256(path.read_bytes()).digest()
+
+
 def _file(source: Path, name: str) -> Path | None:
     path = source / PACKAGE / name.replace(".", "/")
     candidates = (path.with_suffix(".py"), path / "__init__.py")
@@ -38,9 +52,11 @@ def _file(source: Path, name: str) -> Path | None:
 @cache  # most rules share most of the library, and parsing it was half of every dry run
 def _imports(source: Path, path: Path) -> set[str]:
     found = set()
-    for node in ast.walk(ast.parse(path.read_text())):
-        if isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] == PACKAGE:
-            inside = node.module.removeprefix(PACKAGE).lstrip(".")
+    nodes = ast.walk(ast.parse(path.read_text()))
+    for node in (node for node in nodes if isinstance(node, ast.ImportFrom)):
+        module = node.module or ""
+        if module.split(".")[0] == PACKAGE:
+            inside = module.removeprefix(PACKAGE).lstrip(".")
             names = [inside, *(f"{inside}.{alias.name}".lstrip(".") for alias in node.names)]
             found |= {name for name in names if _file(source, name)}
     return found

@@ -52,3 +52,23 @@ def test_modules_can_be_left_out(root):
 def test_unknown_module_is_named(root):
     with pytest.raises(ValueError, match=r"regional_lv\.nonsense"):
         names(root, "nonsense")
+
+
+def test_digest_changes_with_any_file(tmp_path):
+    """Not with its time: files of a fresh clone are as good as those of the old one."""
+    paths = [tmp_path / "a.py", tmp_path / "b.py"]
+    for path in paths:
+        path.write_text("x = 1\n")
+
+    def digest():
+        dependencies._checksum.cache_clear()
+        return dependencies.digest(paths)
+
+    before = digest()
+    os.utime(paths[0], (1, 1))
+    assert digest() == before == dependencies.digest(paths) and len(before) == 16
+    for path in paths:
+        path.write_text("x = 2\n")
+        assert digest() != before
+        path.write_text("x = 1\n")
+    assert digest() == before and dependencies.digest(paths[:1]) != before

@@ -32,7 +32,7 @@ for step in workflow.rules:
     print("CALL", step.name)
     if missing or unknown:
         print("WRONG", step.name, call, "missing:", sorted(missing), "unknown:", sorted(unknown))
-    if "library" not in step.input.keys():
+    if "code" not in step.params.keys():
         print("WRONG", step.name, "does not depend on its code")
 """
 

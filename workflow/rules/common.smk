@@ -245,30 +245,30 @@ WITHOUT_EFFECT = {"progress", "errors", "jobs", "registry"}
 
 
 @cache
-def library(*modules):
-    """Files of library modules, followed through their imports, and of the plugins.
+def code_of(*modules, files=()):
+    """What stands for the code of library modules, all that they import, and the plugins.
 
-    Named as input, they make what depends on code run again when that code changes.
+    As a param, it makes what depends on code run again when that code changes. The files themselves,
+    as inputs, would be some sixty per job: they doubled the time and the memory of planning.
     """
+    own = dependencies.files(SOURCE, modules, without=WITHOUT_EFFECT)
     plugins = map(os.path.relpath, config["plugins"])
-    return [*dependencies.files(SOURCE, modules, without=WITHOUT_EFFECT), *plugins]
+    return f"{modules[0]} {dependencies.digest([*own, *files, *plugins])}"
 
 
-def code_of(hypothesis):
-    """Files behind the simulations of a hypothesis. Not the whole catalogue: another hypothesis
-    does not change this one's."""
-    own = inspect.getfile(type(hypothesis))
-    return [*library("criticism.simulation"), os.path.relpath(own)]
+def code_of_hypothesis(name):
+    """Of the simulations of a hypothesis. Not the whole catalogue: another hypothesis does not
+    change this one's."""
+    return code_of("criticism.simulation", files=(inspect.getfile(type(HYPOTHESES[name])),))
 
 
-def depend_on_library(steps):
-    """Give every rule that calls a function (`params.call`) the code behind it as input, unless it
-    names its own (`library`)."""
+def depend_on_code(steps):
+    """Give every rule that calls a function (`params.call`) the code behind it as a param, unless
+    it names its own (`code`)."""
     for step in steps:
         call = step.params.get("call")
-        if call is not None and "library" not in step.input.keys():
-            # As a function: rules without any other input take nothing else at this point.
-            step.set_input(library=lambda wildcards, call=call: library(module_of(call)))
+        if call is not None and "code" not in step.params.keys():
+            step.set_params(code=code_of(module_of(call)))
 
 
 def batches(size, per_batch):

@@ -62,7 +62,6 @@ rule simulate_extension:
     input:
         mesh=f"{R}/geometry/{EXTENDED_ON}mesh.vtu",
         anchors=f"{R}/mechanics/{EXTENDED_ON}anchors/batch-{{batch}}.npz",
-        library=lambda wildcards: code_of(HYPOTHESES[wildcards.hypothesis]),
     output:
         simulations=f"{C}/simulations/{{hypothesis}}/batch-{{batch}}.parquet",
     log:
@@ -75,6 +74,7 @@ rule simulate_extension:
     threads: 1
     params:
         call="criticism.simulation:simulate_extension",
+        code=lambda wildcards: code_of_hypothesis(wildcards.hypothesis),
         physics=PHYSICS,
         most=lambda wildcards: anchors_per_batch(HYPOTHESES[wildcards.hypothesis]),
     script:
