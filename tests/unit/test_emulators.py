@@ -181,7 +181,9 @@ def test_jacobian_is_that_of_autograd(emulator):
     theta = torch.as_tensor(points(4, 7)).reshape(2, 2, 10)
     own, expected = emulator.jacobian(theta), emulators.Emulator.jacobian(emulator, theta)
     for a, b in zip(own, expected, strict=True):
-        torch.testing.assert_close(a, b, rtol=1e-8, atol=1e-10)
+        # Small entries are differences of large numbers.
+        largest = 0.0 if b is None else float(b.abs().max())
+        torch.testing.assert_close(a, b, rtol=0, atol=1e-9 * largest)
 
 
 def test_mean_alone_is_that_of_the_prediction(emulator):
