@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import torch
+from statsmodels.regression.linear_model import GLS
 
 from regional_lv.criticism import benchmark
 from regional_lv.criticism.benchmark import expected_scores, measured_of, summarise
@@ -80,22 +81,19 @@ def test_rates_have_exact_intervals():
     assert rate(pd.Series([False] * 10))["low"] == 0.0
 
 
-def test_expected_score_is_the_effect_over_its_standard_error():
+@pytest.mark.parametrize("effects", [[(bias(), 0.4)], [(bias(), 0.4), (basal(), 0.5)]])
+def test_expected_score_is_the_effect_over_its_standard_error(effects):
+    """That of generalised least squares in log theta and all effects, by statsmodels."""
     emulator = ToyEmulator(bend=0.0)
-    o = observe({"a": measured(emulator)}, emulator, 1.0)
-    (one,), (two,) = (expected_scores(o, emulator, [(bias(), v)], THETA) for v in (0.2, 0.4))
-    assert two == pytest.approx(2 * one)
-    noisier = observe({"a": measured(emulator, strain=0.02)}, emulator, 1.0)
-    (less,) = expected_scores(noisier, emulator, [(bias(), 0.2)], THETA)
-    assert less == pytest.approx(one / 2, rel=0.03)
-
-
-def test_expected_scores_are_less_beside_an_effect_that_looks_alike():
-    emulator = ToyEmulator(bend=0.0)
-    o = observe({"a": measured(emulator)}, emulator, 1.0)
-    (alone,) = expected_scores(o, emulator, [(bias(), 0.4)], THETA)
-    beside, _ = expected_scores(o, emulator, [(bias(), 0.4), (basal(), 0.5)], THETA)
-    assert beside < 0.98 * alone
+    table = measured(emulator)
+    one = torch.ones((), dtype=torch.float64)
+    columns = [extension.mean(emulator, THETA, one).numpy() for extension, _ in effects]
+    covariance = emulator.output_covariance.numpy() + np.diag(table["sd"] ** 2)
+    model = GLS(np.zeros(52), np.column_stack([emulator.w, *columns]), covariance)
+    errors = np.sqrt(model.fit().normalized_cov_params.diagonal()[10:])
+    expected = [value / error for (_, value), error in zip(effects, errors, strict=True)]
+    observed = observe({"a": table}, emulator, 1.0)
+    assert expected_scores(observed, emulator, effects, THETA) == pytest.approx(expected, rel=0.01)
 
 
 def test_injected_rows_are_measured_tables(tmp_path):

@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pandas as pd
 import pytest
+from scipy import stats
 
 from regional_lv.config import physics as physics_of
 from regional_lv.criticism import injection
@@ -50,12 +51,15 @@ def test_sizes_are_in_the_range_and_away_from_the_base(entries):
     assert np.mean(shares) == pytest.approx((1 + injection.LEAST_SHARE) / 2, abs=0.06)
 
 
-def test_theta_is_physiological_and_in_the_box():
-    entries = injection.random_subjects(
-        {"nulls": 50}, 5, REGISTRY, Parameterisation(bounds=(0.8, 5.0))
-    )
+@pytest.mark.parametrize(("bounds", "least"), [((0.1, 5.0), 0.5), ((0.8, 5.0), 0.8)])
+def test_theta_is_log_uniform_where_it_is_physiological(bounds, least):
+    parameters = Parameterisation(bounds=bounds)
+    entries = injection.random_subjects({"nulls": 50}, 5, REGISTRY, parameters)
     theta = np.array([list(e["theta"].values()) for e in entries])
-    assert theta.shape == (50, 10) and theta.min() >= 0.8 and theta.max() <= 2.0
+    assert len(np.unique(theta)) == 500
+    for part in (theta[:, ::2], theta[:, 1::2], theta[:25], theta[25:]):
+        uniform = stats.loguniform(least, 2.0).cdf
+        assert stats.kstest(part.ravel(), uniform).pvalue > 0.01
 
 
 def test_subjects_follow_the_seed(entries):

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import torch
 
+from regional_lv import aha
 from regional_lv.channels import Channels
 from regional_lv.criticism.model import Layout
 from regional_lv.criticism.observations import REACHED, contrasts, noise_units, observe
@@ -48,17 +49,25 @@ def test_groups_that_are_left_out_together(table):
 
 
 def test_contrasts_are_of_segments_at_all_loads(table):
-    found = contrasts(observe({"a": table}, OtherToyEmulator(), 1.0))
-    assert set(found["direction"]) == {"radial"}
-    assert found["direction"]["radial"].sum() == 34
-    assert found["level"]["basal radial"].sum() == 12
-    assert found["wall"]["septal radial"].sum() == 10
+    """Walls and levels hold the segments that are called after them."""
+    o = observe({"a": table}, OtherToyEmulator(), 1.0)
+    found = contrasts(o)
+    assert list(found["direction"]) == ["radial"] and len(found["wall"]) == 4
+    radial = [float(name.startswith("radial")) for name in o.outputs]
+    assert found["direction"]["radial"].tolist() == radial
+    for name, pattern in (found["level"] | found["wall"]).items():
+        place = name.removesuffix(" radial")
+        mine = [
+            s.number for s in aha.SEGMENTS if s.name.startswith(place) or s.name.endswith(place)
+        ]
+        assert pattern.tolist() == [float(c.segment in mine) for c in o.channels], name
 
 
 def test_noise_that_is_inferred_has_a_scale_for_each_quantity(table):
     o = observe({"a": table.assign(sd=np.nan)}, OtherToyEmulator(), 1.0)
     assert tuple(o.noise.groups) == ("radial", "torsion")
-    assert o.noise.units.shape == (2, len(CHANNELS))
+    own = [CHANNELS.of_quantity(quantity) for quantity in o.noise.groups]
+    np.testing.assert_array_equal(o.noise.units, own)  # of an emulator whose sds are 1
 
 
 def test_units_of_quantities_that_nobody_has_measured_yet(monkeypatch):
@@ -76,13 +85,16 @@ def test_layouts_of_any_zones_and_bounds(zones):
     parameters = Parameterisation(ZONES[zones], bounds={"C_a": (0.1, 5.0), "C_b": (0.5, 2.0)})
     p = len(parameters)
     one = Layout.inferred(("a",), parameters)
-    assert one.names == parameters.names and one.moves.shape == (1, p, p)
+    assert one.names == parameters.names and torch.equal(one.moves[0], torch.eye(p).double())
     np.testing.assert_allclose(one.low.exp(), parameters.lower)
     np.testing.assert_allclose(one.high.exp(), parameters.upper)
-    theta = torch.as_tensor(np.tile(parameters.middle, (3, 1)))
+    # The softest and the stiffest heart say how far all of them can go.
+    theta = torch.as_tensor(np.outer([1.0, 0.9, 1.2], parameters.middle))
     common = Layout.known(theta, parameters)
     assert common.names == ("log factor C_a", "log factor C_b")
-    assert common.moves.shape == (3, p, 2) and common.moves.sum(-1).eq(1).all()
-    np.testing.assert_allclose(common.high.exp(), np.sqrt([50.0, 4.0]))
+    moved = [[float(name.startswith(factor)) for factor in ("C_a", "C_b")] for name in one.names]
+    assert common.moves.tolist() == 3 * [moved]
+    np.testing.assert_allclose(common.high.exp(), np.sqrt([50.0, 4.0]) / 1.2)
+    np.testing.assert_allclose(common.low.exp(), 1 / np.sqrt([50.0, 4.0]) / 0.9)
     single = Layout.known(theta[:, :1], Parameterisation(ZONES["whole"], factors=["C_a"]))
     assert single.names == ("log factor C_a",)

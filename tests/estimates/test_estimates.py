@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from regional_lv import emulators
-from regional_lv.estimates import reference
+from regional_lv.estimates import least_squares, reference
 from regional_lv.estimates.check import first_cases
 from regional_lv.estimates.efficiency import measure_efficiency
 from regional_lv.estimates.estimate import (
@@ -88,26 +88,44 @@ def test_least_squares_stays_within_the_bounds():
     torch.testing.assert_close(theta[0], beyond[0].clamp(0.1, 5.0), rtol=0, atol=1e-5)
 
 
-def test_adam_and_hops_never_make_it_worse():
-    """Of a curved problem, from a single start."""
-    data = table(90, 1)
-    theta = data[list(PARAMETERS.names)].to_numpy()
-    emulator = emulators.create("exact_gp", {"iterations": 20})
-    emulator.fit(
-        theta, data[list(CHANNELS.names)].to_numpy(), parameters=PARAMETERS, outputs=CHANNELS.names
-    )
-    y = torch.as_tensor(simulate(np.full((1, 10), 0.3)))
-    plain = find_least_squares(emulator, y, 1, 5, 0, 0, seed=2)[1]
-    hopped = find_least_squares(emulator, y, 1, 5, 0, 4, seed=2)[1]
-    assert hopped <= plain + 1e-12
+class Wavy:
+    """A slope and a wave in log theta: the squares of one parameter have troughs 0.63 apart."""
+
+    lower, upper, output_sd = (torch.full((n,), v).double() for n, v in ((1, 0.1), (1, 5), (3, 1)))
+
+    def predict_mean(self, theta):
+        x = theta.log()
+        return torch.cat([0.3 * x, torch.sin(10 * x), torch.cos(10 * x)], dim=-1)
+
+    def linearise(self, theta):
+        x = theta.log()
+        slopes = [0.3 + 0 * x, 10 * torch.cos(10 * x), -10 * torch.sin(10 * x)]
+        return self.predict_mean(theta), (torch.cat(slopes, dim=-1) / theta)[..., None]
+
+
+def test_hops_lead_out_of_a_trough(monkeypatch):
+    """Two screened points leave some starts in wrong troughs; those that are right stay."""
+    monkeypatch.setattr(least_squares, "SCREENED_PER_START", 2)
+    truth = torch.linspace(-1.6, 0.4, 5, dtype=torch.float64)[:, None].exp()
+    y = Wavy().predict_mean(truth)
+    plain, hopped = (find_least_squares(Wavy(), y, 1, 10, 5, hops, seed=2) for hops in (0, 30))
+    right = (plain[0] - truth)[:, 0].abs() < 1e-6
+    assert 0 < right.sum() < 5 and (plain[1] < 1e-9).tolist() == right.tolist()
+    torch.testing.assert_close(hopped[0], truth, rtol=0, atol=1e-6)
 
 
 def test_local_emulators_take_their_observations_one_by_one(folder):
-    y = torch.as_tensor(simulate(np.full((3, 10), 1.0)))
+    theta = torch.as_tensor(np.outer([0.3, 1.0, 3.0], np.ones(10)))
+    y = torch.as_tensor(simulate(theta.numpy()))
     for name, count in (("exact_gp", 1), ("local_mgp", 3)):
-        parts = list(localised(emulators.load(folder / f"{name}.pt"), y))
+        emulator = emulators.load(folder / f"{name}.pt")
+        parts = list(localised(emulator, y))
         assert len(parts) == count
         assert torch.equal(torch.cat([observed for _, observed in parts]), y)
+        for local, observed in parts:
+            for row in observed:
+                own = emulator.localise(row).predict_mean(theta)
+                torch.testing.assert_close(local.predict_mean(theta), own)
 
 
 @pytest.mark.parametrize("name", ["exact_gp", "local_mgp", "dnn"])

@@ -130,13 +130,21 @@ def test_posteriors_and_their_tables(study):
     assert areas["zone"].drop_duplicates().tolist() == ["all", *zones]
 
 
-def test_ranks_of_the_chain(study):
+def test_ranks_of_the_chain(study, monkeypatch):
+    """No draw lies below a truth in the lower corner of the box, none above one in the upper."""
     parameters, folder = study
+    corners, rand = torch.tensor([[0.0], [1.0]]).double().expand(2, len(parameters)), torch.rand
+
+    def cornered(*size, **options):
+        return corners if size == corners.shape else rand(*size, **options)
+
+    monkeypatch.setattr(torch, "rand", cornered)
     files = [folder / f"sbc_{name}.csv" for name in ("ranks", "histogram", "tests")]
     of_study = folder / "e.pt", folder / "train.parquet", 2, "importance", NUTS, POINT, 1
     calibrate_chain(*of_study, *files)
     ranks, _, tests = (pd.read_csv(file) for file in files)
-    assert len(ranks) == 2 * len(parameters)
+    assert ranks["rank"].tolist() == [0] * len(parameters) + [99] * len(parameters)
+    assert ranks["parameter"].tolist() == 2 * [*parameters.names]
     assert tests["parameter"].tolist() == [*parameters.names, "all"]
 
 

@@ -5,6 +5,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import torch
+from scipy import stats
 
 from regional_lv import emulators
 from regional_lv.inference import sampling
@@ -122,7 +123,14 @@ def test_noise_priors_are_compared(study):
             *files,
         )
     )
-    compare_noise_priors([files[0]] * 2, [0.1, 0.2], study / "priors.csv")
+    # The same with draws of known distributions: exponential ones, of the mean 1, 2, ...
+    data = az.from_netcdf(files[0])
+    grid = stats.expon.ppf((np.arange(200) + 0.5) / 200).reshape(2, 100, 1, 1)
+    data.posterior["sigma"][:] = grid * [1, 2]
+    data.posterior["theta"][:] = grid * np.arange(3, 13)
+    sampling.write(data, study / "known.nc")
+    files = files[0], study / "known.nc"
+    compare_noise_priors(files, [0.1, 0.2], study / "priors.csv")
     table = pd.read_csv(study / "priors.csv")
     assert table["prior_scale"].tolist() == [0.1] * 12 + [0.2] * 12
     assert table["parameter"].tolist()[:3] == [
@@ -131,4 +139,6 @@ def test_noise_priors_are_compared(study):
         "C_a_anterior",
     ]
     assert (table["outputs"] == 33).all() and table["outside"].max() <= 6
-    assert (table["lower95"] < table["median"]).all() and (table["median"] < table["upper95"]).all()
+    known = table[12:]
+    for name, value in (("lower95", 0.0), ("median", np.log(2)), ("upper95", np.log(20))):
+        assert (known[name] / np.arange(1, 13)).tolist() == pytest.approx([value] * 12, abs=0.07)

@@ -21,7 +21,12 @@ from regional_lv.emulators.base import Architecture, Emulator
 from regional_lv.emulators.exact_gp import ExactGP, leave_one_out, shrinkage_of
 from regional_lv.emulators.kernels import KERNELS, make_kernel, weighted_slopes
 from regional_lv.emulators.networks import build
-from regional_lv.emulators.recalibration import fit_freedom, fit_trend, interval_factor
+from regional_lv.emulators.recalibration import (
+    Calibration,
+    fit_freedom,
+    fit_trend,
+    interval_factor,
+)
 from regional_lv.emulators.reduced import ReducedEmulator
 from regional_lv.emulators.shared_kernel import (
     OFFERED,
@@ -614,17 +619,17 @@ def test_leave_one_out_against_leaving_one_out():
         torch.testing.assert_close(variances[i], variance, rtol=1e-6, atol=1e-9)
 
 
-def test_calibration_widens_what_is_too_narrow():
-    theta = points(120, 14)
-    fits = {
-        kind: ExactGP(calibration=kind).fit(theta, toy(theta), **TOY)
-        for kind in ("none", "variance_factor")
-    }
-    factor = fits["variance_factor"].info["variance_factor"]
-    assert factor >= 1
-    at = torch.as_tensor(points(3, 15))
-    narrow, wide = (fits[kind].predict(at).covariance for kind in ("none", "variance_factor"))
-    torch.testing.assert_close(wide, factor * narrow)
+def test_calibration_is_of_the_errors_that_move_estimates():
+    """Those along the Jacobians have 2.25 times their predicted variance. The others, which no
+    theta explains, have nine times theirs."""
+    rng = np.random.default_rng(14)
+    slopes = rng.normal(size=(3000, 8, 3)) * [0.1, 1.0, 10.0]
+    basis, white = np.linalg.qr(slopes)[0], rng.normal(size=(3000, 8, 1))
+    along = basis @ (basis.swapaxes(1, 2) @ white)
+    errors = 1.5 * along + 3.0 * (white - along)
+    known = [torch.as_tensor(a) for a in (errors[..., 0], slopes, np.ones((3000, 3)))]
+    assert Calibration.fit("variance_factor", *known).factor == pytest.approx(2.25, rel=0.05)
+    assert Calibration.fit("none", *known) == Calibration()
 
 
 def test_trend_of_the_variance_is_found():

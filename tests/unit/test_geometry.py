@@ -195,8 +195,21 @@ def test_paraview_file(made):
     assert not raw.cell_data["segment"][1].any()
     assert not raw.cell_data["zone"][1].any()
     assert not raw.cell_data["surface"][0].any()
-    for name in ("fibre", "sheet", "circumferential", "radial", "longitudinal_direction"):
-        np.testing.assert_allclose(np.linalg.norm(raw.point_data[name], axis=1), 1)
+    # Where they exist, directions are right-handed, and fibres and sheets have their angles.
+    wall = np.hypot(*mesh.points[:, :2].T) > 1e-6
+    axes = ("radial", "circumferential", "longitudinal_direction")
+    frame = np.stack([raw.point_data[name][wall] for name in axes], axis=1)
+    identity = np.broadcast_to(np.eye(3), frame.shape)
+    np.testing.assert_allclose(frame @ frame.swapaxes(1, 2), identity, atol=1e-9)
+    np.testing.assert_allclose(np.linalg.det(frame), 1)
+    x, y = mesh.points[wall, :2].T / np.hypot(*mesh.points[wall, :2].T)
+    assert (frame[:, 0, 0] * x + frame[:, 0, 1] * y)[mesh.points[wall, 2] > -40].min() > 0.8
+    assert (frame[:, 1, 1] * x - frame[:, 1, 0] * y).min() > 0.6
+    h, b = (np.radians(a * (1 - 2 * mesh.transmural[wall])) for a in (60, 45))
+    fibre, sheet = ((frame @ raw.point_data[n][wall, :, None])[..., 0] for n in ("fibre", "sheet"))
+    np.testing.assert_allclose(fibre.T, [0 * h, np.cos(h), np.sin(h)], atol=1e-9)
+    expected = [np.cos(b), -np.sin(b) * np.sin(h), np.sin(b) * np.cos(h)]
+    np.testing.assert_allclose(sheet.T, expected, atol=1e-9)
 
 
 def test_mesh_laid_out_without_gmsh_is_the_same(tmp_path, monkeypatch):

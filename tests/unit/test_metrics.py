@@ -54,6 +54,22 @@ def test_crps_is_the_double_sum():
     assert recovered(draws, truth)["crps"].to_numpy() == pytest.approx(expected)
 
 
+def test_recovery_of_an_exponential_posterior():
+    """Every column in closed form, at truths on both sides of the ends of each interval."""
+    below = np.array([0.01, 0.02, 0.03, 0.09, 0.11, 0.24, 0.26, 0.89, 0.97, 0.98])
+    draws = np.tile(stats.expon.ppf((np.arange(4000) + 0.5) / 4000), (10, 1))
+    found = recovered(draws, stats.expon.ppf(below))
+    assert found["rank"].tolist() == pytest.approx(4000 * below, abs=1)
+    for level in (50, 80, 95):
+        inside = np.abs(below - 0.5) <= level / 200
+        assert 0 < inside.sum() < 10 and found[f"covered{level}"].tolist() == inside.tolist()
+    expected = {"mean": 1.0, "sd": 1.0, "median": np.log(2), "variance_ratio": 12 / 4.9**2}
+    expected |= dict(zip(("lower95", "upper95"), stats.expon.interval(0.95), strict=True))
+    expected |= {"hpd_lower95": 0.0, "hpd_upper95": np.log(20), "hpd_width95": np.log(20)}
+    for name, value in expected.items():
+        assert found[name].to_numpy() == pytest.approx(value, rel=5e-3, abs=5e-4), name
+
+
 def exact(hits: int, trials: int) -> tuple[float, float]:
     """Clopper and Pearson's 95 % interval."""
     found = stats.binomtest(hits, trials).proportion_ci(method="exact")

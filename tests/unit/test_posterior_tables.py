@@ -75,16 +75,24 @@ def test_correlations_and_their_errors_over_cases():
 
 
 def test_hpd_widths_of_stiff_zones_apart():
+    """Four cases, whose intervals are twice as wide in the stiff zone."""
     rows = [
-        {"case": str(case), "parameter": name, "zone": "septal", "hpd_width95": width}
-        for case, width in enumerate((0.2, 0.4))
+        {"case": str(case), "parameter": name, "zone": "septal"}
+        | {"hpd_width95": width * (2 if name.endswith("septal") else 1)}
+        for case, width in enumerate((0.1, 0.9, 0.2, 0.4))
         for name in PARAMETERS.names
     ]
     table = hpd_widths(pd.DataFrame(rows), PARAMETERS)
     stiff = table[table["stiffened"]]
     assert stiff["parameter"].tolist() == ["C_a_septal", "C_b_septal", "all"]
-    assert stiff["cases"].tolist() == [2, 2, 4]
-    np.testing.assert_allclose(table["mean"], 0.3)
+    assert stiff["cases"].tolist() == [4, 4, 8]
+    known = {"min": 0.1, "median": 0.3, "mean": 0.4, "max": 0.9}
+    for name, width in known.items():
+        np.testing.assert_allclose(table[name], width * (1 + table["stiffened"]), err_msg=name)
+    alone = table["parameter"] != "all"
+    for name, width in (("q25", 0.175), ("q75", 0.525)):
+        found, stiffened = table.loc[alone, name], table.loc[alone, "stiffened"]
+        np.testing.assert_allclose(found, width * (1 + stiffened), err_msg=name)
     assert table["parameter"].iloc[-1] == "all" and table["zone"].iloc[-1] == "all"
 
 

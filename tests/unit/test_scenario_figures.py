@@ -188,14 +188,20 @@ def test_roc(tmp_path, paths):
     columns = ["quantity", "zone", "threshold", "false_positive_rate", "true_positive_rate"]
     pd.DataFrame(rows, columns=columns).to_csv(tmp_path / "roc.csv", index=False)
     area = pd.DataFrame(rows, columns=columns).drop_duplicates(["quantity", "zone"])
-    area = area[["quantity", "zone"]].assign(auc=0.9, auc_lower=0.8, auc_upper=0.95)
-    area.to_csv(tmp_path / "auc.csv", index=False)
+    area = area[["quantity", "zone"]].assign(auc_lower=0.5, auc_upper=1.0)
+    # Of sets a and b without noise, then with it.
+    given = [0.9, 0.8, 0.7, 0.6]
+    areas = [tmp_path / f"auc-{auc}.csv" for auc in given]
+    for auc, path in zip(given, areas, strict=True):
+        area.assign(auc=auc).to_csv(path, index=False)
     recovery = recovered(tmp_path / "r.csv", 2.0)
-    files = [[tmp_path / "roc.csv"] * 4, [tmp_path / "auc.csv"] * 4, [recovery] * 4]
-    roc.draw(*files, ["a", "b"], PARAMETERS, *paths)
+    roc.draw([tmp_path / "roc.csv"] * 4, areas, [recovery] * 4, ["a", "b"], PARAMETERS, *paths)
     table = read(paths)
     assert len(table) == 4 * len(rows)
-    assert set(table["noise"]) == set(scenarios.NOISE) and (table["auc"] == 0.9).all()
+    shown = table.groupby(["noise", "set"])["auc"].unique()
+    for at, noise in enumerate(scenarios.NOISE):
+        assert shown[noise]["a"].tolist() == [given[2 * at]]
+        assert shown[noise]["b"].tolist() == [given[2 * at + 1]]
 
 
 @pytest.mark.parametrize("passed", [True, False])
@@ -217,10 +223,15 @@ def test_sbc(tmp_path, paths, titles, passed):
     (tmp_path / "final.json").write_text('{"final": "exact_gp"}')
     files = [tmp_path / name for name in ("sbc.csv", "test.csv", "final.json")]
     sbc.draw(*files, PARAMETERS, *paths)
-    table = read(paths)
-    assert (
-        (table["band_lower"] < table["expected"]) & (table["expected"] < table["band_upper"])
-    ).all()
+    table = read(paths).set_index(["parameter", "bin"])
+    ranks = np.random.default_rng(1).integers(100, size=(20_000, 400), dtype=np.int8)
+    for name, cases in (("C_a_septal", 40), ("all", 400)):
+        counts = (ranks[:, :cases] < 10).sum(axis=1)
+        low, high = table.loc[(name, 0), ["band_lower", "band_upper"]]
+        for tail in (counts < low, counts > high):
+            assert tail.mean() < 0.0065
+        # No wider than it has to be.
+        assert (counts <= low).mean() > 0.0035 and (counts >= high).mean() > 0.0035
     assert ("REJECTED: C_b_septal" in titles[0]) == (not passed)
 
 
