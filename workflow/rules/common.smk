@@ -163,6 +163,10 @@ MESHES = {
 # The one that hypotheses are simulated on; an imported mesh that is kept serves for them too.
 MESHED = config["geometry"]["source"] != "mesh" or IMPORTED["remesh"]
 EXTENDED_ON = "extensions/" if EXTENDED_MESH and MESHED else ""
+# With the error of the study's mesh in the base model, effects that only observe otherwise, and
+# sets of causes, are simulated on the finer one as well: strains at a surface are what a coarse
+# mesh has most wrong.
+CONFIRMED_ON = "finer/" if config["criticism"]["discretisation"] else ""
 ANCHORS = min(
     config["simulations"]["anchors"], config["design"]["natural"] + config["design"]["log"]
 )
@@ -174,9 +178,14 @@ def mesh_of(wildcards):
 
 
 def anchors_on(wildcards):
-    """How many: those of hypotheses on a mesh of their own, those of the study on the others."""
+    """How many: all on the study's mesh, those of hypotheses on the others."""
     most = config["criticism"]["anchors"]
-    return min(ANCHORS, most or ANCHORS) if wildcards.mesh_folder == "extensions/" else ANCHORS
+    return min(ANCHORS, most or ANCHORS) if wildcards.mesh_folder else ANCHORS
+
+
+def extended_on(hypothesis):
+    """Folder of the mesh that a hypothesis is simulated on."""
+    return EXTENDED_ON if hypothesis.needs_solving else CONFIRMED_ON or EXTENDED_ON
 
 
 def imported_files():

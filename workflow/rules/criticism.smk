@@ -57,11 +57,19 @@ rule extensions:
         EXTENSIONS,
 
 
+def anchors_of(wildcards):
+    """Mesh of a hypothesis, and the fields that it starts from."""
+    on = extended_on(HYPOTHESES[wildcards.hypothesis])
+    return {
+        "mesh": f"{R}/geometry/{on}mesh.vtu",
+        "anchors": f"{R}/mechanics/{on}anchors/batch-{wildcards.batch}.npz",
+    }
+
+
 rule simulate_extension:
     """From the anchors' fields; the anchors of one batch at all values of one effect."""
     input:
-        mesh=f"{R}/geometry/{EXTENDED_ON}mesh.vtu",
-        anchors=f"{R}/mechanics/{EXTENDED_ON}anchors/batch-{{batch}}.npz",
+        unpack(anchors_of),
     output:
         simulations=f"{C}/simulations/{{hypothesis}}/batch-{{batch}}.parquet",
     log:
@@ -266,8 +274,8 @@ rule simulate_sets:
     """The leading sets with all their effects at once, by the full simulator; of a subject, or of
     all hearts of a batch of the benchmark."""
     input:
-        mesh=f"{R}/geometry/mesh.vtu",
-        predictor=f"{R}/mechanics/predictor.npz",
+        mesh=f"{R}/geometry/{CONFIRMED_ON}mesh.vtu",
+        predictor=f"{R}/mechanics/{CONFIRMED_ON}predictor.npz",
         design=f"{C}/{{subject}}/confirmation/design-{{turn}}.parquet",
     output:
         simulations=f"{C}/{{subject}}/confirmation/simulations-{{turn}}-{{part}}.parquet",

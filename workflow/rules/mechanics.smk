@@ -48,13 +48,15 @@ rule solve_anchors:
 
 rule fit_predictor:
     input:
-        anchors=expand(f"{R}/mechanics/anchors/{{batch}}.npz", batch=ANCHOR_BATCHES),
+        anchors=expand(
+            f"{R}/mechanics/{{{{mesh_folder}}}}anchors/{{batch}}.npz", batch=ANCHOR_BATCHES
+        ),
     output:
-        predictor=f"{R}/mechanics/predictor.npz",
+        predictor=f"{R}/mechanics/{{mesh_folder}}predictor.npz",
     log:
-        f"{LOGS}/mechanics/fit_predictor.log",
+        f"{LOGS}/mechanics/{{mesh_folder}}fit_predictor.log",
     benchmark:
-        f"{R}/benchmarks/fit_predictor.tsv"
+        f"{R}/benchmarks/{{mesh_folder}}fit_predictor.tsv"
     priority: FIRST
     params:
         call="mechanics.predictor:fit_predictor",

@@ -132,4 +132,4 @@ def correct(model, members: Sequence[tuple[str, str]], simulations: pd.DataFrame
         return torch.as_tensor(np.asarray(values, dtype=float)).reshape(*shape, -1)
 
     theta, simulated = (tensor(good[names].to_numpy()) for names in (parameters, outputs))
-    return Correction.fit(model.emulator.on_study_mesh, theta, tensor(scaled), simulated)
+    return Correction.fit(model.emulator, theta, tensor(scaled), simulated)

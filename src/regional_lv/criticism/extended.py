@@ -52,11 +52,6 @@ class ExtendedEmulator:
         """The same with more extensions; a correction does not outlive that."""
         return ExtendedEmulator(self.emulator, (*self.extensions, *extensions))
 
-    @property
-    def on_study_mesh(self) -> "ExtendedEmulator":
-        """The same, of the mesh that sets of causes are simulated on; without a correction."""
-        return ExtendedEmulator(getattr(self.emulator, "study", self.emulator), self.extensions)
-
     def corrected(self, correction) -> "ExtendedEmulator":
         return ExtendedEmulator(self.emulator, self.extensions, correction)
 
