@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -9,11 +10,13 @@ import pytest
 import torch
 
 from regional_lv import aha
+from regional_lv.criticism.critic import Critic
 from regional_lv.criticism.findings import write_findings
 from regional_lv.criticism.observations import observe
 from regional_lv.criticism.report import write_report
+from regional_lv.criticism.score import Misfit
 from regional_lv.criticism.study import Inputs, criticise
-from regional_lv.criticism.verdict import Searched, Settings
+from regional_lv.criticism.verdict import CauseSet, Searched, Settings
 from regional_lv.errors import InputError
 from tests.criticism.toy import (
     TAILS,
@@ -233,6 +236,30 @@ def test_simulations_correct_what_effects_do_to_each_other():
     assert best["confirmed"] and best["misfit_p_value"] > 0.01
     alone = findings(table, interaction=0.0)
     assert not alone["explained"] or set(alone["named"]) != {"basal_motion", "radial_scale"}
+
+
+@pytest.mark.parametrize(
+    ("probabilities", "p_values", "best", "tested"),
+    [
+        ((0.5, 0.3, 0.2), (0.003, 0.2, 0.5), 1, 2),  # the first that fits
+        ((0.5, 0.3), (0.3, 0.9), 0, 1),
+        ((0.5, 0.3, 0.2), (0.003, 0.01, 0.02), 0, 3),  # none fits
+        ((0.9, 0.04), (0.003, 0.5), 0, 1),  # one that fits, but is refuted by the evidence
+    ],
+)
+def test_the_best_set_is_one_that_fits(probabilities, p_values, best, tested):
+    sets = [
+        CauseSet((("cause", ""),), None, None, 0.0, 0.0, share, p)
+        for share, p in zip(probabilities, p_values, strict=True)
+    ]
+    asked = []
+
+    def misfit_of(sampled, name):
+        asked.append(sampled)
+        return Misfit(sampled, {}, [])
+
+    assert Critic._best(SimpleNamespace(_misfit_of=misfit_of), sets) is sets[best]
+    assert asked == list(p_values[:tested])
 
 
 def test_an_estimate_at_the_end_of_its_range_is_not_named():

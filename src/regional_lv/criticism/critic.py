@@ -320,13 +320,22 @@ class Critic:
         found = Criticism(
             *(self.observations, self.settings, base, searched, tests, sets, nothing, unlisted)
         )
-        found.best = next((s for s in sets if s.sampled is not None), None)
-        if found.best is not None:
-            found.best.misfit = self._misfit_of(found.best.sampled, "best")
+        found.best = self._best([s for s in sets if s.sampled is not None])
         self._last_resort(found)
         if found.best is not None and found.best.model.tails is None:
             found.name_causes(found.best)
         return found
+
+    def _best(self, sets: list[CauseSet]) -> CauseSet | None:
+        """Of sets whose posterior is sampled, the most probable one that fits; where none of those
+        that can replace it does, the most probable one."""
+        for one in sets:
+            if one.probability < sets[0].probability / 19:
+                break
+            one.misfit = self._misfit_of(one.sampled, "best")
+            if one.fits:
+                return one
+        return sets[0] if sets else None
 
     def _in_earnest(self, model: Model, best: Fit, name: str, tails: bool = False) -> Sampled:
         centre, covariance = laplace(model, best)

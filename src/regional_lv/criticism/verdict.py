@@ -157,6 +157,11 @@ class CauseSet:
         return 0 if self.correction is None else self.correction.simulations
 
     @property
+    def fits(self) -> bool:
+        """Whether its misfit has been tested, and is none."""
+        return self.misfit is not None and self.misfit.p_value > ADEQUATE * len(self.members)
+
+    @property
     def difference_sds(self) -> torch.Tensor:
         """(S, D) differences of simulated and emulated channels, in sds of the noise."""
         assert self.correction is not None
@@ -227,11 +232,7 @@ class Criticism:
     @property
     def adequate(self) -> bool:
         """Whether the best set is confirmed and fits the data."""
-        best = self.best
-        if best is None:
-            return False
-        assert best.misfit is not None
-        return best.misfit.p_value > ADEQUATE * len(best.members)
+        return self.best is not None and self.best.fits
 
     @property
     def explained(self) -> bool:
