@@ -327,12 +327,13 @@ class Critic:
         return found
 
     def _best(self, sets: list[CauseSet]) -> CauseSet | None:
-        """Of sets whose posterior is sampled, the most probable one that fits; where none of those
-        that can replace it does, the most probable one."""
+        """Of sets whose posterior is sampled, the most probable one that fits; if none does that
+        could replace the first, the first."""
         for one in sets:
             if one.probability < sets[0].probability / 19:
                 break
-            one.misfit = self._misfit_of(one.sampled, "best")
+            if one.sampled is not None:
+                one.misfit = self._misfit_of(one.sampled, "best")
             if one.fits:
                 return one
         return sets[0] if sets else None
