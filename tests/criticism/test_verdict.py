@@ -12,6 +12,7 @@ import torch
 from regional_lv import aha
 from regional_lv.criticism.critic import Critic
 from regional_lv.criticism.findings import write_findings
+from regional_lv.criticism.hypotheses.scales import Linear, Saturating
 from regional_lv.criticism.observations import observe
 from regional_lv.criticism.report import write_report
 from regional_lv.criticism.score import Misfit
@@ -176,11 +177,13 @@ def test_a_cause_that_is_not_listed():
     assert any("No listed cause explains the misfit" in s for s in found["words"])
 
 
-def test_causes_that_look_alike_are_named_together(injected):
-    """A twin with the same signature but for a hair in one channel."""
+@pytest.mark.parametrize("scale", [Linear(), Saturating(1.0)])
+def test_causes_that_look_alike_are_named_together(injected, scale):
+    """A twin with the same signature but for a hair in one channel, and on a scale of its own."""
     twin = basal()
     twin = Extension(
-        replace(twin.hypothesis, name="twin"), twin.pattern + pattern("radial", [17], 0.01)
+        replace(twin.hypothesis, name="twin", scale=scale),
+        twin.pattern + pattern("radial", [17], 0.01),
     )
     found = findings(injected, [bias(), basal(), twin])
     assert found["named"] == []

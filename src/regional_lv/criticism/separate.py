@@ -40,9 +40,12 @@ def separating_measurement(
             factor = torch.tensor([fraction], dtype=theta.dtype)
             scaled = pressure_scaled(parameters, theta, factor)
             if fraction == 1.0 or bool((scaled <= emulator.upper).all()):
-                columns = [e.hypothesis.at_load(psi[..., i], fraction) for i, e in enumerate(found)]
-                by_load = torch.stack(columns, -1) if found else psi
-                at[fraction] = full.mean(scaled, by_load)[0].mean(0)
+                columns = [
+                    e.hypothesis.scale(e.hypothesis.at_load(psi[..., i], fraction))
+                    for i, e in enumerate(found)
+                ]
+                effects = torch.stack(columns, -1) if found else psi
+                at[fraction] = full.mean(scaled, effects)[0].mean(0)
         predictions[one.names] = at
     names = list(predictions)
     return [
