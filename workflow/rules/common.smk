@@ -184,8 +184,9 @@ def anchors_on(wildcards):
 
 
 def extended_on(hypothesis):
-    """Folder of the mesh that a hypothesis is simulated on."""
-    return EXTENDED_ON if hypothesis.needs_solving else CONFIRMED_ON or EXTENDED_ON
+    """Folder of the mesh that a hypothesis is simulated on. What is only observed otherwise needs no
+    mesh of its own to be cheap."""
+    return EXTENDED_ON if hypothesis.needs_solving else CONFIRMED_ON
 
 
 def imported_files():
