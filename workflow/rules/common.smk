@@ -183,10 +183,14 @@ def anchors_on(wildcards):
     return min(ANCHORS, most or ANCHORS) if wildcards.mesh_folder else ANCHORS
 
 
-def extended_on(hypothesis):
-    """Folder of the mesh that a hypothesis is simulated on. What is only observed otherwise needs no
-    mesh of its own to be cheap."""
-    return EXTENDED_ON if hypothesis.needs_solving else CONFIRMED_ON
+def anchors_of(wildcards):
+    """The mesh that a hypothesis is simulated on, and the fields that it starts from. What is only
+    observed otherwise needs no mesh of its own to be cheap."""
+    on = EXTENDED_ON if HYPOTHESES[wildcards.hypothesis].needs_solving else CONFIRMED_ON
+    return {
+        "mesh": f"{R}/geometry/{on}mesh.vtu",
+        "anchors": f"{R}/mechanics/{on}anchors/batch-{wildcards.batch}.npz",
+    }
 
 
 def imported_files():

@@ -57,15 +57,6 @@ rule extensions:
         EXTENSIONS,
 
 
-def anchors_of(wildcards):
-    """Mesh of a hypothesis, and the fields that it starts from."""
-    on = extended_on(HYPOTHESES[wildcards.hypothesis])
-    return {
-        "mesh": f"{R}/geometry/{on}mesh.vtu",
-        "anchors": f"{R}/mechanics/{on}anchors/batch-{wildcards.batch}.npz",
-    }
-
-
 rule simulate_extension:
     """From the anchors' fields; the anchors of one batch at all values of one effect."""
     input:
