@@ -108,7 +108,7 @@ def of_planning(arguments: argparse.Namespace) -> Iterator[dict]:
         with tempfile.TemporaryDirectory() as folder:
             file = Path(folder) / "study.yaml"
             file.write_text(json.dumps({"study": "scaling", **content}))
-            started = time.monotonic()
+            before = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
             done = subprocess.run(
                 [
                     *(sys.executable, "-m", "snakemake", "--dry-run", "--quiet", "rules"),
@@ -127,7 +127,7 @@ def of_planning(arguments: argparse.Namespace) -> Iterator[dict]:
             "subjects": subjects,
             "simulations": simulations or "quick",
             "jobs": total,
-            "seconds": round(time.monotonic() - started, 1),
+            "cpu_s": round(used.ru_utime - before, 1),
             "peak_mb_so_far": used.ru_maxrss // 1024,
         }
 

@@ -7,7 +7,11 @@ from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
 
+from regional_lv.manifest import checksum
+
 PACKAGE = "regional_lv"
+
+_checksum = cache(checksum)  # most rules share most files
 
 
 def files(source: Path, modules: Iterable[str], without: Iterable[str] = ()) -> list[str]:
@@ -34,13 +38,8 @@ def digest(files: Iterable[str | Path]) -> str:
     """Sixteen hexadecimal digits that change with the content of any of the files."""
     together = hashlib.sha256()
     for file in files:
-        together.update(_checksum(Path(file)))
+        together.update(_checksum(file).encode())
     return together.hexdigest()[:16]
-
-
-@cache
-def _checksum(path: Path) -> bytes:
-    return hashlib.sha256(path.read_bytes()).digest()
 
 
 def _file(source: Path, name: str) -> Path | None:
