@@ -108,50 +108,31 @@ def solve_anchors(
     batches: int,
     batch: str,
     fields: str | Path,
+    simulations: str | Path,
 ) -> None:
-    """Solve a batch of a design's anchors; write their fields and tangents at every load.
+    """Simulate a batch of a design's anchors; write their fields and tangents at every load, and
+    the table of `tabulate`.
 
     A batch takes every n-th of the `anchors`, so that all batches span the box. fields (npz):
     theta (n, P), and by load `fields@<load>` (n, size) and `tangents@<load>` (n, P, size), single
-    precision. An anchor that fails is left out.
+    precision. It has no anchor that failed; the table has all.
     """
     runner = growing_runner(mesh, physics, start)
     rows = anchors_of(pd.read_parquet(design), anchors).iloc[int(batch) :: batches]
     thetas = rows[list(runner.parameters.names)].to_numpy()
-    progress, solved = Progress(f"anchors, batch {batch}", len(thetas)), []
+    progress, results = Progress(f"anchors, batch {batch}", len(thetas)), {}
     for row, result in runner.run_all(thetas):
         progress.step(failed=result.state is None)
+        results[row] = result
         if result.state is None:
             log.warning("anchor %d failed: %s", row, result.reason)
-        else:
-            solved.append(result)
+    solved = [result for result in results.values() if result.state is not None]
     arrays = {"theta": np.stack([r.theta for r in solved])}
     for load in runner.channels.load_fractions:
         found = [r.solutions[load] for r in solved]
         arrays[f"fields@{load:g}"] = np.stack([s.state.w for s in found]).astype(np.float32)
         arrays[f"tangents@{load:g}"] = np.stack([s.tangents for s in found]).astype(np.float32)
     np.savez(fields, cpu_s=sum(r.cpu_s for r in solved), **arrays)
-
-
-def simulate_anchors(
-    mesh: str | Path,
-    start: str | Path,
-    design: str | Path,
-    physics: dict,
-    anchors: int,
-    batches: int,
-    batch: str,
-    simulations: str | Path,
-) -> None:
-    """Simulate a batch of a design's anchors on a mesh without a predictor; write the table of
-    `tabulate`. Arguments as of `solve_anchors`."""
-    runner = growing_runner(mesh, physics, start)
-    rows = anchors_of(pd.read_parquet(design), anchors).iloc[int(batch) :: batches]
-    progress, results = Progress(f"anchors, batch {batch}", len(rows)), {}
-    for row, result in runner.run_all(rows[list(runner.parameters.names)].to_numpy()):
-        result.solutions = {}
-        results[row] = result
-        progress.step(failed=result.status != "converged")
     made = [results[row] for row in range(len(rows))]
     tabulate(rows, made, runner.channels).to_parquet(simulations, index=False)
 

@@ -2,6 +2,7 @@
 
 import json
 
+import numpy as np
 import pandas as pd
 import pytest
 
@@ -10,6 +11,8 @@ from regional_lv.config import physics
 from regional_lv.criticism.extend import compare_extended, write_extended
 from regional_lv.errors import InputError
 from regional_lv.measured import read_measured, write_measured
+from regional_lv.mechanics.materials import material_from_config
+from regional_lv.parameters import Parameterisation
 from tests.criticism.toy import ToyEmulator, measured
 
 NAMED = {"septal_load": 3.0, "radial_scale": 1.2, "wall_thickness": 0.9, "mixed_frames": 0.25}
@@ -20,7 +23,7 @@ def files(tmp_path):
     hypotheses = [
         {"name": name, "estimate": value, "component": ""} for name, value in NAMED.items()
     ]
-    content = {"named": list(NAMED), "hypotheses": hypotheses}
+    content = {"subject": "patient", "named": list(NAMED), "hypotheses": hypotheses}
     (tmp_path / "findings.json").write_text(json.dumps(content))
     write_measured(measured(ToyEmulator()), tmp_path / "measured.csv")
     return tmp_path
@@ -28,8 +31,8 @@ def files(tmp_path):
 
 def extend(files, hypotheses="all"):
     base = study_config.load({"study": "mine", "criticism": {"hypotheses": hypotheses}})
-    given = (files / "findings.json", files / "measured.csv", base, "patient")
-    write_extended(*given, files / "extended.yaml", files / "extended.csv")
+    given = (files / "findings.json", [files / "measured.csv"], [], base, ["patient"])
+    write_extended(*given, files / "extended.yaml", files / "extended")
     return base, study_config.load(files / "extended.yaml")
 
 
@@ -55,12 +58,38 @@ def test_what_became_part_of_the_model_is_not_asked_again(files):
 
 def test_strains_of_an_earlier_frame_say_so(files):
     extend(files)
-    table = read_measured(files / "extended.csv")
+    table = read_measured(files / "extended" / "patient.csv")
     volume = table["quantity"] == "volume"
     assert table.loc[volume, "load_fraction"].tolist() == [1.0]
     assert (table.loc[~volume, "load_fraction"] == 0.75).all()
     before = read_measured(files / "measured.csv")
     assert sorted(table["value"]) == sorted(before["value"])
+
+
+def test_several_subjects_of_known_theta_go_on_together(files):
+    """The common factors become part of the reference, the thetas go along."""
+    base = study_config.load({"study": "mine"})
+    content = json.loads((files / "findings.json").read_text()) | {"subject": "both"}
+    content["theta"] = [
+        {"parameter": "factor C_a", "before": [1.3, 0.1], "after": [1.25, 0.1]},
+        {"parameter": "factor C_b", "before": [0.7, 0.1], "after": [0.8, 0.1]},
+    ]
+    (files / "findings.json").write_text(json.dumps(content))
+    names = list(Parameterisation().names)
+    thetas = pd.DataFrame(
+        np.arange(1.0, 21).reshape(2, 10), index=pd.Index(["b", "a"], name="subject"), columns=names
+    )
+    thetas.to_csv(files / "known.csv")
+    given = (files / "findings.json", [files / "measured.csv"] * 2, [files / "known.csv"], base)
+    write_extended(*given, ["a", "b"], files / "extended.yaml", files / "extended")
+    found = study_config.load(files / "extended.yaml")
+    assert list(found["subjects"]) == ["a", "b"]
+    joint = found["criticism"]["joint"]["both"]
+    assert joint["subjects"] == ["a", "b"]
+    written = pd.read_csv(joint["theta"], index_col="subject")
+    assert written.loc["a", names].tolist() == thetas.loc["a"].tolist()
+    own, changed = (material_from_config(c["material"]).references for c in (base, found))
+    assert changed == pytest.approx({"C_a": 1.25 * own["C_a"], "C_b": 0.8 * own["C_b"]})
 
 
 def test_without_a_named_cause_there_is_nothing_to_extend(files):

@@ -178,9 +178,13 @@ def mesh_of(wildcards):
 
 
 def anchors_on(wildcards):
-    """How many: all on the study's mesh, those of hypotheses on the others."""
+    """How many: all on the study's mesh, those of hypotheses on the others, and on the finer one
+    what the error of discretisation is learnt from, too."""
     most = config["criticism"]["anchors"]
-    return min(ANCHORS, most or ANCHORS) if wildcards.mesh_folder else ANCHORS
+    if not wildcards.mesh_folder or most is None:
+        return ANCHORS
+    wanted = config["criticism"]["discretisation"] if wildcards.mesh_folder == "finer/" else 0
+    return min(ANCHORS, max(most, wanted))
 
 
 def anchors_of(wildcards):

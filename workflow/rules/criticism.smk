@@ -105,34 +105,11 @@ rule train_extension:
         "../scripts/call.py"
 
 
-rule simulate_finer:
-    """Some of the study's simulations again, on a finer mesh; on two cores."""
-    input:
-        mesh=f"{R}/geometry/finer/mesh.vtu",
-        start=f"{R}/mechanics/finer/baseline.npz",
-        design=f"{R}/design/train.parquet",
-    output:
-        simulations=f"{C}/finer/batch-{{batch}}.parquet",
-    log:
-        f"{LOGS}/criticism/finer/batch-{{batch}}.log",
-    benchmark:
-        f"{R}/benchmarks/criticism/finer/batch-{{batch}}.tsv"
-    priority: FIRST
-    threads: 1
-    params:
-        call="simulations:simulate_anchors",
-        physics=PHYSICS,
-        anchors=config["criticism"]["discretisation"],
-        batches=CONFIRMED_IN,
-    script:
-        "../scripts/call.py"
-
-
 rule train_discretisation:
     """What the finer mesh changes of the base model."""
     input:
         train=f"{R}/screening/train.parquet",
-        batches=expand(f"{C}/finer/batch-{{batch}}.parquet", batch=range(CONFIRMED_IN)),
+        batches=expand(f"{R}/mechanics/finer/anchors/{{batch}}.parquet", batch=ANCHOR_BATCHES),
     output:
         discretisation=f"{C}/discretisation.pt",
         report=f"{C}/discretisation.json",
@@ -211,7 +188,7 @@ rule criticism:
         expand(f"{C}/{{subject}}/report.html", subject=CRITICISED),
         expand(
             f"{C}/{{subject}}/compared.csv",
-            subject=SUBJECTS if config["criticism"]["extends"] else [],
+            subject=(list(JOINT) or SUBJECTS) if config["criticism"]["extends"] else [],
         ),
 
 
@@ -315,19 +292,20 @@ rule extend_study:
     """The study with the named causes switched on, as a configuration of its own."""
     input:
         findings=f"{C}/{{subject}}/findings.json",
-        measured=f"{R}/measured/{{subject}}.csv",
+        measured=OF_SUBJECT["measured"],
+        known_theta=OF_SUBJECT["known_theta"],
     output:
         extended=f"{C}/{{subject}}/extended.yaml",
-        corrected=f"{C}/{{subject}}/extended.csv",
+        corrected=directory(f"{C}/{{subject}}/extended"),
     log:
         f"{LOGS}/criticism/{{subject}}/extend.log",
     wildcard_constraints:
-        subject="|".join(SUBJECTS) or "(?!)",
+        subject="|".join(CRITICISED) or "(?!)",
     localrule: True
     params:
         call="criticism.extend:write_extended",
         config=config,
-        subject=lambda wildcards: wildcards.subject,
+        subjects=lambda wildcards: criticised(wildcards.subject),
     script:
         "../scripts/call.py"
 
@@ -342,7 +320,7 @@ rule compare_extended:
     log:
         f"{LOGS}/criticism/{{subject}}/compare.log",
     wildcard_constraints:
-        subject="|".join(SUBJECTS) or "(?!)",
+        subject="|".join(CRITICISED) or "(?!)",
     localrule: True
     params:
         call="criticism.extend:compare_extended",

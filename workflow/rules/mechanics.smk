@@ -31,6 +31,7 @@ rule solve_anchors:
         design=f"{R}/design/train.parquet",
     output:
         fields=f"{R}/mechanics/{{mesh_folder}}anchors/batch-{{batch}}.npz",
+        simulations=f"{R}/mechanics/{{mesh_folder}}anchors/batch-{{batch}}.parquet",
     log:
         f"{LOGS}/mechanics/{{mesh_folder}}solve_anchors-{{batch}}.log",
     benchmark:

@@ -23,6 +23,8 @@ STUDY_MESHES = {
     },
 }
 
+PUBLISHED_ROWS_COMPARED = 100
+
 
 rule verify:
     """Tables and figures of docs/verification.md."""
@@ -228,5 +230,42 @@ if config["geometry"]["source"] == "mesh" and IMPORTED["remesh"]:
         params:
             call="verification.imported_mesh:verify_imported_mesh",
             physics=PHYSICS,
+        script:
+            "../scripts/call.py"
+
+
+if config["geometry"]["source"] == "mesh" and IMPORTED["file"] == PUBLISHED_HEART:
+
+    rule simulate_published_rows:
+        """Rows of the published training table that are no subject of this study."""
+        input:
+            mesh=f"{R}/geometry/mesh.vtu",
+            predictor=f"{R}/mechanics/predictor.npz",
+            inputs=fetched_path(config["study"], TRAINING_INPUTS),
+            outputs=fetched_path(config["study"], TRAINING_OUTPUTS),
+        output:
+            rows=f"{V}/published_rows.parquet",
+        log:
+            f"{LOGS}/verification/simulate_published_rows.log",
+        benchmark:
+            f"{R}/benchmarks/simulate_published_rows.tsv"
+        params:
+            call="verification.published_rows:simulate_published_rows",
+            physics=PHYSICS,
+            used=sorted(s["row"] for s in config["subjects"].values() if s["row"] is not None),
+            count=PUBLISHED_ROWS_COMPARED,
+        script:
+            "../scripts/call.py"
+
+    rule summarise_published_rows:
+        input:
+            rows=f"{V}/published_rows.parquet",
+        output:
+            summary=f"{V}/published_rows.csv",
+        log:
+            f"{LOGS}/verification/summarise_published_rows.log",
+        localrule: True
+        params:
+            call="verification.published_rows:summarise_published_rows",
         script:
             "../scripts/call.py"

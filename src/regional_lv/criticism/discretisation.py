@@ -95,7 +95,7 @@ def train_discretisation(
     """Learn what a finer mesh changes; write it and a report (JSON), as of an extension.
 
     train: the study's screened simulations. batches: some of them made again on the finer mesh
-    (`simulations.simulate_anchors`). seed: the study's.
+    (`simulations.solve_anchors`). seed: the study's.
 
     Raises InputError if too few converged on both meshes.
     """

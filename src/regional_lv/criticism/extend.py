@@ -1,7 +1,7 @@
 """The model with the named causes switched on: a study of its own, and what it changes."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import pandas as pd
@@ -10,24 +10,32 @@ import yaml
 from regional_lv.channels import Channel, Channels
 from regional_lv.config import physics as physics_of
 from regional_lv.criticism.hypotheses import REGISTRY, NoiseHypothesis, asked
+from regional_lv.criticism.hypotheses.base import with_value
+from regional_lv.criticism.study import read_known_theta
 from regional_lv.errors import InputError
 from regional_lv.measured import read_measured, write_measured
+from regional_lv.mechanics.materials import material_from_config
+from regional_lv.parameters import Parameterisation
 
 
 def write_extended(
     findings: str | Path,
-    measured: str | Path,
+    measured: Sequence[str | Path],
+    known_theta: Sequence[str | Path],
     config: Mapping,
-    subject: str,
+    subjects: Sequence[str],
     extended: str | Path,
     corrected: str | Path,
 ) -> None:
-    """Write the configuration (YAML) of the study with the named causes of one subject, each at its
-    estimate, and the subject's measured file as that study reads it.
+    """Write the configuration (YAML) of the study with the named causes of one subject, or of
+    several together, each at its estimate, and a folder with their measured files as that study
+    reads them.
 
-    config: the study's, complete. Of causes that say at which load a channel was observed, the
-    measured file changes; all others change keys of the simulator. Raises InputError if nothing is
-    named.
+    measured: files of `subjects`. known_theta: tables of their thetas, where these are known up to
+    common factors on the reference material; the estimates of the factors become part of the
+    reference, and a table of the thetas stands beside the measured files. config: the study's,
+    complete. Of causes that say at which load a channel was observed, the measured files change;
+    all others change keys of the simulator. Raises InputError if nothing is named.
     """
     content = json.loads(Path(findings).read_text())
     if not content["named"]:
@@ -36,19 +44,28 @@ def write_extended(
         )
     by_name = {h["name"]: h for h in content["hypotheses"]}
     base = physics = physics_of(dict(config))
-    table = read_measured(measured, strain_exponent=physics["observables"]["strain_exponent"])
-    channels = list(Channels.parse(table["output"]))
-    for name in content["named"]:
-        hypothesis, found = REGISTRY[name].for_study(base), by_name[name]
-        if isinstance(hypothesis, NoiseHypothesis):
-            continue
-        physics = hypothesis.extend(physics, found["estimate"], found["component"])
+    named = {name: REGISTRY[name].for_study(base) for name in content["named"]}
+    for name, hypothesis in named.items():
+        if not isinstance(hypothesis, NoiseHypothesis):
+            found = by_name[name]
+            physics = hypothesis.extend(physics, found["estimate"], found["component"])
+    if known_theta:
+        physics = with_value(physics, ("material", "reference"), _references(base, content))
+
+    folder = Path(corrected)
+    folder.mkdir(parents=True, exist_ok=True)
+    exponent, frames = base["observables"]["strain_exponent"], set()
+    for subject, path in zip(subjects, measured, strict=True):
+        table = read_measured(path, strain_exponent=exponent)
         channels = [
-            Channel(c.quantity, c.place, round(hypothesis.load_fraction(c, found["estimate"]), 4))
-            for c in channels
+            _as_observed(channel, named, by_name) for channel in Channels.parse(table["output"])
         ]
-    frames = sorted({c.load_fraction for c in channels} - {1.0})
-    loading = {**physics["loading"], "frames": frames}
+        table["output"] = [channel.name for channel in channels]
+        table["load_fraction"] = [channel.load_fraction for channel in channels]
+        frames |= {channel.load_fraction for channel in channels} - {1.0}
+        write_measured(table, folder / f"{subject}.csv")
+    loading = {**physics["loading"], "frames": sorted(frames)}
+
     sections = {
         key: value
         for key, value in physics.items()
@@ -59,25 +76,54 @@ def write_extended(
     if wanted != "all":
         # What is part of the model can no longer be asked.
         wanted = list(asked(wanted, {**physics, "loading": loading})) or "all"
-    criticism = {**config["criticism"], "joint": {}, "extends": str(findings)}
+    joint = {}
+    if content["subject"] not in subjects:
+        joint[content["subject"]] = {"subjects": list(subjects), "theta": None}
+    if known_theta:
+        names = Parameterisation.from_config(dict(config)).names
+        theta = read_known_theta(known_theta, list(subjects), names).numpy()
+        table = pd.DataFrame(theta, index=pd.Index(subjects, name="subject"), columns=names)
+        table.to_csv(folder / "theta.csv")
+        joint[content["subject"]]["theta"] = str(folder / "theta.csv")
     study = {
         **config,
         **sections,
         "loading": loading,
         "geometry": geometry,
         "study": f"{config['study']}_extended",
-        "subjects": {subject: {"source": "file", "measured": str(corrected)}},
+        "subjects": {
+            name: {"source": "file", "measured": str(folder / f"{name}.csv")} for name in subjects
+        },
         "synthetic_subjects": {},
-        "criticism": criticism | {"hypotheses": wanted},
+        "criticism": {
+            **config["criticism"],
+            "joint": joint,
+            "extends": str(findings),
+            "hypotheses": wanted,
+        },
     }
-    table["output"] = [channel.name for channel in channels]
-    table["load_fraction"] = [channel.load_fraction for channel in channels]
-    write_measured(table, corrected)
     first = (
-        f"# The study {config['study']} with what its criticism of {subject} named:\n"
+        f"# The study {config['study']} with what its criticism of {content['subject']} named:\n"
         f"# {', '.join(content['named'])}\n"
     )
     Path(extended).write_text(first + yaml.safe_dump(study, sort_keys=False))
+
+
+def _references(physics: Mapping, content: Mapping) -> dict[str, float]:
+    """References of the material's factors, times the common factors that were estimated."""
+    references = dict(material_from_config(physics["material"]).references)
+    for row in content["theta"]:
+        references[row["parameter"].removeprefix("factor ")] *= row["after"][0]
+    return references
+
+
+def _as_observed(channel: Channel, named: Mapping, found: Mapping) -> Channel:
+    """The channel at the load at which it was observed, by the `named` causes."""
+    for name, hypothesis in named.items():
+        if not isinstance(hypothesis, NoiseHypothesis):
+            fraction = hypothesis.load_fraction(channel, found[name]["estimate"])
+            channel = Channel(channel.quantity, channel.place, round(fraction, 4))
+    return channel
 
 
 def compare_extended(

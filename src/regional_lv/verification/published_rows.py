@@ -1,0 +1,80 @@
+"""The study's simulator against published simulations that no subject of the study is."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from regional_lv.aha import LEVELS, outputs_from_published
+from regional_lv.channels import Channels
+from regional_lv.progress import Progress
+from regional_lv.simulations import make_runner
+
+
+def simulate_published_rows(
+    mesh: str | Path,
+    predictor: str | Path,
+    inputs: str | Path,
+    outputs: str | Path,
+    physics: dict,
+    used: Sequence[int],
+    count: int,
+    rows: str | Path,
+) -> None:
+    """Simulate `count` rows of the published inputs, evenly spread over those that are not `used`.
+
+    inputs, outputs: header-less CSV, N rows of the paper's 10 parameters and 52 outputs. used: row
+    numbers, from 1. Writes (Parquet) one line per row and channel: row, output, quantity, level,
+    simulated, published; simulated is NaN where a run failed.
+    """
+    theta = np.loadtxt(inputs, delimiter=",")
+    published = outputs_from_published(np.loadtxt(outputs, delimiter=","))
+    free = np.setdiff1d(np.arange(len(theta)), np.asarray(used, dtype=int) - 1)
+    chosen = free[np.linspace(0, len(free) - 1, min(count, len(free))).round().astype(int)]
+    runner, channels = make_runner(mesh, physics, predictor), Channels.of()
+    at = [runner.channels.names.index(name) for name in channels.names]
+    progress, parts = Progress("published rows", len(chosen)), []
+    for row in chosen:
+        result = runner.run(theta[row])
+        solved = result.status == "converged"
+        part = {
+            "row": row + 1,
+            "output": channels.names,
+            "quantity": [c.quantity for c in channels],
+            "level": [_level(c.segment) for c in channels],
+            "simulated": result.observables[at] if solved else np.nan,
+            "published": published[row],
+        }
+        parts.append(pd.DataFrame(part))
+        progress.step(failed=not solved)
+    pd.concat(parts, ignore_index=True).to_parquet(rows, index=False)
+
+
+def _level(segment: int | None) -> str:
+    return next((name for name, numbers in LEVELS.items() if segment in numbers), "")
+
+
+def summarise_published_rows(rows: str | Path, summary: str | Path) -> None:
+    """Write the errors (CSV) by quantity and level: simulations, mean and rms of simulated less
+    published, and the sd of the published ones; `all` stands for all strains, or all levels."""
+    table = pd.read_parquet(rows).dropna(subset=["simulated"])
+    strains = table[table["quantity"] != "volume"]
+    groups = [
+        *table.groupby(["quantity", "level"], sort=False),
+        *(((name, "all"), part) for name, part in strains.groupby("quantity", sort=False)),
+        (("strains", "all"), strains),
+    ]
+    found = [_errors(part) | {"quantity": key[0], "level": key[1]} for key, part in groups]
+    columns = ["quantity", "level", "simulations", "mean_error", "rms_error", "published_sd"]
+    pd.DataFrame(found)[columns].to_csv(summary, index=False)
+
+
+def _errors(part: pd.DataFrame) -> dict[str, float]:
+    error = part["simulated"] - part["published"]
+    return {
+        "simulations": part["row"].nunique(),
+        "mean_error": error.mean(),
+        "rms_error": np.sqrt((error**2).mean()),
+        "published_sd": part["published"].std(),
+    }
