@@ -76,7 +76,7 @@ def write_extended(
     if wanted != "all":
         # What is part of the model can no longer be asked.
         wanted = list(asked(wanted, {**physics, "loading": loading})) or "all"
-    joint = {}
+    joint: dict[str, dict] = {}
     if content["subject"] not in subjects:
         joint[content["subject"]] = {"subjects": list(subjects), "theta": None}
     if known_theta:

@@ -38,6 +38,7 @@ def simulate_published_rows(
     for row in chosen:
         result = runner.run(theta[row])
         solved = result.status == "converged"
+        assert result.observables is not None
         part = {
             "row": row + 1,
             "output": channels.names,
