@@ -154,11 +154,37 @@ IMPORTED = config["geometry"]["imported"]
 GIVEN_SURFACES = config["geometry"]["surfaces"]
 
 EXTENDED_MESH = {k: v for k, v in config["criticism"]["mesh"].items() if v is not None}
+# Meshes that are compared with one at least twice as fine as the study's in every direction.
+STUDY_MESHES = {
+    "coarse": {"circumferential": 16, "basal": 2, "apical": 1, "apex": 1, "transmural": 1},
+    "one_apical_row": {"apical": 1, "apex": 1},
+    "one_apical_row_one_layer": {"apical": 1, "apex": 1, "transmural": 1},
+    "one_apical_row_three_layers": {"apical": 1, "apex": 1, "transmural": 3},
+    "study": {},
+    "fine": {"circumferential": 32, "basal": 4, "mid": 3, "apex": 1},
+    "reference": {
+        "circumferential": 48,
+        "basal": 6,
+        "basal_grading": 0.707,
+        "mid": 4,
+        "apical": 4,
+        "apex": 4,
+        "transmural": 4,
+    },
+}
+# Uniform refinement: elements around, rows of each level and layers grow alike.
+REFINEMENTS = {
+    f"refinement/{n}/": {"circumferential": 16 * n}
+    | dict.fromkeys(["basal", "mid", "apical", "apex", "transmural"], n)
+    for n in (1, 2, 3)
+}
 # Meshes of the same ventricle, by the folder that they and what is solved on them are in.
 MESHES = {
     "": config["mesh"],
     "finer/": finer(config["mesh"]),
     "extensions/": config["mesh"] | EXTENDED_MESH,
+    **{f"mesh_study/{name}/": config["mesh"] | own for name, own in STUDY_MESHES.items()},
+    **{folder: config["mesh"] | own for folder, own in REFINEMENTS.items()},
 }
 # The one that hypotheses are simulated on; an imported mesh that is kept serves for them too.
 MESHED = config["geometry"]["source"] != "mesh" or IMPORTED["remesh"]

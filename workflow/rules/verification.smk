@@ -1,28 +1,6 @@
 """The simulator against published and exact results; not part of `all`: `snakemake verify`."""
 
 V = f"{R}/verification"
-# Uniform refinement of the heart: elements around, rows of each level and layers grow alike.
-REFINEMENTS = {"1": 16, "2": 32, "3": 48}
-REFINED_ROWS = ["basal", "mid", "apical", "apex", "transmural"]
-# Meshes that are compared with one at least twice as fine as the study's in every direction.
-STUDY_MESHES = {
-    "coarse": {"circumferential": 16, "basal": 2, "apical": 1, "apex": 1, "transmural": 1},
-    "one apical row": {"apical": 1, "apex": 1},
-    "one apical row, one layer": {"apical": 1, "apex": 1, "transmural": 1},
-    "one apical row, three layers": {"apical": 1, "apex": 1, "transmural": 3},
-    "study": {},
-    "fine": {"circumferential": 32, "basal": 4, "mid": 3, "apex": 1},
-    "reference": {
-        "circumferential": 48,
-        "basal": 6,
-        "basal_grading": 0.707,
-        "mid": 4,
-        "apical": 4,
-        "apex": 4,
-        "transmural": 4,
-    },
-}
-
 PUBLISHED_ROWS_COMPARED = 100
 
 
@@ -52,49 +30,9 @@ rule verify_land:
         "../scripts/call.py"
 
 
-rule make_refined_mesh:
-    input:
-        table=SEGMENT_TABLE,
-    output:
-        msh=f"{V}/heart/{{refinement}}/mesh.msh",
-        vtu=f"{V}/heart/{{refinement}}/mesh.vtu",
-        segments=f"{V}/heart/{{refinement}}/segments.csv",
-        summary=f"{V}/heart/{{refinement}}/summary.json",
-    log:
-        f"{LOGS}/verification/make_refined_mesh-{{refinement}}.log",
-    params:
-        call="geometry.make:make_mesh",
-        endo_apex_z_mm=config["geometry"]["endo_apex_z_mm"],
-        epi_apex_z_mm=config["geometry"]["epi_apex_z_mm"],
-        mesh=lambda wildcards: config["mesh"]
-        | {"circumferential": REFINEMENTS[wildcards.refinement]}
-        | dict.fromkeys(REFINED_ROWS, int(wildcards.refinement)),
-        fibres=config["fibres"],
-        zones=PARAMETER_SPEC["zones"],
-    script:
-        "../scripts/call.py"
-
-
-rule solve_refined_heart:
-    input:
-        mesh=f"{V}/heart/{{refinement}}/mesh.vtu",
-    output:
-        start=temp(f"{V}/heart/{{refinement}}/baseline.npz"),
-        summary=f"{V}/heart/{{refinement}}/baseline.json",
-    log:
-        f"{LOGS}/verification/solve_refined_heart-{{refinement}}.log",
-    benchmark:
-        f"{R}/benchmarks/solve_refined_heart-{{refinement}}.tsv"
-    params:
-        call="simulations:solve_baseline",
-        physics=PHYSICS,
-    script:
-        "../scripts/call.py"
-
-
 rule verify_convergence:
     input:
-        hearts=expand(f"{V}/heart/{{refinement}}/baseline.json", refinement=REFINEMENTS),
+        hearts=expand(f"{R}/mechanics/{{mesh}}baseline.json", mesh=REFINEMENTS),
     output:
         errors=f"{V}/convergence_errors.csv",
         orders=f"{V}/orders.csv",
@@ -141,31 +79,10 @@ rule plot_convergence:
         "../scripts/call.py"
 
 
-rule make_study_mesh:
-    input:
-        table=SEGMENT_TABLE,
-    output:
-        msh=temp(f"{V}/meshes/{{mesh}}/mesh.msh"),
-        vtu=f"{V}/meshes/{{mesh}}/mesh.vtu",
-        segments=f"{V}/meshes/{{mesh}}/segments.csv",
-        summary=f"{V}/meshes/{{mesh}}/summary.json",
-    log:
-        f"{LOGS}/verification/make_study_mesh-{{mesh}}.log",
-    params:
-        call="geometry.make:make_mesh",
-        endo_apex_z_mm=config["geometry"]["endo_apex_z_mm"],
-        epi_apex_z_mm=config["geometry"]["epi_apex_z_mm"],
-        mesh=lambda wildcards: config["mesh"] | STUDY_MESHES[wildcards.mesh],
-        fibres=config["fibres"],
-        zones=PARAMETER_SPEC["zones"],
-    script:
-        "../scripts/call.py"
-
-
 rule observe_mesh:
     """The reference mesh takes about half an hour, all others together a quarter."""
     input:
-        mesh_file=f"{V}/meshes/{{mesh}}/mesh.vtu",
+        mesh_file=f"{R}/geometry/mesh_study/{{mesh}}/mesh.vtu",
     output:
         observables=f"{V}/meshes/{{mesh}}/observables.parquet",
     log:
@@ -191,7 +108,7 @@ rule compare_meshes:
     localrule: True
     params:
         call="verification.mesh_study:compare_meshes",
-        meshes=list(STUDY_MESHES),
+        meshes=[name.replace("_", " ") for name in STUDY_MESHES],
         channels=OUTPUTS,
     script:
         "../scripts/call.py"
