@@ -170,7 +170,7 @@ if config["geometry"]["source"] == "mesh" and IMPORTED["file"] == PUBLISHED_HEAR
             call="verification.published_rows:simulate_published_rows",
             physics=PHYSICS,
             used=sorted(s["row"] for s in config["subjects"].values() if s["row"] is not None),
-            count=PUBLISHED_ROWS_COMPARED,
+            most=PUBLISHED_ROWS_COMPARED,
         script:
             "../scripts/call.py"
 

@@ -19,10 +19,10 @@ def simulate_published_rows(
     outputs: str | Path,
     physics: dict,
     used: Sequence[int],
-    count: int,
+    most: int,
     rows: str | Path,
 ) -> None:
-    """Simulate `count` rows of the published inputs, evenly spread over those that are not `used`.
+    """Simulate `most` rows of the published inputs, evenly spread over those that are not `used`.
 
     inputs, outputs: header-less CSV, N rows of the paper's 10 parameters and 52 outputs. used: row
     numbers, from 1. Writes (Parquet) one line per row and channel: row, output, quantity, level,
@@ -31,7 +31,7 @@ def simulate_published_rows(
     theta = np.loadtxt(inputs, delimiter=",")
     published = outputs_from_published(np.loadtxt(outputs, delimiter=","))
     free = np.setdiff1d(np.arange(len(theta)), np.asarray(used, dtype=int) - 1)
-    chosen = free[np.linspace(0, len(free) - 1, min(count, len(free))).round().astype(int)]
+    chosen = free[np.linspace(0, len(free) - 1, min(most, len(free))).round().astype(int)]
     runner, channels = make_runner(mesh, physics, predictor), Channels.of()
     at = [runner.channels.names.index(name) for name in channels.names]
     progress, parts = Progress("published rows", len(chosen)), []
