@@ -154,23 +154,35 @@ def simulate_batch(
     batch: str,
     set: str,
     simulations: str | Path,
+    anchors: Sequence[str | Path] = (),
 ) -> None:
     """Simulate the rows of batch number `batch` of a design; write the table of `tabulate`.
 
     Each simulation depends on the predictor and on its own theta, not on the batch. A run that
     does not converge becomes a row with status "failed", reason and last converged pressure; it
-    never raises.
+    never raises. anchors: tables of `solve_anchors` on this mesh, of the same design; what
+    converged there is not solved again.
     """
     first = int(batch) * batch_size
     rows = pd.read_parquet(design).iloc[first : first + batch_size]
-    runner = make_runner(mesh, physics, predictor)
-    results = run_all(
-        runner,
-        rows[list(runner.parameters.names)].to_numpy(),
-        f"{set} batch {batch}",
-        rows["sample"],
-    )
-    tabulate(rows, results, runner.channels).to_parquet(simulations, index=False)
+    solved = _converged(anchors, rows["sample"])
+    waiting = rows[~rows["sample"].isin(solved["sample"])] if len(solved) else rows
+    made = []
+    if len(waiting):
+        runner = make_runner(mesh, physics, predictor)
+        thetas = waiting[list(runner.parameters.names)].to_numpy()
+        results = run_all(runner, thetas, f"{set} batch {batch}", waiting["sample"])
+        made.append(tabulate(waiting, results, runner.channels))
+    table = pd.concat([*made, *([solved] if len(solved) else [])])
+    table.sort_values("sample").to_parquet(simulations, index=False)
+
+
+def _converged(tables: Sequence[str | Path], samples: pd.Series) -> pd.DataFrame:
+    """Rows of `tables` that converged and are among `samples`."""
+    if not tables:
+        return pd.DataFrame()
+    found = pd.concat([pd.read_parquet(table) for table in tables])
+    return found[found["sample"].isin(samples) & (found["status"] == "converged")]
 
 
 def run_all(

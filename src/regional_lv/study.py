@@ -80,9 +80,8 @@ class Study:
         predictor = self._file("mechanics/predictor.npz")
         fit_predictor([anchors], physics, predictor)
         batch = self._file("simulations/train/batch-0000.parquet")
-        simulate_batch(
-            mesh, predictor, points, physics, len(design), "0000", set="train", simulations=batch
-        )
+        given = (mesh, predictor, points, physics, len(design), "0000", "train", batch)
+        simulate_batch(*given, [solved])
         kept = self._file("screening/train.parquet")
         screen_simulations(
             [batch],

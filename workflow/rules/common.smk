@@ -214,9 +214,11 @@ def anchors_on(wildcards):
 
 
 def anchors_of(wildcards):
-    """The mesh that a hypothesis is simulated on, and the fields that it starts from. What is only
-    observed otherwise needs no mesh of its own to be cheap."""
-    on = EXTENDED_ON if HYPOTHESES[wildcards.hypothesis].needs_solving else CONFIRMED_ON
+    """The mesh that a hypothesis is simulated on, and the fields that it starts from: the mesh of
+    the confirmation for what a coarse one has wrong, or what costs little there."""
+    hypothesis = HYPOTHESES[wildcards.hypothesis]
+    better = hypothesis.in_depth or (CONFIRMED_ON and not hypothesis.needs_solving)
+    on = CONFIRMED_ON if better else EXTENDED_ON
     return {
         "mesh": f"{R}/geometry/{on}mesh.vtu",
         "anchors": f"{R}/mechanics/{on}anchors/batch-{wildcards.batch}.npz",

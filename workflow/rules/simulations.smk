@@ -1,5 +1,8 @@
 """Batches of simulations, each started from the predicted field alone."""
 
+# The first rows of the training design are solved already.
+ANCHOR_TABLES = expand(f"{R}/mechanics/anchors/{{batch}}.parquet", batch=ANCHOR_BATCHES)
+
 SIMULATION_BATCHES = {
     name: batches(size, config["simulations"]["batch_size"])
     for name, size in {
@@ -16,6 +19,7 @@ rule simulate_batch:
         mesh=f"{R}/geometry/mesh.vtu",
         predictor=f"{R}/mechanics/predictor.npz",
         design=f"{R}/design/{{set}}.parquet",
+        anchors=lambda wildcards: ANCHOR_TABLES if wildcards.set == "train" else [],
     output:
         simulations=f"{R}/simulations/{{set}}/batch-{{batch}}.parquet",
     log:

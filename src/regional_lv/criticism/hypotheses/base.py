@@ -93,14 +93,16 @@ class SimulatorHypothesis(Hypothesis):
     path: the section of the physics and the keys below it. in_the_form: whether psi is the size of
     an optional term of the weak form (a spring, a dead load, compressibility), so that the base
     model needs the term, too, to be followed from there. needs_solving: whether the effect changes
-    the solution, or only what is observed of it. slope_at_base: whether outputs have a derivative
-    about psi at the base value. anchors: how many anchors are simulated at most, None for all of
-    them.
+    the solution, or only what is observed of it. in_depth: whether it matters where in the wall's
+    depth strains are, which a mesh of one element through the wall has wrong. slope_at_base:
+    whether outputs have a derivative about psi at the base value. anchors: how many anchors are
+    simulated at most, None for all of them.
     """
 
     path: ClassVar[tuple[str, ...]]
     in_the_form: ClassVar[bool] = False
     needs_solving: ClassVar[bool] = True
+    in_depth: ClassVar[bool] = False
     slope_at_base: ClassVar[bool] = True
     anchors: ClassVar[int | None] = None
 
@@ -221,6 +223,7 @@ class LayerHypothesis(ObservationHypothesis):
     Psi is the share of the wall that is not seen.
     """
 
+    in_depth = True
     path = ("observables", "layer")
     parameter = "share of the wall that is not seen"
     unit = "1"
