@@ -80,10 +80,10 @@ class Progress:
         )
 
 
-def duration(seconds: float) -> str:
-    """Seconds in words: `7.5 s`, `12 min 05 s`, `3 h 07 min`."""
+def duration(seconds: float, decimals: int = 1) -> str:
+    """Seconds in words: `7.5 s`, `12 min 05 s`, `3 h 07 min`; `decimals` of less than a minute."""
     if seconds < 60 or seconds != seconds:
-        return f"{seconds:.1f} s"
+        return f"{seconds:.{decimals}f} s"
     if seconds < 3600:
         return f"{int(seconds // 60)} min {int(seconds % 60):02d} s"
     return f"{int(seconds // 3600)} h {int(seconds % 3600 // 60):02d} min"

@@ -5,6 +5,8 @@ from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
 
+from regional_lv.progress import duration
+
 TABLE = Path(__file__).with_name("stages.csv")
 """rule -> the stage it belongs to, and the seconds that one of its jobs took in the quick study on
 one core; only their ratios matter, because what has finished tells how fast this run is."""
@@ -78,27 +80,25 @@ class Run:
 
     def line(self, now: float) -> str:
         """Such as `[2 min 10 s] 31 of 75 steps done, about 4 min left; now: simulations`."""
-        head = f"[{_words(now - self._begun)}] {self.done} of {self.total} steps done"
+        head = f"[{_whole(now - self._begun)}] {self.done} of {self.total} steps done"
         if self.complete:
             return head
         stages = dict.fromkeys(
             self._stage.get(rule, rule.replace("_", " ")) for rule, _ in self._started.values()
         )
-        left = f"about {_words(self.left(now), 'rounded')} left"
+        left = f"about {_rounded(self.left(now))} left"
         return "; ".join([f"{head}, {left}", *([f"now: {', '.join(stages)}"] if stages else [])])
 
     def _typical(self, rule: str) -> float:
         return self._seconds.get(rule, UNKNOWN_SECONDS)
 
 
-def _words(seconds: float, form: str = "") -> str:
-    """`2 min 10 s`; `rounded` to what an estimate is worth."""
-    if form == "rounded":
-        seconds = 10 * round(seconds / 10) if seconds < 100 else 60 * round(seconds / 60)
-    minutes, seconds = divmod(int(seconds), 60)
-    hours, minutes = divmod(minutes, 60)
-    if hours:
-        return f"{hours} h {minutes:02d} min"
-    if not minutes:
-        return f"{seconds} s"
-    return f"{minutes} min" if form and not seconds else f"{minutes} min {seconds:02d} s"
+def _whole(seconds: float) -> str:
+    """`2 min 10 s`; the seconds that have passed in full, as on a clock."""
+    return duration(int(seconds), decimals=0)
+
+
+def _rounded(seconds: float) -> str:
+    """`4 min`; as exact as an estimate of the time left is."""
+    nearest = 10 * round(seconds / 10) if seconds < 100 else 60 * round(seconds / 60)
+    return _whole(nearest).removesuffix(" 00 s")

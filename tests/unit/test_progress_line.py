@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from snakemake_logger_plugin_regional_lv.run import TABLE, UNKNOWN_SECONDS, Run, _words
+from snakemake_logger_plugin_regional_lv.run import TABLE, UNKNOWN_SECONDS, Run, _rounded, _whole
 
 
 def test_time_left_follows_the_speed_of_the_run():
@@ -53,11 +53,11 @@ def test_a_job_of_a_cluster_may_end_without_having_been_announced():
 
 
 @pytest.mark.parametrize(
-    ("seconds", "exact", "rounded"),
+    ("seconds", "whole", "rounded"),
     [(7.4, "7 s", "10 s"), (134, "2 min 14 s", "2 min"), (7500, "2 h 05 min", "2 h 05 min")],
 )
-def test_durations_in_words(seconds, exact, rounded):
-    assert (_words(seconds), _words(seconds, "rounded")) == (exact, rounded)
+def test_durations_in_words(seconds, whole, rounded):
+    assert (_whole(seconds), _rounded(seconds)) == (whole, rounded)
 
 
 def test_every_rule_of_the_workflow_has_its_stage():
