@@ -16,6 +16,7 @@ from regional_lv import config as study_config
 from regional_lv.design import further_points
 from regional_lv.mechanics import dolfinx_api
 from regional_lv.mechanics.continuation import Effort, Runner, Solver
+from regional_lv.physics import physics_of
 from regional_lv.simulations import known_from, make_simulator
 
 NATURAL, LOG = 16, 8
@@ -25,7 +26,7 @@ def run(mesh: Path, out: Path) -> None:
     """Simulate with sensitivities, each from the state in the middle of the box."""
     config = study_config.load({"study": "quick"})
     started = time.process_time()
-    simulator = make_simulator(mesh, study_config.physics(config))
+    simulator = make_simulator(mesh, physics_of(config))
     made = time.process_time() - started
     solver, effort = Solver(simulator, config["solver"]), Effort()
     known = known_from(solver.inflate_all(simulator.parameters.middle, effort), simulator)

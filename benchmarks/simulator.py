@@ -19,6 +19,7 @@ from regional_lv import config as study_config
 from regional_lv.design import further_points
 from regional_lv.mechanics.continuation import Effort, NotConverged, Runner, Solver
 from regional_lv.mechanics.predictor import load_predictors
+from regional_lv.physics import physics_of
 from regional_lv.simulations import make_simulator
 
 NATURAL, LOG, COLD = 150, 50, 16
@@ -70,7 +71,7 @@ def main(paths: list[Path]) -> None:
         merged |= yaml.safe_load(path.read_text())
     config = study_config.load(merged)
     folder = Path("results") / config["study"]
-    framed = study_config.physics(config)
+    framed = physics_of(config)
     frames = framed["loading"]["frames"]
     physics = framed | {"loading": framed["loading"] | {"frames": []}}
     mesh = folder / "geometry" / "mesh.vtu"

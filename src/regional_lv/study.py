@@ -25,6 +25,7 @@ from regional_lv.geometry.from_config import make_heart
 from regional_lv.inference.sampling import sample_subject
 from regional_lv.mechanics.predictor import fit_predictor
 from regional_lv.parameters import Parameterisation
+from regional_lv.physics import physics_of
 from regional_lv.screening import screen_simulations
 from regional_lv.seeds import derive
 from regional_lv.simulations import make_runner, simulate_batch, solve_anchors, solve_baseline
@@ -50,7 +51,7 @@ class Study:
         self.config = study_config.load(config)
         self.parameters = Parameterisation.from_config(self.config)
         self.channels = Channels.from_config(self.config)
-        self.physics = study_config.physics(self.config)
+        self.physics = physics_of(self.config)
         self.folder = Path(folder or Path("results") / self.config["study"])
 
     def _file(self, path: str) -> Path:

@@ -7,12 +7,12 @@ import pandas as pd
 import pytest
 import torch
 
-from regional_lv.config import physics as physics_of
 from regional_lv.criticism.confirmation import Correction
 from regional_lv.criticism.discretisation import FinerMesh, OnFinerMesh, train_discretisation
 from regional_lv.criticism.extended import ExtendedEmulator
 from regional_lv.criticism.extension import Extension
 from regional_lv.errors import InputError
+from regional_lv.physics import physics_of
 from tests.criticism.toy import CHANNELS, OUTPUTS, PARAMETERS, ToyEmulator
 
 STUDY = ToyEmulator()

@@ -7,12 +7,12 @@ import pandas as pd
 import pytest
 
 from regional_lv import config as study_config
-from regional_lv.config import physics
 from regional_lv.criticism.extend import compare_extended, write_extended
 from regional_lv.errors import InputError
 from regional_lv.measured import read_measured, write_measured
 from regional_lv.mechanics.materials import material_from_config
 from regional_lv.parameters import Parameterisation
+from regional_lv.physics import physics_of
 from tests.criticism.toy import ToyEmulator, measured
 
 NAMED = {"septal_load": 3.0, "radial_scale": 1.2, "wall_thickness": 0.9, "mixed_frames": 0.25}
@@ -46,7 +46,7 @@ def test_the_extended_study_is_valid_and_has_the_causes(files):
     assert found["criticism"]["extends"] == str(files / "findings.json")
     assert list(found["subjects"]) == ["patient"]
     # Nothing else of the simulator changes.
-    before, after = physics(base), physics(found)
+    before, after = physics_of(base), physics_of(found)
     assert {k for k in before if before[k] != after[k]} == {"loading", "observables", "geometry"}
     assert (files / "extended.yaml").read_text().startswith("# The study mine with what")
 

@@ -8,7 +8,6 @@ import pytest
 import torch
 
 from regional_lv.channels import Channels
-from regional_lv.config import physics as physics_of
 from regional_lv.criticism.differences import Scale
 from regional_lv.criticism.extension import Extension, read_extensions, train_extension
 from regional_lv.criticism.hypotheses import (
@@ -23,6 +22,7 @@ from regional_lv.criticism.injection import read_effects
 from regional_lv.emulators.base import Prediction
 from regional_lv.errors import InputError
 from regional_lv.parameters import Parameterisation
+from regional_lv.physics import physics_of
 from regional_lv.registry import load_plugins, temporary
 from tests.criticism.toy import CHANNELS, OUTPUTS, PARAMETERS
 

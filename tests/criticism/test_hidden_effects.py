@@ -18,6 +18,7 @@ from regional_lv.criticism.injection import Ventricles, read_effects, simulate_d
 from regional_lv.criticism.study import Inputs, criticise, split
 from regional_lv.criticism.verdict import Settings
 from regional_lv.measured import synthetic_subject
+from regional_lv.physics import physics_of
 from tests.workflow.project import copy_project, run
 
 THETA = {
@@ -79,7 +80,7 @@ def results(project):
 
 @pytest.fixture(scope="module")
 def physics(project):
-    return study_config.physics(study_config.load(project / "config" / "smoke.yaml"))
+    return physics_of(study_config.load(project / "config" / "smoke.yaml"))
 
 
 @pytest.fixture(scope="module")

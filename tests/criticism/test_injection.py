@@ -7,10 +7,10 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from regional_lv.config import physics as physics_of
 from regional_lv.criticism import injection
 from regional_lv.criticism.hypotheses import REGISTRY
 from regional_lv.parameters import Parameterisation
+from regional_lv.physics import physics_of
 from tests.criticism.toy import OUTPUTS, PARAMETERS
 
 HEARTS = {"singles": 10 * len(REGISTRY), "pairs": 30, "triples": 20, "unlisted": 23, "nulls": 60}

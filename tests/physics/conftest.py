@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from regional_lv.config import physics as physics_of
 from regional_lv.mechanics.continuation import Effort, Solver
+from regional_lv.physics import physics_of
 from regional_lv.simulations import make_simulator
 
 PRESSURE = 8.0

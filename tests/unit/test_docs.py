@@ -10,6 +10,7 @@ import pytest
 import yaml
 
 from regional_lv import config as study_config
+from regional_lv.schema.keys import describe
 from regional_lv.study import Study
 
 ROOT = Path(__file__).parents[2]
@@ -50,7 +51,7 @@ def test_named_targets_and_studies_exist():
 
 
 def test_ten_keys_are_keys():
-    keys = {path for path, _ in study_config.describe()}
+    keys = {path for path, _ in describe()}
     text = (ROOT / "docs" / "configuration.md").read_text()
     named = re.findall(r"^## \d+\. (.*)$", text, flags=re.MULTILINE)
     assert len(named) == 10

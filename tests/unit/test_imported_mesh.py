@@ -24,6 +24,7 @@ from regional_lv.mechanics.continuation import Effort, Solver
 from regional_lv.mechanics.simulator import Simulator
 from regional_lv.page import heart3d
 from regional_lv.parameters import Parameterisation
+from regional_lv.physics import physics_of
 from regional_lv.plots.heart import straight_cells
 
 ROWS = {
@@ -389,7 +390,7 @@ def test_tags_in_the_wrong_turn(imported):
 def test_linear_hexahedra_inflate_like_quadratic_ones(imported, quadratic, smoke_config):
     growth, dilations = [], []
     for mesh in (quadratic, imported):
-        simulator = Simulator(mesh, study_config.physics(smoke_config))
+        simulator = Simulator(mesh, physics_of(smoke_config))
         state = Solver(simulator, smoke_config["solver"]).inflate(np.ones(10), 8.0, Effort())
         # Relative to the cavity at zero pressure, of which flat facets cut a part off.
         growth.append(simulator.observables(state.w)[0][0] / cavity_volume(mesh))

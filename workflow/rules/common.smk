@@ -21,6 +21,7 @@ os.environ["PYTHONHASHSEED"] = "0"
 from regional_lv import config as study_config  # noqa: E402
 from regional_lv import dependencies  # noqa: E402
 from regional_lv.channels import Channels  # noqa: E402
+from regional_lv.config_checks import MESHED_ANEW  # noqa: E402
 from regional_lv.criticism.hypotheses import SimulatorHypothesis, asked  # noqa: E402
 from regional_lv.criticism.hypotheses.base import why_not_scaling  # noqa: E402
 from regional_lv.data import path as packaged  # noqa: E402
@@ -32,6 +33,7 @@ from regional_lv.geometry.mesh_config import finer  # noqa: E402
 from regional_lv.jobs import module_of  # noqa: E402
 from regional_lv.measured import states_noise  # noqa: E402
 from regional_lv.parameters import Parameterisation  # noqa: E402
+from regional_lv.physics import physics_of  # noqa: E402
 from regional_lv.published import (  # noqa: E402
     FILES,
     HEART_MESH,
@@ -90,7 +92,7 @@ PARAMETERS = Parameterisation.from_config(config)
 PARAMETER_SPEC = PARAMETERS.spec()
 CHANNELS = Channels.from_config(config)
 OUTPUTS = list(CHANNELS.names)
-PHYSICS = study_config.physics(config)
+PHYSICS = physics_of(config)
 SEGMENT_TABLE = os.path.relpath(segment_table(config["geometry"]["segments"]))
 
 FROM_TABLES = config["simulations"]["source"] == "table"

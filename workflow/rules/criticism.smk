@@ -19,7 +19,7 @@ VERDICT_BATCHES = batches(HEARTS, config["criticism"]["benchmark"]["subjects_per
 INJECTED_BATCHES = batches(HEARTS, config["simulations"]["batch_size"])
 INJECTED_MESH = (
     f"{R}/geometry/finer/mesh.vtu"
-    if config["geometry"]["source"] in study_config.MESHED_ANEW
+    if config["geometry"]["source"] in MESHED_ANEW
     else f"{R}/geometry/mesh.vtu"
 )
 # Jobs that share the simulations of one round: all that follows waits for them.

@@ -8,7 +8,6 @@ import pandas as pd
 import yaml
 
 from regional_lv.channels import Channel, Channels
-from regional_lv.config import physics as physics_of
 from regional_lv.criticism.hypotheses import REGISTRY, NoiseHypothesis, asked
 from regional_lv.criticism.hypotheses.base import with_value
 from regional_lv.criticism.study import read_known_theta
@@ -16,6 +15,7 @@ from regional_lv.errors import InputError
 from regional_lv.measured import read_measured, write_measured
 from regional_lv.mechanics.materials import material_from_config
 from regional_lv.parameters import Parameterisation
+from regional_lv.physics import physics_of
 
 
 def write_extended(

@@ -1,0 +1,267 @@
+"""What has to fit between the keys of a configuration, its files and the registries."""
+
+import pytest
+
+from regional_lv import config
+from regional_lv.errors import InputError
+from regional_lv.parameters import Parameterisation
+from tests.unit.configurations import changed
+
+PARAMETERS = Parameterisation()
+
+
+@pytest.fixture
+def subject():
+    """A complete synthetic subject."""
+    return {"theta": dict.fromkeys(PARAMETERS.names, 1.0)}
+
+
+MISTAKES = [
+    # what is written, what the message names, the remedy it gives
+    (changed("design.lower", 6.0), "design.lower", "is not below design.upper"),
+    (changed("loading.basal_compliance_mm_per_kpa", 1), "kpa: has moved", "`supports.base.radial`"),
+    (changed("supports.base.axial", "free"), "nothing holds the ventricle along", "compliance"),
+    (changed("supports.base.radial", "free"), "nothing holds the ventricle across", "hold it"),
+    (changed("supports.bas", {}), "supports.bas: unknown key", "did you mean `supports.base`"),
+    (changed("loading.presure_mmhg", 8), "loading.presure", "did you mean `loading.pressure_mmhg`"),
+    (
+        changed("parameters.zones", {"a": [1, 2, 3], "b": [3, *range(4, 18)]}),
+        "parameters.zones.b: segment 3 belongs to a already",
+        "in one zone only",
+    ),
+    (
+        changed("parameters.zones", {"a": list(range(1, 17))}),
+        "parameters.zones: no zone holds segment 17",
+        "add what is missing",
+    ),
+    (changed("parameters.zones", {"a": [*range(1, 19)]}), "18 is no AHA segment", "from 1 to 17"),
+    (changed("parameters.zones", {"a": [], "b": [1]}), "zones.a: holds no segment", "remove it"),
+    (changed("parameters.factors", ["C_c"]), "parameters.factors: C_c", "choose among C_a, C_b"),
+    (changed("parameters.bounds", {"C_c": [1, 2]}), "parameters.bounds: C_c", "choose among C_a"),
+    (changed("parameters.bounds", {"C_a": [2, 1]}), "bounds.C_a: [2, 1] is no", "the lower bound"),
+    (changed("material.law", "gucione"), "material.law: 'gucione'", "did you mean guccione?"),
+    (changed("material.constants.c_kpa", 1), "material.constants.c_kpa", "choose among a_kpa, b"),
+    (changed("material.constants.a_kpa", 0), "material.constants.a_kpa", "correct it"),
+    (changed("material.reference.C_c", 1), "material.reference.C_c", "choose among C_a, C_b"),
+    (changed("observables.quantities", ["torsoin"]), "'torsoin'", "did you mean torsion?"),
+    (
+        changed(
+            "observables", {"quantities": ["volume", "torsion"], "places": {"torsion": ["mid"]}}
+        ),
+        "observables.places.torsion: 'mid' is no place",
+        "there are basal-mid, basal-apical, mid-apical",
+    ),
+    (
+        changed("observables.places", {"torsion": ["mid-apical"]}),
+        "observables.places.torsion: torsion is not observed",
+        "add it to",
+    ),
+    (changed("observables.places", {"radial": [18]}), "places.radial: '18'", "there are 01, 02"),
+    (changed("observables.layer", [0.5, 0.2]), "observables.layer", "give the inner depth first"),
+    (changed("observables.scale", {"radail": 0.8}), "observables.scale.radail", "not observed"),
+    (changed("emulators.exact_pg", {}), "emulators.exact_pg", "did you mean `emulators.exact_gp`"),
+    (changed("scenarios.noise.volum", 1.0), "scenarios.noise: 'volum'", "did you mean volume?"),
+    (changed("criticism.benchmark.noise.strian", 1.0), "noise: 'strian'", "did you mean strain?"),
+    (changed("efficiency.sizes", [11]), "efficiency.sizes: 11", "give 12 or more"),
+    (
+        {"study": "x", "parameters": {"zones": "segments"}, "efficiency": {"sizes": [35]}},
+        "efficiency.sizes: 35",
+        "give 36 or more",
+    ),
+    (
+        {"study": "x", "observables": {"quantities": ["volume"]}, "synthetic_subjects": {}},
+        "subjects.volunteer: the study observes no strain",
+        "remove it from `subjects`",
+    ),
+    (changed("loading.frames", [0.5, 0.2]), "loading.frames", "sort it"),
+    (changed("geometry.epi_apex_z_mm", -70), "geometry.epi_apex_z_mm", "lower it"),
+    (changed("geometry.segments", "none.csv"), "geometry.segments", "give its path"),
+    (changed("emulators.names", ["mvpg"]), "emulators.names", "did you mean mvgp?"),
+    (changed("solver.min_load_fraction", 0.5), "solver.min_load_fraction", "lower it"),
+    (changed("test_posteriors.cases", 121), "test_posteriors.cases", "or write `all`"),
+    (
+        changed("emulators", {"names": ["exact_gp"], "shortlist": {"names": ["dnn"]}}),
+        "shortlist.names: dnn",
+        "add it there",
+    ),
+    (
+        changed("emulators", {"names": ["exact_gp"], "final": "mvgp"}),
+        "emulators.final: mvgp",
+        "or write `auto`",
+    ),
+    (
+        changed("scenarios.sets.mild", {"kind": "local", "mu": 7}),
+        "scenarios.sets.mild.mu: 7 lies outside [0.1, 5]",
+        "move it inside",
+    ),
+    (changed("scenarios.healthy_mean", 0.05), "scenarios.healthy_mean", "move it inside"),
+    (
+        changed("scenarios.sets.test", {"kind": "local", "mu": 2}),
+        "scenarios.sets.test",
+        "choose another",
+    ),
+    (changed("subjects.anna.source", "synthetic"), "subjects.anna", "synthetic_subjects has no"),
+    (changed("subjects.anna.source", "file"), "subjects.anna.measured", "give the path"),
+    (
+        changed("subjects.anna", {"source": "file", "measured": "no.csv"}),
+        "subjects.anna.measured: no.csv",
+        "check path",
+    ),
+    (
+        changed("subjects.anna", {"source": "published_volunteer", "measured": "x.csv"}),
+        "subjects.anna.measured",
+        "remove one of the two",
+    ),
+    (
+        changed("subjects.anna", {"source": "published_volunteer", "slices": [1, 3, 5]}),
+        "subjects.anna.slices",
+        "add `frame",
+    ),
+    (
+        changed(
+            "subjects.anna",
+            {"source": "published_volunteer", "frame": "extrema", "slices": [1, 5]},
+        ),
+        "subjects.anna.slices: ",
+        "name one of 1 and 2",
+    ),
+]
+
+
+@pytest.mark.parametrize(("given", "key", "remedy"), MISTAKES, ids=[m[1] for m in MISTAKES])
+def test_mistake_is_named_with_its_remedy(given, key, remedy):
+    with pytest.raises(InputError) as error:
+        config.load(given, source="mine.yaml")
+    message = str(error.value)
+    assert "mine.yaml: " in message
+    assert key in message
+    assert remedy in message
+
+
+def test_a_study_without_evaluation_names_its_emulator():
+    given = {"study": "mine", "evaluation": False, "emulators": {"names": ["exact_gp"]}}
+    with pytest.raises(InputError, match=r"emulators\.final: without `evaluation`.*exact_gp"):
+        config.load(given)
+    given["emulators"]["final"] = "exact_gp"
+    assert config.load(given)["evaluation"] is False
+
+
+def test_incomplete_theta_names_what_is_missing(subject):
+    del subject["theta"]["C_b_septal"]
+    with pytest.raises(InputError, match=r"anna\.theta: missing C_b_septal; add what is missing"):
+        config.load(changed("synthetic_subjects.anna", subject))
+
+
+def test_theta_outside_the_design_names_the_bounds(subject):
+    subject["theta"]["C_a_apical"] = 7.0
+    with pytest.raises(InputError, match=r"C_a_apical: 7.0 lies outside \[0.1, 5.0\].*inside"):
+        config.load(changed("synthetic_subjects.anna", subject))
+
+
+def test_theta_has_the_names_of_the_study(subject):
+    study = changed("synthetic_subjects.anna", subject) | {"subjects": {}}
+    with pytest.raises(InputError, match=r"anna\.theta: 'C_a_anterior' is not offered") as error:
+        config.load(study | {"parameters": {"zones": "whole"}})
+    assert "anna.theta: missing C_a_whole, C_b_whole" in str(error.value)
+    study["synthetic_subjects"]["anna"]["theta"] = {"C_a_whole": 0.5, "C_b_whole": 1.0}
+    bounds = {"C_a": [0.6, 2.0]}
+    with pytest.raises(InputError, match=r"C_a_whole: 0.5 lies outside \[0.6, 2.0\]"):
+        config.load(study | {"parameters": {"zones": "whole", "bounds": bounds}})
+
+
+@pytest.mark.parametrize(
+    ("effects", "message"),
+    [
+        ({"fibre_rotatio": 5.0}, r"effects: 'fibre_rotatio' .*did you mean fibre_rotation"),
+        ({"fibre_rotation": {"segment": 7, "multiplier": 2.0}}, r"rotation: .*give a number"),
+        ({"focal_scar": 3.0}, r"focal_scar: 3.0 is not its form; give \{segment: "),
+        ({"fibre_rotation": 40.0}, r"effects\.fibre_rotation: 40.0 .*-30.0 to 30.0 deg; move it"),
+        ({"focal_scar": {"segment": 18, "multiplier": 2.0}}, r"segment: 18 is too large"),
+        ({"focal_scar": {"segment": 7}}, r"focal_scar: missing multiplier"),
+        ({"focal_scar": {"segment": 7, "multiplier": 30.0}}, r"focal_scar: 30.0 lies outside"),
+    ],
+)
+def test_effects_are_registered_ones_in_their_range(subject, effects, message):
+    subject["effects"] = effects
+    with pytest.raises(InputError, match=message):
+        config.load(changed("synthetic_subjects.anna", subject) | {"subjects": {}})
+
+
+def test_effects_in_their_range_are_kept(subject):
+    subject["effects"] = {"focal_scar": {"segment": 7, "multiplier": 3}, "radial_scale": 0.8}
+    loaded = config.load(changed("synthetic_subjects.anna", subject) | {"subjects": {}})
+    assert loaded["synthetic_subjects"]["anna"]["effects"] == subject["effects"]
+
+
+def test_hypotheses_that_the_study_rules_out_are_refused_by_name():
+    study = changed("supports.base.radial", 1.0)
+    assert config.load(study | {"criticism": {"hypotheses": "all"}})
+    with pytest.raises(
+        InputError, match=r"hypotheses: basal_motion cannot be tested, .*; remove it"
+    ):
+        config.load(study | {"criticism": {"hypotheses": ["basal_motion"]}})
+    with pytest.raises(InputError, match="neither `all` nor a list of names"):
+        config.load(changed("criticism.hypotheses", "some"))
+    with pytest.raises(InputError, match=r"hypotheses: 'basal_moton' .*did you mean basal_motion"):
+        config.load(changed("criticism.hypotheses", ["basal_moton"]))
+
+
+def test_known_thetas_of_published_simulations_are_the_papers():
+    joint = {"all": {"subjects": ["row"], "theta": "published"}}
+    study = {"study": "mine", "subjects": {"row": {"source": "published_simulation", "row": 3}}}
+    assert config.load(study | {"criticism": {"joint": joint}})
+    with pytest.raises(InputError, match=r"joint\.all\.theta: .* the paper's zones and factors"):
+        config.load(study | {"criticism": {"joint": joint}, "parameters": {"zones": "whole"}})
+
+
+def test_measured_file_of_a_subject_is_checked_before_anything_runs(tmp_path):
+    file = tmp_path / "anna.csv"
+    file.write_text("quantity,segment,value,unit\nvolume,,0.18,mL\n")
+    with pytest.raises(InputError, match=r"subjects\.anna\.measured: .*line 2: .*litres"):
+        config.load(changed("subjects.anna", {"source": "file", "measured": str(file)}))
+
+
+CURVE_MISTAKES = {
+    "unit": ({"unit": None}, "subjects.anna.unit: missing; give it"),
+    "reference": ({"reference": "diastole"}, "did you mean end_diastole?"),
+    "frame": ({"frame": "extrema"}, "only `source: published_volunteer` has the frame extrema"),
+    "no file": ({"curves": "no.csv"}, "subjects.anna.curves: no.csv: cannot be read"),
+    "litres": ({"volume_ml": 0.18}, "subjects.anna.volume_ml: 0.18 is too small"),
+    "of a file": ({"source": "file"}, "subjects.anna.curves: only `source: curves` has it"),
+    "sd": ({"source": "synthetic", "sd": {"strain": 0.02}}, "subjects.anna.sd.strain: only"),
+}
+
+
+@pytest.mark.parametrize("name", CURVE_MISTAKES)
+def test_mistake_about_curves_is_named(tmp_path, name):
+    (tmp_path / "curves.csv").write_text("frame,radial_01\n1,0\n2,40\n3,20\n4,1\n")
+    curves = {
+        "source": "curves",
+        "curves": str(tmp_path / "curves.csv"),
+        "unit": "percent",
+        "reference": "end_diastole",
+        "frame": "earliest_diastole",
+    }
+    config.load(changed("subjects", {"anna": curves}))
+    change, expected = CURVE_MISTAKES[name]
+    with pytest.raises(InputError) as error:
+        config.load(changed("subjects", {"anna": curves | change}))
+    assert expected in str(error.value)
+
+
+def test_curves_are_of_material_lines(tmp_path):
+    (tmp_path / "curves.csv").write_text("frame,radial_01\n1,0\n2,40\n3,20\n4,1\n")
+    study = changed("observables.strain_exponent", 1)
+    study["subjects"] = {
+        "anna": {
+            "source": "curves",
+            "curves": str(tmp_path / "curves.csv"),
+            "unit": "percent",
+            "reference": "end_diastole",
+            "frame": 3,
+        }
+    }
+    with pytest.raises(InputError, match=r"observables\.line_share: .*set line_share: 1"):
+        config.load(study)
+    study["observables"]["line_share"] = 1
+    config.load(study)

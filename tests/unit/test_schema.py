@@ -1,0 +1,111 @@
+"""The schema of the configuration, and what is said of a key that it refuses."""
+
+import re
+
+import pytest
+
+from regional_lv import config
+from regional_lv.errors import InputError
+from regional_lv.schema import load_schema
+from regional_lv.schema.keys import describe
+from tests.unit.configurations import changed
+
+
+def test_schema_is_closed_and_documented():
+    # What a plugin adds there has no entry of its own; the registries are asked.
+    for_plugins = re.compile(r"config\.(emulators(\.\*)?|loading|supports|.*\.noise)")
+
+    def walk(schema, path):
+        if schema.get("type") == "object" and not for_plugins.fullmatch(path):
+            assert schema["additionalProperties"] is False, path
+        inner = schema.get("properties", {}) | schema.get("patternProperties", {})
+        if isinstance(schema.get("additionalProperties"), dict):
+            inner["*"] = schema["additionalProperties"]
+        for key, entry in inner.items():
+            walk(entry, f"{path}.{key}")
+
+    walk(load_schema(), "config")
+    # Absent means that there is no such file, effect, constant or segment.
+    optional = re.compile(r"subjects\.<name>\.measured|.*\.<name>$")
+    for path, entry in describe():
+        assert entry["description"], path
+        assert entry["reruns"], path
+        assert entry["required"] or "default" in entry or optional.search(path), path
+
+
+MISTAKES = [
+    # what is written, what the message names, the remedy it gives
+    (changed("nuts.chain", 4), "nuts.chain", "did you mean `nuts.chains`"),
+    (changed("nutz", {}), "nutz", "did you mean `nuts`"),
+    (changed("batch_size", 4), "batch_size", "did you mean `simulations.batch_size`"),
+    (changed("emulators.exact_gp.kernal", "rq"), "exact_gp.kernal", "`emulators.exact_gp.kernel`"),
+    (changed("mesh.zzz", 1), "mesh.zzz", "allowed here: circumferential"),
+    ({"seed": 1}, "missing study", "add what is missing"),
+    (changed("study", "my study"), "study", "use letters, digits and underscores"),
+    (changed("seed", -1), "seed", "give at least 0"),
+    (changed("seed", "x"), "seed", "a whole number"),
+    (changed("nuts.draws", 80.5), "nuts.draws", "a whole number"),
+    (changed("nuts.target_accept", 1.0), "nuts.target_accept", "give less than 1"),
+    (changed("design", None), "design: an empty value", "a section"),
+    (changed("design.lower", 0), "design.lower", "give more than 0"),
+    (changed("design.test", True), "design.test", "a whole number"),
+    (changed("simulations.batch_size", 0), "simulations.batch_size", "give at least 1"),
+    (changed("nuts.cases_per_batch", 0), "nuts.cases_per_batch", "give at least 1"),
+    (changed("mesh.circumferential", 20), "mesh.circumferential", "one of 16, 24, 32, 40, 48"),
+    (changed("mesh.apex", 0), "mesh.apex", "give at least 1"),
+    (changed("fibres.helix_endo_deg", 95), "fibres.helix_endo_deg", "give at most 90"),
+    (changed("loading.base", "fixed"), "loading.base: has moved", "use `supports.base`"),
+    (changed("material.a_f_kpa", 1), "a_f_kpa: has moved", "`material.constants.a_f_kpa`"),
+    (changed("material.factor_b", 1), "factor_b: has moved", "`material.reference.C_b`"),
+    (changed("observables.nominal_share", 1), "has moved", "`observables.strain_exponent`"),
+    (
+        changed("supports.base.radial", "hold"),
+        "supports.base.radial: 'hold'",
+        "write `held`, `free`",
+    ),
+    (changed("supports.base.radial", -1), "supports.base.radial", "give at least 0"),
+    (changed("loading.presure_mmhg", "x"), "loading.presure", "`loading.pressure_mmhg`"),
+    (changed("loading.septal_pressure_mmhg", -1), "loading.septal_pressure_mmhg", "at least 0"),
+    (
+        changed("parameters.zones", "papr"),
+        "parameters.zones: 'papr'",
+        "write `paper`, `segments` or",
+    ),
+    (changed("parameters.zones", {"my zone": [1]}), "zones.my zone", "use letters, digits"),
+    (changed("parameters.factors", []), "parameters.factors", "name at least one"),
+    (changed("parameters.bounds", {"C_a": [1]}), "bounds.C_a: [1] holds 1", "give 2"),
+    (changed("observables.quantities", []), "observables.quantities", "name at least one"),
+    (changed("observables.layer", [0.0, 1.2]), "observables.layer.1", "give at most 1"),
+    (changed("observables.layer", [0.0]), "observables.layer", "give 2"),
+    (changed("observables.scale", {"radial": 0}), "scale.radial", "give more than 0"),
+    (changed("emulators.nmaes", ["dnn"]), "emulators.nmaes", "did you mean `emulators.names`"),
+    (changed("loading.frames", [0.5, 1.0]), "loading.frames.1", "give less than 1"),
+    (changed("loading.frames", 0.5), "loading.frames", "a list"),
+    (changed("emulators.exact_gp.nugget", "1e-8"), "exact_gp.nugget", "write it as 1.0e-8"),
+    (changed("emulators.names", []), "emulators.names", "name at least one"),
+    (changed("test_posteriors.cases", "most"), "test_posteriors.cases", "`all`"),
+    (changed("emulators.shortlist.names", []), "emulators.shortlist.names", "name at least one"),
+    (changed("scenarios.sets.mild", {"mu": 2}), "missing kind", "add what is missing"),
+    (changed("scenarios.noise.volume", 0), "scenarios.noise.volume", "give more than 0"),
+    (changed("subjects.7up", {"source": "synthetic"}), "subjects.7up", "begin with a letter"),
+    (changed("subjects", {1: {"source": "synthetic"}}), "subjects.1", "begin with a letter"),
+    (changed("subjects.anna", {}), "subjects.anna", "missing source"),
+]
+
+
+@pytest.mark.parametrize(("given", "key", "remedy"), MISTAKES, ids=[m[1] for m in MISTAKES])
+def test_mistake_is_named_with_its_remedy(given, key, remedy):
+    with pytest.raises(InputError) as error:
+        config.load(given, source="mine.yaml")
+    message = str(error.value)
+    assert "mine.yaml: " in message
+    assert key in message
+    assert remedy in message
+
+
+def test_empty_pressure_says_what_it_is_and_what_a_wrong_one_does():
+    with pytest.raises(InputError) as error:
+        config.load(changed("loading.pressure_mmhg", None))
+    (line,) = str(error.value).splitlines()
+    assert line.startswith("config: loading.pressure_mmhg: empty; fill in the end-diastolic")
+    assert "every C_a come out 10 % too high" in line
