@@ -18,7 +18,7 @@ from pathlib import Path
 import jsonschema
 import yaml
 
-from regional_lv.config_checks import MESHED_ANEW, check_effects, cross_check, table_sizes
+from regional_lv.config_checks import check_effects, cross_check, meshes_anew, table_sizes
 from regional_lv.errors import InputError
 from regional_lv.input_files import read_text, reading
 from regional_lv.parameters import Parameterisation
@@ -263,7 +263,7 @@ def _drop_impossible(config: dict, named: Iterable[str]) -> None:
     """Leave out default synthetic subjects that this study cannot have: whose effects are part of
     its model, or for which it cannot mesh its geometry anew. named: subjects that the study asks
     for itself, which stay, to be complained about."""
-    again = config["geometry"]["source"] in MESHED_ANEW
+    again = meshes_anew(config)
     for name, subject in list(config["synthetic_subjects"].items()):
         try:
             possible = not list(check_effects(name, subject["effects"], config))

@@ -6,7 +6,7 @@ The schema has accepted each key by itself, and the defaults are filled in (`reg
 import difflib
 import itertools
 import warnings
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 
 from regional_lv.channels import Channels
@@ -36,11 +36,16 @@ RESERVED = {"train", "test", "holdout", "resimulated", "subjects"}
 PATHS = "give its path from the folder of the configuration, or from the one in which you start"
 """Where a path may count from."""
 
+KEPT = "an imported mesh that is kept cannot be made finer (geometry.imported.remesh)"
+
 CURVES = ("curves", "unit", "reference", "frame")
 """What a subject with `source: curves` has to say."""
 
-MESHED_ANEW = ("segments", "surfaces")
-"""Sources of the geometry of which a finer mesh can be made."""
+
+def meshes_anew(config: Mapping) -> bool:
+    """Whether the study makes its meshes itself, so that it can make finer ones."""
+    geometry = config["geometry"]
+    return geometry["source"] != "mesh" or geometry["imported"]["remesh"]
 
 
 def cross_check(config: dict) -> Iterator[str]:
@@ -113,11 +118,11 @@ def _check_model(config: dict, parameters: Parameterisation, channels: Channels)
         key = f"synthetic_subjects.{name}"
         yield from _check_theta(f"{key}.theta", subject["theta"], parameters)
         yield from _check_noise(f"{key}.noise", subject["noise"], channels)
-        if subject["mesh"] == "finer" and config["geometry"]["source"] not in MESHED_ANEW:
-            yield f"{key}.mesh: an imported mesh cannot be made finer; write study"
+        if subject["mesh"] == "finer" and not meshes_anew(config):
+            yield f"{key}.mesh: {KEPT}; write study"
         yield from check_effects(f"{key}.effects", subject["effects"], config)
-    if config["criticism"]["discretisation"] and config["geometry"]["source"] not in MESHED_ANEW:
-        yield "criticism.discretisation: an imported mesh cannot be made finer; write 0"
+    if config["criticism"]["discretisation"] and not meshes_anew(config):
+        yield f"criticism.discretisation: {KEPT}; write 0"
     benchmark = config["criticism"]["benchmark"]
     yield from _check_noise("criticism.benchmark.noise", benchmark["noise"], channels)
     noise = config["scenarios"]["noise"]

@@ -265,3 +265,21 @@ def test_curves_are_of_material_lines(tmp_path):
         config.load(study)
     study["observables"]["line_share"] = 1
     config.load(study)
+
+
+@pytest.mark.parametrize("remesh", [True, False])
+def test_only_a_mesh_that_is_kept_cannot_be_made_finer(subject, remesh, tmp_path):
+    file = tmp_path / "heart.vtu"
+    file.touch()
+    study = changed("geometry.imported", {"file": str(file), "remesh": remesh})
+    study["geometry"]["source"] = "mesh"
+    study["criticism"] = {"discretisation": 20}
+    study |= {"subjects": {"s": {"source": "synthetic"}}}
+    study |= {"synthetic_subjects": {"s": subject | {"mesh": "finer"}}}
+    if remesh:
+        assert config.load(study)["synthetic_subjects"]["s"]["mesh"] == "finer"
+        return
+    with pytest.raises(InputError) as error:
+        config.load(study)
+    for key in ("criticism.discretisation", "synthetic_subjects.s.mesh"):
+        assert f"{key}: an imported mesh that is kept cannot be made finer" in str(error.value)

@@ -21,7 +21,7 @@ os.environ["PYTHONHASHSEED"] = "0"
 from regional_lv import config as study_config  # noqa: E402
 from regional_lv import dependencies  # noqa: E402
 from regional_lv.channels import Channels  # noqa: E402
-from regional_lv.config_checks import MESHED_ANEW  # noqa: E402
+from regional_lv.config_checks import meshes_anew  # noqa: E402
 from regional_lv.criticism.hypotheses import SimulatorHypothesis, asked  # noqa: E402
 from regional_lv.criticism.hypotheses.base import why_not_scaling  # noqa: E402
 from regional_lv.data import path as packaged  # noqa: E402
@@ -189,8 +189,7 @@ MESHES = {
     **{folder: config["mesh"] | own for folder, own in REFINEMENTS.items()},
 }
 # The one that hypotheses are simulated on; an imported mesh that is kept serves for them too.
-MESHED = config["geometry"]["source"] != "mesh" or IMPORTED["remesh"]
-EXTENDED_ON = "extensions/" if EXTENDED_MESH and MESHED else ""
+EXTENDED_ON = "extensions/" if EXTENDED_MESH and meshes_anew(config) else ""
 # With the error of the study's mesh in the base model, effects that only observe otherwise, and
 # sets of causes, are simulated on the finer one as well: strains at a surface are what a coarse
 # mesh has most wrong.

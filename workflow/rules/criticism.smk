@@ -17,11 +17,7 @@ CRITICISED = [
 HEARTS = sum(config["criticism"]["benchmark"]["hearts"].values())
 VERDICT_BATCHES = batches(HEARTS, config["criticism"]["benchmark"]["subjects_per_batch"])
 INJECTED_BATCHES = batches(HEARTS, config["simulations"]["batch_size"])
-INJECTED_MESH = (
-    f"{R}/geometry/finer/mesh.vtu"
-    if config["geometry"]["source"] in MESHED_ANEW
-    else f"{R}/geometry/mesh.vtu"
-)
+INJECTED_MESH = f"{R}/geometry/{'finer/' if meshes_anew(config) else ''}mesh.vtu"
 # Jobs that share the simulations of one round: all that follows waits for them.
 CONFIRMED_IN = 2
 TURNS = range(CRITICISM["confirmation"]["rounds"])
