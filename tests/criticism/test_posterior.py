@@ -111,6 +111,22 @@ def test_leaving_out_is_a_ratio_of_evidences(base):
         assert value == pytest.approx(whole - log_evidence(model, keep)[0], abs=0.1), number
 
 
+def test_what_is_left_out_is_predicted_by_the_rest(base):
+    """Mean and sd of every channel in closed form."""
+    model, _, posterior = base
+    left_out = leave_out(posterior, 1000, 3)
+    x0 = torch.zeros(1, len(model.low)).double()
+    mean, slopes = (part[0, 0] for part in model.linearise(x0))
+    noise = model.covariance(x0)[0, 0].diagonal()
+    for number, group in model.observations.groups.items():
+        _, centre, covariance = log_evidence(model, ~group)
+        sd = (noise + (slopes @ covariance * slopes).sum(1)).sqrt()
+        # As far as a few hundred effective draws tell them.
+        gap = (left_out.mean[0] - mean - slopes @ centre)[group] / sd[group]
+        assert gap.abs().max() < 0.15, number
+        assert torch.allclose(left_out.sd[0][group], sd[group], rtol=0.1), number
+
+
 def test_laplace_agrees_where_it_is_exact(base):
     model, best, posterior = base
     near = approximate(model, best, 500, 1)

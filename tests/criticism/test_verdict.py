@@ -126,6 +126,21 @@ def test_findings_keep_the_contract(found, tmp_path):
     assert total <= 1 + 1e-9
 
 
+def test_misfit_has_the_sign_of_the_effect(found, injected):
+    """The injected basal motion makes radial strains larger and circumferential ones more negative
+    than the base model can, by 6 and 4 sd of the noise less what theta takes up."""
+    rows = pd.DataFrame(found["misfit"]["channels"]).set_index("output")
+    measured_values = injected.set_index("output")["value"]
+    pd.testing.assert_series_equal(rows["observed"], measured_values, check_names=False)
+    z = (rows["observed"] - rows["predicted"]) / rows["sd"]
+    pd.testing.assert_series_equal(rows["z"], z, check_names=False)
+    basal_z = rows[rows["segment"].isin(aha.LEVELS["basal"])].groupby("quantity")["z"]
+    assert basal_z.min()["radial"] > 2 and basal_z.max()["circumferential"] < -2
+    largest = {row["what"]: row["z"] for row in found["misfit"]["largest"]}
+    assert largest["basal radial"] > 2 and largest["basal circumferential"] < -2
+    assert largest["radial_02"] > 2 and largest["circumferential_01"] < -2
+
+
 def test_the_steps_between_files_lose_nothing(injected):
     critic = inputs({"heart": injected}, catalogue(), (TAILS,), SETTINGS).critic()
     searched = critic.search()

@@ -12,6 +12,7 @@ import torch
 from botorch.fit import fit_gpytorch_mll
 from botorch.models import SingleTaskGP
 from gpytorch.mlls import ExactMarginalLogLikelihood
+from scipy.special import expit
 
 from regional_lv import emulators
 from regional_lv.channels import Channels
@@ -251,10 +252,21 @@ def test_some_outputs_alone(emulator):
 
 
 def test_local_for_some_outputs(fitted):
-    """Neighbours are sought among the outputs that there are."""
+    """Neighbours are sought by the outputs that there are; those that are left predict the same as
+    beside the others."""
     names = ("radial_02", "volume_ml", "radial_01")
-    part = fitted.select(names).localise(toy(MIDDLE[0])[[NAMES.index(name) for name in names]])
-    assert part.predict(MIDDLE).mean.shape == (3, 3)
+    index = [NAMES.index(name) for name in names]
+    observed, whole = toy(MIDDLE[0])[index], fitted
+    part = fitted.select(names).localise(observed)
+    if fitted.architecture.training_scope == "local":
+        y = toy(points(ROWS, 1))[:, index]
+        distance = ((y - observed) / y.std(0)).square().sum(1)
+        nearest = distance.argsort()[: SMALL["neighbours"]].sort().values
+        assert part.rows.tolist() == nearest.tolist()
+        whole = fitted._train(nearest)
+    own, expected = part.predict(MIDDLE), whole.predict(MIDDLE)
+    torch.testing.assert_close(own.mean, expected.mean[:, index])
+    torch.testing.assert_close(own.covariance, expected.covariance[:, index][:, :, index])
 
 
 def test_same_seed_same_emulator(fitted, emulator):
@@ -532,10 +544,20 @@ def test_optimiser_steps_back_from_where_there_is_no_cholesky_factor():
     assert 1 < x.item() < 2
 
 
-def test_initial_network_keeps_variances():
-    x = torch.randn(2000, 10, generator=torch.Generator().manual_seed(1))
-    sd = build([10, 64, 64, 8], 2)(x).std()
-    assert 0.3 < sd < 2.0
+def test_initial_network_passes_variances_on():
+    """All of it through the first layer, and of q before a SiLU twice the second moment after it:
+    the limit of wide layers, by quadrature."""
+    sizes = [400, 3000, 1000, 2000]
+    x = torch.randn(500, sizes[0], generator=torch.Generator().manual_seed(1))
+    nodes, weights = np.polynomial.hermite_e.hermegauss(60)
+    expected = 1.0
+    for depth in (1, 2, 3):
+        network = build(sizes[: depth + 1], 2).requires_grad_(False)
+        # Widths of a thousand leave 2 % by chance.
+        assert float(network(x).square().mean()) == pytest.approx(expected, rel=0.05)
+        assert (network(torch.zeros(1, sizes[0])) == 0).all()
+        z = np.sqrt(expected) * nodes
+        expected = 2 * np.average((z * expit(z)) ** 2, weights=weights)
 
 
 @pytest.mark.parametrize(
@@ -710,12 +732,26 @@ def test_shrinkage_only_where_rows_are_few():
     assert shrinkage_of(few) > 5 * shrinkage_of(many)
 
 
-def test_fewer_rows_than_outputs():
-    theta = points(32, 17)
-    y = many_outputs(theta)
-    emulator = ExactGP(iterations=20).fit(theta, y, parameters=PARAMETERS, outputs=CHANNELS.names)
-    covariance = emulator.predict(torch.as_tensor(points(2, 18))).covariance
-    assert torch.linalg.cholesky_ex(covariance)[1].sum() == 0
+@pytest.mark.parametrize("rows", [32, 52])
+def test_no_more_rows_than_outputs(rows):
+    """Of 52 multiples of one function. Each has the likelihood and the variance that it has by
+    itself; correlations, which are 1 or -1, lose the tenth that is the least."""
+    theta, multiples = points(rows, 17), np.arange(1.0, 53.0) * np.resize([1, 1, -1], 52)
+    y = toy(theta).numpy()[:, 2:3] * multiples
+    # A nugget with which the inverse below has all the digits that are compared.
+    emulator = ExactGP(iterations=20, nugget=1e-4)
+    emulator.fit(theta, y, parameters=PARAMETERS, outputs=CHANNELS.names)
+    matrix = emulator._training_covariance()[0] + emulator.nugget * torch.eye(rows).double()
+    inverse = torch.linalg.inv(matrix)
+    z = torch.as_tensor(y[:, 0] / y[:, 0].std(ddof=1))
+    z = z - (inverse @ z).sum() / inverse.sum()
+    variance = z @ inverse @ z / (rows - 1)
+    loss = (rows - 1) * variance.log() + torch.logdet(matrix) + inverse.sum().log()
+    assert emulator.info["log_marginal_likelihood"] == pytest.approx(-52 * float(loss) / 2)
+    correlation = 0.9 * np.outer(np.sign(multiples), np.sign(multiples)) + 0.1 * np.eye(52)
+    sd = variance.sqrt() * emulator.output_sd
+    found = emulator.predict(torch.as_tensor(points(2, 18))).output_covariance
+    torch.testing.assert_close(found / sd / sd[:, None], torch.as_tensor(correlation))
 
 
 def table(path, n: int, seed: int):

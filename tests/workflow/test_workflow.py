@@ -13,6 +13,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import NamedTuple
 
 import pandas as pd
 import pytest
@@ -52,15 +53,17 @@ def edit_config(project: Path, change) -> None:
     path.write_text(yaml.safe_dump(config))
 
 
-@pytest.fixture(scope="module")
-def finished_before() -> dict[Path, int]:
-    """Batches of simulations that the study below had finished when it was killed, and when."""
-    return {}
+class Killed(NamedTuple):
+    """A copy whose study was killed; a batch of simulations that it had finished, and when."""
+
+    project: Path
+    batch: Path
+    finished_ns: int
 
 
 @pytest.fixture(scope="module")
-def study(root, tmp_path_factory, finished_before) -> Path:
-    """A copy in which the smoke study was started with two cores, killed, and finished."""
+def killed(root, tmp_path_factory) -> Killed:
+    """A copy in which the smoke study was started with two cores and killed."""
     project = copy_project(root, tmp_path_factory.mktemp("study") / "project")
     process = start(project, "--cores", "2")
     deadline = time.monotonic() + 600
@@ -69,12 +72,18 @@ def study(root, tmp_path_factory, finished_before) -> Path:
         time.sleep(0.2)
     # With two jobs at a time, that of the first batch has ended when the third is written.
     first = min(written, key=lambda p: p.stat().st_mtime_ns)
-    finished_before[first] = first.stat().st_mtime_ns
+    finished_ns = first.stat().st_mtime_ns
     os.killpg(process.pid, signal.SIGKILL)
     process.wait()
-    run(project, "--unlock")
-    run(project, "--cores", "2")
-    return project
+    return Killed(project, first, finished_ns)
+
+
+@pytest.fixture(scope="module")
+def study(killed) -> Path:
+    """The same copy, finished with two cores."""
+    run(killed.project, "--unlock")
+    run(killed.project, "--cores", "2")
+    return killed.project
 
 
 @pytest.fixture
@@ -261,10 +270,8 @@ def test_bad_measured_file_stops_before_anything_runs(editable):
     assert "patient.csv" in output and "4" in output
 
 
-def test_what_a_killed_run_had_finished_is_kept(study, finished_before):
-    assert len(finished_before) == 1
-    for path, modified in finished_before.items():
-        assert path.stat().st_mtime_ns == modified, f"{path} was made again"
+def test_what_a_killed_run_had_finished_is_kept(study, killed):
+    assert killed.batch.stat().st_mtime_ns == killed.finished_ns, f"{killed.batch} was made again"
 
 
 @pytest.mark.parametrize("target", REMADE)
