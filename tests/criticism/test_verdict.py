@@ -256,6 +256,21 @@ def test_simulations_correct_what_effects_do_to_each_other():
     assert not alone["explained"] or set(alone["named"]) != {"basal_motion", "radial_scale"}
 
 
+def test_differences_are_counted_in_noise_where_there_is_noise():
+    """Twice the noise in a strain; a volume that is taken as exact, and a channel not observed."""
+    model = SimpleNamespace(
+        emulator=SimpleNamespace(
+            correction=SimpleNamespace(value=torch.tensor([[0.02, 3.0, 9.0]]))
+        ),
+        observations=SimpleNamespace(present=torch.tensor([[True, True, False]])),
+        noise_variance=lambda x: torch.tensor([[[1e-4, 0.0, 1.0]]]),
+    )
+    one = CauseSet((("cause", ""),), model, SimpleNamespace(x=None), 0.0, 0.0)
+    assert one.difference_sds[0, 0] == pytest.approx(2.0)
+    assert one.difference_sds[0, 1].isnan()
+    assert one.difference_sd == pytest.approx(2.0)
+
+
 @pytest.mark.parametrize(
     ("probabilities", "p_values", "best", "tested"),
     [

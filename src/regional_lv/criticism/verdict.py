@@ -163,16 +163,20 @@ class CauseSet:
 
     @property
     def difference_sds(self) -> torch.Tensor:
-        """(S, D) differences of simulated and emulated channels, in sds of the noise."""
+        """(S, D) differences of simulated and emulated channels, in sds of the noise; NaN for
+        channels without noise, such as a volume that is taken as exact."""
         assert self.correction is not None
-        return self.correction.value / self.model.noise_variance(self.fit.x)[0].sqrt()
+        noise = self.model.noise_variance(self.fit.x)[0].sqrt()
+        return torch.where(noise > 0, self.correction.value / noise, math.nan)
 
     @property
     def difference_sd(self) -> float:
         """The largest of them, whatever its sign."""
         if not self.confirmed:
             return math.nan
-        return float(self.difference_sds.abs()[self.model.observations.present].max())
+        found = self.difference_sds.abs()[self.model.observations.present]
+        found = found[found.isfinite()]
+        return float(found.max()) if len(found) else math.nan
 
     def place(self, name: str) -> int:
         """Coordinate of a cause of the set among those of the model."""
