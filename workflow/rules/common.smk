@@ -237,14 +237,17 @@ def imported_files():
     return {name: path for name, path in files.items() if path is not None}
 
 
+def published_table(name, kind):
+    """File of the `inputs` or `outputs` of a published set."""
+    return fetched_path(config["study"], PUBLISHED_TABLES[name][kind])
+
+
 def simulation_table(name, kind):
     """File of the `inputs` or `outputs` of a set that comes from a table; what has no table of its
     own is held out of `train`."""
     source = name if name in TABLE_SETS else "train"
     path = TABLE_SETS[source][kind]
-    if path == PUBLISHED:
-        path = fetched_path(config["study"], PUBLISHED_TABLES[source][kind])
-    return path
+    return published_table(source, kind) if path == PUBLISHED else path
 
 
 # Figures and tables of the stage `estimates`, up to the shortlist.

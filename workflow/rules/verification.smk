@@ -1,7 +1,8 @@
 """The simulator against published and exact results; not part of `all`: `snakemake verify`."""
 
 V = f"{R}/verification"
-PUBLISHED_ROWS_COMPARED = 100
+PUBLISHED_ROWS_COMPARED = {"train": 100, "test": 128}
+SUBJECT_ROWS = sorted(s["row"] for s in config["subjects"].values() if s["row"] is not None)
 
 
 rule verify:
@@ -154,33 +155,37 @@ if config["geometry"]["source"] == "mesh" and IMPORTED["remesh"]:
 if config["geometry"]["source"] == "mesh" and IMPORTED["file"] == PUBLISHED_HEART:
 
     rule simulate_published_rows:
-        """Rows of the published training table that are no subject of this study."""
+        """Rows of a published table: of the training set, some that are no subject of this study."""
         input:
             mesh=f"{R}/geometry/mesh.vtu",
             predictor=f"{R}/mechanics/predictor.npz",
-            inputs=fetched_path(config["study"], TRAINING_INPUTS),
-            outputs=fetched_path(config["study"], TRAINING_OUTPUTS),
+            inputs=lambda wildcards: published_table(wildcards.set, "inputs"),
+            outputs=lambda wildcards: published_table(wildcards.set, "outputs"),
         output:
-            rows=f"{V}/published_rows.parquet",
+            rows=f"{V}/published_{{set}}.parquet",
         log:
-            f"{LOGS}/verification/simulate_published_rows.log",
+            f"{LOGS}/verification/simulate_published_{{set}}.log",
         benchmark:
-            f"{R}/benchmarks/simulate_published_rows.tsv"
+            f"{R}/benchmarks/simulate_published_{{set}}.tsv"
+        wildcard_constraints:
+            set=any_of(PUBLISHED_TABLES),
         params:
             call="verification.published_rows:simulate_published_rows",
             physics=PHYSICS,
-            used=sorted(s["row"] for s in config["subjects"].values() if s["row"] is not None),
-            most=PUBLISHED_ROWS_COMPARED,
+            used=lambda wildcards: SUBJECT_ROWS if wildcards.set == "train" else [],
+            most=lambda wildcards: PUBLISHED_ROWS_COMPARED[wildcards.set],
         script:
             "../scripts/call.py"
 
     rule summarise_published_rows:
         input:
-            rows=f"{V}/published_rows.parquet",
+            rows=f"{V}/published_{{set}}.parquet",
         output:
-            summary=f"{V}/published_rows.csv",
+            summary=f"{V}/published_{{set}}.csv",
         log:
-            f"{LOGS}/verification/summarise_published_rows.log",
+            f"{LOGS}/verification/summarise_published_{{set}}.log",
+        wildcard_constraints:
+            set=any_of(PUBLISHED_TABLES),
         localrule: True
         params:
             call="verification.published_rows:summarise_published_rows",
