@@ -103,7 +103,9 @@ def draw_causes(findings: dict, png: Path, csv: Path) -> None:
             least = row["p_value"] <= findings["least_p_value"] * (1 + 1e-9)
             p = f"p ≤ {row['p_value']:.2g}" if least else words.p_value(row["p_value"])
             text = f"{row['z']:+z.1f} ({p})"
-        left.text(length, y, f"  {text}", va="center", fontsize=7.5)
+        box = {"facecolor": "white", "edgecolor": "none", "pad": 0.5}  # over the dashed line
+        at_end = {"xytext": (5, 0), "textcoords": "offset points", "va": "center"}
+        left.annotate(text, (length, y), **at_end, fontsize=7.5, bbox=box)
     left.axvline(findings["critical_z"] or 0, color=style.BLACK, linestyle="--", linewidth=0.8)
     left.set_yticks(at, table["cause"])
     left.set_xlim(0, 1.4 * max(lengths.max(), 4.0))
