@@ -19,7 +19,8 @@ CHECKS = 40
 
 
 def build(sizes: list[int], seed: int = 0) -> torch.nn.Sequential:
-    """Random layers of the widths `sizes`, inputs first: what goes through keeps its variance.
+    """Random layers of the widths `sizes`, inputs first, which pass on most of the variance: 0.7 of
+    it after one hidden layer, 0.3 after three.
 
     SiLU between the layers: smooth where the paper's networks have corners (ReLU), as samplers
     follow the derivative.
@@ -28,7 +29,7 @@ def build(sizes: list[int], seed: int = 0) -> torch.nn.Sequential:
     layers: list[torch.nn.Module] = []
     for widths in itertools.pairwise(sizes):
         linear = torch.nn.Linear(*widths)
-        # SiLU halves the second moment of what comes out of a layer.
+        # As for ReLU, which halves a second moment (He et al. 2015); SiLU leaves 0.36 of it.
         scale = math.sqrt((2 if layers else 1) / widths[0])
         linear.weight.data = (scale * torch.randn(*widths, generator=generator)).T.contiguous()
         linear.bias.data.zero_()
