@@ -54,3 +54,8 @@ def outputs_from_published(table: np.ndarray) -> np.ndarray:
     """
     blocks = [1 + 17 * d + published_to_aha for d in range(3)]
     return table[..., np.concatenate([[0], *blocks])]
+
+
+def level_of(segment: int) -> str:
+    """The level of a segment's number."""
+    return next(level for level, numbers in LEVELS.items() if segment in numbers)

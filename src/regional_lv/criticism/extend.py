@@ -8,7 +8,7 @@ import pandas as pd
 import yaml
 
 from regional_lv.channels import Channel, Channels
-from regional_lv.criticism.hypotheses import REGISTRY, NoiseHypothesis, asked
+from regional_lv.criticism.hypotheses import REGISTRY, asked
 from regional_lv.criticism.hypotheses.base import with_value
 from regional_lv.criticism.study import read_known_theta
 from regional_lv.errors import InputError
@@ -46,9 +46,8 @@ def write_extended(
     base = physics = physics_of(dict(config))
     named = {name: REGISTRY[name].for_study(base) for name in content["named"]}
     for name, hypothesis in named.items():
-        if not isinstance(hypothesis, NoiseHypothesis):
-            found = by_name[name]
-            physics = hypothesis.extend(physics, found["estimate"], found["component"])
+        found = by_name[name]
+        physics = hypothesis.extend(physics, found["estimate"], found["component"])
     if known_theta:
         physics = with_value(physics, ("material", "reference"), _references(base, content))
 
@@ -120,9 +119,8 @@ def _references(physics: Mapping, content: Mapping) -> dict[str, float]:
 def _as_observed(channel: Channel, named: Mapping, found: Mapping) -> Channel:
     """The channel at the load at which it was observed, by the `named` causes."""
     for name, hypothesis in named.items():
-        if not isinstance(hypothesis, NoiseHypothesis):
-            fraction = hypothesis.load_fraction(channel, found[name]["estimate"])
-            channel = Channel(channel.quantity, channel.place, round(fraction, 4))
+        fraction = hypothesis.load_fraction(channel, found[name]["estimate"])
+        channel = Channel(channel.quantity, channel.place, round(fraction, 4))
     return channel
 
 

@@ -60,7 +60,7 @@ class Cell(NamedTuple):
 
 
 def _segment_cell(number: int) -> Cell:
-    level = next(name for name, numbers in aha.LEVELS.items() if number in numbers)
+    level = aha.level_of(number)
     numbers = aha.LEVELS[level]
     width = 360 / len(numbers)
     middle = 90 + width * (number - numbers[0])  # first of each ring at the top, then to the left

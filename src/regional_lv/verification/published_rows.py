@@ -6,10 +6,9 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from regional_lv.aha import LEVELS, outputs_from_published
+from regional_lv.aha import level_of, outputs_from_published
 from regional_lv.channels import Channels
-from regional_lv.progress import Progress
-from regional_lv.simulations import make_runner
+from regional_lv.simulations import make_runner, run_all, tabulate
 
 NATURAL_ROWS = 4704
 """Rows of the published table on the natural scale, the first ones; the others are logarithmic."""
@@ -35,28 +34,18 @@ def simulate_published_rows(
     published = outputs_from_published(np.loadtxt(outputs, delimiter=","))
     free = np.setdiff1d(np.arange(len(theta)), np.asarray(used, dtype=int) - 1)
     chosen = free[np.linspace(0, len(free) - 1, min(most, len(free))).round().astype(int)]
-    runner, channels = make_runner(mesh, physics, predictor), Channels.of()
-    at = [runner.channels.names.index(name) for name in channels.names]
-    progress, parts = Progress("published rows", len(chosen)), []
-    for row in chosen:
-        result = runner.run(theta[row])
-        solved = result.status == "converged"
-        assert result.observables is not None
-        part = {
-            "row": row + 1,
-            "output": channels.names,
-            "quantity": [c.quantity for c in channels],
-            "level": [_level(c.segment) for c in channels],
-            "simulated": result.observables[at] if solved else np.nan,
-            "published": published[row],
-        }
-        parts.append(pd.DataFrame(part))
-        progress.step(failed=not solved)
-    pd.concat(parts, ignore_index=True).to_parquet(rows, index=False)
-
-
-def _level(segment: int | None) -> str:
-    return next((name for name, numbers in LEVELS.items() if segment in numbers), "")
+    runner = make_runner(mesh, physics, predictor, sensitivities=False)
+    results, channels = run_all(runner, theta[chosen], "published rows", chosen + 1), Channels.of()
+    simulated = tabulate(pd.DataFrame({"row": chosen + 1}), results, runner.channels)
+    table = {
+        "row": np.repeat(chosen + 1, len(channels)),
+        "output": np.tile(channels.names, len(chosen)),
+        "quantity": np.tile([c.quantity for c in channels], len(chosen)),
+        "level": np.tile([level_of(c.segment) if c.segment else "" for c in channels], len(chosen)),
+        "simulated": simulated[list(channels.names)].to_numpy().ravel(),
+        "published": published[chosen].ravel(),
+    }
+    pd.DataFrame(table).to_parquet(rows, index=False)
 
 
 def summarise_published_rows(rows: str | Path, summary: str | Path) -> None:
