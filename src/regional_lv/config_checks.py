@@ -11,6 +11,7 @@ from pathlib import Path
 
 from regional_lv.channels import Channels
 from regional_lv.criticism.hypotheses import REGISTRY
+from regional_lv.criticism.hypotheses.base import psi_and_component
 from regional_lv.data import VOLUNTEER
 from regional_lv.errors import InputError
 from regional_lv.mechanics.loads import LOADS
@@ -224,20 +225,34 @@ def check_effects(key: str, effects: dict, config: dict) -> Iterator[str]:
         if name not in REGISTRY:
             continue
         hypothesis = REGISTRY[name].for_study(described)
-        local = hypothesis.components != ("",)
-        if local != isinstance(value, dict):
-            form = "{segment: ..., multiplier: ...}" if local else "a number"
-            yield f"{key}.{name}: {value!r} is not its form; give {form}"
+        try:
+            psi, component = psi_and_component(value)
+        except KeyError:
+            psi, component = 0.0, None
+        if component not in hypothesis.components:
+            yield f"{key}.{name}: {value!r} is not its form; give {_forms(hypothesis.components)}"
             continue
         why_not = hypothesis.why_not(described)
         if why_not:
             yield f"{key}.{name}: cannot be injected, {why_not}; remove it"
-        psi = value["multiplier"] if isinstance(value, dict) else value
         if not hypothesis.low <= psi <= hypothesis.high:
             yield (
                 f"{key}.{name}: {psi} lies outside the plausible range, {hypothesis.low} to "
                 f"{hypothesis.high} {hypothesis.unit}; move it inside"
             )
+
+
+def _forms(components: Iterable[str]) -> str:
+    """How an effect with these components is written."""
+    forms: dict[str, None] = {}
+    for component in components:
+        if not component:
+            forms["a number"] = None
+        elif component.isdigit():
+            forms["{segment: ..., multiplier: ...}"] = None
+        else:
+            forms[f"{{component: {component}, value: ...}}"] = None
+    return " or ".join(forms)
 
 
 def _check_joint(joint: dict, subjects: dict, parameters: Parameterisation) -> Iterator[str]:

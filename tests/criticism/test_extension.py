@@ -344,12 +344,15 @@ def test_the_range_of_the_pressure_is_the_studys(physics):
 
 
 def test_the_measure_starts_from_the_studys(physics):
-    """With nominal strains at its base, lines differ from the tensor, and Green's is a node."""
+    """With nominal strains at its base, lines differ from the tensor, and Green's is a node. From
+    Green's strain, the other measure is one of the tensor or of the line."""
+    from_green = asked("all", physics)["strain_measure"].components
+    assert from_green == ("", "material line")
     physics = with_value(physics, ("observables", "strain_exponent"), 1.0)
     found = asked("all", physics)
     assert found["strain_measure"].base == 1.0
     assert found["strain_measure"].nodes == (-2.0, 0.0, 2.0)
-    assert "line_strain" in found
+    assert "line_strain" in found and found["strain_measure"].components == ("",)
     lines = with_value(physics, ("observables", "line_share"), 1.0)
     assert asked(["line_strain"], lines)["line_strain"].nodes == (0.0, 0.5)
     assert REGISTRY["strain_measure"].base == 2.0

@@ -222,7 +222,20 @@ def test_a_scar_is_found_in_its_segment():
     found = findings(measured(ToyEmulator(), scars()[9], 0.8, seed=5))
     assert found["named"] == ["focal_scar"]
     (scar,) = [h for h in found["hypotheses"] if h["name"] == "focal_scar"]
-    assert scar["component"] == "10"
+    assert scar["component"] == "10" and scar["component_probability"] > 0.95
+    assert not any("of that for this" in sentence for sentence in found["words"])
+
+
+def test_a_cause_of_two_kinds_that_look_alike_says_how_sure_the_kind_is(injected):
+    """The cause is certain, which of its kinds is at work is not; both never stand in one set."""
+    like = basal()
+    kind = Extension(like.hypothesis, like.pattern + pattern("radial", [17], 0.01), component="two")
+    found = findings(injected, [bias(), like, kind])
+    assert found["named"] == ["basal_motion"]
+    (moved,) = [h for h in found["hypotheses"] if h["name"] == "basal_motion"]
+    assert 0.1 < moved["component_probability"] < 0.9
+    assert any("of that for this kind" in sentence for sentence in found["words"])
+    assert all(s["causes"].count("basal_motion") <= 1 for s in found["sets"])
 
 
 def test_three_effects_are_found_together():

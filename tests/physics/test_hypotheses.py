@@ -26,7 +26,11 @@ from .conftest import PRESSURE, THETA
 
 SIMULATED = [name for name, h in REGISTRY.items() if isinstance(h, SimulatorHypothesis)]
 # Of Green's strain a line's is the tensor's; the study of these tests reports Green's.
-SLOPED = [n for n in SIMULATED if REGISTRY[n].slope_at_base and n != "line_strain"]
+SLOPED = [
+    (n, "8" if len(REGISTRY[n].components) > 1 else "")
+    for n in SIMULATED
+    if REGISTRY[n].slope_at_base and n != "line_strain"
+] + [("strain_measure", "material line")]
 RADIAL, AXIAL, CIRCUMFERENTIAL = (
     ("supports", "base", component) for component in ("radial", "axial", "circumferential")
 )
@@ -74,13 +78,12 @@ def test_terms_that_are_off_add_nothing(simulator, extended_base, solved):
     np.testing.assert_allclose(*outputs, rtol=1e-12, atol=1e-13)
 
 
-@pytest.mark.parametrize("name", SLOPED)
+@pytest.mark.parametrize(("name", "component"), SLOPED)
 def test_slope_at_the_base_is_the_change_of_the_solution(
-    small_mesh, physics, solver, extended_base, solved, name
+    small_mesh, physics, solver, extended_base, solved, name, component
 ):
     """d(outputs)/d(psi) from the tangent against two solutions beside the base."""
     hypothesis = REGISTRY[name]
-    component = "8" if len(hypothesis.components) > 1 else ""
     base = extended_base if hypothesis.in_the_form else solver
     extended = Extended(small_mesh, physics, hypothesis, component, base)
     start = extended.solve(solved.w, THETA, hypothesis.base, 1.0, Effort())
@@ -292,6 +295,8 @@ def test_measures_are_those_of_their_stretches(small_mesh, physics, simulator, s
     line = observed(make_simulator(small_mesh, lines.extend(nominal, 1.0)), solved.w)
     half = observed(make_simulator(small_mesh, lines.extend(nominal, 0.5)), solved.w)
     assert ((line - found[1.0])[1:] > 0).all()
+    kind = REGISTRY["strain_measure"].extend(physics, 1.0, "material line")
+    np.testing.assert_array_equal(observed(make_simulator(small_mesh, kind), solved.w), line)
     np.testing.assert_allclose(half, (line + found[1.0]) / 2, atol=1e-12)
 
 

@@ -172,7 +172,15 @@ def test_theta_has_the_names_of_the_study(subject):
         ({"focal_scar": 3.0}, r"focal_scar: 3.0 is not its form; give \{segment: "),
         ({"fibre_rotation": 40.0}, r"effects\.fibre_rotation: 40.0 .*-30.0 to 30.0 deg; move it"),
         ({"focal_scar": {"segment": 18, "multiplier": 2.0}}, r"segment: 18 is too large"),
-        ({"focal_scar": {"segment": 7}}, r"focal_scar: missing multiplier"),
+        ({"focal_scar": {"segment": 7}}, r"focal_scar: .*give \{segment: ..., multiplier: ...\}$"),
+        (
+            {"strain_measure": {"segment": 7, "multiplier": 1.0}},
+            r"give a number or \{component: mat",
+        ),
+        (
+            {"strain_measure": {"component": "material line", "value": 4.0}},
+            r"measure: 4.0 lies out",
+        ),
         ({"focal_scar": {"segment": 7, "multiplier": 30.0}}, r"focal_scar: 30.0 lies outside"),
     ],
 )
@@ -183,7 +191,11 @@ def test_effects_are_registered_ones_in_their_range(subject, effects, message):
 
 
 def test_effects_in_their_range_are_kept(subject):
-    subject["effects"] = {"focal_scar": {"segment": 7, "multiplier": 3}, "radial_scale": 0.8}
+    subject["effects"] = {
+        "focal_scar": {"segment": 7, "multiplier": 3},
+        "radial_scale": 0.8,
+        "strain_measure": {"component": "material line", "value": 1.0},
+    }
     loaded = config.load(changed("synthetic_subjects.anna", subject) | {"subjects": {}})
     assert loaded["synthetic_subjects"]["anna"]["effects"] == subject["effects"]
 

@@ -172,6 +172,7 @@ def _hypothesis(test: Tested, criticism: Criticism) -> dict:
         "p_value": test.p_value,
         "p_value_single": test.p_single,
         "probability": criticism.probability(name),
+        "component_probability": criticism.share_of(name, component),
         "estimate": estimate,
         "interval95": [low, high],
         "at_bound": bound,

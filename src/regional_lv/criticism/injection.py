@@ -11,7 +11,7 @@ import pandas as pd
 
 from regional_lv.channels import Channel, Channels
 from regional_lv.criticism.hypotheses import REGISTRY, Hypothesis, NoiseHypothesis, asked
-from regional_lv.criticism.hypotheses.base import with_value
+from regional_lv.criticism.hypotheses.base import configured, psi_and_component, with_value
 from regional_lv.measured import synthetic_subject
 from regional_lv.mechanics.continuation import Effort, Runner, Solver
 from regional_lv.mechanics.dolfinx_api import release_unused
@@ -40,13 +40,7 @@ class Effect:
 
 def read_effects(effects: dict) -> list[Effect]:
     """The `effects` of a `synthetic_subjects` entry."""
-    found = []
-    for name, value in effects.items():
-        at = (value, "")
-        if isinstance(value, dict):
-            at = (value["multiplier"], str(value["segment"]))
-        found.append(Effect(REGISTRY[name], *at))
-    return found
+    return [Effect(REGISTRY[name], *psi_and_component(at)) for name, at in effects.items()]
 
 
 class Ventricles:
@@ -188,10 +182,10 @@ def _random_effect(hypothesis: Hypothesis, rng: np.random.Generator) -> dict:
     below, above = base - low, high - base
     side = low if rng.uniform() < below / (below + above) else high
     value = float(scale.inverse(base + rng.uniform(LEAST_SHARE, 1.0) * (side - base)))
-    if hypothesis.components == ("",):
-        return {hypothesis.name: value}
-    segment = int(rng.choice(hypothesis.components))
-    return {hypothesis.name: {"segment": segment, "multiplier": value}}
+    component = ""
+    if len(hypothesis.components) > 1:
+        component = str(rng.choice(hypothesis.components))
+    return {hypothesis.name: configured(value, component)}
 
 
 def inject_batch(

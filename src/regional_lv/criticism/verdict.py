@@ -246,6 +246,13 @@ class Criticism:
     def probability(self, name: str) -> float:
         return _total(s for s in self.sets if name in s.names)
 
+    def share_of(self, name: str, component: str) -> float:
+        """Of the probability that a cause is present, the share of one of its components; 1 if it
+        has none."""
+        there = self.probability(name)
+        same = _total(s for s in self.sets if (name, component) in s.members)
+        return same / there if there else 1.0
+
     def name_causes(self, best: CauseSet) -> None:
         """Name the causes of the best set that are certain, and the groups of which one is."""
         for name in best.names:

@@ -26,9 +26,13 @@ def at_load(fraction: float) -> str:
 
 
 def cause(name: str, component: str | None = "") -> str:
-    """`focal_scar` in segment 7 as "focal scar in segment 7"."""
+    """`focal_scar` in segment 7 as "focal scar in segment 7"; a kind stands in brackets."""
     text = name.replace("_", " ")
-    return f"{text} in segment {component} ({SEGMENT_NAMES[int(component)]})" if component else text
+    if not component:
+        return text
+    if not component.isdigit():
+        return f"{text} ({component})"
+    return f"{text} in segment {component} ({SEGMENT_NAMES[int(component)]})"
 
 
 def number(value: float | None, digits: int = 3) -> str:
@@ -127,11 +131,15 @@ def verdict(content: dict) -> list[str]:
         sentences.append("No cause was found: no listed cause is significant.")
     elif content["explained"]:
         for name in content["named"]:
-            share = 100 * by_name[name]["probability"]
-            sentences.append(
-                f"Named: {estimated(name)}; probability {min(share, 99.9):.1f} % among all sets of "
-                "listed causes."
+            h = by_name[name]
+            sentence = (
+                f"Named: {estimated(name)}; probability {min(100 * h['probability'], 99.9):.1f} % "
+                "among all sets of listed causes"
             )
+            if h["component_probability"] < 0.95:
+                kind = "segment" if h["component"].isdigit() else "kind"
+                sentence += f", {100 * h['component_probability']:.0f} % of that for this {kind}"
+            sentences.append(f"{sentence}.")
         for group in content["groups"]:
             sentences.append(
                 f"One of {_list([of(n) for n in group], 'or')} is present; the data cannot tell "

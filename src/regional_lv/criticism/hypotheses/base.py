@@ -26,9 +26,10 @@ class Hypothesis(ABC):
     """A physical extension of the base model, f(theta, psi) with f(theta, base) = f(theta).
 
     parameter: the field's term for psi; `base` lies in the plausible range [low, high]. scale: on
-    which the prior is uniform over that range, and the effect is smooth. components: the places the
-    effect can have, one of them unknown, or just one without a name. description: the physics, and
-    which way psi works; source: the literature that the range and the physics come from.
+    which the prior is uniform over that range, and the effect is smooth. components: the places or
+    kinds that the effect can have, one of them at a time; empty for what needs no name.
+    description: the physics, and which way psi works; source: the literature that the range and the
+    physics come from.
 
     A new hypothesis is one file and one entry in `REGISTRY`: in the package's own list, or by
     `REGISTRY.add` of a plugin.
@@ -273,6 +274,28 @@ def with_value(physics: Mapping, path: tuple[str, ...], value) -> dict:
     """`physics` with one key set, the rest shared. path: a section and the keys below it."""
     first, *rest = path
     return {**physics, first: with_value(physics[first], tuple(rest), value) if rest else value}
+
+
+# ------------------------------------------------------------------ effects in a configuration
+
+
+def psi_and_component(value: float | Mapping) -> tuple[float, str]:
+    """Of an effect as a configuration has it: a number, `{segment, multiplier}` or `{component,
+    value}`. Raises KeyError for another form."""
+    if not isinstance(value, Mapping):
+        return float(value), ""
+    if "segment" in value:
+        return float(value["multiplier"]), str(value["segment"])
+    return float(value["value"]), str(value["component"])
+
+
+def configured(psi: float, component: str) -> float | dict:
+    """An effect as a configuration has it, the inverse of `psi_and_component`."""
+    if not component:
+        return psi
+    if component.isdigit():
+        return {"segment": int(component), "multiplier": psi}
+    return {"component": component, "value": psi}
 
 
 # --------------------------------------------------------------------- scaling of stresses

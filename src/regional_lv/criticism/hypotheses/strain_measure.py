@@ -1,6 +1,9 @@
 """Strains of another measure than the model reports."""
 
-from regional_lv.criticism.hypotheses.base import MeasureHypothesis
+from regional_lv.criticism.hypotheses.base import MeasureHypothesis, with_value
+
+LINE_SHARES = {"tensor component": 0.0, "material line": 1.0}
+"""What a strain can be of -> `observables.line_share`."""
 
 
 class StrainMeasure(MeasureHypothesis):
@@ -18,7 +21,9 @@ class StrainMeasure(MeasureHypothesis):
         "with n = 2 for Green's, 1 for the nominal (engineering) one, 0 for the logarithmic one "
         "and -2 for Almansi's. Codes and image software report any of them, and do not always say "
         "which. Where a wall thins by 40 %, Green's radial strain is 0.89, the nominal one 0.67 "
-        "and the logarithmic one 0.51; shortening differs the other way. Psi is the exponent."
+        "and the logarithmic one 0.51; shortening differs the other way. Psi is the exponent. A "
+        "component of the tensor and a line of tissue have the same strain in Green's measure "
+        "alone: in a study of Green's strain, the cause is another measure of one or of the other."
     )
     source = (
         "Seth 1964, in: Second-order effects in elasticity, plasticity and fluid dynamics; Hill "
@@ -26,6 +31,19 @@ class StrainMeasure(MeasureHypothesis):
         "Amzulescu et al. 2019, Eur Heart J Cardiovasc Imaging 20:605-619, doi "
         "10.1093/ehjci/jez041"
     )
+
+    def for_study(self, physics):
+        found = super().for_study(physics)
+        if found.base == 2:
+            own = physics["observables"]["line_share"]
+            found.components = ("", *(of for of, share in LINE_SHARES.items() if share != own))
+        return found
+
+    def extend(self, physics, value, component=""):
+        physics = super().extend(physics, value)
+        if not component:
+            return physics
+        return with_value(physics, ("observables", "line_share"), LINE_SHARES[component])
 
     def strain_exponent(self, psi, own):
         return psi
