@@ -4,8 +4,11 @@
 """
 
 import ast
+import base64
 import copy
 import os
+import struct
+import zlib
 
 import meshio
 import numpy as np
@@ -14,13 +17,14 @@ import pytest
 import yaml
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.io import savemat
 
 from regional_lv import config as study_config
 from regional_lv.channels import Channels
 from regional_lv.criticism.study import read_known_theta
 from regional_lv.errors import InputError
 from regional_lv.geometry.imported import import_mesh
-from regional_lv.geometry.segment_tags import read_segment_tags
+from regional_lv.geometry.segment_tags import PUBLISHED_FIELD, read_segment_tags
 from regional_lv.geometry.table import read_segments
 from regional_lv.geometry.triangulated import read_ventricle
 from regional_lv.input_files import MOST_GB, reading
@@ -166,7 +170,7 @@ def heart(tmp_path_factory, smoke_config):
     return corners_of(make(tmp_path_factory.mktemp("heart"), smoke_config, ROWS))
 
 
-@pytest.mark.parametrize("suffix", ["vtu", "ascii.vtu", "inp"])
+@pytest.mark.parametrize("suffix", ["vtu", "ascii.vtu", "inp", "msh", "ascii.msh"])
 def test_meshes(suffix, tmp_path, heart):
     points, cells, segment = heart
     path, tags = tmp_path / f"heart.{suffix}", None
@@ -174,9 +178,45 @@ def test_meshes(suffix, tmp_path, heart):
         path, tags = save_abaqus(tmp_path, points, cells, segment, np.arange(1, len(cells) + 1))
     else:
         mesh = meshio.Mesh(points, [("hexahedron", cells)], cell_data={"segment": [segment]})
-        meshio.vtu.write(path, mesh, binary=suffix == "vtu")
+        kind = meshio.vtu if suffix.endswith("vtu") else meshio.gmsh
+        kind.write(path, mesh, binary=not suffix.startswith("ascii"))
     assert len(import_mesh(path, tags).cells) == len(cells)
     try_all(hostile.broken_bytes(path.read_bytes()), path, lambda p: import_mesh(p, tags), 0.5)
+
+
+def test_matlab_tags(tmp_path):
+    path, numbers = tmp_path / "hostile.mat", np.arange(1, 60)
+    labels = (1 + numbers % 17).astype(np.uint8)
+    for compressed in (False, True):
+        savemat(path, {"division": {PUBLISHED_FIELD: labels}}, do_compression=compressed)
+        assert sorted(set(read_segment_tags(path, numbers))) == list(range(1, 18))
+        valid = path.read_bytes()
+        try_all(hostile.broken_bytes(valid), path, lambda p: read_segment_tags(p, numbers), 0.5)
+
+
+@pytest.mark.parametrize("announced", [10**7, 2**33, 2**62])
+def test_a_compressed_array_may_announce_anything(tmp_path, announced):
+    """A VTP of few points whose arrays announce many bytes, more than there is memory or not."""
+    path, block = tmp_path / "bomb.vtp", zlib.compress(bytes(10**7))
+    header = struct.pack("<4Q", 1, announced, 0, len(block))
+    data = (base64.b64encode(header) + base64.b64encode(block)).decode()
+    array = '<DataArray type="{}" Name="{}" NumberOfComponents="{}" format="binary">' + data
+    points, ends, starts = (
+        array.format(*kind) + "</DataArray>"
+        for kind in (
+            ("Float32", "Points", 3),
+            ("Int64", "offsets", 1),
+            ("Int64", "connectivity", 1),
+        )
+    )
+    path.write_text(
+        '<VTKFile type="PolyData" version="1.0" byte_order="LittleEndian" header_type="UInt64" '
+        'compressor="vtkZLibDataCompressor"><PolyData><Piece NumberOfPoints="500" '
+        f'NumberOfPolys="500"><Points>{points}</Points><Polys>{starts}{ends}</Polys></Piece>'
+        "</PolyData></VTKFile>"
+    )
+    with pytest.raises(InputError, match=r"bomb\.vtp: .*export the surface again"):
+        read_ventricle(path, path, septum=[1, 0, 0])
 
 
 @pytest.mark.parametrize(

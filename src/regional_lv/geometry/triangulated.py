@@ -20,16 +20,15 @@ import numpy as np
 import pyvista
 from scipy.spatial import cKDTree
 from vtkmodules.vtkIOGeometry import vtkSTLReader
-from vtkmodules.vtkIOXML import vtkXMLPolyDataReader
 
 from regional_lv.errors import InputError
 from regional_lv.geometry.fitted import SEPTUM_DEG
 from regional_lv.geometry.imported import MM_PER, PLAUSIBLE_LENGTH_MM, UNIT_NAMES, units_that_fit
+from regional_lv.geometry.vtp import read_vtp
 from regional_lv.input_files import check_counts, check_file, reading
 
 log = logging.getLogger(__name__)
 
-READERS = {".stl": vtkSTLReader, ".vtp": vtkXMLPolyDataReader}
 SIDES = ("endocardium", "epicardium")
 KEY = "geometry.surfaces"
 
@@ -152,14 +151,14 @@ def _cones(surface):
 
 def _read(path):
     check_file(path)
-    if path.suffix.lower() not in (*READERS, ".ply"):
+    if path.suffix.lower() not in READERS:
         raise InputError(
             f"{path}: the format {path.suffix or 'without a suffix'} is not read; save it as "
             ".stl, .ply or .vtp"
         )
     with reading(path, "export the surface again"):
         check_counts(path)
-        raw = _read_ply(path) if path.suffix.lower() == ".ply" else _read_vtk(path)
+        raw = READERS[path.suffix.lower()](path)
     faces = raw.triangulate().faces if raw.n_points else []
     if len(faces) == 0:
         raise InputError(
@@ -182,8 +181,8 @@ def _read(path):
     return surface
 
 
-def _read_vtk(path):
-    reader = READERS[path.suffix.lower()]()
+def _read_stl(path):
+    reader = vtkSTLReader()
     reader.SetFileName(str(path))
     with pyvista.vtk_verbosity("off"):
         reader.Update()
@@ -198,6 +197,16 @@ def _read_ply(path):
         raise InputError(f"{path}: a triangle has a point that is not there; export it again")
     sized = [np.concatenate([[len(face)], face]) for face in faces]
     return pyvista.PolyData(np.array(mesh.points, dtype=float), faces=np.concatenate(sized))
+
+
+def _read_vtp(path):
+    points, triangles = read_vtp(path)
+    if len(triangles) == 0:
+        return pyvista.PolyData()
+    return pyvista.PolyData.from_regular_faces(points, triangles)
+
+
+READERS = {".stl": _read_stl, ".ply": _read_ply, ".vtp": _read_vtp}
 
 
 def _edges(surface, **wanted):
