@@ -15,8 +15,7 @@ CRITICISED = [
     *(name for name, entry in JOINT.items() if set(entry["subjects"]) <= set(SUBJECTS)),
 ]
 HEARTS = sum(config["criticism"]["benchmark"]["hearts"].values())
-VERDICT_BATCHES = batches(HEARTS, config["criticism"]["benchmark"]["subjects_per_batch"])
-INJECTED_BATCHES = batches(HEARTS, config["simulations"]["batch_size"])
+BENCHMARK_BATCHES = batches(HEARTS, config["criticism"]["benchmark"]["subjects_per_batch"])
 INJECTED_MESH = f"{R}/geometry/{'finer/' if meshes_anew(config) else ''}mesh.vtu"
 # Jobs that share the simulations of one round: all that follows waits for them.
 CONFIRMED_IN = 2
@@ -144,14 +143,14 @@ rule inject_batch:
         hypotheses=config["criticism"]["hypotheses"],
         benchmark=config["criticism"]["benchmark"],
         seed=config["seed"],
-        batch_size=config["simulations"]["batch_size"],
+        batch_size=config["criticism"]["benchmark"]["subjects_per_batch"],
     script:
         "../scripts/call.py"
 
 
 rule gather_injected:
     input:
-        batches=expand(f"{C}/benchmark/subjects/{{batch}}.parquet", batch=INJECTED_BATCHES),
+        batches=expand(f"{C}/benchmark/subjects/{{batch}}.parquet", batch=BENCHMARK_BATCHES),
     output:
         table=f"{C}/benchmark/subjects.parquet",
     log:
@@ -166,7 +165,7 @@ rule gather_injected:
 rule gather_truth:
     """For the score of the benchmark alone."""
     input:
-        batches=expand(f"{R}/truth/benchmark/{{batch}}.parquet", batch=INJECTED_BATCHES),
+        batches=expand(f"{R}/truth/benchmark/{{batch}}.parquet", batch=BENCHMARK_BATCHES),
     output:
         table=f"{R}/truth/benchmark.parquet",
     log:
@@ -420,7 +419,7 @@ rule score_benchmark:
     """The one rule of the criticism that reads a truth, after all verdicts are in."""
     input:
         **OF_BATCH,
-        verdicts=expand(f"{C}/benchmark/verdicts/{{batch}}.parquet", batch=VERDICT_BATCHES),
+        verdicts=expand(f"{C}/benchmark/verdicts/{{batch}}.parquet", batch=BENCHMARK_BATCHES),
         truth=f"{R}/truth/benchmark.parquet",
     output:
         cases=f"{C}/benchmark/cases.csv",
