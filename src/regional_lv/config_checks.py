@@ -126,6 +126,12 @@ def _check_model(config: dict, parameters: Parameterisation, channels: Channels)
         yield f"criticism.discretisation: {KEPT}; write 0"
     benchmark = config["criticism"]["benchmark"]
     yield from _check_noise("criticism.benchmark.noise", benchmark["noise"], channels)
+    replicates = config["criticism"]["bootstrap"]
+    if config["criticism"]["level"] * (1 + replicates) < 1:
+        yield (
+            f"criticism.level: {config['criticism']['level']} is never reached with {replicates} "
+            "replicates; raise it, or criticism.bootstrap"
+        )
     noise = config["scenarios"]["noise"]
     yield from _check_names("scenarios.noise", noise, QUANTITIES)
     if all(noise.get(name) is None for name in channels.quantities):
@@ -389,7 +395,8 @@ def _check_sizes(config: dict, sizes: dict[str, int], least: int) -> Iterator[st
             )
     for name in config["emulators"]["names"]:
         settings = config["emulators"][name]
-        if "neighbours" in settings and rows < settings["neighbours"] / 0.9:
+        held_out = max(1, round(min(0.1 * rows, 20)))
+        if "neighbours" in settings and rows - held_out < settings["neighbours"]:
             yield (
                 f"emulators.{name}.neighbours: {rows} training simulations are too few for "
                 f"{settings['neighbours']} neighbours and some to calibrate on; lower it, leave "

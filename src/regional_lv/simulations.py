@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 
 from regional_lv.channels import Channels
+from regional_lv.errors import InputError
 from regional_lv.geometry.mesh import Mesh, read_mesh
 from regional_lv.geometry.thickness import thickened
 from regional_lv.mechanics.continuation import (
@@ -127,6 +128,12 @@ def solve_anchors(
         if result.state is None:
             log.warning("anchor %d failed: %s", row, result.reason)
     solved = [result for result in results.values() if result.state is not None]
+    if not solved:
+        raise InputError(
+            f"{design}: none of the {len(thetas)} anchors of batch {batch} converged (the first: "
+            f"{results[0].reason}); check pressure, material and supports, or narrow the design "
+            "(design.lower, design.upper)"
+        )
     arrays = {"theta": np.stack([r.theta for r in solved])}
     for load in runner.channels.load_fractions:
         found = [r.solutions[load] for r in solved]

@@ -21,6 +21,7 @@ from regional_lv import config as study_config
 from regional_lv.channels import Channels
 from regional_lv.design import make_design
 from regional_lv.emulators import Emulator, load, train_emulator
+from regional_lv.errors import InputError
 from regional_lv.geometry.from_config import make_heart
 from regional_lv.inference.sampling import sample_subject
 from regional_lv.mechanics.predictor import fit_predictor
@@ -154,6 +155,12 @@ class Study:
     def measure(self, name: str) -> Path:
         """Simulate the entry `name` of `synthetic_subjects`, with its noise; the measured file."""
         entry, seed = self.config["synthetic_subjects"][name], self.config["seed"]
+        if entry["mesh"] == "finer":
+            raise InputError(
+                f"synthetic_subjects.{name}.mesh: a heart on the finer mesh is made by the "
+                f"workflow (snakemake results/{self.config['study']}/measured/{name}.csv); set it "
+                "to study"
+            )
         measured = self._file(f"measured/{name}.csv")
         simulate_subject(
             name,

@@ -74,3 +74,16 @@ def test_a_channel_that_shrinks_with_the_load():
     assert of(check(both, 2.0), "grows_with_load")["passed"]
     both.loc[both["load_fraction"] == 0.5, "value"] *= 2
     assert not of(check(both, 2.0), "grows_with_load")["passed"]
+
+
+@pytest.mark.parametrize("exponent", [-2.0, 0.0, 1.0, 2.0])
+def test_noise_alone_is_seldom_refused(exponent):
+    """At the level of the check, 1 %, with noise of ten times the size."""
+    table, rng, refused = strains(exponent, shear=0.0), np.random.default_rng(3), 0
+    strain = table["quantity"] != "volume"
+    table.loc[strain, "sd"] = 0.02
+    for _ in range(200):
+        noisy = table.copy()
+        noisy.loc[strain, "value"] += 0.02 * rng.standard_normal(strain.sum())
+        refused += not of(check(noisy, exponent), "volume_preserving")["passed"]
+    assert refused <= 12

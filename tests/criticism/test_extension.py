@@ -433,8 +433,9 @@ def test_another_measure_of_a_line_needs_no_emulator(own, n):
     np.testing.assert_allclose(slope[0, :, 0], (stretch**-n).numpy(), rtol=1e-9)
 
 
-def test_an_effect_that_changes_nothing(tmp_path, physics):
-    """Simulated, trained, read again: no difference, and the criticism says so."""
+@pytest.fixture
+def without_effect(tmp_path):
+    """Simulations of a hypothesis that changes nothing."""
     rng, rows = np.random.default_rng(1), []
     hypothesis = REGISTRY["sheet_angle"]
     for anchor in range(12):
@@ -445,7 +446,22 @@ def test_an_effect_that_changes_nothing(tmp_path, physics):
             row |= dict(zip(OUTPUTS, base_outputs(theta).tolist(), strict=True))
             row |= {"status": "converged", "sensitivity": [0.0] * 520}
             rows.append(row | {"slope": [0.0] * 52 if psi == 0 else []})
-    pd.DataFrame(rows).to_parquet(tmp_path / "batch.parquet", index=False)
+    return pd.DataFrame(rows)
+
+
+def test_too_few_anchors_are_refused(tmp_path, physics, without_effect):
+    """Of twelve anchors, eight fail at the last value of psi."""
+    last = without_effect["psi"] == REGISTRY["sheet_angle"].nodes[-1]
+    failed = last & (without_effect["anchor"].str.partition("/")[2].astype(int) < 8)
+    without_effect.loc[failed, "status"] = "failed"
+    without_effect.to_parquet(tmp_path / "batch.parquet", index=False)
+    with pytest.raises(InputError, match=r"sheet_angle converged .* 4 of 12 anchors.*leave it out"):
+        train("sheet_angle", physics, tmp_path, [tmp_path / "batch.parquet"])
+
+
+def test_an_effect_that_changes_nothing(tmp_path, physics, without_effect):
+    """Simulated, trained, read again: no difference, and the criticism says so."""
+    without_effect.to_parquet(tmp_path / "batch.parquet", index=False)
     (found,) = train("sheet_angle", physics, tmp_path, [tmp_path / "batch.parquet"])
     theta = torch.ones(3, 10).double()
     psi = torch.full((3,), 20.0).double()

@@ -9,6 +9,7 @@ from scipy import stats
 
 from regional_lv.criticism import injection
 from regional_lv.criticism.hypotheses import REGISTRY
+from regional_lv.errors import InputError
 from regional_lv.parameters import Parameterisation
 from regional_lv.physics import physics_of
 from tests.criticism.toy import OUTPUTS, PARAMETERS
@@ -107,3 +108,13 @@ def test_a_batch_keeps_subjects_and_truth_apart(monkeypatch, tmp_path, smoke_con
     noise_seen = subjects.loc[ordinary, list(OUTPUTS[1:])].to_numpy()
     assert noise_seen.std() == pytest.approx(0.01, rel=0.15)
     assert isinstance(subjects, pd.DataFrame) and subjects["sd_volume_ml"].eq(1.0).all()
+
+
+def test_hearts_with_more_effects_than_causes_are_refused():
+    catalogue = {name: REGISTRY[name] for name in ("septal_load", "heavy_tails")}
+    singles = injection.random_subjects(
+        {"singles": 5, "nulls": 1}, 1, catalogue, Parameterisation()
+    )
+    assert sum(len(entry["effects"]) for entry in singles) == 5
+    with pytest.raises(InputError, match=r"hearts\.pairs: .* 2 of the causes.* which are 1"):
+        injection.random_subjects({"pairs": 1}, 1, catalogue, Parameterisation())

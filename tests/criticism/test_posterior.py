@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 
+from regional_lv.criticism.discrepancy import unlisted_covariance
 from regional_lv.criticism.extended import ExtendedEmulator
 from regional_lv.criticism.fit import fit, fit_best, fit_from_nothing
 from regional_lv.criticism.linear import approximate, leave_out_linearly
@@ -135,6 +136,23 @@ def test_laplace_agrees_where_it_is_exact(base):
     linear, sampled = leave_out_linearly(model, best), leave_out(posterior, 1000, 3)
     assert torch.allclose(linear.elpd, sampled.elpd, atol=0.3)
     assert torch.allclose(linear.sd, sampled.sd, rtol=0.15)
+
+
+def test_errors_that_channels_share_predict_each_other(base):
+    """With a covariance that is dense, as an emulator's is: what the others miss tells of these."""
+    model, best, _ = base
+    shared = 4.0 * unlisted_covariance(model.observations, ToyEmulator())
+    dense = Model(model.observations, model.emulator, model.layout, discrepancy=shared)
+    fitted = fit_best(dense, best.x)
+    posterior = sample(dense, *laplace(dense, fitted), 1000, 2)
+    linear, sampled = leave_out_linearly(dense, fitted), leave_out(posterior, 1000, 3)
+    assert torch.allclose(linear.elpd, sampled.elpd, atol=0.3)
+    assert torch.allclose(linear.sd, sampled.sd, rtol=0.15)
+    # The prior's slope, which it leaves out, counts for the volume: strains say little of it.
+    assert ((linear.mean - sampled.mean).abs() < 0.1 * sampled.sd)[:, 1:].all()
+    # Without it, the sd of what is left out would be all of the covariance's.
+    alone = dense.covariance(fitted.x)[0].diagonal(dim1=-2, dim2=-1).sqrt()
+    assert (linear.sd < 0.8 * alone).any()
 
 
 def test_standard_error_of_the_gain_is_its_spread_over_measurements():

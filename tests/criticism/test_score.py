@@ -118,6 +118,18 @@ def test_misfit_shows_in_its_direction():
     assert largest[1] == "radial" and largest[2] > 0
 
 
+def test_a_cause_of_several_places_makes_no_pair():
+    """A catalogue of one cause: nothing that has no spread enters the p-value."""
+    model = model_of(measured(ToyEmulator(), seed=3))
+    best = fit_from_nothing(model, 1)
+    places = [e for e in catalogue() if e.hypothesis.name == "focal_scar"]
+    observed = score.statistics(model, best, places)
+    null = score.bootstrap(model, best, places, 199, 1)
+    misfit = score.judge_misfit(observed, null)
+    assert "pair" not in misfit.families
+    assert misfit.p_value > 0.05
+
+
 def test_heavy_tails_show():
     rng = np.random.default_rng(0)
     gaussian = score.tail_score(torch.as_tensor(rng.standard_normal((200, 50))))

@@ -51,3 +51,11 @@ def test_a_channel_of_one_heart_has_no_name_before_it():
 )
 def test_channels_in_words(output, text):
     assert words.channel(output) == text
+
+
+def test_what_was_not_simulated_is_not_confirmed():
+    """Heavy tails are named; the sets beside them were simulated."""
+    part = {"simulations": 60, "largest_difference_sd": None, "channels": []}
+    assert words._confirmed({"confirmation": part}) == []
+    (text,) = words._confirmed({"confirmation": part | {"largest_difference_sd": 0.4}})
+    assert "60 simulations" in text and "0.4 sd" in text

@@ -6,6 +6,7 @@ import pytest
 
 from regional_lv.channels import Channels
 from regional_lv.design import make_design
+from regional_lv.errors import InputError
 from regional_lv.mechanics.predictor import fit_predictor
 from regional_lv.parameters import Parameterisation
 from regional_lv.simulations import simulate_batch, solve_anchors, solve_baseline
@@ -30,6 +31,15 @@ def made(small_mesh, physics, tmp_path_factory):
     simulate_batch(*given, folder / "with.parquet", [anchors])
     simulate_batch(*given, folder / "without.parquet")
     return folder
+
+
+def test_a_batch_without_an_anchor_says_so(made, small_mesh, physics):
+    """At a pressure that no step can bring to an end."""
+    solver = physics["solver"] | {"min_load_fraction": 0.5, "first_load_fraction": 0.5}
+    solver |= {"max_newton_steps": 1}
+    given = (small_mesh, made / "start.npz", made / "design.parquet", physics | {"solver": solver})
+    with pytest.raises(InputError, match=r"none of the 4 anchors of batch 0000 converged.*narrow"):
+        solve_anchors(*given, 4, 1, "0000", made / "none.npz", made / "none.parquet")
 
 
 def test_anchors_are_taken_over_as_they_are(made):

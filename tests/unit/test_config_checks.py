@@ -164,6 +164,11 @@ def test_theta_has_the_names_of_the_study(subject):
         config.load(study | {"parameters": {"zones": "whole", "bounds": bounds}})
 
 
+def test_a_level_that_no_test_can_reach():
+    with pytest.raises(InputError, match=r"criticism\.level: 0.01 is never reached with 59"):
+        config.load({"study": "mine", "criticism": {"level": 0.01, "bootstrap": 59}})
+
+
 @pytest.mark.parametrize(
     ("effects", "message"),
     [

@@ -32,6 +32,7 @@ from regional_lv.plots import (
     traces,
     zones,
 )
+from regional_lv.schema.keys import entry_schema, section_schema
 from regional_lv.tables import posteriors, subjects
 
 FAILED = "failed: R-hat 1.6 of C_a_septal above 1.01"
@@ -295,6 +296,7 @@ def simulations(tmp_path, scales):
 def test_design(tmp_path, paths, scales):
     table = simulations(tmp_path, scales)
     lost = pd.DataFrame({"sample": [99], "scale": ["natural"], "reason": ["no"]})
+    lost = lost.assign(**{name: 1.325 for name in PARAMETERS.names})
     lost = lost.assign(**{f"place_{name}": 0.25 for name in PARAMETERS.names})
     lost.to_csv(tmp_path / "excluded.csv", index=False)
     files = tmp_path / "train.parquet", tmp_path / "excluded.csv"
@@ -309,7 +311,8 @@ def test_design(tmp_path, paths, scales):
     ]["value"].item()
     natural = table.loc[table["scale"] == "natural", "radial_05"]
     assert median == pytest.approx(natural.median())
-    assert (drawn.loc[drawn["panel"] == "excluded", "value"] == 0.25).sum() == 10
+    excluded = drawn[drawn["panel"] == "excluded"]
+    assert len(excluded) == 10 and (excluded["value"] == 0.25).all()
 
 
 def test_design_without_failures_says_so(tmp_path, paths, figures):
@@ -422,6 +425,11 @@ def test_title_says_where_the_data_come_from(module, source, subject, paths, fig
     assert case_posterior.SOURCES[source] in title
     assert ("synthetic" in title) == (source == "synthetic")
     assert "FAILED" not in title
+
+
+def test_every_source_of_a_subject_has_a_name():
+    subject = entry_schema(section_schema("subjects"), "anna")
+    assert set(case_posterior.SOURCES) == set(subject["properties"]["source"]["enum"])
 
 
 def test_the_same_figure_is_the_same_file(subject, tmp_path):

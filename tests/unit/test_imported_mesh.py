@@ -296,7 +296,10 @@ def test_hole_in_the_apex(tmp_path, heart):
         (lambda t: pd.concat([t, t[t["element"] == 4]]), "element 4 was given before"),
         (lambda t: t.assign(element=t["element"] + 1), "the mesh has no element"),
         (lambda t: t.assign(aha_segment=1.5), "line 2: aha_segment is 1.5; give a whole number"),
-        (lambda t: t.rename(columns={"aha_segment": "segment"}), "column aha_segment is missing"),
+        (
+            lambda t: t.rename(columns={"aha_segment": "segment"}),
+            "line 1: no column `aha_segment`; rename `segment`",
+        ),
     ],
 )
 def test_bad_table_of_segments(change, message, tmp_path, heart):

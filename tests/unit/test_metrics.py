@@ -97,6 +97,11 @@ def test_cases_that_fail_together_are_worth_less():
     assert clustered_interval(apart) == pytest.approx(exact(380, 400))
 
 
+def test_cases_of_which_all_hit_are_no_more_than_cases():
+    assert clustered_interval(np.ones((30, 10))) == pytest.approx(exact(30, 30))
+    assert clustered_interval(np.zeros((30, 10))) == pytest.approx(exact(0, 30))
+
+
 def test_clustered_interval_covers():
     rng = np.random.default_rng(2)
     inside = 0

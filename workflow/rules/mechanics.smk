@@ -1,7 +1,14 @@
 """Where every simulation starts: an inflation, anchors, and the fields predicted from them."""
 
-# Two at least: nothing else can be simulated before the anchors.
-ANCHOR_BATCHES = batches(ANCHORS, min(config["simulations"]["batch_size"], -(-ANCHORS // 2)))
+# Two at least: nothing else can be simulated before the anchors. None is empty on another mesh,
+# which has fewer of them.
+ANCHOR_BATCHES = batches(
+    ANCHORS,
+    max(
+        min(config["simulations"]["batch_size"], -(-ANCHORS // 2)),
+        -(-ANCHORS // min(ANCHORS, config["criticism"]["anchors"] or ANCHORS)),
+    ),
+)
 
 
 rule solve_baseline:

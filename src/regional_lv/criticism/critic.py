@@ -110,15 +110,13 @@ class Critic:
         if self.testable:  # otherwise every residual is round-off
             misfit = score.judge_misfit(observed, null, tails)
         level = self.settings.level
-        if (
-            self.testable
-            and self.observations.noise.groups
-            and tried
-            and 2 * misfit.p_value > level
-        ):
+        if self.testable and self.observations.noise.groups and tried:
             # A larger noise hides what a score sees; then every cause is fitted.
-            ratios = likelihood_ratios(model, best, tried, derive(self.seed, "ratios"))
-            both = min(1.0, 2 * min(misfit.p_value, *ratios.values()))
+            p_values = [misfit.p_value]
+            if 2 * misfit.p_value > level:
+                ratios = likelihood_ratios(model, best, tried, derive(self.seed, "ratios"))
+                p_values += ratios.values()
+            both = min(1.0, 2 * min(p_values))
             misfit = score.Misfit(both, misfit.families, misfit.largest)
         detected = self.testable and misfit.p_value <= level
         tests, critical = self._tests(observed, null, usable, identified, tails)
@@ -375,8 +373,10 @@ class Critic:
             return
         rivals = [searched.unlisted + searched.unlisted_prior]
         rivals += [] if best is None else [best.log_evidence + best.log_prior]
-        single = log_prior(1, self.settings.largest_set + 1, max(len(self._extensions), 1))
         testable = {t.name for t in found.tests if t.identified.identifiable}
+        causes = testable - {hypothesis.name for hypothesis in self.noises}
+        largest = min(self.settings.largest_set, len(causes))
+        single = log_prior(1, largest + 1, max(len(causes), 1))
         for hypothesis in self.noises:
             if hypothesis.name not in testable:
                 continue

@@ -77,8 +77,9 @@ def _volume(strains: pd.DataFrame, exponent: float) -> dict | None:
 def _below(values: np.ndarray, sd: np.ndarray, exponent: float) -> np.ndarray:
     """By how many sds (n,) the bound is missed, negative where it is kept: values, sd (n, 3)."""
     if not exponent:
-        # An equality, of either sign.
-        return np.abs(values.sum(1)) / np.sqrt((sd**2).sum(1)) - stats.norm.isf(0.5)
+        # An equality: the two-sided p-value, as a standard normal deviate.
+        z = np.abs(values.sum(1)) / np.sqrt((sd**2).sum(1))
+        return stats.norm.isf(2 * stats.norm.sf(z))
     inner = np.clip(1 + exponent * values, 1e-6, None)
     # (l^n)'s logarithms add up to at least zero, for either sign of n.
     total = np.log(inner).sum(1)

@@ -31,6 +31,8 @@ def unlisted_covariance(observations: Observations, emulator) -> torch.Tensor:
     pattern = same + np.eye(len(unit))
     for place in (level, wall):
         pattern = pattern + (same & (place[:, None] == place) & (place != ""))
-    covariance = torch.as_tensor(pattern / 4 * unit[:, None] * unit)
+    # A volume has no level, an apex no wall: each channel's own sd is the amplitude nevertheless.
+    unit = unit / np.sqrt(pattern.diagonal())
+    covariance = torch.as_tensor(pattern * unit[:, None] * unit)
     present = observations.present
     return torch.where(present[:, :, None] & present[:, None, :], covariance, 0.0)

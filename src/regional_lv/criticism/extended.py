@@ -52,9 +52,6 @@ class ExtendedEmulator:
         """The same with more extensions; a correction does not outlive that."""
         return ExtendedEmulator(self.emulator, (*self.extensions, *extensions))
 
-    def corrected(self, correction) -> "ExtendedEmulator":
-        return ExtendedEmulator(self.emulator, self.extensions, correction)
-
     def predict(self, theta: torch.Tensor, scaled: torch.Tensor) -> Prediction:
         """Mean (..., D) and covariance (..., D, D), the sum of all parts, at `theta` (..., P)."""
         base = self.emulator.predict(theta)

@@ -270,6 +270,12 @@ def learn(
     fraction = float(converged[rows["psi"] != hypothesis.base].mean())
     good = rows[converged].groupby("anchor").filter(lambda anchor: len(anchor) == len(nodes) + 1)
     anchors = good["anchor"].nunique()
+    if anchors < HELD_OUT:
+        raise InputError(
+            f"criticism.hypotheses: {hypothesis.name} converged at all values of psi for "
+            f"{anchors} of {rows['anchor'].nunique()} anchors only, too few to learn from; leave "
+            "it out, or narrow the design (design.lower, design.upper)"
+        )
     data = _Simulated(hypothesis, good, scale, parameters)
     held = np.arange(anchors) % HELD_OUT == HELD_OUT - 1
     partial = _fit(hypothesis, component, fraction, data, ~held, seed)

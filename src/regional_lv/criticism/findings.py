@@ -69,9 +69,9 @@ def findings_of(
         "theta": _theta(base, final),
         "noise": _noise(base, final),
         "remaining": None,
+        "level": criticism.settings.level,
         "critical_z": searched.critical_z,
         "least_p_value": 1 / (1 + criticism.settings.bootstrap),
-        "on_bounds": {"before": _on_bounds(base), "after": _on_bounds(final)},
         "ess": final.posterior.ess,
         "limits": [
             f"{name}: {text}"
@@ -252,13 +252,6 @@ def _gain(before: Sampled, after: Sampled) -> dict:
     kinds = {"rmse": o.channels.is_strain, "rmse_volume_ml": o.channels.of_quantity("volume")}
     found: dict[str, float | None] = {"elpd": elpd, "elpd_se": se, "elpd_se_folds": over_folds}
     found["elpd_before"] = float(before.left_out.elpd.sum())
-    folds = dict(
-        zip(
-            before.left_out.folds,
-            (after.left_out.elpd - before.left_out.elpd).tolist(),
-            strict=True,
-        )
-    )
     for when, model in (("before", before), ("after", after)):
         error = o.y - model.left_out.mean
         for key, mask in kinds.items():
@@ -267,7 +260,7 @@ def _gain(before: Sampled, after: Sampled) -> dict:
             found[f"{key}_{when}"] = value
         inside = (error.abs() <= Z95 * model.left_out.sd)[o.present]
         found[f"coverage_{when}"] = float(inside.double().mean())
-    return found | {"by_segment": {o.group_names[k]: v for k, v in folds.items()}}
+    return found
 
 
 def _theta(before: Sampled, after: Sampled) -> list[dict]:
@@ -299,14 +292,6 @@ def _noise(before: Sampled, after: Sampled) -> list[dict]:
         ]
         rows.append({"quantity": quantity, "before": values[0], "after": values[1]})
     return rows
-
-
-def _on_bounds(sampled: Sampled) -> list[str]:
-    """Coordinates of the fit that lie on a bound of their range."""
-    model, x = sampled.model, sampled.fit.x[0]
-    near = 1e-6 * (model.high - model.low)
-    at = (x <= model.low + near) | (x >= model.high - near)
-    return [name for name, here in zip(model.names, at.tolist(), strict=True) if here]
 
 
 def _limits(criticism: Criticism, channels: Channels) -> list[str]:

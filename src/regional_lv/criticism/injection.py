@@ -12,6 +12,7 @@ import pandas as pd
 from regional_lv.channels import Channel, Channels
 from regional_lv.criticism.hypotheses import REGISTRY, Hypothesis, NoiseHypothesis, asked
 from regional_lv.criticism.hypotheses.base import configured, psi_and_component, with_value
+from regional_lv.errors import InputError
 from regional_lv.measured import synthetic_subject
 from regional_lv.mechanics.continuation import Effort, Runner, Solver
 from regional_lv.mechanics.dolfinx_api import release_unused
@@ -137,7 +138,8 @@ def random_subjects(
     after a shuffle, of the others all combinations are equally likely; what changes the noise
     stands alone. Values are uniform in the plausible range, on the scale of the hypothesis, but for
     what is close to the base (`LEAST_SHARE`). Theta is log-uniform in `PHYSIOLOGICAL`,
-    as far as its bounds allow. Their order tells nothing.
+    as far as its bounds allow. Their order tells nothing. Raises InputError if there are fewer
+    causes than a heart has effects.
     """
     rng = np.random.default_rng(derive(seed, "benchmark"))
     low = np.log(np.maximum(PHYSIOLOGICAL[0], parameters.lower))
@@ -146,11 +148,17 @@ def random_subjects(
     drawn = []
     for kind, count in hearts.items():
         size, among = KINDS[kind], list(hypotheses) if kind == "singles" else physical
-        turns = [name for _ in range(-(-count // len(among))) for name in _shuffled(among, rng)]
+        if count and len(among) < size:
+            raise InputError(
+                f"criticism.benchmark.hearts.{kind}: such a heart has {size} of the causes in "
+                f"criticism.hypotheses that are not of the noise, which are {len(among)}; write 0, "
+                "or add causes"
+            )
+        turns: list[str] = []
         for number in range(count):
-            names = turns[number : number + 1]
-            if size != 1:
-                names = _shuffled(among, rng)[:size]
+            if size == 1 and number == len(turns):
+                turns += _shuffled(among, rng)
+            names = turns[number : number + 1] if size == 1 else _shuffled(among, rng)[:size]
             effects: dict[str, float | dict] = {}
             for name in names:
                 effects |= _random_effect(hypotheses[name], rng)

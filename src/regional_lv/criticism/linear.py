@@ -10,8 +10,9 @@ from dataclasses import fields
 import torch
 
 from regional_lv.criticism.fit import Fit, fit
-from regional_lv.criticism.model import LOG_2PI, Model
-from regional_lv.criticism.posterior import LeftOut, Posterior, laplace, log_density, put
+from regional_lv.criticism.model import Model
+from regional_lv.criticism.posterior import LeftOut, Posterior, laplace, put
+from regional_lv.criticism.search import log_evidence
 
 
 def approximate(model: Model, best: Fit, draws: int, seed: int) -> Posterior:
@@ -21,17 +22,14 @@ def approximate(model: Model, best: Fit, draws: int, seed: int) -> Posterior:
     generator = torch.Generator().manual_seed(seed)
     deviates = torch.randn(draws, len(centre), generator=generator, dtype=torch.float64)
     x = torch.minimum(torch.maximum(centre + deviates @ factor.mT, model.low), model.high)
-    here = centre[None]
-    at_centre = log_density(model, best.residual, here) + model.log_prior(here)
-    volume = 0.5 * len(centre) * LOG_2PI + factor.diagonal().log().sum()
-    evidence = float(at_centre[0] + volume)
+    evidence = float(log_evidence(model, best)[0])
     weight = torch.full((draws,), -math.log(draws), dtype=torch.float64)
     return Posterior(model, x, weight, evidence, math.nan, float(draws), best.residual)
 
 
 def leave_out_linearly(model: Model, best: Fit) -> LeftOut:
-    """Each fold refitted; the prediction of what is left out is normal, with the covariance of the
-    parameters carried through the Jacobian."""
+    """Each fold refitted; the prediction of what is left out is normal, given the residuals of the
+    others, with the covariance of the parameters carried through the Jacobian."""
     o = model.observations
     mean, sd = torch.zeros_like(o.y), torch.ones_like(o.y)
     numbers = list(o.groups)
@@ -44,12 +42,16 @@ def leave_out_linearly(model: Model, best: Fit) -> LeftOut:
         single = Fit(*(getattr(found, field.name)[i : i + 1] for field in fields(Fit)))
         _, covariance = laplace(model, single)
         r = model.means
-        slopes = found.jacobian[i][:, at]
-        own = model.covariance(single.x)[0][:, at[:, None], at]
+        # Errors of the emulator are common to channels: those of the others tell of these.
+        precision = torch.cholesky_inverse(torch.linalg.cholesky(model.covariance(single.x)[0]))
+        own = torch.linalg.inv(precision[:, at[:, None], at])
+        both = torch.cat([found.residual[i][..., None], found.jacobian[i]], dim=-1)
+        both = torch.where(o.present[..., None], both, 0.0)
+        given = (own @ (precision @ both)[:, at]).flatten(0, 1)
         here = o.present[:, at].flatten()
-        flat = slopes.flatten(0, 1)
+        flat = given[:, 1:]
         spread = torch.block_diag(*own) + flat @ covariance[:r, :r] @ flat.mT
-        error = found.residual[i][:, at].flatten()[here]
+        error = given[:, 0][here]
         kept = spread[here][:, here]
         normal = torch.distributions.MultivariateNormal(torch.zeros_like(error), kept)
         elpd.append(normal.log_prob(error))

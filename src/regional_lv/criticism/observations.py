@@ -89,10 +89,6 @@ class Observations:
             for i, name in enumerate(self.subjects)
         ]
 
-    def with_values(self, y: torch.Tensor) -> "Observations":
-        """The same channels with other values (S, D)."""
-        return replace(self, y=torch.where(self.present, y, 0.0))
-
 
 def _elsewhere(channel) -> str:
     """Name of the group of a channel without a segment."""

@@ -52,7 +52,7 @@ def why_not(sampled) -> str:
             if hits < 2:
                 continue
             chance = stats.binom.sf(hits - 1, int(far.sum()), share / 2)
-            if chance * len(patterns) < COMMON:
+            if chance * 2 * len(patterns) < COMMON:  # of either sign
                 return f"the outliers lie together: {hits} of them are {name} and {side}"
     return ""
 

@@ -286,7 +286,7 @@ def judge_misfit(observed: Statistics, null: Statistics, tails: bool = False) ->
             largest.append((family, null.names[family][at], float(seen[at]), p))
     if null.causes.shape[1]:
         judge("cause", observed.causes[0].abs().max(), null.causes.abs().amax(-1))
-    if null.causes.shape[1] > 1:
+    if null.pairs.any():  # else there are no two causes that differ
         judge("pair", observed.pairs[0], null.pairs)
     if tails:
         assert observed.tails is not None

@@ -150,6 +150,8 @@ def verdict(content: dict) -> list[str]:
         sentences.append(gain(content["gain"]))
     else:
         sentences.append(f"No listed cause explains the misfit{_why_not(content)}.")
+        if content["outliers"]:
+            sentences.append(f"Nor do heavy tails of the noise: {content['outliers']}.")
         if content["best"]:
             names = [of(n) for n in content["best"]]
             sentences.append(f"The best set is {_list(names)}; it is not named.")
@@ -198,7 +200,7 @@ def separating(content: dict) -> list[str]:
 
 def _confirmed(content: dict) -> list[str]:
     part = content["confirmation"]
-    if not part["simulations"]:
+    if not part["simulations"] or part["largest_difference_sd"] is None:
         return []
     return [
         f"Confirmed by {part['simulations']} simulations with all effects of a set at once; "

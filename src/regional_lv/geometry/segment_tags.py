@@ -3,10 +3,10 @@
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 from scipy.io import loadmat
 
 from regional_lv import aha
+from regional_lv.csv_lines import error_at, read_lines
 from regional_lv.errors import InputError
 from regional_lv.input_files import reading
 
@@ -24,31 +24,37 @@ def read_segment_tags(path, numbers):
     path = Path(path)
     if path.suffix.lower() == ".mat":
         return _read_published(path, len(numbers))
-    with reading(path, "give geometry.imported.segments a table of elements, as CSV in UTF-8"):
-        table = pd.read_csv(path, skipinitialspace=True)
-    missing = [column for column in COLUMNS if column not in table.columns]
-    if missing:
-        raise InputError(f"{path}: column {', '.join(missing)} is missing; add it to the header")
-    for column in COLUMNS:
-        values = pd.to_numeric(table[column], errors="coerce")
-        for row in np.flatnonzero(~(values % 1 == 0))[:1]:
-            raise InputError(
-                f"{path}, line {row + 2}: {column} is {table[column].iloc[row]!r}; give a whole "
-                "number"
+    table, values, seen = read_lines(path, COLUMNS), [], set()
+    known = set(numbers.tolist())
+    for line, fields in table.rows:
+        element, segment = (_whole(path, line, column, fields[column]) for column in COLUMNS)
+        if element in seen:
+            raise error_at(
+                path, line, f"element {element} was given before; keep one row per element"
             )
-        table[column] = values.astype(int)
-    for row in np.flatnonzero(table["element"].duplicated())[:1]:
-        raise InputError(
-            f"{path}, line {row + 2}: element {table['element'].iloc[row]} was given before; keep "
-            "one row per element"
-        )
-    for row in np.flatnonzero(~table["element"].isin(numbers))[:1]:
-        raise InputError(
-            f"{path}, line {row + 2}: the mesh has no element {table['element'].iloc[row]}; "
-            "use the mesh file's own element numbers (from 1 in the file's order if it has none)"
-        )
+        if element not in known:
+            raise error_at(
+                path,
+                line,
+                f"the mesh has no element {element}; use the mesh file's own element numbers (from "
+                "1 in the file's order if it has none)",
+            )
+        seen.add(element)
+        values.append((element, segment))
     # Elements without a row get 0, which is no segment.
-    return table.set_index("element")["aha_segment"].reindex(numbers, fill_value=0).to_numpy()
+    by_element = dict(values)
+    return np.array([by_element.get(number, 0) for number in numbers.tolist()])
+
+
+def _whole(path, line, column, text):
+    """A whole number that a mesh can have."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = np.nan
+    if not (abs(value) < 2**31 and value.is_integer()):
+        raise error_at(path, line, f"{column} is {text}; give a whole number")
+    return int(value)
 
 
 def check_segment_tags(segment, numbers, origin):

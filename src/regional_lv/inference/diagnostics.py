@@ -179,7 +179,9 @@ def clustered_interval(hits: np.ndarray) -> tuple[float, float]:
     total, share = cases * each, float(hits.mean())
     spread = hits.mean(axis=1).var(ddof=1) / cases if cases > 1 else 0.0
     effective: float = total
-    if 0 < share < 1 and spread > 0:
+    if share in (0, 1):
+        effective = cases  # nothing tells how alike the parameters of a case are
+    elif spread > 0:
         effective = min(total, max(cases, share * (1 - share) / spread))
     return proportion_confint(share * effective, effective, method="beta")
 

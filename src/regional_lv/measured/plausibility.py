@@ -106,6 +106,8 @@ def _unusual(quantity: str, stretch: np.ndarray) -> list[str]:
 
 def _slips(rows: pd.DataFrame) -> list[str]:
     size = rows["value"].abs()
+    if not size.median():
+        return []
     ratio = size / size.median()
     return [
         f"{rows['output'][i]} is {rows['value'][i]:.3g}, {factor:.3g} times the median of its "

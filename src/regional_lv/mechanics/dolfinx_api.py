@@ -195,30 +195,6 @@ def _element(mesh, family, degree, components, **given):
     return ufl.VectorElement(*kind, dim=components, **given)
 
 
-def quadrature_space(mesh, dx, components: int = 1):
-    """Functions that live at the quadrature points of the measure `dx` only.
-
-    A linear form tested with them gives each point's part of the integral.
-    """
-    degree = dx.metadata()["quadrature_degree"]
-    if _LEGACY:
-        element = _element(mesh, "Quadrature", degree, components, quad_scheme="default")
-        return _function_space(mesh, element)
-    import basix.ufl
-
-    shape = () if components == 1 else (components,)
-    element = basix.ufl.quadrature_element(mesh.basix_cell(), shape, degree=degree)
-    return _function_space(mesh, element)
-
-
-def cell_corners(mesh) -> np.ndarray:
-    """Coordinates (cells, 8, 3) of the hexahedra's corners."""
-    nodes = mesh.geometry.dofmap if VERSION < (0, 11) else mesh.geometry.dofmaps[0]
-    count = len(mesh.topology.original_cell_index)
-    rows = [nodes.links(c) if _LEGACY else nodes[c] for c in range(count)]
-    return mesh.geometry.x[np.asarray(rows)[:, :8]]
-
-
 def require_cellwise_order(mesh) -> None:
     """Raise if the degree of freedom of a piecewise constant is not the number of its cell."""
     dofmap = space(mesh, "DG", 0).dofmap

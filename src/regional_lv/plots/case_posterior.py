@@ -16,6 +16,7 @@ SOURCES = {
     "published_volunteer": "healthy volunteer (published data)",
     "published_simulation": "published simulation",
     "file": "measured data",
+    "curves": "measured strain curves",
 }
 """What a figure calls the data of a subject, by `subjects.<name>.source` of the config."""
 

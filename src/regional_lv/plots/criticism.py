@@ -110,7 +110,8 @@ def draw_causes(findings: dict, png: Path, csv: Path) -> None:
     left.set_yticks(at, table["cause"])
     left.set_xlim(0, 1.4 * max(lengths.max(), 4.0))
     left.set_xlabel(
-        "score z against the model as it is\n(dashed: significant at 5 % over the catalogue)"
+        "score z against the model as it is\n(dashed: significant at "
+        f"{100 * findings['level']:g} % over the catalogue)"
     )
     right.barh(at, table["probability"], color=colours, height=0.65)
     right.axvline(0.95, color=style.BLACK, linestyle="--", linewidth=0.8)

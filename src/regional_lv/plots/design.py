@@ -138,7 +138,9 @@ def _excluded(
     parameters: Parameterisation,
 ) -> list[tuple]:
     places = {f"place_{name}": name for name in parameters.names}
-    long = lost.rename(columns=places).melt(["scale", "sample"], list(parameters.names), "item")
+    # The table has the parameters themselves as well.
+    long = lost[["scale", "sample", *places]].rename(columns=places)
+    long = long.melt(["scale", "sample"], var_name="item")
     seaborn.stripplot(
         long,
         x="value",

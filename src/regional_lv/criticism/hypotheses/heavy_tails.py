@@ -12,7 +12,7 @@ class HeavyTails(NoiseHypothesis):
         "A lost tag, a papillary muscle taken for wall, a slice moved by breathing: single "
         "channels are far off while the others are as exact as ever. Student's t noise with the "
         "channels' sd as its scale and psi = 1 / nu; at 0 it is Gaussian, at 0.4 (nu = 2.5) one "
-        "channel in ten is off by more than 2.7 sd. No physics changes, and theta is kept from "
+        "channel in ten is off by more than 2.6 sd. No physics changes, and theta is kept from "
         "following outliers."
     )
     source = (
