@@ -63,7 +63,7 @@ rule simulate_extension:
     benchmark:
         f"{R}/benchmarks/criticism/simulations/{{hypothesis}}-batch-{{batch}}.tsv"
     wildcard_constraints:
-        hypothesis="|".join(HYPOTHESES),
+        hypothesis=any_of(HYPOTHESES),
     priority: FIRST
     threads: 1
     params:
@@ -87,7 +87,7 @@ rule train_extension:
     benchmark:
         f"{R}/benchmarks/criticism/extensions/{{hypothesis}}.tsv"
     wildcard_constraints:
-        hypothesis="|".join(HYPOTHESES),
+        hypothesis=any_of(HYPOTHESES),
     priority: FIRST
     threads: 1
     params:
@@ -198,7 +198,7 @@ rule search_causes:
     benchmark:
         f"{R}/benchmarks/criticism/{{subject}}/search.tsv"
     wildcard_constraints:
-        subject="|".join(CRITICISED) or "(?!)",
+        subject=any_of(CRITICISED),
     priority: FIRST
     threads: 1
     params:
@@ -222,7 +222,7 @@ rule plan_confirmation:
     benchmark:
         f"{R}/benchmarks/criticism/{{subject}}/plan-{{turn}}.tsv"
     wildcard_constraints:
-        subject="|".join(CRITICISED) or "(?!)",
+        subject=any_of(CRITICISED),
     priority: FIRST
     threads: 1
     params:
@@ -272,7 +272,7 @@ rule conclude_criticism:
     benchmark:
         f"{R}/benchmarks/criticism/{{subject}}/conclude.tsv"
     wildcard_constraints:
-        subject="|".join(CRITICISED) or "(?!)",
+        subject=any_of(CRITICISED),
     priority: FIRST
     threads: 1
     params:
@@ -295,7 +295,7 @@ rule extend_study:
     log:
         f"{LOGS}/criticism/{{subject}}/extend.log",
     wildcard_constraints:
-        subject="|".join(CRITICISED) or "(?!)",
+        subject=any_of(CRITICISED),
     localrule: True
     params:
         call="criticism.extend:write_extended",
@@ -315,7 +315,7 @@ rule compare_extended:
     log:
         f"{LOGS}/criticism/{{subject}}/compare.log",
     wildcard_constraints:
-        subject="|".join(CRITICISED) or "(?!)",
+        subject=any_of(CRITICISED),
     localrule: True
     params:
         call="criticism.extend:compare_extended",
@@ -338,7 +338,7 @@ rule report_criticism:
     log:
         f"{LOGS}/criticism/report_{{subject}}.log",
     wildcard_constraints:
-        subject="|".join(CRITICISED) or "(?!)",
+        subject=any_of(CRITICISED),
     localrule: True
     params:
         call="criticism.report:write_report",

@@ -6,11 +6,10 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
+from regional_lv import seth_hill
+
 LEVEL = 0.01
 """Of each check, over all its segments or channels."""
-
-COMMON_MEASURES = {"Almansi": -2.0, "logarithmic": 0.0, "nominal": 1.0, "Green": 2.0}
-"""Name of a strain measure -> its exponent."""
 
 
 def check(table: pd.DataFrame, exponent: float) -> list[dict]:
@@ -59,7 +58,7 @@ def _volume(strains: pd.DataFrame, exponent: float) -> dict | None:
     passed = not bad and together <= stats.norm.isf(LEVEL)
     able = [
         name
-        for name, n in COMMON_MEASURES.items()
+        for n, name in seth_hill.MEASURES.items()
         if (z := _below(values.to_numpy(), sd.to_numpy(), n)).max() <= limit
         and z.sum() / math.sqrt(len(z)) <= stats.norm.isf(LEVEL)
     ]

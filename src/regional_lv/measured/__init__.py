@@ -9,7 +9,6 @@ from regional_lv.measured.published import (
 )
 from regional_lv.measured.synthetic import synthetic_subject, write_truth
 from regional_lv.measured.tables import (
-    MEASURES,
     MeasuredWarning,
     import_measured,
     read_measured,
@@ -19,7 +18,6 @@ from regional_lv.measured.tables import (
 )
 
 __all__ = [
-    "MEASURES",
     "MeasuredWarning",
     "import_curves",
     "import_measured",

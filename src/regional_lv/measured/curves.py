@@ -18,7 +18,7 @@ from typing import Final, Literal, NamedTuple
 import numpy as np
 import pandas as pd
 
-from regional_lv import aha
+from regional_lv import aha, seth_hill
 from regional_lv.channels import Channel, Channels
 from regional_lv.csv_lines import error_at, read_lines
 from regional_lv.measured.tables import (
@@ -314,7 +314,7 @@ def read_curve_subject(
                 "observables.quantities (observables.places), or remove the column",
             )
     back = look_back(path, curves, *(subject[key] for key in HOW))
-    table = make_table(curves.channels, seth_hill(back.stretches, strain_exponent))
+    table = make_table(curves.channels, seth_hill.strain(back.stretches, strain_exponent))
     table["sd"] = np.nan if subject["sd"]["strain"] is None else subject["sd"]["strain"]
     check_values(path, table, curves.lines[back.unloaded], strain_exponent)
     if subject["volume_ml"] is not None:
@@ -323,13 +323,6 @@ def read_curve_subject(
         table = pd.concat([volume, table], ignore_index=True)
     table["source"] = f"{Path(path).name}, frame {curves.frames[back.unloaded]}"
     return table
-
-
-def seth_hill(stretches: np.ndarray, exponent: float) -> np.ndarray:
-    """Strains (l^n - 1) / n of stretches l, their logarithm for n = 0."""
-    if exponent == 0:
-        return np.log(stretches)
-    return (stretches**exponent - 1) / exponent
 
 
 def import_curves(

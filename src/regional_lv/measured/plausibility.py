@@ -6,6 +6,7 @@ Nothing here is a reason to refuse a file; `too_small` alone is.
 import numpy as np
 import pandas as pd
 
+from regional_lv import seth_hill
 from regional_lv.channels import Channel, Channels
 from regional_lv.criticism import data_checks
 from regional_lv.measured.tables import shortcomings
@@ -61,7 +62,7 @@ def data_warnings(
         )
     full = table[table["load_fraction"] == 1]
     stretches = {
-        quantity: _stretch(rows["value"].to_numpy(), strain_exponent)
+        quantity: seth_hill.stretch(rows["value"].to_numpy(), strain_exponent)
         for quantity, rows in full.groupby("quantity", sort=False)
         if quantity in GREEN_MEANS
     }
@@ -88,10 +89,6 @@ def _missing(table: pd.DataFrame, channels: Channels) -> list[str]:
         which = "" if len(some) == all_of_it else " " + ", ".join(c.place for c in some)
         found.append(f"not measured: {quantity}{at}{which}; the remaining channels are used")
     return found
-
-
-def _stretch(strains: np.ndarray, exponent: float) -> np.ndarray:
-    return np.exp(strains) if exponent == 0 else (1 + exponent * strains) ** (1 / exponent)
 
 
 def _unusual(quantity: str, stretch: np.ndarray) -> list[str]:

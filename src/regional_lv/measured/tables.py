@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from regional_lv import aha
+from regional_lv import aha, seth_hill
 from regional_lv.channels import Channel, Channels
 from regional_lv.csv_lines import CsvLines, error_at, read_lines
 from regional_lv.parameters import Parameterisation
@@ -33,8 +33,6 @@ SIGN_TOLERANCE = 0.05
 
 SAME_LOAD = 1e-3
 """Load fractions that differ by less are the same."""
-
-MEASURES: dict[float, str] = {2: "Green", 1: "nominal", 0: "logarithmic", -2: "Almansi"}
 
 
 class MeasuredWarning(UserWarning):
@@ -347,7 +345,7 @@ def _check_strain(row: pd.Series, largest: float, exponent: float | None) -> Com
     value, end = row["value"], -1 / exponent if exponent else math.nan
     # Where the exponent is 0 or not known, nothing is beyond the end.
     if exponent and (value - end) * exponent <= 0:
-        measure = MEASURES.get(exponent, f"Seth-Hill (n = {exponent:g})")
+        measure = seth_hill.measure_name(exponent)
         yield (
             row["line"],
             f"{row['quantity']} strain {value:g}: no {measure} strain reaches {end:g}; check value "

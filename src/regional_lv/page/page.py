@@ -12,13 +12,13 @@ from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 from scipy import stats
 
-from regional_lv import aha
+from regional_lv import aha, seth_hill
 from regional_lv.channels import Channel, Channels
 from regional_lv.criticism import words
 from regional_lv.criticism.report import embedded
 from regional_lv.emulators import label_of
 from regional_lv.inference.classification import stiffness
-from regional_lv.measured import MEASURES, read_measured
+from regional_lv.measured import read_measured
 from regional_lv.mechanics.materials import MATERIALS
 from regional_lv.page import heart3d
 from regional_lv.parameters import Parameterisation
@@ -119,7 +119,7 @@ def make_page(
         scaling=[p.factor for p in parameters if p.scales_stress][:1]
         if scales_with_pressure
         else [],
-        measure=MEASURES.get(strain_exponent, f"Seth-Hill (exponent {strain_exponent:g})"),
+        measure=seth_hill.measure_name(strain_exponent),
         stiffness=rows,
         law=MATERIALS[parameters.law],
         factors=[f for f in MATERIALS[parameters.law].factors if f.name in parameters.factors],

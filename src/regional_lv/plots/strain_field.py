@@ -11,17 +11,10 @@ from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 
+from regional_lv import seth_hill
 from regional_lv.parameters import Parameterisation
 from regional_lv.plots import heart, style
 from regional_lv.quantities import QUANTITIES
-
-MEASURES: dict[float, str] = {
-    2: "Green strain",
-    1: "nominal strain",
-    0: "logarithmic strain",
-    -2: "Almansi strain",
-}
-"""Exponent of the Seth-Hill family -> what the strain is called."""
 
 LINES = ("-", "--", "-.", ":", (0, (6, 1, 1, 1, 1, 1)))
 COLOURS = (style.BLUE, style.VERMILLION, style.GREEN, style.PINK, style.BLACK)
@@ -51,7 +44,7 @@ def draw(
     fig = style.figure(1.9 * max(across, 3) + 3.0, 2.3 * lines)
     ratios = [1, 0.6 * max(across, 3)]
     left, right = fig.subfigures(1, 2, squeeze=False, width_ratios=ratios)[0]
-    measure = MEASURES.get(strain_exponent, "strain")
+    measure = f"{seth_hill.measure_name(strain_exponent)} strain"
     _pictures(left, vtu, table, directions, measure)
     rows = []
     axes = style.zone_panels(right, len(zones), per_zone)
