@@ -8,7 +8,7 @@ from scipy.linalg import fractional_matrix_power, logm
 from regional_lv.channels import Channels
 from regional_lv.errors import InputError
 from regional_lv.geometry.mesh import read_mesh
-from regional_lv.mechanics.observables.motion import DIRECTIONS
+from regional_lv.mechanics.observables.motion import DIRECTIONS, PointMotion
 from regional_lv.mechanics.observables.observer import Observer
 from regional_lv.mechanics.observables.strain_measure import StrainMeasure
 from regional_lv.strain_field import cell_means, strain_field
@@ -122,10 +122,35 @@ def test_segment_means_are_those_of_the_strain_field(simulator, moved, observe):
 
 
 def test_a_uniform_stretch_has_one_strain_in_every_cell(mesh, simulator):
-    """x -> 1.1 x: looking back, J F^-1 = 1.1^2 I, so that every strain is (1.1^4 - 1) / 2."""
+    """x -> 1.1 x: looking back, lines along the wall are shorter by 1.1, and those across it longer
+    by 1.1^2, so that the wall keeps its volume."""
     means = cell_means(strain_field(simulator.observer, 0.1 * mesh.points))
     assert means.shape == (len(mesh.cells), 3)
-    np.testing.assert_allclose(means.to_numpy(), (1.1**4 - 1) / 2, rtol=1e-9)
+    along, across = (1.1**-2 - 1) / 2, (1.1**4 - 1) / 2
+    assert list(means.columns) == ["circumferential", "radial", "longitudinal"]
+    expected = np.broadcast_to([along, across, along], means.shape)
+    np.testing.assert_allclose(means.to_numpy(), expected, rtol=1e-9)
+
+
+def test_looking_back_keeps_the_volume_and_the_lines_along_the_wall():
+    """Of any F: det is one over the dilation, and what lies along the wall is mapped by F^-1."""
+    rng = np.random.default_rng(7)
+    F = torch.as_tensor(np.eye(3) + 0.3 * rng.normal(size=(50, 3, 3)))
+    gradient = torch.as_tensor(rng.normal(size=(50, 3)))
+    dilation = torch.as_tensor(rng.uniform(0.8, 1.2, 50))
+    none = torch.zeros(50, 3).double()
+    for kept in (1.0, dilation):
+        motion = PointMotion(none, none, F, kept, gradient, StrainMeasure())
+        wanted = torch.broadcast_to(1 / torch.as_tensor(kept).double(), (50,))
+        assert torch.allclose(torch.linalg.det(motion.back), wanted, rtol=1e-9)
+        inverse = torch.linalg.inv(F)
+        circumferential, normal, longitudinal = motion.directions
+        for line in (circumferential, longitudinal):
+            assert torch.allclose(motion.back @ line[..., None], inverse @ line[..., None])
+        # The normal of the loaded wall is that of the surfaces of equal depth.
+        carried = torch.einsum("mji,mj->mi", inverse, gradient)
+        carried = carried * torch.linalg.det(F).sign()[:, None]
+        assert torch.allclose(normal, carried / carried.norm(dim=1, keepdim=True))
 
 
 # ------------------------------------------------------------------------------------- layers
@@ -209,8 +234,10 @@ def test_derivatives_are_those_of_the_values(mesh, moved, physics, changed):
 
 
 def test_a_compressible_wall_is_seen_with_its_dilation(mesh, moved, physics):
-    """Twice the volume everywhere: F^-1 is half its adjugate, and 2 E + 1 a quarter."""
+    """Twice the volume everywhere: lines along the wall stay, 2 E + 1 across it is a quarter."""
     observer = Observer(mesh, physics["observables"])
     kept = observer.values(CHANNELS, moved)
     grown = observer.values(CHANNELS, moved, np.full((len(mesh.cells), 8), 2.0))
-    np.testing.assert_allclose(1 + 2 * grown[1:], (1 + 2 * kept[1:]) / 4, rtol=1e-12)
+    radial = np.array([channel.quantity == "radial" for channel in CHANNELS])
+    np.testing.assert_allclose(1 + 2 * grown[radial], (1 + 2 * kept[radial]) / 4, rtol=1e-12)
+    np.testing.assert_allclose(grown[~radial], kept[~radial], rtol=1e-12)

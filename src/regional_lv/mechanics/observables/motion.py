@@ -26,23 +26,34 @@ class PointMotion:
         self.measure: StrainMeasure = measure
 
     @cached_property
-    def back(self) -> torch.Tensor:
-        """F^-1 (M, 3, 3), which leads from the loaded to the unloaded state.
-
-        Its adjugate over the dilation: the wall keeps its volume, and where the discrete det F
-        strays from 1, next to a held edge of the base, the inverse would blow the error up.
-        """
+    def _adjugate(self) -> torch.Tensor:
+        """det F times F^-1 (M, 3, 3)."""
         rows = self.deformation_gradient.unbind(1)
         columns = [torch.linalg.cross(rows[(i + 1) % 3], rows[(i + 2) % 3]) for i in range(3)]
-        adjugate = torch.stack(columns, dim=-1)
-        if isinstance(self.dilation, torch.Tensor):
-            return adjugate / self.dilation[:, None, None]
-        return adjugate
+        return torch.stack(columns, dim=-1)
+
+    @cached_property
+    def back(self) -> torch.Tensor:
+        """F^-1 (M, 3, 3), which leads from the loaded to the unloaded state, of a wall whose
+        volume changes by the dilation at every point.
+
+        The discrete det F strays from it: with few elements through the wall they cannot thin as
+        they should at each depth. How the wall stretches along its surfaces is not affected, so
+        that the stretch along its normal is what is put right, from the other two.
+        """
+        determinant = torch.linalg.det(self.deformation_gradient)[:, None, None]
+        inverse = self._adjugate / determinant
+        normal = self.directions[1]
+        along = torch.einsum("mij,mj,mk->mik", inverse, normal, normal)
+        wanted = self.dilation
+        if isinstance(wanted, torch.Tensor):
+            wanted = wanted[:, None, None]
+        return inverse + (determinant / wanted - 1) * along
 
     @cached_property
     def directions(self) -> torch.Tensor:
         """Circumferential, radial and longitudinal unit vectors (3, M, 3) of the loaded state."""
-        return local_directions(torch.einsum("mij,mi->mj", self.back, self.depth_gradient))
+        return local_directions(torch.einsum("mij,mi->mj", self._adjugate, self.depth_gradient))
 
     @cached_property
     def strains(self) -> dict[str, torch.Tensor]:
