@@ -82,7 +82,7 @@ FILES = {
     ),
     "a table without columns": (
         lambda at: read_segment_tags(written(at, "tags.csv", ""), np.arange(3)),
-        r"tags\.csv: cannot be read .*; give .* as CSV in UTF-8",
+        r"tags\.csv: holds no table; begin it with a line that names the columns",
     ),
     "tetrahedra": (
         lambda at: read_abaqus(
