@@ -395,7 +395,7 @@ def _check_sizes(config: dict, sizes: dict[str, int], least: int) -> Iterator[st
             )
     for name in config["emulators"]["names"]:
         settings = config["emulators"][name]
-        held_out = max(1, round(min(0.1 * rows, 20)))
+        held_out = max(1, round(min(0.1 * rows, 20)))  # as `LocalGP` calibrates on
         if "neighbours" in settings and rows - held_out < settings["neighbours"]:
             yield (
                 f"emulators.{name}.neighbours: {rows} training simulations are too few for "

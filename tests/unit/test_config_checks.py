@@ -187,6 +187,7 @@ def test_a_level_that_no_test_can_reach():
             r"measure: 4.0 lies out",
         ),
         ({"focal_scar": {"segment": 7, "multiplier": 30.0}}, r"focal_scar: 30.0 lies outside"),
+        ({"focal_scar": {"segment": 7, "multiplier": 3.0, "value": 2.0}}, r"is not its form"),
     ],
 )
 def test_effects_are_registered_ones_in_their_range(subject, effects, message):

@@ -18,7 +18,7 @@ from regional_lv import emulators
 from regional_lv.channels import Channels
 from regional_lv.criticism.differences import Scale
 from regional_lv.criticism.extended import ExtendedEmulator
-from regional_lv.criticism.extension import Extension, learn
+from regional_lv.criticism.extension import HELD_OUT, Extension, learn
 from regional_lv.criticism.hypotheses import SimulatorHypothesis
 from regional_lv.emulators.base import Emulator, Prediction
 from regional_lv.errors import InputError
@@ -102,9 +102,10 @@ def train_discretisation(
     coarse = pd.read_parquet(train)
     fine = pd.concat([pd.read_parquet(batch) for batch in batches], ignore_index=True)
     fine = fine[fine["sample"].isin(coarse["sample"])]
-    if (fine["status"] == "converged").sum() < len(parameters) + 2:
+    fewest = max(len(parameters) + 2, HELD_OUT)
+    if (fine["status"] == "converged").sum() < fewest:
         raise InputError(
-            f"{train}: fewer than {len(parameters) + 2} simulations converged on the finer mesh, "
+            f"{train}: fewer than {fewest} simulations converged on the finer mesh, "
             "too few to learn from; raise criticism.discretisation, or set it to 0"
         )
     coarse = coarse[coarse["sample"].isin(fine["sample"])].assign(psi=0.0)

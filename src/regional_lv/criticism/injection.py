@@ -156,9 +156,12 @@ def random_subjects(
             )
         turns: list[str] = []
         for number in range(count):
-            if size == 1 and number == len(turns):
-                turns += _shuffled(among, rng)
-            names = turns[number : number + 1] if size == 1 else _shuffled(among, rng)[:size]
+            if size == 1:
+                if number == len(turns):
+                    turns += _shuffled(among, rng)
+                names = [turns[number]]
+            else:
+                names = _shuffled(among, rng)[:size]
             effects: dict[str, float | dict] = {}
             for name in names:
                 effects |= _random_effect(hypotheses[name], rng)

@@ -24,11 +24,10 @@ def read_segment_tags(path, numbers):
     path = Path(path)
     if path.suffix.lower() == ".mat":
         return _read_published(path, len(numbers))
-    table, values, seen = read_lines(path, COLUMNS), [], set()
-    known = set(numbers.tolist())
-    for line, fields in table.rows:
+    known, by_element = set(numbers.tolist()), {}
+    for line, fields in read_lines(path, COLUMNS).rows:
         element, segment = (_whole(path, line, column, fields[column]) for column in COLUMNS)
-        if element in seen:
+        if element in by_element:
             raise error_at(
                 path, line, f"element {element} was given before; keep one row per element"
             )
@@ -39,10 +38,8 @@ def read_segment_tags(path, numbers):
                 f"the mesh has no element {element}; use the mesh file's own element numbers (from "
                 "1 in the file's order if it has none)",
             )
-        seen.add(element)
-        values.append((element, segment))
+        by_element[element] = segment
     # Elements without a row get 0, which is no segment.
-    by_element = dict(values)
     return np.array([by_element.get(number, 0) for number in numbers.tolist()])
 
 

@@ -284,9 +284,11 @@ def psi_and_component(value: float | Mapping) -> tuple[float, str]:
     value}`. Raises KeyError for another form."""
     if not isinstance(value, Mapping):
         return float(value), ""
-    if "segment" in value:
+    if value.keys() == {"segment", "multiplier"}:
         return float(value["multiplier"]), str(value["segment"])
-    return float(value["value"]), str(value["component"])
+    if value.keys() == {"component", "value"}:
+        return float(value["value"]), str(value["component"])
+    raise KeyError(f"{sorted(value)} is no form of an effect")
 
 
 def configured(psi: float, component: str) -> float | dict:
