@@ -93,7 +93,17 @@ def test_expected_score_is_the_effect_over_its_standard_error(effects):
     errors = np.sqrt(model.fit().normalized_cov_params.diagonal()[10:])
     expected = [value / error for (_, value), error in zip(effects, errors, strict=True)]
     observed = observe({"a": table}, emulator, 1.0)
-    assert expected_scores(observed, emulator, effects, THETA) == pytest.approx(expected, rel=0.01)
+    shifts = {str(i): value * columns[i] for i, (_, value) in enumerate(effects)}
+    found = expected_scores(observed, emulator, shifts, THETA)
+    assert [*found.values()] == pytest.approx(expected, rel=0.01)
+
+
+def test_effects_that_do_the_same_or_nothing_have_no_score():
+    emulator = ToyEmulator(bend=0.0)
+    observed = observe({"a": measured(emulator)}, emulator, 1.0)
+    one = bias().mean(emulator, THETA, torch.ones((), dtype=torch.float64)).numpy()
+    twice = {"same": one, "again": 2 * one, "nothing": 0 * one}
+    assert max(expected_scores(observed, emulator, twice, THETA).values()) < 0.01
 
 
 def test_injected_rows_are_measured_tables(tmp_path):
@@ -139,7 +149,10 @@ def test_from_subjects_to_score(tmp_path, monkeypatch):
         )
         effects = json.dumps({"basal_motion": [1.0, ""]} if extension else {})
         theta = dict(zip(PARAMETERS.names, THETA.tolist(), strict=True))
-        truth = {"kind": kind, "effects": effects, "status": "converged"}
+        one = torch.ones((), dtype=torch.float64)
+        change = basal().mean(ToyEmulator(), THETA, one).flatten().tolist()
+        shifts = json.dumps({"basal_motion": change} if extension else {})
+        truth = {"kind": kind, "effects": effects, "shifts": shifts, "status": "converged"}
         truths.append({"subject": name} | theta | truth)
     subjects, truth = tmp_path / "subjects.parquet", tmp_path / "truth.parquet"
     pd.DataFrame(rows).to_parquet(subjects)
@@ -159,7 +172,7 @@ def test_from_subjects_to_score(tmp_path, monkeypatch):
         benchmark.conclude_batch(files[0], [files[2]], files[3], **batch)
         verdicts.append(files[3])
     outputs = [tmp_path / name for name in ("cases.csv", "confusion.csv", "summary.json")]
-    benchmark.score_benchmark(verdicts, truth, subjects, "", [], *outputs)
+    benchmark.score_benchmark(verdicts, truth, subjects, "", *outputs)
     cases = pd.read_csv(outputs[0], index_col="subject", keep_default_na=False)
     assert cases["answer"].to_dict() == {"a": "basal_motion", "b": "none", "c": "none"}
     assert float(cases.loc["a", "expected_z"]) > 3

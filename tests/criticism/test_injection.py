@@ -110,6 +110,31 @@ def test_a_batch_keeps_subjects_and_truth_apart(monkeypatch, tmp_path, smoke_con
     assert isinstance(subjects, pd.DataFrame) and subjects["sd_volume_ml"].eq(1.0).all()
 
 
+def test_a_shift_is_what_one_effect_does_beside_the_others():
+    """Two that multiply, one on the noise, and a ventricle that cannot be inflated."""
+    effects = injection.read_effects(
+        {"septal_load": 3.0, "wall_thickness": 0.5, "heavy_tails": 0.3}
+    )
+
+    class Product:
+        def outputs(self, theta, effects):
+            return theta * np.prod([e.value for e in effects])
+
+    theta = np.array([1.0, 2.0])
+    found = injection.shifts(Product(), theta, effects, 0.45 * theta)
+    assert list(found) == ["septal_load", "wall_thickness"]
+    np.testing.assert_allclose(found["septal_load"], 0.45 * theta - 0.15 * theta)
+    np.testing.assert_allclose(found["wall_thickness"], 0.45 * theta - 0.9 * theta)
+
+    class Thick(Product):
+        def outputs(self, theta, effects):
+            if "wall_thickness" not in {e.hypothesis.name for e in effects}:
+                raise ArithmeticError("too soft")
+            return super().outputs(theta, effects)
+
+    assert injection.shifts(Thick(), theta, effects, 0.45 * theta)["wall_thickness"] is None
+
+
 def test_hearts_with_more_effects_than_causes_are_refused():
     catalogue = {name: REGISTRY[name] for name in ("septal_load", "heavy_tails")}
     singles = injection.random_subjects(

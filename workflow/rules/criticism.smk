@@ -418,7 +418,9 @@ rule conclude_benchmark:
 rule score_benchmark:
     """The one rule of the criticism that reads a truth, after all verdicts are in."""
     input:
-        **OF_BATCH,
+        emulator=f"{R}/emulators/{EMULATOR}.pt",
+        discretisation=DISCRETISATION,
+        subjects=f"{C}/benchmark/subjects.parquet",
         verdicts=expand(f"{C}/benchmark/verdicts/{{batch}}.parquet", batch=BENCHMARK_BATCHES),
         truth=f"{R}/truth/benchmark.parquet",
     output:

@@ -2,7 +2,7 @@
 
 import json
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -176,7 +176,6 @@ def score_benchmark(
     truth: str | Path,
     subjects: str | Path,
     emulator: str | Path,
-    extensions: Sequence[str | Path],
     cases: str | Path,
     confusion: str | Path,
     summary: str | Path,
@@ -190,20 +189,16 @@ def score_benchmark(
     known = known[known["status"] == "converged"].set_index("subject")
     hearts = pd.read_parquet(subjects).set_index("subject", drop=False)
     trained = load_emulator(emulator, discretisation)
-    changing, _ = split(read_extensions(extensions))
-    by_place = {(e.hypothesis.name, e.component): e for e in changing}
     rows = []
     for name, rows_of in every.groupby("subject", sort=True):
         true = known.loc[name]
         effects = {n: tuple(at) for n, at in json.loads(true["effects"]).items()}
         theta = torch.as_tensor(true[list(trained.parameters.names)].to_numpy(float))
-        seen = [(n, *at) for n, at in effects.items() if (n, at[1]) in by_place]
+        shifts = {n: at for n, at in json.loads(true["shifts"]).items() if at is not None}
         strength = {}
-        if seen:
+        if shifts:
             observed = observe({name: measured_of(hearts.loc[name])}, trained, 1.0)
-            extended = [(by_place[n, component], value) for n, value, component in seen]
-            found = expected_scores(observed, trained, extended, theta)
-            strength = dict(zip((n for n, *_ in seen), found, strict=True))
+            strength = expected_scores(observed, trained, shifts, theta)
         rows += _cases(name, rows_of, true["kind"], effects, strength)
     table = pd.DataFrame(rows)
     if table.empty:
@@ -214,13 +209,13 @@ def score_benchmark(
 
 
 def expected_scores(
-    observed: Observations, emulator, effects: Sequence, theta: torch.Tensor
-) -> list[float]:
-    """Score that each effect would have on average given the others: the length of what it does to
-    the outputs, in sds of the noise, after theta and the other effects took up what they can. One
-    standard error of psi scores one.
+    observed: Observations, emulator, shifts: Mapping[str, Sequence[float]], theta: torch.Tensor
+) -> dict[str, float]:
+    """Score that each effect would have on average given the others, by name: the length of what it
+    does to the outputs, in sds of the noise, after theta and the other effects took up what they
+    can. One standard error of psi scores one.
 
-    effects: (extension, value) of each.
+    shifts: what each effect does to the outputs of `emulator` (D,), as of `injection.shifts`.
     """
     layout = Layout.inferred(observed.subjects, emulator.parameters)
     chosen = emulator.select(observed.outputs)
@@ -228,15 +223,14 @@ def expected_scores(
     x = theta.log()[None]
     model.settle(x[0])
     at_truth = fit(model, model.mean(x), x, iterations=1)
-    changes = [
-        e.select(observed.outputs).mean(chosen, theta[None], torch.tensor([v]).double())
-        for e, v in effects
-    ]
-    together = torch.stack(changes, dim=-1)
+    at = [emulator.outputs.index(name) for name in observed.outputs]
+    together = torch.tensor(np.array([*shifts.values()]))[:, at].T
     projected = Projected.of(at_truth, model)
     gram = (together.mT @ (projected.precision @ together))[0]
+    # An effect of nothing, and a share of two that do the same, score zero.
     gram = gram + 1e-9 * torch.diag(gram.diagonal().clamp(min=1e-12))
-    return torch.linalg.inv(gram).diagonal().clamp(min=1e-300).rsqrt().tolist()
+    found = torch.linalg.inv(gram).diagonal().clamp(min=1e-300).rsqrt()
+    return dict(zip(shifts, found.tolist(), strict=True))
 
 
 def _cases(

@@ -218,7 +218,8 @@ def inject_batch(
     `criticism.benchmark`; seed: the study's. Subjects (Parquet): `subject`, the D outputs with
     noise, their `sd_<output>`, and `withheld`, the cause that its criticism may not know. Truth,
     which no inference reads: `subject`, `kind`, theta, `effects` (JSON: name -> [value,
-    component]), `status` and `reason`; a ventricle that cannot be inflated is in the truth alone.
+    component]), `shifts` (JSON, as of `shifts`), `status` and `reason`; a ventricle that cannot be
+    inflated is in the truth alone.
     """
     catalogue = asked(hypotheses, physics)
     entries = random_subjects(benchmark["hearts"], seed, catalogue, parameters)
@@ -245,7 +246,8 @@ def _injected(
         theta = np.array([*entry["theta"].values()])
         truth = {"subject": entry["subject"], "kind": entry["kind"]} | entry["theta"]
         injected = {e.hypothesis.name: [e.value, e.component] for e in effects}
-        truth |= {"effects": json.dumps(injected), "status": "converged", "reason": ""}
+        truth |= {"effects": json.dumps(injected), "shifts": "{}"}
+        truth |= {"status": "converged", "reason": ""}
         try:
             outputs = ventricles.outputs(theta, effects)
         except ArithmeticError as error:
@@ -258,9 +260,33 @@ def _injected(
             row = {"subject": entry["subject"], "withheld": entry["withheld"]}
             row |= table["value"].to_dict()
             subjects.append(row | table["sd"].add_prefix("sd_").to_dict())
+            truth["shifts"] = json.dumps(shifts(ventricles, theta, effects, outputs))
         truths.append(truth)
         progress.step(failed=truth["status"] == "failed")
     return pd.DataFrame(subjects), pd.DataFrame(truths)
+
+
+def shifts(
+    ventricles: Ventricles, theta: np.ndarray, effects: list[Effect], outputs: np.ndarray
+) -> dict[str, list[float] | None]:
+    """What each effect does to the outputs (D,), without noise, of a ventricle that has the others
+    too: by name; None if the ventricle without it cannot be inflated. Effects on the noise have
+    none.
+
+    outputs: (D,) with all effects.
+    """
+    found: dict[str, list[float] | None] = {}
+    for effect in effects:
+        if isinstance(effect.hypothesis, NoiseHypothesis):
+            continue
+        try:
+            without = ventricles.outputs(theta, [e for e in effects if e is not effect])
+        except ArithmeticError as error:
+            log.warning("without %s: %s", effect.hypothesis.name, error)
+            found[effect.hypothesis.name] = None
+        else:
+            found[effect.hypothesis.name] = (outputs - without).tolist()
+    return found
 
 
 # ------------------------------------------------------------------------------- confirmation
