@@ -99,13 +99,15 @@ class Reduction:
         return covariance * np.outer(self.sd, self.sd)
 
     def explained(self) -> pd.DataFrame:
-        """Table with component (from 1), explained and cumulative (fractions of the variance)."""
+        """Table with component (from 1), explained and cumulative (fractions of the variance), and
+        whether it is kept."""
         share = self.variances / self.variances.sum()
         return pd.DataFrame(
             {
                 "component": np.arange(1, len(share) + 1),
                 "explained": share,
                 "cumulative": np.minimum(np.cumsum(share), 1.0),
+                "kept": np.arange(len(share)) < self.components,
             }
         )
 

@@ -10,10 +10,11 @@ from regional_lv.criticism.discrepancy import unlisted_covariance
 from regional_lv.criticism.extended import ExtendedEmulator
 from regional_lv.criticism.fit import fit, fit_best, fit_from_nothing
 from regional_lv.criticism.linear import approximate, leave_out_linearly
-from regional_lv.criticism.model import LOG_2PI, Layout, Model
+from regional_lv.criticism.model import Layout, Model
 from regional_lv.criticism.observations import observe
 from regional_lv.criticism.posterior import gain_of, laplace, leave_out, sample
 from regional_lv.criticism.search import log_evidence as evidence_of_fit
+from regional_lv.gaussian import LOG_2PI
 from tests.criticism.toy import PARAMETERS, ToyEmulator, bias, measured
 
 

@@ -62,7 +62,7 @@ def with_effects(*effects, seed=5, wave=0.0):
     emulator = ToyEmulator()
     table = measured(emulator, seed=seed)
     for extension, psi in effects:
-        change = extension.mean(emulator, THETA, torch.tensor(psi, dtype=torch.float64))
+        change = extension.mean(None, THETA, torch.tensor(psi, dtype=torch.float64))
         table["value"] += change.numpy()
     table["value"] += wave * np.sin(np.arange(len(table)))
     return table

@@ -9,6 +9,8 @@ import pandas as pd
 import torch
 
 from regional_lv.channels import Channels
+from regional_lv.criticism.extended import ExtendedEmulator
+from regional_lv.criticism.hypotheses.end_diastolic_pressure import EndDiastolicPressure
 from regional_lv.criticism.hypotheses.scales import Linear, Scale
 from regional_lv.emulators.base import Emulator, Prediction, SeparablePrediction
 from regional_lv.measured import synthetic_subject
@@ -87,6 +89,7 @@ class Hypothesis:
     load_power: float = 0.0
     signature_at: float | None = None
     scale: Scale = LINEAR
+    order: int = 0
 
     def at_load(self, psi, fraction):
         return psi * fraction**self.load_power
@@ -101,13 +104,13 @@ class Extension:
         self.hypothesis, self.component, self.outputs = hypothesis, component, outputs
         self.pattern = pattern
 
-    def mean(self, base, theta, psi, at_base=None):
+    def mean(self, outputs, theta, psi):
         at = torch.tensor([OUTPUTS.index(o) for o in self.outputs])
         tilt = 1 + 0.1 * theta.log().mean(-1, keepdim=True)
         return (psi - self.hypothesis.base)[..., None] * tilt * self.pattern[at]
 
-    def difference(self, base, theta, psi):
-        mean = self.mean(base, theta, psi)
+    def difference(self, outputs, theta, psi):
+        mean = self.mean(outputs, theta, psi)
         return Prediction(mean, torch.zeros(*mean.shape, mean.shape[-1], dtype=mean.dtype))
 
     def select(self, outputs):
@@ -118,19 +121,12 @@ class Pressure(Extension):
     """All C_a together by 8 / psi: what theta takes up."""
 
     def __init__(self, outputs=OUTPUTS):
-        super().__init__(PRESSURE, None, "", outputs)
-
-    def mean(self, base, theta, psi, at_base=None):
-        moved = torch.where(
-            torch.as_tensor(PARAMETERS.scales_stress), theta * (8 / psi[..., None]), theta
-        )
-        return base.predict(moved).mean - base.predict(theta).mean
+        super().__init__(EndDiastolicPressure(), torch.zeros(D).double(), "", outputs)
 
     def select(self, outputs):
         return Pressure(tuple(outputs))
 
 
-PRESSURE = Hypothesis("end_diastolic_pressure", 8.0, 4.0, 16.0, "mmHg")
 TAILS = Hypothesis("heavy_tails", 0.0, 0.0, 0.4)
 
 
@@ -173,7 +169,8 @@ def measured(emulator, extension=None, psi=0.0, seed=0, strain=0.01, theta=THETA
         outputs = emulator.predict(theta).mean
         if extension is not None:
             value = torch.tensor(psi, dtype=torch.float64)
-            outputs = outputs + extension.mean(emulator, theta, value)
+            at = extension.hypothesis.scale(value)[None]
+            outputs = ExtendedEmulator(emulator, [extension]).mean(theta, at)
     unit = np.random.default_rng(seed).standard_normal(len(outputs))
     noise = {"strain": strain, "volume": 100 * strain}
     table = synthetic_subject(outputs.numpy(), CHANNELS, noise, unit)
@@ -183,11 +180,11 @@ def measured(emulator, extension=None, psi=0.0, seed=0, strain=0.01, theta=THETA
 class Bent(Extension):
     """An effect that begins at the apex and ends with the pattern."""
 
-    def mean(self, base, theta, psi, at_base=None):
+    def mean(self, outputs, theta, psi):
         d = psi - self.hypothesis.base
         at = torch.tensor([OUTPUTS.index(o) for o in self.outputs])
         first = pattern("radial", [14, 17], 0.02)[at]
-        later = Extension.mean(self, base, theta, self.hypothesis.base + d * d)
+        later = Extension.mean(self, outputs, theta, self.hypothesis.base + d * d)
         return d[..., None] * first + later
 
     def select(self, outputs):
@@ -205,10 +202,14 @@ def simulate(extensions, interaction: float = 0.0):
         for _, row in design.iterrows():
             theta = torch.tensor([row[name] for name in PARAMETERS.names], dtype=torch.float64)
             effects = json.loads(row["effects"])
-            total = emulator.predict_mean(theta) + (wave if len(effects) > 1 else 0.0)
-            for name, (value, component) in effects.items():
-                psi = torch.tensor(value, dtype=torch.float64)
-                total = total + by_place[name, component].mean(emulator, theta, psi)
+            present = [by_place[name, component] for name, (_, component) in effects.items()]
+            scaled = [
+                extension.hypothesis.scale(value)
+                for extension, (value, _) in zip(present, effects.values(), strict=True)
+            ]
+            both = ExtendedEmulator(emulator, present)
+            total = both.mean(theta, torch.tensor(scaled, dtype=torch.float64))
+            total = total + (wave if len(effects) > 1 else 0.0)
             rows.append(dict(zip(OUTPUTS, total.tolist(), strict=True)))
         return pd.concat([design.reset_index(drop=True), pd.DataFrame(rows)], axis=1)
 

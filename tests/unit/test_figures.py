@@ -327,9 +327,10 @@ def test_design_without_failures_says_so(tmp_path, paths, figures):
 
 def test_explained_variance(tmp_path, paths, figures):
     explained = np.array([0.9, 0.0985, 0.001, 0.0005])
-    pd.DataFrame(
-        {"component": [1, 2, 3, 4], "explained": explained, "cumulative": explained.cumsum()}
-    ).to_csv(tmp_path / "explained.csv", index=False)
+    table = {"component": [1, 2, 3, 4], "explained": explained, "cumulative": explained.cumsum()}
+    pd.DataFrame(table | {"kept": [True, True, True, False]}).to_csv(
+        tmp_path / "explained.csv", index=False
+    )
     explained_variance.draw(tmp_path / "explained.csv", *paths)
     assert list(read(paths)["kept"]) == [True, True, True, False]
     assert figures[0].get_suptitle().startswith("3 of 4 components")

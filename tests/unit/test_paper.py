@@ -124,7 +124,7 @@ def study(tmp_path):
 
     train = pd.DataFrame({"scale": ["natural"] * 5 + ["log"] * 2, "cpu_s": 3.0})
     files = {"screened": [file("train.parquet", train), file("test.parquet", train.iloc[:3])]}
-    explained = pd.DataFrame({"cumulative": [0.9, 0.99, 0.9991, 1.0]})
+    explained = pd.DataFrame({"kept": [True, True, True, False]})
     files["explained"] = file("explained.csv", explained)
     files["coverage"], files["diagnostics"] = [], []
     for emulator, ratio in (("exact_gp", 0.01), ("dnn", 0.02), ("final", 0.01)):
@@ -180,7 +180,7 @@ def test_simulations_out_of_tables_have_no_scale(tmp_path):
 
 def test_a_study_is_collected(study, tmp_path):
     written = {"csv": tmp_path / "t" / "p.csv", "md": tmp_path / "t" / "p.md"}
-    paper.compare_study(NUMBERS, REASONS, threshold=0.999, **study, **written)
+    paper.compare_study(NUMBERS, REASONS, **study, **written)
     table = pd.read_csv(written["csv"], keep_default_na=False)
     lines = written["md"].read_text().splitlines()
     assert sum(line.startswith("| ") for line in lines) == len(table) + 1
@@ -210,7 +210,7 @@ def test_a_study_is_collected(study, tmp_path):
     study["volunteer"] = []
     header = pd.read_csv(study["estimates"][1]).iloc[:0]
     header.to_csv(study["estimates"][1], index=False)  # no pair was complete
-    paper.compare_study(NUMBERS, REASONS, threshold=0.999, **study, **written)
+    paper.compare_study(NUMBERS, REASONS, **study, **written)
     fewer = pd.read_csv(written["csv"], keep_default_na=False)
     fewer = fewer.set_index(list(paper.KEYS))["reason"]
     assert fewer["pairs_rejected", "", "test", "", "count"] == paper.ABSENT

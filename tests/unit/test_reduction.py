@@ -26,6 +26,7 @@ def test_keeps_the_fewest_components_that_explain_enough(outputs):
     table = reduction.explained()
     assert reduction.components == 4
     assert table["cumulative"].iloc[3] >= 0.999 > table["cumulative"].iloc[2]
+    assert table["kept"].tolist() == [True] * 4 + [False] * (len(table) - 4)
     assert table["explained"].sum() == pytest.approx(1)
 
 

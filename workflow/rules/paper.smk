@@ -47,6 +47,5 @@ rule make_paper_comparison:
     localrule: True
     params:
         call="paper.comparison:compare_study",
-        threshold=config["reduction"]["explained_variance"],
     script:
         "../scripts/call.py"

@@ -16,8 +16,8 @@ from regional_lv.criticism.differences import Scale
 from regional_lv.criticism.hypotheses.base import (
     REGISTRY,
     Hypothesis,
+    ReportHypothesis,
     SimulatorHypothesis,
-    TransformHypothesis,
 )
 from regional_lv.criticism.observations import noise_units
 from regional_lv.criticism.polynomial import lagrange
@@ -41,10 +41,11 @@ HELD_OUT = 5
 
 
 class Extension:
-    """f(theta, psi) - f(theta) of one hypothesis and component.
+    """What the effect of one hypothesis and component adds to the outputs without it.
 
-    A closed form through the base emulator, nothing (noise), or, of simulated hypotheses, the
-    polynomial in psi through zero at the base and emulated changes (`differences`) at the nodes.
+    A closed form, nothing (noise, and another load, which `ExtendedEmulator` knows), or, of
+    simulated hypotheses, the polynomial in psi through zero at the base and emulated changes
+    (`differences`) at the nodes.
 
     Attributes: hypothesis, with base and range as in the study; component; outputs (names of the
     D outputs); fraction_simulated, the share of the asked simulations that converged. exponent: of
@@ -69,70 +70,38 @@ class Extension:
         if emulator is not None:
             self._changing = _changing(emulator, len(hypothesis.nodes))
 
-    def difference(self, base: Emulator, theta: torch.Tensor, psi: torch.Tensor) -> Prediction:
-        """f(theta, psi) - f(theta, base) at `theta` (..., P) and `psi` (...), natural units.
+    def difference(
+        self, outputs: torch.Tensor, theta: torch.Tensor, psi: torch.Tensor
+    ) -> Prediction:
+        """What the effect adds to `outputs` (..., D), those at `theta` (..., P) with all that acts
+        before it, at `psi` (...); natural units.
 
         Mean (..., D) and covariance (..., D, D) of its own error, zero for closed forms; exactly
-        zero at psi = base. `base` is the base model's emulator with the same outputs; what is
-        uncertain about its own prediction is not part of the covariance.
+        zero at psi = base.
         """
-        if base.outputs != self.outputs:
-            raise InputError(
-                f"{self.hypothesis.name}: the base emulator has other outputs than the extension; "
-                "select the same of both"
-            )
-        psi, mean = psi.expand(theta.shape[:-1]), base.predict(theta).mean
-        if isinstance(self.hypothesis, TransformHypothesis):
-            mean = self.hypothesis.predict(base, theta, psi) - mean
-            return Prediction(mean, torch.zeros(*mean.shape, mean.shape[-1], dtype=mean.dtype))
-        return self.difference_from(mean, theta, psi)
-
-    def difference_from(
-        self, mean: torch.Tensor, theta: torch.Tensor, psi: torch.Tensor
-    ) -> Prediction:
-        """`difference` from outputs `mean` (..., D) of the base model; not for closed forms."""
+        psi = psi.expand(theta.shape[:-1])
         if self._emulator is None:
-            zero = torch.zeros_like(mean)
-            return Prediction(zero, torch.zeros(*mean.shape, mean.shape[-1], dtype=mean.dtype))
+            found = self.mean(outputs, theta, psi)
+            return Prediction(found, torch.zeros(*found.shape, found.shape[-1], dtype=found.dtype))
         change, covariance = self._change(self._emulator.predict(theta), psi)
-        difference, slope = self._differences(mean, change, psi)
+        difference, slope = self._differences(outputs, change, psi)
         return Prediction(difference, slope[..., :, None] * covariance * slope[..., None, :])
 
-    @torch.no_grad()
-    def mean(
-        self,
-        base: Emulator,
-        theta: torch.Tensor,
-        psi: torch.Tensor,
-        at_base: torch.Tensor | None = None,
-    ) -> torch.Tensor:
-        """The mean (..., D) of `difference` alone, without a graph: for thousands of points, the
-        covariance is what costs. at_base: what `base` predicts (..., D), where that is known."""
+    def mean(self, outputs: torch.Tensor, theta: torch.Tensor, psi: torch.Tensor) -> torch.Tensor:
+        """The mean (..., D) of `difference` alone: for thousands of points, the covariance is what
+        costs. Without a graph, but for closed forms."""
         psi = psi.expand(theta.shape[:-1])
-        if isinstance(self.hypothesis, TransformHypothesis):
-            return self.difference(base, theta, psi).mean
-        at_base = base.predict(theta).mean if at_base is None else at_base
+        if isinstance(self.hypothesis, ReportHypothesis):
+            return self.hypothesis.reported(outputs, self.outputs, psi) - outputs
         if self._emulator is None:
-            return torch.zeros_like(at_base)
-        weights, count = self._weights(psi), len(self.hypothesis.nodes)
-        by_node = self._emulator.predict_mean(theta).reshape(*psi.shape, count, -1)
-        change = torch.zeros_like(at_base)
-        at = [self.outputs.index(name) for name in self._changing]
-        change[..., at] = (weights[..., None] * by_node).sum(-2)
-        return self._differences(at_base, change, psi)[0]
-
-    def outside(self, base: Emulator, theta: torch.Tensor, psi: torch.Tensor) -> torch.Tensor:
-        """Where (...) the emulators asked for the difference have to extrapolate, bool.
-
-        Nothing is clamped there: the difference is what they say. Closed forms may ask the base
-        emulator beyond its box, at another stiffness.
-        """
-        if isinstance(self.hypothesis, TransformHypothesis):
-            return base.outside(self.hypothesis.emulated_at(base.parameters, theta, psi))
-        if self._emulator is None:
-            return torch.zeros(theta.shape[:-1], dtype=torch.bool)
-        box = (theta < self._emulator.lower) | (theta > self._emulator.upper)
-        return box.any(-1) | (psi < self.hypothesis.low) | (psi > self.hypothesis.high)
+            return torch.zeros_like(outputs)
+        with torch.no_grad():
+            weights, count = self._weights(psi), len(self.hypothesis.nodes)
+            by_node = self._emulator.predict_mean(theta).reshape(*psi.shape, count, -1)
+            change = torch.zeros_like(outputs)
+            at = [self.outputs.index(name) for name in self._changing]
+            change[..., at] = (weights[..., None] * by_node).sum(-2)
+            return self._differences(outputs, change, psi)[0]
 
     def select(self, outputs: Sequence[str]) -> "Extension":
         """The extension of some of the outputs, in the order given."""
@@ -355,7 +324,7 @@ def _errors(extension: Extension, data: _Simulated, held: np.ndarray) -> dict:
     base, psi = torch.as_tensor(data.base[held]), torch.zeros(int(held.sum()), dtype=theta.dtype)
     errors, sizes, inside = [], [], []
     for j, node in enumerate(h.nodes):
-        found = extension.difference_from(base, theta, psi + node)
+        found = extension.difference(base, theta, psi + node)
         sizes.append((data.at_nodes[held, j] - data.base[held]) / unit)
         errors.append(found.mean.numpy() / unit - sizes[-1])
         sd = found.sd.numpy() / unit
@@ -377,7 +346,7 @@ def _errors(extension: Extension, data: _Simulated, held: np.ndarray) -> dict:
     }
     if data.slope is not None:
         at = (psi + h.base).requires_grad_(True)
-        mean = extension.difference_from(base, theta, at).mean
+        mean = extension.difference(base, theta, at).mean
         columns = [
             torch.autograd.grad(mean[:, i].sum(), at, retain_graph=True)[0].numpy()
             for i in range(mean.shape[1])

@@ -7,7 +7,6 @@ block each for several; a column for each factor of the material law, over all z
 known theta on a material whose reference values are known up to these factors.
 """
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,10 +15,9 @@ import torch
 from regional_lv.criticism.extended import ExtendedEmulator
 from regional_lv.criticism.observations import Observations
 from regional_lv.errors import InputError
+from regional_lv.inference.point import LOG_SIGMA_BOUNDS
 from regional_lv.parameters import Parameterisation
 
-LOG_2PI = math.log(2 * math.pi)
-LOG_SIGMA_BOUNDS = (-7.0, 3.0)
 CHUNK = 1024
 SMALLEST_SHIFT = 0.1
 """Room that common factors of known thetas need on either side, in log theta."""
@@ -185,7 +183,8 @@ class Model:
     def signature(self, extension, x: torch.Tensor) -> torch.Tensor:
         """d(outputs)/d(scaled psi) (M, S, D) of one more extension at its base."""
         parts = [
-            self.emulator.signature(extension, self.theta(part)) for part in x.split(self._rows)
+            self.emulator.signature(extension, self.theta(part), self.scaled_psi(part))
+            for part in x.split(self._rows)
         ]
         return torch.cat(parts)
 

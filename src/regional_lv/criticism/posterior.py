@@ -12,7 +12,8 @@ import torch
 from statsmodels.stats.weightstats import DescrStatsW
 
 from regional_lv.criticism.fit import Fit, white
-from regional_lv.criticism.model import LOG_2PI, Model
+from regional_lv.criticism.model import Model
+from regional_lv.gaussian import LOG_2PI
 from regional_lv.inference import importance
 from regional_lv.inference.transform import BoundedTransform
 from regional_lv.seeds import derive

@@ -18,9 +18,10 @@ from dataclasses import dataclass
 import torch
 
 from regional_lv.criticism.fit import Fit, fit
-from regional_lv.criticism.model import LOG_2PI, Model
+from regional_lv.criticism.model import Model
 from regional_lv.criticism.posterior import precisions
 from regional_lv.criticism.score import LARGEST_MATRICES, Projected, pattern_of
+from regional_lv.gaussian import LOG_2PI
 from regional_lv.progress import Progress
 
 EXHAUSTIVE = 3

@@ -6,7 +6,6 @@ import torch
 
 from regional_lv.channels import Channels
 from regional_lv.criticism.extended import ExtendedEmulator
-from regional_lv.criticism.hypotheses.base import pressure_scaled
 from regional_lv.criticism.observations import noise_units
 from regional_lv.emulators.base import Emulator
 
@@ -26,7 +25,7 @@ def separating_measurement(
     at lower loads anyway.
     """
     by_place = {(e.hypothesis.name, e.component): e for e in extensions}
-    channels, parameters = emulator.channels, emulator.parameters
+    channels = emulator.channels
     unit = torch.as_tensor(noise_units(channels, emulator.output_sd.numpy()))
     predictions = {}
     for one in rivals:
@@ -34,18 +33,13 @@ def separating_measurement(
         found = [by_place[e.hypothesis.name, e.component] for e in model.emulator.extensions]
         full = ExtendedEmulator(emulator, found)
         x = (draws.weight[:, None] * draws.x).sum(0)[None]
-        theta, psi = model.theta(x), model.psi_of(x)
+        theta, effects = model.theta(x), model.scaled_psi(x)
         at = {}
         for fraction in (1.0, *load_fractions):
             factor = torch.tensor([fraction], dtype=theta.dtype)
-            scaled = pressure_scaled(parameters, theta, factor)
-            if fraction == 1.0 or bool((scaled <= emulator.upper).all()):
-                columns = [
-                    e.hypothesis.scale(e.hypothesis.at_load(psi[..., i], fraction))
-                    for i, e in enumerate(found)
-                ]
-                effects = torch.stack(columns, -1) if found else psi
-                at[fraction] = full.mean(scaled, effects)[0].mean(0)
+            there, others = full.under_load(theta, effects, factor)
+            if fraction == 1.0 or bool((there <= emulator.upper).all()):
+                at[fraction] = full.mean(there, others)[0].mean(0)
         predictions[one.names] = at
     names = list(predictions)
     return [

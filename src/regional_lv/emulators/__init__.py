@@ -30,6 +30,7 @@ from regional_lv.emulators.local_mgp import LocalMultiGP
 from regional_lv.emulators.mvgp import MVGP
 from regional_lv.emulators.vgp import VGP
 from regional_lv.errors import InputError
+from regional_lv.gaussian import Z95
 from regional_lv.parameters import Parameterisation
 from regional_lv.registry import Registry
 from regional_lv.seeds import derive
@@ -190,7 +191,7 @@ def predict_test_set(
     long.to_parquet(predictions, index=False)
     error = mean - truth
     scaled = error / emulator.output_sd
-    covered = (error.abs() <= 1.959963984540054 * sd).double()
+    covered = (error.abs() <= Z95 * sd).double()
     table = pd.DataFrame(
         {
             "output": emulator.outputs,

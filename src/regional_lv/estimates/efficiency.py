@@ -9,7 +9,7 @@ import torch
 
 from regional_lv import emulators
 from regional_lv.channels import Channels
-from regional_lv.estimates.ranking import Z95
+from regional_lv.gaussian import Z95
 from regional_lv.inference.likelihood import Likelihood, Noise
 from regional_lv.inference.point import find_map
 from regional_lv.parameters import Parameterisation

@@ -14,6 +14,7 @@ from statsmodels.stats.multitest import multipletests
 from regional_lv.channels import Channels
 from regional_lv.emulators import label_of
 from regional_lv.estimates.estimate import ESTIMATORS
+from regional_lv.gaussian import Z95
 
 log = logging.getLogger(__name__)
 
@@ -21,7 +22,6 @@ PAIRS = (("local_gp", "local_mgp"), ("local_dkgp", "local_dkmgp"), ("vgp", "mvgp
 """Single-output emulators and the same with all outputs together."""
 
 LEVEL = 0.05
-Z95 = stats.norm.ppf(0.975)
 
 
 def rank_emulators(

@@ -8,9 +8,8 @@ import torch
 from scipy import stats
 
 from regional_lv.emulators.base import Emulator, Prediction, SeparablePrediction
+from regional_lv.gaussian import LOG_2PI
 from regional_lv.reduction import VOLUME
-
-LOG_2PI = math.log(2 * math.pi)
 
 
 @dataclass(frozen=True)

@@ -38,6 +38,8 @@ LEAST_GAIN, ENOUGH = 1e-9, 1e-6
 """Gains of log density at which a climb ends: the last pass's, and those of the passes before."""
 
 LOG_SIGMA_BOUNDS = (-7.0, 3.0)
+"""Of the logarithm of a noise scale in units of its sd."""
+
 CHUNK = 256
 """Points evaluated together: their kernel rows and Jacobians stay in the cache."""
 

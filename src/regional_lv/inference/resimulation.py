@@ -7,13 +7,11 @@ import arviz as az
 import numpy as np
 import pandas as pd
 import torch
-from scipy import stats
 
 from regional_lv import emulators
 from regional_lv.channels import Channel
+from regional_lv.gaussian import Z95
 from regional_lv.seeds import derive
-
-Z95 = stats.norm.ppf(0.975)
 
 
 def pick_draws(

@@ -132,7 +132,6 @@ def compare_study(
     reasons: Path,
     screened: Sequence[Path],
     explained: Path,
-    threshold: float,
     coverage: Sequence[Path],
     diagnostics: Sequence[Path],
     zone_correlations: Sequence[Path],
@@ -144,14 +143,14 @@ def compare_study(
 ) -> None:
     """Write `compare` with everything that the study's files hold, as CSV and Markdown.
 
-    screened: `screening/<set>.parquet`; explained, threshold: of the reduction; coverage,
+    screened: `screening/<set>.parquet`; explained: of the reduction; coverage,
     diagnostics: `posteriors/<emulator>/test/...` of the shortlist and of `final`;
     zone_correlations: `posteriors/final/<scenario>/...`; volunteer: the three files of
     `from_volunteer`, or none; estimates: the two of `from_ranking`, with `choice`, the JSON that
     names the `final` emulator.
     """
     ours = from_simulations({Path(path).stem: path for path in screened})
-    ours += from_reduction(explained, threshold)
+    ours += from_reduction(explained)
     ours += from_test_posteriors(
         {name: paths[0] for name, paths in by_emulator(coverage).items()},
         {name: paths[0] for name, paths in by_emulator(diagnostics).items()},
@@ -194,10 +193,9 @@ def from_simulations(screened: dict[str, Path]) -> list[dict]:
     return found
 
 
-def from_reduction(explained: Path, threshold: float) -> list[dict]:
-    """Principal components that explain `threshold` of the strain variance, and the volume."""
-    cumulative = pd.read_csv(explained)["cumulative"].to_numpy()
-    kept = min(int(np.searchsorted(cumulative, threshold)) + 1, len(cumulative))
+def from_reduction(explained: Path) -> list[dict]:
+    """Principal components of the strains that are kept, and the volume."""
+    kept = int(pd.read_csv(explained)["kept"].sum())
     return [row_of("reduced_outputs", kept + 1, set="train")]
 
 

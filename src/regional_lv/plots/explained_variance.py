@@ -2,7 +2,6 @@
 
 from pathlib import Path
 
-import numpy as np
 import pandas as pd
 import seaborn
 
@@ -13,13 +12,11 @@ from regional_lv.plots import style
 def draw(explained: Path, png: Path, csv: Path, threshold: float = 0.999) -> None:
     """Draw the variance that each component and the first k together leave unexplained.
 
-    explained: CSV with component (1, 2, ...), explained, cumulative (fractions). The table adds
-    `kept`: whether the component is among the fewest that reach `threshold`.
+    explained: CSV with component (1, 2, ...), explained, cumulative (fractions), kept. threshold:
+    the share from which on no more are kept.
     """
     table = pd.read_csv(explained)
-    reached = table["cumulative"] >= threshold
-    kept = int(np.argmax(reached)) + 1 if reached.any() else len(table)
-    table["kept"] = np.arange(len(table)) < kept
+    kept = int(table["kept"].sum())
 
     fig = style.figure(8.0, 3.6)
     left, right = fig.subplots(1, 2)

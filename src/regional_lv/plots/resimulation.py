@@ -8,9 +8,8 @@ import seaborn
 from scipy import stats
 
 from regional_lv.channels import Channels
+from regional_lv.gaussian import Z95
 from regional_lv.plots import style
-
-Z95 = stats.norm.ppf(0.975)
 
 
 @style.context

@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 import seaborn
 
+from regional_lv.gaussian import Z95
 from regional_lv.plots import style
 from regional_lv.plots.case_posterior import density, read
 
@@ -122,7 +123,7 @@ def marginal_panel(ax, name: str, draws: np.ndarray, rows: list) -> None:
 def _autocorrelation(ax, name: str, draws: np.ndarray, rows: list) -> None:
     lags = min(MAX_LAG, draws.shape[1] - 1)
     # About zero, 95 % of an uncorrelated sequence of this length.
-    ax.axhspan(*(np.array([-1, 1]) * 1.96 / np.sqrt(draws.shape[1])), color=style.LIGHT, zorder=0)
+    ax.axhspan(*(np.array([-1, 1]) * Z95 / np.sqrt(draws.shape[1])), color=style.LIGHT, zorder=0)
     correlations = az.autocorr(draws)[:, : lags + 1]
     _lines(ax, correlations, linewidth=1)
     rows += [(name, "autocorrelation", *at, value) for at, value in np.ndenumerate(correlations)]

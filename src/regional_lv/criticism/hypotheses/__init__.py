@@ -9,10 +9,11 @@ from regional_lv.criticism.hypotheses.basal_twist import BasalTwist
 from regional_lv.criticism.hypotheses.base import (
     REGISTRY,
     Hypothesis,
+    LoadHypothesis,
     NoiseHypothesis,
     ObservationHypothesis,
+    ReportHypothesis,
     SimulatorHypothesis,
-    TransformHypothesis,
 )
 from regional_lv.criticism.hypotheses.compressibility import Compressibility
 from regional_lv.criticism.hypotheses.end_diastolic_pressure import EndDiastolicPressure
@@ -38,10 +39,11 @@ from regional_lv.criticism.hypotheses.wall_thickness import WallThickness
 __all__ = [
     "REGISTRY",
     "Hypothesis",
+    "LoadHypothesis",
     "NoiseHypothesis",
     "ObservationHypothesis",
+    "ReportHypothesis",
     "SimulatorHypothesis",
-    "TransformHypothesis",
     "asked",
 ]
 

@@ -47,6 +47,9 @@ class Hypothesis(ABC):
     """Of a `SimulatorHypothesis` alone."""
     scale: ClassVar[Scale] = Linear()
     components: tuple[str, ...] = ("",)
+    order: ClassVar[int] = 0
+    """Of several effects at once, those of a lower order act first: 0 in the ventricle and where it
+    is looked at, 1 on the measure of the strains, 2 on what is reported of them."""
     signature_at: ClassVar[float | None] = None
     """Psi up to which the signature is a secant from the base value, for effects that begin unlike
     they go on; None for the derivative at the base value."""
@@ -232,22 +235,31 @@ class LayerHypothesis(ObservationHypothesis):
     nodes = (0.5, 1.0)
 
 
-class TransformHypothesis(Hypothesis):
-    """A closed form through the base emulator."""
+class LoadHypothesis(Hypothesis):
+    """Channels observed under another load than the study's, with all other effects there are: a
+    closed form, as stresses scale (`pressure_scaled`)."""
 
     @abstractmethod
-    def predict(self, emulator, theta, psi):
-        """Mean (..., D) of the outputs at tensors `theta` (..., P) and `psi` (...).
+    def share(self, psi):
+        """The load (...) at tensors `psi` (...), in shares of the study's."""
 
-        `emulator` is the base model's. Differentiable.
-        """
+    def concerned(self, outputs: tuple[str, ...]) -> np.ndarray:
+        """Mask (D,) of the channels observed under that load."""
+        return np.ones(len(outputs), dtype=bool)
 
-    def emulated_at(self, parameters, theta, psi):
-        """Where (..., P) `predict` asks the emulator; outside its box it extrapolates.
+    def why_not(self, physics):
+        return why_not_scaling(physics)
 
-        parameters: the study's `Parameterisation`.
-        """
-        return theta
+
+class ReportHypothesis(Hypothesis):
+    """Outputs reported otherwise than they are: a closed form."""
+
+    order = 2
+
+    @abstractmethod
+    def reported(self, mean, outputs: tuple[str, ...], psi):
+        """What is reported (..., D) of the outputs `mean` (..., D), of these names, at tensors
+        `psi` (...). Each channel depends on itself alone. Differentiable."""
 
 
 class NoiseHypothesis(Hypothesis):

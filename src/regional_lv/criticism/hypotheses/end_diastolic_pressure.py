@@ -2,16 +2,11 @@
 
 import copy
 
-from regional_lv.criticism.hypotheses.base import (
-    TransformHypothesis,
-    pressure_scaled,
-    why_not_scaling,
-    with_value,
-)
+from regional_lv.criticism.hypotheses.base import LoadHypothesis, with_value
 from regional_lv.criticism.hypotheses.scales import Logarithmic
 
 
-class EndDiastolicPressure(TransformHypothesis):
+class EndDiastolicPressure(LoadHypothesis):
     name = "end_diastolic_pressure"
     parameter = "end-diastolic pressure"
     unit = "mmHg"
@@ -36,14 +31,8 @@ class EndDiastolicPressure(TransformHypothesis):
         found.low, found.high = found.base / 2, 2 * found.base
         return found
 
-    def why_not(self, physics):
-        return why_not_scaling(physics)
-
     def extend(self, physics, value, component=""):
         return with_value(physics, ("loading", "pressure_mmhg"), float(value))
 
-    def emulated_at(self, parameters, theta, psi):
-        return pressure_scaled(parameters, theta, psi / self.base)
-
-    def predict(self, emulator, theta, psi):
-        return emulator.predict(self.emulated_at(emulator.parameters, theta, psi)).mean
+    def share(self, psi):
+        return psi / self.base

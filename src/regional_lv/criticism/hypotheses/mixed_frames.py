@@ -1,17 +1,12 @@
 """Strains from another frame than the volume."""
 
-from regional_lv.criticism.hypotheses.base import (
-    TransformHypothesis,
-    mask_of,
-    pressure_scaled,
-    why_not_scaling,
-)
+from regional_lv.criticism.hypotheses.base import LoadHypothesis, mask_of
 
 LATE = "volume"
 """The quantity that is end-diastolic in any case."""
 
 
-class MixedFrames(TransformHypothesis):
+class MixedFrames(LoadHypothesis):
     name = "mixed_frames"
     parameter = "share of the filling pressure missing in the strains"
     unit = "1"
@@ -32,18 +27,14 @@ class MixedFrames(TransformHypothesis):
         quantities = physics["observables"]["quantities"]
         if LATE not in quantities or len(quantities) < 2:
             return f"{LATE} and something else are not both observed (observables.quantities)"
-        return why_not_scaling(physics)
+        return super().why_not(physics)
 
     def load_fraction(self, channel, value):
         late = channel.quantity == LATE
         return channel.load_fraction * (1 if late else 1 - value)
 
-    def emulated_at(self, parameters, theta, psi):
-        return pressure_scaled(parameters, theta, 1 - psi)
+    def share(self, psi):
+        return 1 - psi
 
-    def predict(self, emulator, theta, psi):
-        import torch
-
-        earlier = emulator.predict(self.emulated_at(emulator.parameters, theta, psi)).mean
-        late = torch.as_tensor(mask_of(emulator.outputs, LATE))
-        return torch.where(late, emulator.predict(theta).mean, earlier)
+    def concerned(self, outputs):
+        return ~mask_of(outputs, LATE)

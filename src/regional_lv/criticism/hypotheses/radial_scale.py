@@ -1,7 +1,7 @@
 """Radial strains measured with a bias."""
 
 from regional_lv.criticism.hypotheses.base import (
-    TransformHypothesis,
+    ReportHypothesis,
     mask_of,
     value_at,
     with_value,
@@ -10,7 +10,7 @@ from regional_lv.criticism.hypotheses.base import (
 RADIAL = "radial"
 
 
-class RadialScale(TransformHypothesis):
+class RadialScale(ReportHypothesis):
     name = "radial_scale"
     parameter = "scale of the radial strains"
     unit = "1"
@@ -38,9 +38,8 @@ class RadialScale(TransformHypothesis):
         scale = {**scale, RADIAL: float(value) * scale.get(RADIAL, 1.0)}
         return with_value(physics, self.path, scale)
 
-    def predict(self, emulator, theta, psi):
+    def reported(self, mean, outputs, psi):
         import torch
 
-        mean = emulator.predict(theta).mean
-        radial = torch.as_tensor(mask_of(emulator.outputs, RADIAL))
+        radial = torch.as_tensor(mask_of(outputs, RADIAL))
         return torch.where(radial, psi[..., None] * mean, mean)

@@ -16,6 +16,7 @@ class StrainMeasure(MeasureHypothesis):
     path = ("observables", "strain_exponent")
     values = (-2.0, 0.0, 1.0, 2.0)
     nodes = (-2.0, 0.0, 1.0)
+    order = 1
     description = (
         "Strain has many measures, which agree while it is small: (l^n - 1) / n of the stretch l, "
         "with n = 2 for Green's, 1 for the nominal (engineering) one, 0 for the logarithmic one "
