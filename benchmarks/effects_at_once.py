@@ -76,7 +76,9 @@ def main(configuration: str, hearts: int) -> None:
             pd.DataFrame(rows[-1:]).to_csv(index=False, header=len(rows) == 1), end="", flush=True
         )
     table = pd.DataFrame(rows).set_index("effects")
-    print(table.agg(["median", rms, "max"]).round(2).to_string())
+    summary = {"median": table.median(), "rms": table.apply(rms), "largest": table.max()}
+    print(f"{len(table)} hearts")
+    print(pd.DataFrame(summary).round(2).to_string())
 
 
 if __name__ == "__main__":
