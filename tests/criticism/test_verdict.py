@@ -269,6 +269,29 @@ def test_simulations_correct_what_effects_do_to_each_other():
     assert not alone["explained"] or set(alone["named"]) != {"basal_motion", "radial_scale"}
 
 
+def test_a_cause_that_the_emulators_have_wrong_gets_its_simulations():
+    """A rival resembles the truth, of which the emulators know little: by them alone the rival is
+    certain. One round has to simulate what is most probable without it."""
+    true, settings = basal(), replace(SETTINGS, rounds=1)
+    rival = Extension(
+        Hypothesis("fibre_rotation", 0.0, 0.0, 2.0),
+        true.pattern + pattern("radial", (1, 3, 5), 0.04),
+    )
+    badly = Extension(
+        true.hypothesis, true.pattern + pattern("circumferential", range(7, 13), 0.06)
+    )
+    table = with_effects((true, 1.0))
+    given = inputs({"heart": table}, [badly, rival], (), settings)
+    shares = {}
+    for emulated in given.critic().search().sets:
+        shares[emulated["members"][0][0]] = emulated["log_evidence"]
+    assert shares["fibre_rotation"] > shares["basal_motion"] + 10
+    found = criticise(given, simulate([true, rival]))
+    assert found["named"] == ["basal_motion"] and found["explained"]
+    (row,) = [h for h in found["hypotheses"] if h["name"] == "basal_motion"]
+    assert row["interval95"][0] < 1.0 < row["interval95"][1]
+
+
 def test_differences_are_counted_in_noise_where_there_is_noise():
     """Twice the noise in a strain; a volume that is taken as exact, and a channel not observed."""
     model = SimpleNamespace(

@@ -7,7 +7,7 @@ and decides.
 
 import logging
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import asdict
 
 import pandas as pd
@@ -196,6 +196,7 @@ class Critic:
             # What a larger set is for is seen beside the smaller ones that it holds.
             for whole in ranked[:MOST_SAMPLED]:
                 leading += [m for m in named if set(m) < set(whole)]
+            leading += _without_each(ranked[0], ranked)
             if not detected:
                 leading = ranked
         else:
@@ -260,8 +261,13 @@ class Critic:
         smaller = [s for s in others if set(s.members) < set(best.members)]
         smaller = [s for s in smaller if len(s.members) == len(best.members) - 1]
         likely = [s for s in others if s.probability >= LEAST_PROBABILITY]
-        order, rows = [best, *smaller[:SMALLER], *likely, *smaller[SMALLER:]], []
-        for one in list({s.members: s for s in order}.values())[: self.settings.sets]:
+        # Nor may a cause be named because the emulators have the sets without it wrong.
+        by_members = {s.members: s for s in others}
+        without = [by_members[m] for m in _without_each(best.members, by_members)]
+        order = [best, *smaller[:SMALLER], *likely, *without, *smaller[SMALLER:]]
+        wanted = [s for s in order if s.probability >= LEAST_PROBABILITY or not s.confirmed]
+        rows: list[dict] = []
+        for one in list({s.members: s for s in wanted}.values())[: self.settings.sets]:
             seed = derive(self.seed, "confirmation", turn, label(one.members))
             draws = approximate(one.model, one.fit, self.settings.simulations, seed).x
             rows += design_rows(one.members, one.model, draws)
@@ -409,6 +415,18 @@ class Critic:
         return Tested(
             *(hypothesis, row["component"], row["z"], row["p_single"], row["p_value"], own, share)
         )
+
+
+def _without_each(
+    whole: Sequence[Member], ranked: Collection[tuple[Member, ...]]
+) -> list[tuple[Member, ...]]:
+    """Of `ranked` sets, the first without each of the causes of `whole`."""
+    found = []
+    for name, _ in whole:
+        first = next((members for members in ranked if name not in dict(members)), None)
+        if first is not None:
+            found.append(first)
+    return found
 
 
 def _row(at: Member, z: float, p: tuple[float, float], identified: Identified) -> dict:
