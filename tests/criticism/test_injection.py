@@ -1,6 +1,7 @@
 """Hidden effects: who gets which, how large, and what noise comes with it."""
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -143,3 +144,33 @@ def test_hearts_with_more_effects_than_causes_are_refused():
     assert sum(len(entry["effects"]) for entry in singles) == 5
     with pytest.raises(InputError, match=r"hearts\.pairs: .* 2 of the causes.* which are 1"):
         injection.random_subjects({"pairs": 1}, 1, catalogue, Parameterisation())
+
+
+def test_a_set_that_cannot_be_inflated_is_given_up():
+    """After two failures; a set of which one converged goes on, and so does another subject's."""
+    sets = {"soft": [0, 0, 0, 0], "mixed": [1, 0, 0, 0, 1]}
+    rows = [
+        {"set": name, "draw": draw, "subject": "a", "C_a": float(good), "effects": "{}"}
+        for name, draws in sets.items()
+        for draw, good in enumerate(draws)
+    ]
+    design = pd.DataFrame([*rows, rows[0] | {"subject": "b"}])
+    asked_for = []
+
+    class Some:
+        channels = SimpleNamespace(names=("volume_ml",))
+
+        def outputs(self, theta, effects):
+            asked_for.append(theta[0])
+            if not theta[0]:
+                raise ArithmeticError("too soft")
+            return np.array([100.0])
+
+    made = injection.simulate_design(design, Some(), {}, ["C_a"])
+    assert made["reason"].tolist() == (
+        ["too soft"] * 2
+        + ["not simulated: the first 2 of this set failed"] * 2
+        + ["", "too soft", "too soft", "too soft", "", "too soft"]
+    )
+    assert len(asked_for) == 8
+    assert made["volume_ml"].notna().tolist() == [not reason for reason in made["reason"]]

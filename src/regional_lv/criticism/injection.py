@@ -2,6 +2,7 @@
 
 import json
 import logging
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,6 +26,9 @@ log = logging.getLogger(__name__)
 
 PHYSIOLOGICAL = (0.5, 2.0)
 """Where benchmark subjects have their scaling factors, evenly in the logarithm."""
+
+HOPELESS = 2
+"""Simulations of a set that fail before any converged, after which it is given up."""
 
 LEAST_SHARE = 0.2
 """Effects of benchmark subjects are at least this share of the way from base to end of range."""
@@ -296,19 +300,30 @@ def simulate_design(
     design: pd.DataFrame, ventricles: Ventricles, physics: Mapping, parameters: Sequence[str]
 ) -> pd.DataFrame:
     """The `design` (rows as of `confirmation.design_rows`) with the outputs, by name; NaN, with the
-    `reason`, where the simulator failed."""
+    `reason`, where the simulator failed.
+
+    A set whose first simulations all fail (`HOPELESS`) is not simulated any further: what cannot be
+    inflated takes twenty times as long as what can.
+    """
     names, rows = ventricles.channels.names, []
     progress = Progress("confirmation", len(design))
+    converged, failed = Counter[str](), Counter[str]()
     for _, row in design.iterrows():
         effects = [
             Effect(REGISTRY[name].for_study(physics), value, component)
             for name, (value, component) in json.loads(row["effects"]).items()
         ]
         theta, reason = row[list(parameters)].to_numpy(float), ""
-        try:
-            outputs = ventricles.outputs(theta, effects)
-        except ArithmeticError as error:
-            outputs, reason = np.full(len(names), np.nan), str(error)
+        outputs = np.full(len(names), np.nan)
+        own = f"{row['subject']}: {row['set']}"
+        if failed[own] >= HOPELESS and not converged[own]:
+            reason = f"not simulated: the first {HOPELESS} of this set failed"
+        else:
+            try:
+                outputs = ventricles.outputs(theta, effects)
+            except ArithmeticError as error:
+                reason = str(error)
+        (failed if reason else converged)[own] += 1
         rows.append(dict(zip(names, outputs, strict=True)) | {"reason": reason})
         progress.step(failed=bool(reason))
     made = pd.DataFrame(rows, columns=[*names, "reason"], index=design.index)
