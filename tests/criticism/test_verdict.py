@@ -278,7 +278,7 @@ def test_a_cause_that_the_emulators_have_wrong_gets_its_simulations():
         true.pattern + pattern("radial", (1, 3, 5), 0.04),
     )
     badly = Extension(
-        true.hypothesis, true.pattern + pattern("circumferential", range(7, 13), 0.06)
+        true.hypothesis, true.pattern + pattern("circumferential", range(7, 13), 0.045)
     )
     table = with_effects((true, 1.0))
     given = inputs({"heart": table}, [badly, rival], (), settings)

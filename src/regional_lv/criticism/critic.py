@@ -49,6 +49,10 @@ LEAST_PROBABILITY = 0.01
 SMALLER = 2
 """Sets with one cause less than the best one that are simulated before rivals of it."""
 
+WORTH_A_TRIAL = 30.0
+"""Log posterior probability by which the best set without a cause may be behind and still be
+simulated: emulators are not wrong by more."""
+
 MOST_SAMPLED = 3
 """Sets whose posterior is sampled."""
 
@@ -264,6 +268,8 @@ class Critic:
         # Nor may a cause be named because the emulators have the sets without it wrong.
         by_members = {s.members: s for s in others}
         without = [by_members[m] for m in _without_each(best.members, by_members)]
+        limit = best.log_evidence + best.log_prior - WORTH_A_TRIAL
+        without = [s for s in without if s.log_evidence + s.log_prior >= limit]
         order = [best, *smaller[:SMALLER], *likely, *without, *smaller[SMALLER:]]
         wanted = [s for s in order if s.probability >= LEAST_PROBABILITY or not s.confirmed]
         rows: list[dict] = []
