@@ -51,7 +51,7 @@ SMALLER = 2
 
 WORTH_A_TRIAL = 30.0
 """Log posterior probability by which the best set without a cause may be behind and still be
-simulated: emulators are not wrong by more."""
+simulated. Those further behind would take the turn of more probable sets."""
 
 MOST_SAMPLED = 3
 """Sets whose posterior is sampled."""
