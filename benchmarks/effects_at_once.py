@@ -22,11 +22,9 @@ from regional_lv.criticism.extended import ExtendedEmulator
 from regional_lv.criticism.extension import read_extensions
 from regional_lv.criticism.hypotheses import NoiseHypothesis
 from regional_lv.criticism.injection import Ventricles, random_subjects, read_effects
+from regional_lv.criticism.observations import noise_units
 from regional_lv.parameters import Parameterisation
 from regional_lv.physics import physics_of
-
-NOISE = {"volume": 1.0}
-STRAIN_NOISE = 0.01
 
 
 def rms(values: np.ndarray) -> float:
@@ -41,7 +39,7 @@ def main(configuration: str, hearts: int) -> None:
     known = read_extensions(sorted((results / "criticism" / "extensions").glob("*.pt")))
     changing = [e for e in known if not isinstance(e.hypothesis, NoiseHypothesis)]
     by_place = {(e.hypothesis.name, e.component): e for e in changing}
-    unit = np.array([NOISE.get(c.quantity, STRAIN_NOISE) for c in emulator.channels])
+    unit = noise_units(emulator.channels, emulator.output_sd.numpy())
 
     def emulated(theta, effects):
         extensions = [by_place[e.hypothesis.name, e.component] for e in effects]

@@ -24,6 +24,7 @@ from regional_lv.criticism.polynomial import lagrange
 from regional_lv.emulators.base import Emulator, Prediction
 from regional_lv.emulators.gradient_gp import GradientGP
 from regional_lv.errors import InputError
+from regional_lv.gaussian import Z95
 from regional_lv.parameters import Parameterisation
 from regional_lv.progress import Progress
 from regional_lv.seeds import derive
@@ -328,7 +329,7 @@ def _errors(extension: Extension, data: _Simulated, held: np.ndarray) -> dict:
         sizes.append((data.at_nodes[held, j] - data.base[held]) / unit)
         errors.append(found.mean.numpy() / unit - sizes[-1])
         sd = found.sd.numpy() / unit
-        inside.append((np.abs(errors[-1]) <= 1.96 * sd)[sd > 0])
+        inside.append((np.abs(errors[-1]) <= Z95 * sd)[sd > 0])
     errors, sizes = np.stack(errors, axis=1), np.stack(sizes, axis=1)
     report = {
         "held_out": int(held.sum()),

@@ -5,7 +5,6 @@ import math
 from pathlib import Path
 
 import torch
-from scipy import stats
 from statsmodels.stats.weightstats import DescrStatsW
 
 from regional_lv.channels import Channels
@@ -15,9 +14,9 @@ from regional_lv.criticism.score import Misfit
 from regional_lv.criticism.separate import separating_measurement
 from regional_lv.criticism.verdict import CauseSet, Criticism, Sampled, Tested
 from regional_lv.emulators.base import Emulator
+from regional_lv.gaussian import Z95
 from regional_lv.measured import shortcomings
 
-Z95 = float(stats.norm.ppf(0.975))
 BINS = 40
 """Of the posterior of psi."""
 
