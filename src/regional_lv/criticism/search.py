@@ -3,8 +3,10 @@
 Every single cause and every pair is fitted, by Levenberg and Marquardt's method, from several
 starts. A larger set starts from the sets with one cause less: the score of the last cause says what
 it would gain there and how large it would be. All sets of three are judged by that, from each of
-their pairs, and those that could matter are fitted; beyond three only the best sets grow (beam
-search).
+their pairs, and the most promising ones are fitted. Beyond three only the best sets grow, in a
+floating search (Pudil et al. 1994, doi 10.1016/0167-8655(94)90127-9): each cause of a set found is
+taken away, too, and what is left grows again. So a cause that imitated several others in small
+sets gives way to them in large ones.
 
 The evidence of a fit is Laplace's, cut at the ends of the ranges. The prior of a set depends on its
 size alone: all sizes are equally likely, and all sets of one size (Scott and Berger 2010, doi
@@ -30,14 +32,14 @@ EXHAUSTIVE = 3
 ITERATIONS = 25
 """Of a fit: a set that matters is fitted to the end later."""
 
-MARGIN = 12.0
-"""What a set may gain less, in log density, than the best one of its size and still be fitted."""
-
 MOST_FITTED = 200
-"""Sets of three that are fitted, at most."""
+"""Sets of three that are fitted: those that promise most."""
 
 BEAM = 10
 """Sets from which larger ones than `EXHAUSTIVE` grow, and four times as many that are fitted."""
+
+ROUNDS = 5
+"""Of taking causes away and growing again, for each size."""
 
 SHARES = (0.05, 0.2, 0.35, 0.5, 0.65, 0.8, 0.95)
 """Of the range of a single cause: where its fits start."""
@@ -95,15 +97,60 @@ class Search:
         ]
         self._fit_all(rows, "single causes")
         for size in range(2, min(self.largest, len(self.causes)) + 1):
-            parents = [c for members, c in self.found.items() if len(members) == size - 1]
             if size > EXHAUSTIVE:
-                parents = sorted(parents, key=lambda c: -c.objective)[:BEAM]
-            grown = self._grow(parents)
-            if size > 2:
-                grown = self._promising(grown, MOST_FITTED if size <= EXHAUSTIVE else 4 * BEAM)
-            rows = [(members, x) for members, starts in grown.items() for _, x in starts]
-            self._fit_all(rows, f"sets of {size}")
+                self._float(size)
+            else:
+                self._enlarge(self._best(size - 1), None if size == 2 else MOST_FITTED)
         return sorted(self.found.values(), key=lambda c: -c.log_evidence)
+
+    def _float(self, size: int) -> None:
+        """Fit sets of `size` by floating search: the best smaller ones grow, and so does what is
+        left of the best of `size` without each of their causes."""
+        tried: set[tuple[int, ...]] = set()
+        for _ in range(ROUNDS):
+            leading = self._best(size)[:BEAM]
+            parents = {c.members for c in self._best(size - 1)[:BEAM]}
+            parents |= {m for c in leading for m in _less_one(c.members)}
+            parents -= tried
+            if not parents:
+                break
+            self._enlarge([self.found[m] for m in sorted(parents)], 4 * BEAM)
+            tried |= parents
+            self._shrink(size)
+
+    def _shrink(self, size: int) -> None:
+        """Take each cause of the best sets of `size` away, and go on while that finds better sets
+        of the smaller size."""
+        while size > 2:
+            smaller = self._best(size - 1)[0].objective
+            self._fit_all(self._reduced(self._best(size)[:BEAM]), f"sets of {size} less one cause")
+            size -= 1
+            if self._best(size)[0].objective <= smaller:
+                break
+
+    def _best(self, size: int) -> list[Candidate]:
+        """The fitted sets of one size, the best fit first."""
+        return sorted((c for c in self.found.values() if len(c.members) == size), key=_order)
+
+    def _enlarge(self, parents: list[Candidate], most: int | None) -> None:
+        """Fit sets with one cause more than `parents`: `most` of them, or all from all starts."""
+        grown = self._grow(parents)
+        if most is not None:
+            grown = self._promising(grown, most)
+        rows = [(members, x) for members, starts in grown.items() for _, x in starts]
+        self._fit_all(rows, f"sets of {len(parents[0].members) + 1}")
+
+    def _reduced(self, candidates: list[Candidate]) -> list:
+        """(members, start) of the sets without one of their causes that are not fitted yet."""
+        rows: dict[tuple[int, ...], torch.Tensor] = {}
+        for candidate in candidates:
+            for members in _less_one(candidate.members):
+                if members not in self.found and members not in rows:
+                    (place,) = set(candidate.members) - set(members)
+                    at = self.model.psi.start + place
+                    rows[members] = candidate.x.clone()
+                    rows[members][at] = self._base.x[0, at]
+        return list(rows.items())
 
     # --------------------------------------------------------------------------------- starts
 
@@ -157,12 +204,12 @@ class Search:
         step = (slope / information).clamp(low - base, high - base)
         return slope * step - 0.5 * information * step.square(), base + step
 
-    def _promising(self, grown: dict, most: int) -> dict:
-        """The sets that promise most, each with its best start."""
+    @staticmethod
+    def _promising(grown: dict, most: int) -> dict:
+        """The `most` sets that promise most, each with its best start."""
         best = {members: max(starts, key=lambda s: s[0]) for members, starts in grown.items()}
-        limit = max((gain for gain, _ in best.values()), default=0.0) - MARGIN
         ranked = sorted(best.items(), key=lambda item: -item[1][0])
-        return {members: [start] for members, start in ranked[:most] if start[0] >= limit}
+        return {members: [start] for members, start in ranked[:most]}
 
     # ----------------------------------------------------------------------------------- fits
 
@@ -197,6 +244,14 @@ class Search:
     @staticmethod
     def _candidate(members, fits: Fit, row: int, evidence: float) -> Candidate:
         return Candidate(members, fits.x[row].clone(), float(fits.objective[row]), evidence)
+
+
+def _order(candidate: Candidate) -> tuple:
+    return -candidate.objective, candidate.members
+
+
+def _less_one(members: tuple[int, ...]) -> list[tuple[int, ...]]:
+    return [members[:at] + members[at + 1 :] for at in range(len(members))]
 
 
 def _chunks(rows: list, size: int) -> list[list]:
