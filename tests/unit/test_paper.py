@@ -7,7 +7,7 @@ import pytest
 from regional_lv.emulators import REGISTRY
 from regional_lv.errors import InputError
 from regional_lv.paper import comparison as paper
-from regional_lv.paper import path
+from regional_lv.paper import page, path
 from regional_lv.parameters import Parameterisation
 
 PARAMETERS = Parameterisation()
@@ -59,6 +59,31 @@ def test_nothing_computed_is_said():
     table = paper.compare(NUMBERS, REASONS, NOTHING)
     assert set(table["reason"]) == {paper.ABSENT}
     assert table["ratio"].isna().all()
+
+
+def test_the_page_has_every_number_and_each_reason_once(tmp_path):
+    """One line per row of the paper's table: its values, ours and our choice beside them."""
+    rows = [
+        paper.row_of("variance_ratio", value, emulator=emulator, set="test", parameter=name,
+                     statistic="mean")
+        for emulator, value in (("mvgp", 0.5), ("dnn", 0.25), ("final", 0.125))
+        for name in PARAMETERS.names
+    ]  # fmt: skip
+    table = paper.compare(NUMBERS, REASONS, pd.DataFrame(rows))
+    page.write_page(table, "# Title", tmp_path / "page.md")
+    text = (tmp_path / "page.md").read_text()
+    parts = {part.split("\n")[0]: part for part in text.split("\n## ")}
+    assert {place[0].upper() + place[1:] for place in table["place"]} == {*parts} - {"# Title"}
+    cells = [[c.strip() for c in line.split("|")] for line in parts["Table S2"].splitlines()]
+    found = {line[1]: line[2:-1] for line in cells if len(line) > 2}
+    assert found["parameter"][:3] == [
+        "MVGP: paper",
+        "MVGP: this study",
+        "MVGP: this study's choice",
+    ]
+    assert found["C_b septal"] == ["0.0285", "0.5", "0.125", "0.9099", "", "0.0114", "0.25"]
+    assert len(found) == 2 + len(PARAMETERS)  # names of columns, line below them
+    assert parts["Table S2"].count("wider than they need be") == 1
 
 
 def test_ratio_reason_and_choice():
@@ -182,8 +207,9 @@ def test_a_study_is_collected(study, tmp_path):
     written = {"csv": tmp_path / "t" / "p.csv", "md": tmp_path / "t" / "p.md"}
     paper.compare_study(NUMBERS, REASONS, **study, **written)
     table = pd.read_csv(written["csv"], keep_default_na=False)
-    lines = written["md"].read_text().splitlines()
-    assert sum(line.startswith("| ") for line in lines) == len(table) + 1
+    sections = written["md"].read_text().split("\n## ")[1:]
+    tables = [[line for line in s.splitlines() if line.startswith("| ")] for s in sections]
+    assert sum(t[0].count("paper |") * (len(t) - 1) for t in tables) == len(table)
     for column in ("ours", "chosen"):
         table[column] = pd.to_numeric(table[column])
     value = table.set_index(list(paper.KEYS))[["ours", "chosen"]]

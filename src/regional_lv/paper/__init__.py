@@ -6,6 +6,9 @@ outside this room uses it.
 
 from pathlib import Path
 
+KEYS = ("quantity", "emulator", "set", "parameter", "statistic")
+"""Columns of `numbers.csv` that say which number it is."""
+
 
 def path(name: str) -> Path:
     """Where a table of this room lies."""

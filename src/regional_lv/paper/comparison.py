@@ -16,11 +16,11 @@ import numpy as np
 import pandas as pd
 
 from regional_lv.errors import InputError
+from regional_lv.paper import KEYS
+from regional_lv.paper.page import QUANTITIES, write_page
 from regional_lv.parameters import Parameterisation
 from regional_lv.plots.verdicts import by_emulator, chosen
-from regional_lv.tables.writing import save_markdown
 
-KEYS = ("quantity", "emulator", "set", "parameter", "statistic")
 COLUMNS = ("place", *KEYS, "relation", "value", "unit")
 PAPERS_CHOICE = "mvgp"
 PARAMETERS = Parameterisation()
@@ -40,11 +40,12 @@ DIFFERENCE = {
 
 HEADING = """# Paper against this study
 
-Every number that the paper prints as a result, and this study's. `emulator`: `final` is the one
-chosen (in the paper MVGP; for its numbers of MVGP the columns `chosen` give this study's own
-choice), `shortlist` the extreme over the shortlisted ones. `relation`: `<` and `>` are bounds that
-the paper states. A reason is given where the ratio is beyond {factor} either way or, for some
-quantities, the difference beyond a limit ({limits}), and where nothing was computed."""
+Every number that the paper prints as a result, and this study's. The paper chose MVGP; "this
+study's choice" is the emulator that this study chose, beside its own MVGP. "Shortlist" is the
+extreme over the shortlisted emulators. `<` and `>` are bounds that the paper states. A reason is
+given where the ratio is beyond {factor} either way or, for some quantities, the difference beyond a
+limit ({limits}), and where nothing was computed. The same as one table:
+`results/<study>/tables/paper_comparison.csv`."""
 
 ABSENT = "not computed in this study"
 UNEXPLAINED = "no reason known"
@@ -166,8 +167,8 @@ def _save(table: pd.DataFrame, csv: Path, md: Path) -> None:
     """Write the comparison as CSV and, with an explanation above it, as Markdown."""
     Path(csv).parent.mkdir(parents=True, exist_ok=True)
     table.to_csv(csv, index=False, float_format="%.8g")
-    limits = ", ".join(f"{name} {value:g}" for name, value in DIFFERENCE.items())
-    save_markdown(table, md, HEADING.format(factor=FACTOR, limits=limits))
+    limits = ", ".join(f"{QUANTITIES[name]} {value:g}" for name, value in DIFFERENCE.items())
+    write_page(table, HEADING.format(factor=FACTOR, limits=limits), md)
 
 
 # ------------------------------------------------------------------- what this study has to offer

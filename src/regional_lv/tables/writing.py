@@ -35,15 +35,14 @@ def save(table: pd.DataFrame, csv: Path, tex: Path) -> None:
     Path(tex).write_text("\n".join(lines) + "\n")
 
 
-def save_markdown(table: pd.DataFrame, md: Path, heading: str) -> None:
-    """Write a table as Markdown (four digits, empty for NaN) under a `heading` of free text."""
-    lines = [heading.strip(), ""]
-    lines.append("| " + " | ".join(table.columns) + " |")
-    lines.append("|" + "---|" * len(table.columns))
+def markdown(table: pd.DataFrame) -> str:
+    """A table in Markdown: four digits, empty for NaN, numbers to the right."""
+    numeric = [pd.api.types.is_numeric_dtype(dtype) for dtype in table.dtypes]
+    lines = ["| " + " | ".join(table.columns) + " |"]
+    lines.append("|" + "|".join("---:" if right else "---" for right in numeric) + "|")
     for row in table.itertuples(index=False):
         lines.append("| " + " | ".join(_plain(value) for value in row) + " |")
-    Path(md).parent.mkdir(parents=True, exist_ok=True)
-    Path(md).write_text("\n".join(lines) + "\n")
+    return "\n".join(lines)
 
 
 def _plain(value: object) -> str:
