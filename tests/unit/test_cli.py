@@ -224,6 +224,7 @@ def test_the_template_causes_no_warning(table):
             "not measured: radial 01, 07;",
         ),
         (lambda t: t.assign(sd=np.nan), "no sd of the strains"),
+        (lambda t: t.assign(sd=np.nan), "no sd of the volume"),
         (
             lambda t: t.assign(value=t["value"].where(t.index != 3, -0.0016)),
             "circumferential_03 is",
@@ -241,6 +242,14 @@ def test_the_template_causes_no_warning(table):
 )
 def test_unusual_values_cause_a_warning(table, change, expected):
     assert any(expected in line for line in warnings_of(change(table))), warnings_of(change(table))
+
+
+@pytest.mark.parametrize(("without", "other"), [("volume", "strains"), ("strains", "volume")])
+def test_only_the_sd_that_is_missing_is_asked_for(table, without, other):
+    volume = table["quantity"] == "volume"
+    given = ~volume if without == "volume" else volume
+    found = " ".join(warnings_of(table.assign(sd=table["sd"].where(given))))
+    assert f"no sd of the {without}" in found and f"no sd of the {other}" not in found
 
 
 def test_growth_does_not_depend_on_the_strain_measure(table):

@@ -55,11 +55,14 @@ def data_warnings(
     of the strains (l^n - 1) / n. cavity_ml, wall_ml: volumes of the unloaded heart.
     """
     found = [*_missing(table, channels), *shortcomings(table, parameters)]
-    if table.loc[table["quantity"] != "volume", "sd"].isna().any():
+    volume, unknown = table["quantity"] == "volume", table["sd"].isna()
+    if (unknown & ~volume).any():
         found.append(
-            "no sd of the strains: the noise of each direction is inferred, and the volume is "
-            "taken as exact; give an sd if the noise is known"
+            "no sd of the strains: the noise of each direction is inferred; give an sd if it is "
+            "known"
         )
+    if (unknown & volume).any():
+        found.append("no sd of the volume: it is taken as exact; give its sd, in mL")
     full = table[table["load_fraction"] == 1]
     stretches = {
         quantity: seth_hill.stretch(rows["value"].to_numpy(), strain_exponent)
