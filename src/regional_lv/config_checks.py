@@ -126,12 +126,14 @@ def _check_model(config: dict, parameters: Parameterisation, channels: Channels)
         yield f"criticism.discretisation: {KEPT}; write 0"
     benchmark = config["criticism"]["benchmark"]
     yield from _check_noise("criticism.benchmark.noise", benchmark["noise"], channels)
-    replicates = config["criticism"]["bootstrap"]
-    if config["criticism"]["level"] * (1 + replicates) < 1:
-        yield (
-            f"criticism.level: {config['criticism']['level']} is never reached with {replicates} "
-            "replicates; raise it, or criticism.bootstrap"
-        )
+    level = config["criticism"]["level"]
+    for key, section in (("criticism", config["criticism"]), ("criticism.benchmark", benchmark)):
+        replicates = section["bootstrap"]
+        if level * (1 + replicates) < 1:
+            yield (
+                f"criticism.level: {level} is never reached with {replicates} replicates; raise "
+                f"it, or {key}.bootstrap"
+            )
     noise = config["scenarios"]["noise"]
     yield from _check_names("scenarios.noise", noise, QUANTITIES)
     if all(noise.get(name) is None for name in channels.quantities):

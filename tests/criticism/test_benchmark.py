@@ -14,6 +14,7 @@ from regional_lv.criticism.observations import observe
 from regional_lv.criticism.rates import rate
 from regional_lv.measured import read_measured, write_measured
 from regional_lv.plots import hidden_effects
+from tests.criticism.test_verdict import findings
 from tests.criticism.toy import (
     PARAMETERS,
     THETA,
@@ -22,6 +23,7 @@ from tests.criticism.toy import (
     basal,
     bias,
     measured,
+    scars,
     simulate,
 )
 
@@ -133,6 +135,14 @@ def test_figure_shows_confusions_and_power(cases, tmp_path):
     assert (tmp_path / "a.png").stat().st_size > 10_000
 
 
+def test_a_scar_in_a_wrong_segment_is_a_wrong_answer():
+    content = findings(measured(ToyEmulator(), scars()[6], 0.8, seed=5))
+    verdicts = pd.DataFrame(benchmark._rows(content, 1.0))
+    for place, right in (("7", True), ("8", False)):
+        (case,) = benchmark._cases("a", verdicts, "singles", {"focal_scar": (0.8, place)}, {})
+        assert case["contains"] is right and case["wrong_named"] is not right
+
+
 def test_from_subjects_to_score(tmp_path, monkeypatch):
     """Hearts in closed form through the files: an effect, none, and one that is withheld."""
     catalogue = [Pressure(), bias(), basal()]
@@ -161,7 +171,7 @@ def test_from_subjects_to_score(tmp_path, monkeypatch):
     settings |= {"load_fractions": []}
     settings |= {"confirmation": {"sets": 2, "simulations": 4, "rounds": 1}}
     verdicts = []
-    for i in range(2):
+    for i in range(3):  # the last one is without a heart
         batch = {"subjects": subjects, "batch": str(i), "batch_size": 2, "emulator": ""}
         batch |= {"extensions": [], "settings": settings, "strain_exponent": 2.0}
         batch |= {"noise_prior_scale": 1.0, "seed": 3}
@@ -180,4 +190,5 @@ def test_from_subjects_to_score(tmp_path, monkeypatch):
     assert summary["singles"]["found"]["hits"] == 1
     assert summary["nulls"]["wrong_named"] == rate(pd.Series([False]))
     assert summary["unlisted"]["detected"]["hits"] == 1
+    assert pd.read_parquet(tmp_path / "2-design").empty
     hidden_effects.draw(outputs[0], tmp_path / "a.png", tmp_path / "a.csv")

@@ -54,6 +54,14 @@ def test_another_measure_shows_and_is_named():
     assert "logarithmic" in found["says"] and " Green" not in found["says"]
 
 
+def test_logarithmic_strains_that_add_up_to_nothing_hide_no_other_segment():
+    table = strains(0.0, shear=0.02, dilation=1.1)
+    for quantity, value in (("circumferential", -0.15), ("radial", 0.3), ("longitudinal", -0.15)):
+        row = (table["quantity"] == quantity) & (table["segment"] == 1)
+        table.loc[row, "value"] = value
+    assert not of(check(table, 0.0), "volume_preserving")["passed"]
+
+
 def test_impossible_strains_are_named():
     table = strains(2.0)
     table.loc[table["output"] == "radial_05", "value"] = -0.6

@@ -98,6 +98,14 @@ def test_without_a_named_cause_there_is_nothing_to_extend(files):
         extend(files)
 
 
+def test_a_model_of_the_noise_extends_no_simulator(files):
+    row = {"name": "heavy_tails", "estimate": 0.2, "component": ""}
+    content = {"named": ["heavy_tails"], "hypotheses": [row]}
+    (files / "findings.json").write_text(json.dumps(content))
+    with pytest.raises(InputError, match="heavy_tails is about the noise"):
+        extend(files)
+
+
 def test_before_and_after_stand_side_by_side(tmp_path):
     for name, p, error in (("before", 0.001, 0.03), ("after", 0.4, 0.01)):
         content = {

@@ -12,14 +12,17 @@ import torch
 from regional_lv import aha
 from regional_lv.criticism.critic import Critic
 from regional_lv.criticism.findings import write_findings
+from regional_lv.criticism.fit import fit_from_nothing
 from regional_lv.criticism.hypotheses.scales import Linear, Saturating
 from regional_lv.criticism.observations import observe
 from regional_lv.criticism.report import write_report
 from regional_lv.criticism.score import Misfit
+from regional_lv.criticism.search import log_evidence
 from regional_lv.criticism.study import Inputs, criticise
 from regional_lv.criticism.verdict import CauseSet, Searched, Settings
 from regional_lv.errors import InputError
 from tests.criticism.toy import (
+    OUTPUTS,
     TAILS,
     THETA,
     Extension,
@@ -336,6 +339,8 @@ def test_an_estimate_at_the_end_of_its_range_is_not_named():
     short = Extension(replace(basal().hypothesis, high=0.5), basal().pattern)
     found = findings(measured(ToyEmulator(), basal(), 1.0, seed=5), [bias(), short], noises=())
     assert "basal_motion" not in answered(found)
+    assert found["acts_like"] == ["basal_motion"]
+    assert not any("is present" in sentence for sentence in found["words"])
     (basal_motion,) = [h for h in found["hypotheses"] if h["name"] == "basal_motion"]
     assert basal_motion["at_bound"]
 
@@ -347,6 +352,49 @@ def test_outliers_of_single_channels_are_the_last_resort():
         table.loc[row, "value"] += sds * table.loc[row, "sd"]
     found = findings(table, [bias(), basal()])
     assert found["named"] == ["heavy_tails"]
+
+
+def lone_channels():
+    """A cause that moves three channels far apart, and a heart with it."""
+    outputs = {"radial_03": 0.09, "circumferential_12": -0.08, "longitudinal_08": 0.1}
+    shape = torch.tensor([outputs.get(name, 0.0) for name in OUTPUTS], dtype=torch.float64)
+    cause = Extension(Hypothesis("three_channels", 0.0, -3.0, 3.0), shape)
+    return cause, measured(ToyEmulator(), cause, 1.0, seed=5)
+
+
+@pytest.mark.parametrize("simulated", [True, False])
+def test_heavy_tails_do_not_stand_in_for_a_better_set_that_was_not_confirmed(simulated):
+    cause, table = lone_channels()
+    extensions = [bias(), cause]
+    given = inputs({"heart": table}, extensions, (TAILS,), SETTINGS)
+    found = criticise(given, simulate(extensions) if simulated else None)
+    assert found["named"] == (["three_channels"] if simulated else [])
+
+
+def test_a_set_that_misses_the_data_says_nothing_of_what_is_named(monkeypatch):
+    """Two effects; the set with one of them is forced to be the most probable one, and rejected."""
+    table = with_effects((basal(), 0.6), (bias(), 0.25))
+
+    def probabilities(self, searched, sets, base=0.0):
+        for one in sets:
+            one.probability = {1: 0.55, 2: 0.45}.get(len(one.members), 0.0)
+            one.probability *= "basal_motion" in one.names
+        return sorted(sets, key=lambda s: -s.probability), 0.0, 0.0
+
+    def misfit_of(self, sampled, name):
+        p = 0.001 if len(sampled.model.emulator.extensions) == 1 else 0.5
+        return Misfit(p, {"overall": p}, [])
+
+    monkeypatch.setattr(Critic, "_probabilities", probabilities)
+    monkeypatch.setattr(Critic, "_misfit_of", misfit_of)
+    found = findings(table, [bias(), basal()], noises=())
+    assert found["named"] == ["basal_motion"] and len(found["best"]) == 2
+    (alone,) = [s for s in found["sets"] if s["causes"] == ["basal_motion"]]
+    (pair,) = [s for s in found["sets"] if len(s["causes"]) == 2]
+    (moved,) = [h for h in found["hypotheses"] if h["name"] == "basal_motion"]
+    of_pair = dict(zip(pair["causes"], pair["fit"], strict=True))["basal_motion"]
+    assert abs(moved["estimate"] - of_pair) < abs(of_pair - alone["fit"][0]) / 4
+    assert any("also holds radial scale" in sentence for sentence in found["words"])
 
 
 def test_a_misfit_of_one_level_is_no_outlier():
@@ -378,6 +426,36 @@ def test_few_channels_say_what_they_cannot():
     assert answered(found) == set()
     assert any("no radial strain" in s for s in found["limits"])
     assert any("no more channels than parameters" in s for s in found["limits"])
+    assert found["words"][0] == "There are too few channels to test the model."
+
+
+def test_a_set_that_cannot_be_tested_names_nothing():
+    """Eleven channels: ten parameters and one cause leave nothing to test the cause by."""
+    shape = pattern("radial", [1, 7, 14], 0.1) + pattern("radial", [2, 8], -0.1)
+    cause = Extension(Hypothesis("radial_scale", 0.0, -8.0, 8.0), shape)
+    segments = 1, 2, 3, 4, 7, 8, 10, 12, 14, 17
+    table = measured(ToyEmulator(), cause, 4.0, seed=5)
+    table = table[table["output"].isin(["volume_ml", *(f"radial_{s:02d}" for s in segments)])]
+    found = findings(table, [cause], noises=())
+    assert found["misfit"]["detected"] and answered(found) == set()
+    assert not found["explained"] and found["remaining"] is None
+    assert any("too few channels to test the best set" in sentence for sentence in found["words"])
+
+
+def test_a_smooth_departure_rivals_causes_where_noise_is_inferred():
+    """Its evidence by sampling: Laplace's approximation has the noise at the end of its range."""
+    table = with_effects((basal(), 0.5))
+    wave = 0.05 * np.cos(np.arange(1, 18))
+    for direction in ("circumferential", "longitudinal"):
+        rows = table["quantity"] == direction
+        table.loc[rows, "value"] += wave
+    table["sd"] = table["sd"].where(table["quantity"] == "volume")
+    critic = inputs({"heart": table}, [bias(), basal()], (), SETTINGS).critic()
+    model = critic._model(())
+    best = fit_from_nothing(model, 1)
+    reference = float(log_evidence(model, best)[0])
+    sampled, laplace = (critic._unlisted(model, best, reference, s) for s in (True, False))
+    assert sampled > laplace + 1.0
 
 
 # -------------------------------------------------------------------------- several together

@@ -14,7 +14,7 @@ def channel(subject, value):
 
 def misfit_of(channels, *names):
     part = {
-        **{"detected": True, "p_value": 0.001},
+        **{"detected": True, "p_value": 0.001, "families": {"channel": 0.001}},
         "largest": [
             {"family": "channel", "what": name, "z": 6.0, "p_value": 0.001} for name in names
         ],
@@ -55,7 +55,8 @@ def test_channels_in_words(output, text):
 
 def test_what_was_not_simulated_is_not_confirmed():
     """Heavy tails are named; the sets beside them were simulated."""
-    part = {"simulations": 60, "largest_difference_sd": None, "channels": []}
+    part = {"simulations": 90, "simulations_of_best": 60, "channels": []}
+    part["largest_difference_sd"] = None
     assert words._confirmed({"confirmation": part}) == []
     (text,) = words._confirmed({"confirmation": part | {"largest_difference_sd": 0.4}})
     assert "60 simulations" in text and "0.4 sd" in text

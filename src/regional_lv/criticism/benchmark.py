@@ -10,6 +10,7 @@ import pandas as pd
 import torch
 
 from regional_lv.channels import Channels
+from regional_lv.criticism.confirmation import design_columns
 from regional_lv.criticism.discretisation import load_emulator
 from regional_lv.criticism.extended import ExtendedEmulator
 from regional_lv.criticism.extension import read_extensions
@@ -61,6 +62,10 @@ class Batch:
         self._rest = Settings.from_config(settings), strain_exponent, noise_prior_scale
         self._seed = seed
 
+    @property
+    def parameters(self) -> Sequence[str]:
+        return self._emulator.parameters.names
+
     def inputs(self) -> Iterator[Inputs]:
         """Of every subject, without the cause that is withheld from it."""
         progress = Progress("hidden effects", len(self._rows))
@@ -96,13 +101,16 @@ def plan_batch(
 ) -> None:
     """What `study.plan_confirmation` does, for the subjects of a batch."""
     found, made = json.loads(Path(searches).read_text()), _by_subject(simulations)
+    own = Batch(**batch)
     tables = [
         inputs.critic().plan(
             Searched.of(found[inputs.name]["search"]), made.get(inputs.name), int(turn)
         )
-        for inputs in Batch(**batch).inputs()
+        for inputs in own.inputs()
     ]
-    filled = [table for table in tables if len(table)] or tables[:1]
+    # A batch may be without a heart: those that cannot be inflated are no subjects.
+    nothing = pd.DataFrame(columns=design_columns(own.parameters))
+    filled = [table for table in tables if len(table)] or [nothing]
     pd.concat(filled, ignore_index=True).to_parquet(design, index=False)
 
 
@@ -255,7 +263,7 @@ def _cases(
     rows = []
     for effect, (value, component) in effects.items():
         row = {"effect": effect, "component": component, "value": value}
-        row |= {"expected_z": strength.get(effect, np.nan), "contains": effect in answer}
+        row |= {"expected_z": strength.get(effect, np.nan), "contains": False}
         row |= {"identifiable": np.nan, "covered": np.nan, "right_place": np.nan}
         own = verdicts[verdicts["name"] == effect]
         if len(own):
@@ -264,10 +272,15 @@ def _cases(
             row |= {key: own[key] for key in ("z", "p_value", "estimate", "low", "high", "why")}
             row |= {key: own[key] for key in ("probability", "at_bound")}
             row |= {"identifiable": bool(own["identifiable"]), "right_place": bool(same)}
+            row["contains"] = effect in answer and bool(same)
+            # The right cause in a wrong segment is a wrong answer.
+            common["wrong_named"] |= effect in named and not same
             if effect in answer and own["fitted"] and same:
                 row["covered"] = bool(own["low"] <= value <= own["high"])
-        rows.append(common | row)
-    return rows or [common | {"effect": "none", "contains": np.nan, "covered": np.nan}]
+        rows.append(row)
+    return [common | row for row in rows] or [
+        common | {"effect": "none", "contains": np.nan, "covered": np.nan}
+    ]
 
 
 def summarise(cases: pd.DataFrame) -> dict:

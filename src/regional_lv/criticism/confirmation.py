@@ -17,6 +17,9 @@ from sklearn.linear_model import BayesianRidge
 FEWEST = 4
 """Simulations of a set that converged, without which nothing is confirmed."""
 
+LEAST_FREEDOM = 1e-3
+"""Of one minus the leverage of a simulation: what is nearer to nothing is round-off."""
+
 LEAST_SPREAD = 1e-9
 """Of a coordinate over the draws, below which it counts as constant."""
 
@@ -49,7 +52,8 @@ class Correction:
         `emulator` (an `ExtendedEmulator` without a correction).
 
         Every output by Bayesian ridge regression, whose evidence says how much of the difference
-        is linear.
+        is linear. The covariance is that of each simulation left out: with fewer simulations than
+        coordinates what remains at the others is next to nothing.
         """
         difference = outputs - emulator.mean(theta, scaled)
         at = torch.cat([theta.log(), scaled], dim=-1)
@@ -62,23 +66,38 @@ class Correction:
             z = ((at[:, heart] - centre[heart]) / sd[heart].clamp(min=LEAST_SPREAD))[:, moved]
             left = np.empty((len(z), d))
             for output in range(d):
-                model, y = BayesianRidge(), difference[:, heart, output].numpy()
-                found = model.fit(z.numpy(), y)
-                value[heart, output] = float(found.intercept_)
-                slopes[heart, output, moved] = torch.as_tensor(found.coef_) / sd[heart, moved]
-                left[:, output] = found.predict(z.numpy(), return_std=True)[1]
+                y = difference[:, heart, output].numpy()
+                unit = float(y.std()) or 1.0  # the priors of the regression have units
+                found = BayesianRidge().fit(z.numpy(), y / unit)
+                value[heart, output] = unit * float(found.intercept_)
+                coefficients = unit * torch.as_tensor(found.coef_)
+                slopes[heart, output, moved] = coefficients / sd[heart, moved]
+                left[:, output] = unit * _left_out(found, z.numpy(), y / unit)
             covariance[heart] = torch.diag(torch.as_tensor(np.square(left).mean(0)))
         return cls(centre, value, slopes[..., :p], slopes[..., p:], covariance, len(outputs))
+
+
+def _left_out(ridge: BayesianRidge, z: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Residuals (n,) of a ridge regression at each point when it is left out, for z (n, q) of
+    mean zero and as much regularisation."""
+    gram = z.T @ z + ridge.lambda_ / ridge.alpha_ * np.eye(z.shape[1])
+    leverage = np.einsum("nq,qn->n", z, np.linalg.solve(gram, z.T)) + 1 / len(z)
+    return (y - ridge.predict(z)) / np.maximum(1 - leverage, LEAST_FREEDOM)
 
 
 # ------------------------------------------------------------------------------------- design
 
 
+def design_columns(parameters: Sequence[str]) -> list[str]:
+    """Columns of a table of simulations to make; of `design_rows`."""
+    return ["set", "draw", "subject", *parameters, "effects"]
+
+
 def design_rows(members: Sequence[tuple[str, str]], model, draws: torch.Tensor) -> list[dict]:
     """Simulations to make: one per draw x (n, P) of `model` and heart.
 
-    members: name and component of the model's extensions. A row has `set`, `draw`, `subject`, the
-    parameters, and `effects` (JSON: name -> [value, component]).
+    members: name and component of the model's extensions. A row has the `design_columns`;
+    `effects` is JSON: name -> [value, component].
     """
     theta, psi = model.theta(draws), model.psi_of(draws)
     names = model.layout.parameters.names

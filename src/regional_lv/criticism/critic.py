@@ -14,7 +14,7 @@ import pandas as pd
 import torch
 
 from regional_lv.criticism import outliers, score
-from regional_lv.criticism.confirmation import correct, design_rows, label
+from regional_lv.criticism.confirmation import correct, design_columns, design_rows, label
 from regional_lv.criticism.discrepancy import AMPLITUDES, unlisted_covariance
 from regional_lv.criticism.extended import ExtendedEmulator
 from regional_lv.criticism.fit import Fit, fit_best, fit_from_nothing
@@ -128,7 +128,7 @@ class Critic:
         if self.testable:
             reference = float(log_evidence(model, best)[0])
             sets, prior = self._sets(model, best, reference, usable, detected)
-            unlisted = self._unlisted(model, best, reference)
+            unlisted = self._unlisted(model, best, reference, detected)
         log.info(
             "misfit p %.3f; sets: %s",
             misfit.p_value,
@@ -222,8 +222,12 @@ class Critic:
         sets.sort(key=lambda s: -s["log_evidence"] - s["log_prior"])
         return sets, log_prior(0, largest + 1, len(causes))
 
-    def _unlisted(self, model: Model, best: Fit, reference: float) -> float:
-        """Log evidence, relative to the base model, of a discrepancy of unknown size."""
+    def _unlisted(self, model: Model, best: Fit, reference: float, sampled: bool) -> float:
+        """Log evidence, relative to the base model, of a discrepancy of unknown size.
+
+        sampled: whether by sampling, as that of sets on which something depends. Where the
+        discrepancy leaves nothing to an inferred noise, Laplace's approximation is off by far.
+        """
         pattern, logs = unlisted_covariance(self.observations, self.emulator), []
         for amplitude in AMPLITUDES:
             other = Model(
@@ -231,7 +235,12 @@ class Critic:
                 discrepancy=amplitude**2 * pattern,
             )
             found = fit_best(other, best.x)
-            logs.append(float(log_evidence(other, found)[0]))
+            if sampled and len(other.low) <= LARGEST_SAMPLED:
+                seed = derive(self.seed, "unlisted", amplitude)
+                posterior = sample(other, *laplace(other, found), self.settings.draws, seed)
+                logs.append(posterior.log_evidence)
+            else:
+                logs.append(float(log_evidence(other, found)[0]))
         return _mean_of_logs(logs) - reference
 
     def _model(self, members: Sequence[Member], tails=None, correction=None) -> Model:
@@ -256,7 +265,7 @@ class Critic:
 
         simulations: of the rounds before. A frame without rows if there is nothing to confirm.
         """
-        columns = ["set", "draw", "subject", *self.emulator.parameters.names, "effects"]
+        columns = design_columns(self.emulator.parameters.names)
         if not (searched.detected and searched.sets):
             return pd.DataFrame(columns=columns)
         best, *others = self._weighed(searched, simulations)[0]
@@ -291,9 +300,10 @@ class Critic:
             sets.append(self._fitted(members, x, row["log_prior"], reference, correction))
         return self._probabilities(searched, sets)
 
-    def _probabilities(self, searched: Searched, sets: list[CauseSet]):
+    def _probabilities(self, searched: Searched, sets: list[CauseSet], base: float = 0.0):
+        """base: log evidence of the base model, relative to that of the search."""
         logs = [s.log_evidence + s.log_prior for s in sets]
-        rest = [searched.unlisted_prior, searched.unlisted + searched.unlisted_prior]
+        rest = [base + searched.unlisted_prior, searched.unlisted + searched.unlisted_prior]
         weights = torch.softmax(torch.tensor([*logs, *rest], dtype=torch.float64), 0).tolist()
         for one, weight in zip(sets, weights, strict=False):
             one.probability = weight
@@ -323,10 +333,18 @@ class Critic:
             )
         confirmed = [s for s in sets if s.confirmed]
         likely = [s for s in confirmed if s.probability >= LEAST_PROBABILITY] or confirmed[:1]
+        shifts = []
         for one in likely[:MOST_SAMPLED]:
             one.sampled = self._in_earnest(one.model, one.fit, label(one.members))
-            one.log_evidence = one.sampled.posterior.log_evidence - searched.base_evidence
-        sets, nothing, unlisted = self._probabilities(searched, sets)
+            evidence = one.sampled.posterior.log_evidence - searched.base_evidence
+            shifts.append(evidence - one.log_evidence)
+            one.log_evidence = evidence
+        for one in sets:
+            # What sampling finds and Laplace's approximation misses is much the same in all sets.
+            if one.sampled is None and shifts:
+                one.log_evidence += sum(shifts) / len(shifts)
+        of_base = base.posterior.log_evidence - searched.base_evidence if shifts else 0.0
+        sets, nothing, unlisted = self._probabilities(searched, sets, of_base)
         found = Criticism(
             *(self.observations, self.settings, base, searched, tests, sets, nothing, unlisted)
         )
@@ -364,10 +382,10 @@ class Critic:
         )
         return Sampled(model, best, posterior, left_out)
 
-    def _misfit_of(self, sampled: Sampled, name: str) -> score.Misfit:
-        """The test of a set's model."""
+    def _misfit_of(self, sampled: Sampled, name: str) -> score.Misfit | None:
+        """The test of a set's model; None where there are too few channels for one."""
         if int(self.observations.present.sum()) <= len(sampled.model.low):
-            return score.Misfit(1.0, {}, [])
+            return None
         observed = score.statistics(sampled.model, sampled.fit, [])
         null = score.bootstrap(
             *(sampled.model, sampled.fit, [], self.settings.bootstrap),
@@ -378,13 +396,12 @@ class Critic:
     def _last_resort(self, found: Criticism) -> None:
         """Heavy tails explain anything: they are taken only where neither a set of physical causes
         nor a smooth departure does as well, and where few channels stand alone far off."""
-        best, searched = found.best, found.searched
-        misfit = None if best is None else best.misfit
-        fits = misfit is not None and found.adequate and bool(misfit.families)
-        if fits or len(found.base.model.low) > LARGEST_SAMPLED:
+        searched = found.searched
+        if found.adequate or len(found.base.model.low) > LARGEST_SAMPLED:
             return
         rivals = [searched.unlisted + searched.unlisted_prior]
-        rivals += [] if best is None else [best.log_evidence + best.log_prior]
+        # Those that were not confirmed, too: their simulations may have failed.
+        rivals += [s.log_evidence + s.log_prior for s in found.sets]
         testable = {t.name for t in found.tests if t.identified.identifiable}
         causes = testable - {hypothesis.name for hypothesis in self.noises}
         largest = min(self.settings.largest_set, len(causes))
@@ -405,7 +422,6 @@ class Critic:
             if found.outliers or evidence + single < max(rivals) + math.log(19):
                 continue
             tails = CauseSet(((hypothesis.name, ""),), model, start, evidence, single, 1.0, sampled)
-            tails.misfit = score.Misfit(1.0, {}, [])
             for one in found.sets:
                 one.probability = 0.0
             found.sets.insert(0, tails)

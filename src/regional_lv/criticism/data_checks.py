@@ -78,7 +78,7 @@ def _below(values: np.ndarray, sd: np.ndarray, exponent: float) -> np.ndarray:
     if not exponent:
         # An equality: the two-sided p-value, as a standard normal deviate.
         z = np.abs(values.sum(1)) / np.sqrt((sd**2).sum(1))
-        return stats.norm.isf(2 * stats.norm.sf(z))
+        return stats.norm.isf(np.minimum(2 * stats.norm.sf(z), 1 - 1e-12))
     inner = np.clip(1 + exponent * values, 1e-6, None)
     # (l^n)'s logarithms add up to at least zero, for either sign of n.
     total = np.log(inner).sum(1)

@@ -9,7 +9,7 @@ import yaml
 
 from regional_lv.channels import Channel, Channels
 from regional_lv.criticism.hypotheses import REGISTRY, asked
-from regional_lv.criticism.hypotheses.base import with_value
+from regional_lv.criticism.hypotheses.base import NoiseHypothesis, with_value
 from regional_lv.criticism.study import read_known_theta
 from regional_lv.errors import InputError
 from regional_lv.measured import read_measured, write_measured
@@ -45,6 +45,11 @@ def write_extended(
     by_name = {h["name"]: h for h in content["hypotheses"]}
     base = physics = physics_of(dict(config))
     named = {name: REGISTRY[name].for_study(base) for name in content["named"]}
+    if all(isinstance(hypothesis, NoiseHypothesis) for hypothesis in named.values()):
+        raise InputError(
+            f"{findings}: {', '.join(named)} is about the noise, so that the simulator stays as it "
+            "is; look at the channels that the findings' `misfit` lists"
+        )
     for name, hypothesis in named.items():
         found = by_name[name]
         physics = hypothesis.extend(physics, found["estimate"], found["component"])

@@ -81,8 +81,9 @@ def findings_of(
     }
     if criticism.best is not None and criticism.best.misfit is not None:
         content["remaining"] = _misfit(final, criticism.best.misfit, not criticism.adequate)
+    content = _plain(content)
     content["words"] = words.verdict(content)
-    return _plain(content)
+    return content
 
 
 def write_findings(content: dict, path: str | Path) -> None:
@@ -138,11 +139,16 @@ def _misfit(sampled: Sampled, misfit: Misfit, detected: bool) -> dict:
 
 
 def _hypothesis(test: Tested, criticism: Criticism) -> dict:
-    """Estimate and interval are over all sampled sets that hold the cause, as probable as they are;
-    of a cause in none of them, one step from the base value along its score."""
+    """Estimate and interval are over all sampled sets that hold the cause, as probable as they are,
+    without those that miss the data where the best one fits; of a cause in none of them, one step
+    from the base value along its score."""
     h, identified, name = test.hypothesis, test.identified, test.name
     estimate, low, high, posterior = None, h.low, h.high, None
+    best = criticism.best
     holding = [s for s in criticism.sets if name in s.names and s.sampled is not None]
+    if criticism.adequate:
+        holding = [s for s in holding if s.misfit is None or s.fits]
+    holding.sort(key=lambda s: s is not best)
     component, bound = test.component, False
     if holding:
         component = dict(holding[0].members)[name]
@@ -230,6 +236,7 @@ def _confirmation(criticism: Criticism) -> dict:
         ]
     return {
         "simulations": sum(s.simulations for s in criticism.sets),
+        "simulations_of_best": best.simulations if best is not None else 0,
         "largest_difference_sd": best.difference_sd if best is not None else math.nan,
         "channels": channels,
     }

@@ -3,6 +3,7 @@
 import logging
 import time
 from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ import pandas as pd
 from regional_lv.criticism.hypotheses.base import REGISTRY, SimulatorHypothesis
 from regional_lv.criticism.polynomial import lagrange
 from regional_lv.mechanics.continuation import Effort, NotConverged, Simulation, Solver
+from regional_lv.mechanics.dolfinx_api import release_unused
 from regional_lv.mechanics.predictor import read_anchors
 from regional_lv.mechanics.simulator import Simulator, State
 from regional_lv.progress import Progress
@@ -60,6 +62,11 @@ class Extended:
     def simulator(self, psi: float) -> Simulator:
         return self.solver(psi).simulator
 
+    def close(self) -> None:
+        """Drop all solvers but the one at the base: together they take hundreds of MB."""
+        self._solvers = {psi: s for psi, s in self._solvers.items() if psi == self.hypothesis.base}
+        release_unused()
+
     def solve(self, w: np.ndarray, theta: np.ndarray, psi: float, fraction: float, effort: Effort):
         """Equilibrium (`State`) at (theta, psi) and a load fraction from the field `w`.
 
@@ -97,16 +104,18 @@ class Extended:
         self,
         start: State,
         along: np.ndarray | None,
-        tangents: np.ndarray,
+        tangents: np.ndarray | None,
         fraction: float,
         effort: Effort,
     ):
         """Yield (psi, values (d,) and sensitivities (d, P) of one load's channels, or the error) at
         every node, from the base model's state at that load.
 
-        `along` (size,) is its d(w)/d(psi), if there is one, `tangents` its d(w)/d(log theta).
+        `along` (size,) is its d(w)/d(psi), if there is one, `tangents` its d(w)/d(log theta), of
+        hypotheses that need no solving.
         """
         if not self.hypothesis.needs_solving:
+            assert tangents is not None
             for psi in self.hypothesis.nodes:
                 yield psi, self.observed(start, psi, tangents, fraction)
             return
@@ -184,70 +193,101 @@ def simulate_extension(
     fields = {load: read_anchors([anchors], load)[1] for load in channels.load_fractions}
     thetas = read_anchors([anchors])[0]
     count = len(thetas) if most is None else min(most, len(thetas))
-    progress = Progress(f"{hypothesis} batch {batch}", count * len(every))
+    rows = np.unique(np.linspace(0, len(thetas) - 1, count).round().astype(int))
+    at_anchors = [
+        _AtAnchor(every, thetas[row], {load: known[row] for load, known in fields.items()})
+        for row in rows
+    ]
+    progress = Progress(f"{hypothesis} batch {batch}", len(rows) * len(every))
+    for extended in every:
+        for row, at_anchor in zip(rows, at_anchors, strict=True):
+            failures = at_anchor.follow(extended)
+            for psi, reason in failures.items():
+                log.warning("%s: psi %g at anchor %d failed: %s", hypothesis, psi, row, reason)
+            progress.step(failed=bool(failures))
+        extended.close()
     design, results = [], []
-    for row in np.unique(np.linspace(0, len(thetas) - 1, count).round().astype(int)):
+    for row, at_anchor in zip(rows, at_anchors, strict=True):
         at = {"anchor": f"{Path(anchors).stem}/{row}"}
         at |= dict(zip(names, thetas[row], strict=True))
-        guesses = {load: known[row] for load, known in fields.items()}
-        found = _at_anchor(every, thetas[row], guesses)
-        for (component, psi), (result, slope) in found.items():
+        for (component, psi), result in at_anchor.found.items():
+            slope = at_anchor.slope(component) if psi == asked.base else []
             design.append({"component": component, "psi": psi, "slope": slope} | at)
             results.append(result)
-            if result.status != "converged":
-                log.warning(
-                    "%s: psi %g at anchor %d failed: %s", hypothesis, psi, row, result.reason
-                )
-        for extended in every:
-            mine = [found[extended.component, psi][0] for psi in (asked.base, *asked.nodes)]
-            progress.step(failed=any(result.status != "converged" for result in mine))
     table = tabulate(pd.DataFrame(design), results, channels)
     table.to_parquet(simulations, index=False)
 
 
-def _at_anchor(every: list[Extended], theta: np.ndarray, guesses: dict[float, np.ndarray]) -> dict:
-    """Of one anchor: (component, psi) -> Simulation, and d(outputs)/d(psi) as a list.
+class _AtAnchor:
+    """Simulations of one hypothesis at one anchor: of the base model at once, of each component
+    when `follow` is called.
 
-    every: components of one hypothesis, which share the solver at the base. guesses: fields of the
-    base model by load fraction.
+    every: components of the hypothesis, which share the solver at the base. guesses: fields of the
+    base model by load fraction. found: (component, psi) -> Simulation.
     """
-    h, base = every[0].hypothesis, every[0].simulator(every[0].hypothesis.base)
-    shape = len(base.channels), len(theta)
-    found = {
-        (extended.component, psi): Simulation(
-            theta,
-            "converged",
-            last_pressure=base.full_pressure,
-            observables=np.full(shape[0], np.nan),
-            sensitivity=np.full(shape, np.nan),
-        )
-        for extended in every
-        for psi in (h.base, *h.nodes)
-    }
-    slopes = {extended.component: np.full(shape[0], np.nan) for extended in every}
-    clock = _Clock()
-    for fraction, w in guesses.items():
-        at = base.places_of(fraction)
-        try:
-            start = every[0].solve(w, theta, h.base, fraction, clock.effort)
-        except NotConverged as error:
-            for result in found.values():
-                clock.charge(result, fraction, at, error)
-            break
-        tangents = base.field_sensitivities(start.w)
-        for extended in every:
-            along = None
-            if h.slope_at_base:
-                along, slopes[extended.component][at] = extended.slope(start, fraction)
-            observed = extended.observed(start, h.base, tangents, fraction)
-            clock.charge(found[extended.component, h.base], fraction, at, observed)
-            for psi, observed in extended.nodes(start, along, tangents, fraction, clock.effort):
-                clock.charge(found[extended.component, psi], fraction, at, observed)
-    complete = {c: np.isfinite(slope).all() for c, slope in slopes.items()}
-    return {
-        (c, psi): (result, slopes[c].tolist() if psi == h.base and complete[c] else [])
-        for (c, psi), result in found.items()
-    }
+
+    def __init__(self, every: list[Extended], theta: np.ndarray, guesses: dict[float, np.ndarray]):
+        self._hypothesis = h = every[0].hypothesis
+        base = every[0].simulator(h.base)
+        self._places = {fraction: base.places_of(fraction) for fraction in guesses}
+        shape = len(base.channels), len(theta)
+        self.found = {
+            (extended.component, psi): Simulation(
+                theta,
+                "converged",
+                last_pressure=base.full_pressure,
+                observables=np.full(shape[0], np.nan),
+                sensitivity=np.full(shape, np.nan),
+            )
+            for extended in every
+            for psi in (h.base, *h.nodes)
+        }
+        self._slopes = {extended.component: np.full(shape[0], np.nan) for extended in every}
+        self._starts: dict[float, _Start] = {}
+        clock = _Clock()
+        for fraction, w in guesses.items():
+            at = self._places[fraction]
+            try:
+                state = every[0].solve(w, theta, h.base, fraction, clock.effort)
+            except NotConverged as error:
+                for result in self.found.values():
+                    clock.charge(result, fraction, at, error)
+                break
+            tangents = base.field_sensitivities(state.w)
+            start = self._starts[fraction] = _Start(state, None if h.needs_solving else tangents)
+            for extended in every:
+                component = extended.component
+                if h.slope_at_base:
+                    along, self._slopes[component][at] = extended.slope(state, fraction)
+                    start.along[component] = along
+                observed = extended.observed(state, h.base, tangents, fraction)
+                clock.charge(self.found[component, h.base], fraction, at, observed)
+
+    def follow(self, extended: Extended) -> dict[float, str]:
+        """Simulate one component at all nodes; psi -> reason of each failure."""
+        component, clock = extended.component, _Clock()
+        for fraction, start in self._starts.items():
+            along, at = start.along.get(component), self._places[fraction]
+            nodes = extended.nodes(start.state, along, start.tangents, fraction, clock.effort)
+            for psi, observed in nodes:
+                clock.charge(self.found[component, psi], fraction, at, observed)
+        of_component = {psi: self.found[c, psi] for c, psi in self.found if c == component}
+        return {p: r.reason for p, r in of_component.items() if r.status != "converged"}
+
+    def slope(self, component: str) -> list[float]:
+        """d(outputs)/d(psi) at the base; empty where it is not known of every output."""
+        slope = self._slopes[component]
+        return slope.tolist() if np.isfinite(slope).all() else []
+
+
+@dataclass
+class _Start:
+    """The base model at one load: its state, d(w)/d(log theta) (P, size) where no node is solved
+    anew, and d(w)/d(psi) (size,) by component where there is one."""
+
+    state: State
+    tangents: np.ndarray | None
+    along: dict[str, np.ndarray] = field(default_factory=dict)
 
 
 class _Clock:

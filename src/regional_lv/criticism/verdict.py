@@ -240,8 +240,10 @@ class Criticism:
 
     @property
     def explained(self) -> bool:
-        """Whether a set that fits stands behind all that the verdict says."""
-        return self.adequate and bool(self.named or self.groups)
+        """Whether a set that fits stands behind all that the verdict says; or heavy tails, which
+        leave nothing to test."""
+        tails = self.best is not None and self.best.model.tails is not None
+        return (self.adequate or tails) and bool(self.named or self.groups)
 
     def probability(self, name: str) -> float:
         return _total(s for s in self.sets if name in s.names)
@@ -255,9 +257,12 @@ class Criticism:
 
     def name_causes(self, best: CauseSet) -> None:
         """Name the causes of the best set that are certain, and the groups of which one is."""
+        listed = 1 - self.base_probability - self.unlisted_probability
         for name in best.names:
             if best.at_bound(name):
-                self.acts_like.append(name)
+                # Of all listed causes this one comes nearest, or it is not worth a word.
+                if self.probability(name) >= PROBABILITY * listed:
+                    self.acts_like.append(name)
             elif not self.adequate:
                 continue
             elif self.probability(name) >= PROBABILITY:

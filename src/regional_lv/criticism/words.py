@@ -60,6 +60,8 @@ def estimate(hypothesis: dict) -> str:
 def misfit(part: dict) -> str:
     """One or two sentences: whether the model misses the data, where, which way."""
     p = p_value(part["p_value"])
+    if not part["families"]:
+        return "There are too few channels to test the model."
     if not part["detected"]:
         return f"The model fits the measurements within their noise ({p})."
     groups = [x for x in part["largest"] if x["family"] in ("direction", "level", "wall")]
@@ -128,7 +130,7 @@ def verdict(content: dict) -> list[str]:
         return f"{of(name)}, {h['parameter']} {estimate(h)}"
 
     if not content["misfit"]["detected"]:
-        sentences.append("No cause was found: no listed cause is significant.")
+        sentences.append("No cause was found.")
     elif content["explained"]:
         for name in content["named"]:
             h = by_name[name]
@@ -141,9 +143,18 @@ def verdict(content: dict) -> list[str]:
                 sentence += f", {100 * h['component_probability']:.0f} % of that for this {kind}"
             sentences.append(f"{sentence}.")
         for group in content["groups"]:
+            likeliest = max(group, key=lambda name: by_name[name]["probability"])
             sentences.append(
                 f"One of {_list([of(n) for n in group], 'or')} is present; the data cannot tell "
-                f"which. The most probable is {estimated(group[0])}."
+                f"which. The most probable is {estimated(likeliest)}."
+            )
+        told = {*content["named"], *content["acts_like"]}.union(*content["groups"])
+        uncertain = [of(name) for name in content["best"] if name not in told]
+        if uncertain:
+            verb = "is" if len(uncertain) == 1 else "are"
+            sentences.append(
+                f"The best set also holds {_list(uncertain)}, which {verb} not certain enough to "
+                "be named."
             )
         sentences += separating(content)
         sentences += _confirmed(content)
@@ -158,8 +169,8 @@ def verdict(content: dict) -> list[str]:
             sentences.append(gain(content["gain"]))
     for name in content["acts_like"]:
         sentences.append(
-            f"An effect similar to {estimated(name)} is present, but the data require more than "
-            "the plausible range of this cause, so that it is not named."
+            f"Of the listed causes {estimated(name)}, comes nearest, but the data require more "
+            "than its plausible range: it is not named."
         )
     for h in content["hypotheses"]:
         if not h["identifiable"]:
@@ -171,10 +182,18 @@ def _why_not(content: dict) -> str:
     remaining = content["remaining"]
     if content["unlisted_probability"] > 0.5:
         return ": a smooth departure of no listed shape fits better than any set of causes"
+    if not content["sets"]:
+        return ": there was none to try"
     if content["best"] is None:
         return ": no set was confirmed by simulation"
+    if remaining is None:
+        return ": there are too few channels to test the best set of them"
     if remaining["detected"]:
         return f" ({p_value(remaining['p_value'])} remains with the best set of them)"
+    if content["base_probability"] > 0.5:
+        return ": the model as it is remains the most probable"
+    if content["acts_like"]:
+        return ": an estimate is at the end of its plausible range"
     return ": several sets do as well, and have too little in common"
 
 
@@ -203,7 +222,7 @@ def _confirmed(content: dict) -> list[str]:
     if not part["simulations"] or part["largest_difference_sd"] is None:
         return []
     return [
-        f"Confirmed by {part['simulations']} simulations with all effects of a set at once; "
+        f"Confirmed by {part['simulations_of_best']} simulations with all effects at once; "
         f"emulated and simulated differ by {number(part['largest_difference_sd'], 2)} sd of the "
         "noise at most, which was corrected."
     ]

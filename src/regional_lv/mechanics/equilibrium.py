@@ -5,6 +5,7 @@ are others.
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import ufl
@@ -93,7 +94,7 @@ class Equilibrium:
         self._x, self._y, self._circle = turned.x, turned.y, turned.circle
         self._residual = api.compile_form(residual)
         self._tangent = api.compile_form(tangent)
-        self._build_linear_solver()
+        self._matrix: Any = None  # built when it is first needed: it takes most of the memory
         self._turn(turned.angle)
 
     def set(self, theta: np.ndarray, pressure: float) -> None:
@@ -211,6 +212,8 @@ class Equilibrium:
 
     def assemble(self, w: np.ndarray) -> None:
         """Assemble the tangent at `w`, nodes turned and supports in place."""
+        if self._matrix is None:
+            self._build_linear_solver()
         self._place(w)
         data = self._data
         api.assemble_matrix(self._matrix, self._tangent)
