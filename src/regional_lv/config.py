@@ -103,7 +103,7 @@ def read(path: str | Path) -> dict:
     text = read_text(path, most_mb=1)
     with reading(path, "correct what the parser names"):
         try:
-            content = yaml.safe_load(text)
+            content = yaml.load(text, _Loader)
         except yaml.YAMLError as error:
             raise InputError(
                 f"{path}: not valid YAML; correct what the parser names: {str(error)[:1000]}"
@@ -111,6 +111,21 @@ def read(path: str | Path) -> dict:
     if not isinstance(content, dict):
         raise InputError(f"{path}: holds no keys; write at least `study: <name>`")
     return content
+
+
+class _Loader(yaml.SafeLoader):
+    """Refuses a key that occurs twice, of which YAML takes the last one without a word."""
+
+    def construct_mapping(self, node, deep=False):
+        lines: dict[str, int] = {}
+        for key, _ in node.value:
+            first = lines.setdefault(key.value, key.start_mark.line + 1) if key.value else None
+            if first not in (None, key.start_mark.line + 1):
+                raise yaml.constructor.ConstructorError(
+                    *(None, None, f"`{key.value}` is in line {first} already; remove one of both"),
+                    key.start_mark,
+                )
+        return super().construct_mapping(node, deep)
 
 
 def _usable(source: str, config: dict) -> dict:

@@ -424,6 +424,16 @@ def _check_scenarios(scenarios: dict, parameters: Parameterisation) -> Iterator[
 def _check_geometry_files(geometry: dict) -> Iterator[str]:
     """Files that the geometry's source needs and that are not there."""
     imported, surfaces = geometry["imported"], geometry["surfaces"]
+    filled = {
+        "surfaces": [f"surfaces.{k}" for k in ("endocardium", "epicardium") if surfaces[k]],
+        "mesh": ["imported.file"] if imported["file"] else [],
+    }
+    for source, keys in filled.items():
+        if keys and geometry["source"] != source:
+            yield (
+                f"geometry.source: is {geometry['source']}, so that geometry.{keys[0]} is not "
+                f"used; write source: {source}, or remove it"
+            )
     if geometry["source"] == "segments":
         given = geometry["segments"]
         needed = {"geometry.segments": None if given == VOLUNTEER else given}

@@ -28,6 +28,16 @@ def error_at(path: str | Path, line: int | None, complaint: str) -> InputError:
     return InputError(f"{where}: {complaint}")
 
 
+def _without_empty_ends(parsed: list[tuple[int, list[str]]]) -> list[tuple[int, list[str]]]:
+    """Rows without the columns at their end that are empty in all of them: spreadsheets save
+    these as commas."""
+    filled = max(
+        (at for _, fields in parsed for at, field in enumerate(fields, start=1) if field),
+        default=0,
+    )
+    return [(number, fields[:filled]) for number, fields in parsed]
+
+
 def read_lines(path: str | Path, required: Sequence[str] = ()) -> CsvLines:
     """Read a table; names and fields are without spaces around them.
 
@@ -43,7 +53,7 @@ def read_lines(path: str | Path, required: Sequence[str] = ()) -> CsvLines:
     if not numbered:
         raise error_at(path, None, "holds no table; begin it with a line that names the columns")
     parsed = [(number, _fields(path, number, line)) for number, line in numbered]
-    (header, columns), *rows = parsed
+    (header, columns), *rows = _without_empty_ends(parsed)
     for name in required:
         if name not in columns:
             remedy = _column_remedy(name, columns, required)

@@ -17,6 +17,9 @@ MOST_MB = 500
 MOST_GB = 4
 """Memory that reading one file may take."""
 
+WORKBOOKS = b"PK\x03\x04", b"\xd0\xcf\x11\xe0"
+"""How files of spreadsheets begin."""
+
 COUNTS = re.compile(rb'NumberOf\w+\s*=\s*["\'](\d+)|^element \w+ (\d+)', re.MULTILINE)
 """How XML of VTK and PLY announce numbers of points and cells."""
 
@@ -53,7 +56,10 @@ def check_counts(path: Path) -> None:
 def read_text(path: str | Path, most_mb: float = MOST_MB) -> str:
     """The text of a file in UTF-8, with or without a byte order mark. Raises InputError."""
     with reading(path, "check path and encoding (UTF-8)", most_mb):
-        return Path(path).read_text(encoding="utf-8-sig")
+        content = Path(path).read_bytes()
+        if content.startswith(WORKBOOKS):
+            raise InputError(f"{path}: is a workbook of Excel; save it as CSV (UTF-8)")
+        return content.decode("utf-8-sig")
 
 
 @contextlib.contextmanager

@@ -70,6 +70,41 @@ def test_new_name_has_to_be_usable(call, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize("name", ["no", "x" * 300, "file/heart"])
+def test_a_folder_that_cannot_be_made(call, tmp_path, name):
+    (tmp_path / "file").write_text("")
+    code, (line,) = call("new", name)
+    assert code == 1 and ("not a usable name" in line or "cannot be written" in line)
+    code, (line,) = call("check", name)
+    assert code == 1 and "check the path" in line
+
+
+@pytest.mark.parametrize("missing", ["loading", "geometry"])
+def test_a_measured_heart_has_nothing_of_the_volunteers_unasked(call, filled, missing):
+    folder = filled()
+    config = yaml.safe_load((folder / "config.yaml").read_text())
+    del config[missing]
+    (folder / "config.yaml").write_text(yaml.safe_dump(config))
+    code, (line,) = call("check", "hearts/anna")
+    key = {"loading": "loading.pressure_mmhg"}.get(missing, missing)
+    assert code == 1 and line.startswith(f"hearts/anna/config.yaml: {key}: missing; ")
+
+
+def test_a_file_from_another_folder_is_reported(call, filled, monkeypatch):
+    folder = filled()
+    monkeypatch.chdir(folder)
+    (folder / "other").mkdir()
+    (folder / "config.yaml").rename(folder / "other" / "config.yaml")
+    code, lines = call("check", "other")
+    assert code == 0, lines
+    found = [line for line in lines if line.startswith("warning: ") and " is used" in line]
+    assert [line.split(": ")[1] for line in found] == [
+        "subjects.patient.measured",
+        "geometry.segments",
+    ]
+    assert str(folder / "measured.csv") in found[0]
+
+
 def test_every_channel_has_a_row_to_fill_in(call, tmp_path):
     call("new", "anna")
     file = tmp_path / "anna" / "measured.csv"
@@ -121,7 +156,8 @@ def test_curves_are_checked_and_the_frame_is_reported(call, filled):
     code, lines = call("check", "hearts/anna/config.yaml")
     assert code == 0, lines
     found = "\n".join(lines)
-    assert "anna: 3 of 52 channels; from frame 1, end diastole, back to frame 4" in found
+    assert "anna: 3 of 52 channels, hearts/anna/curves.csv; from frame 1, end" in found
+    assert "back to frame 4" in found
     assert "no sd of the strains" in found
 
 
@@ -225,6 +261,9 @@ def test_the_template_causes_no_warning(table):
         ),
         (lambda t: t.assign(sd=np.nan), "no sd of the strains"),
         (lambda t: t.assign(sd=np.nan), "no sd of the volume"),
+        (lambda t: t.assign(sd=0.0002), "circumferential_01 has an sd of 0.0002; measurements"),
+        (lambda t: t.assign(sd=t["sd"].where(t.index != 0, 0.01)), "volume_ml has an sd of 0.01 m"),
+        (lambda t: t.assign(value=t["value"].where(t.index != 3, 0.0)), "circumferential_03 is ze"),
         (
             lambda t: t.assign(value=t["value"].where(t.index != 3, -0.0016)),
             "circumferential_03 is",

@@ -164,7 +164,43 @@ def test_theta_has_the_names_of_the_study(subject):
         config.load(study | {"parameters": {"zones": "whole", "bounds": bounds}})
 
 
+@pytest.mark.parametrize(
+    ("given", "key"),
+    [
+        ({"surfaces": {"endocardium": "endo.stl"}}, "surfaces.endocardium"),
+        ({"imported": {"file": "heart.inp"}}, "imported.file"),
+        ({"source": "mesh", "surfaces": {"epicardium": "epi.stl"}}, "surfaces.epicardium"),
+    ],
+)
+def test_a_geometry_that_would_not_be_used_is_refused(given, key):
+    message = rf"geometry\.source: is \w+, so that geometry\.{key} is not used; write source: "
+    with pytest.raises(InputError, match=message):
+        config.load({"study": "mine", "geometry": given})
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "study: a\nloading: {pressure_mmhg: 10}\nloading: {pressure_mmhg: 20}\n",
+        "study: a\nloading:\n  pressure_mmhg: 10\n  pressure_mmhg: 20\n",
+    ],
+)
+def test_a_key_that_occurs_twice_is_refused(tmp_path, text):
+    (tmp_path / "config.yaml").write_text(text)
+    with pytest.raises(InputError, match=r"` is in line \d already; remove one of both"):
+        config.read(tmp_path / "config.yaml")
+
+
+def test_aliases_and_merged_sections_are_no_repetition(tmp_path):
+    text = "study: a\nx: &x {p: 1}\ny: {<<: *x, q: 2}\n'no': 1\nyes: 2\n"
+    (tmp_path / "config.yaml").write_text(text)
+    assert config.read(tmp_path / "config.yaml")["y"] == {"p": 1, "q": 2}
+
+
 def test_a_level_that_no_test_can_reach():
+    benchmark = {"level": 0.01, "bootstrap": 199, "benchmark": {"bootstrap": 49}}
+    with pytest.raises(InputError, match=r"with 49 replicates; raise it, or criticism\.benchmark"):
+        config.load({"study": "mine", "criticism": benchmark})
     with pytest.raises(InputError, match=r"criticism\.level: 0.01 is never reached with 59"):
         config.load({"study": "mine", "criticism": {"level": 0.01, "bootstrap": 59}})
 

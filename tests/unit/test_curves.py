@@ -7,6 +7,7 @@ import pytest
 from regional_lv.channels import Channels
 from regional_lv.errors import InputError
 from regional_lv.measured import import_curves, read_curve_subject, read_measured
+from regional_lv.measured.curves import LookingBack
 from regional_lv.parameters import Parameterisation
 
 FRAMES = 20
@@ -106,6 +107,16 @@ def test_earliest_diastole_is_the_first_frame_that_fills(write, reference):
     found = read_curve_subject(write(reference) | {"frame": "earliest_diastole"})
     pd.testing.assert_frame_equal(found, chosen)
     assert chosen["source"][1] == "curves.csv, frame 11"
+
+
+@pytest.mark.parametrize(
+    ("unloaded", "doubt"), [(5, "is no later than"), (8, "relaxation may not be"), (12, "")]
+)
+def test_a_frame_of_a_muscle_at_work_is_doubted(unloaded, doubt):
+    share = CONTRACTION[unloaded]
+    back = LookingBack(STRETCHES[unloaded], unloaded, 0, END_SYSTOLE, share)
+    found = back.doubts(range(FRAMES))
+    assert bool(found) == bool(doubt) and doubt in " ".join(found)
 
 
 def test_frames_are_counted_where_only_times_are_given(write):

@@ -255,6 +255,31 @@ def test_file_in_another_encoding_is_named(tmp_path):
         read_measured(file)
 
 
+@pytest.mark.parametrize("beginning", [b"PK\x03\x04", b"\xd0\xcf\x11\xe0"])
+def test_a_workbook_is_named_as_such(tmp_path, beginning):
+    (tmp_path / "anna.csv").write_bytes(beginning + b"\x00\xff" * 100)
+    with pytest.raises(InputError, match=r"anna\.csv: is a workbook of Excel; save it as CSV"):
+        read_measured(tmp_path / "anna.csv")
+
+
+def test_columns_that_a_spreadsheet_left_empty_do_not_count(tmp_path):
+    plain = read_measured(write(tmp_path, GOOD))
+    padded = read_measured(write(tmp_path, [f"{row},,," for row in GOOD], f"{HEADER},,,"))
+    pd.testing.assert_frame_equal(plain, padded)
+
+
+def test_an_sd_in_another_unit_than_its_value_is_named(tmp_path):
+    rows = [VOLUME + ",", *(f"{row},2" for row in strains())]
+    with pytest.raises(InputError, match=r"line 3: sd 2 of a circumferential strain .* too large"):
+        read_measured(write(tmp_path, rows, f"{HEADER},sd"))
+
+
+def test_strains_all_of_the_wrong_sign_are_named_so(tmp_path):
+    rows = [VOLUME, *strains(), *strains("radial", -0.6)]
+    with pytest.raises(InputError, match="16 of 16 radial values have the wrong sign"):
+        read_measured(write(tmp_path, rows))
+
+
 def test_no_volume_warns_what_that_means(tmp_path):
     with pytest.warns(MeasuredWarning, match="no volume: .*overall stiffness"):
         read_measured(write(tmp_path, strains()))

@@ -58,6 +58,8 @@ CONFIG_FILES = [
     *CONFIG_FILES,
 ]
 try:
+    for file in CONFIG_FILES:
+        study_config.read(file)  # Snakemake takes the last one of a key that occurs twice
     folders = [Path(file).parent for file in reversed(CONFIG_FILES)]
     config.update(study_config.load(config, folders=folders))
 except InputError as error:

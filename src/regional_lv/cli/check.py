@@ -8,9 +8,11 @@ from pathlib import Path
 import click
 import pandas as pd
 
+from regional_lv import config as study_config
 from regional_lv.cli.folder import Mistakes, config_file, load
 from regional_lv.data import VOLUNTEER
 from regional_lv.geometry.table import read_segments
+from regional_lv.schema import load_schema
 
 PICTURE = "check.png"
 
@@ -47,6 +49,8 @@ def inspect(path: Path, config: dict) -> None:
 
     # Without a display VTK says so, and draws all the same.
     vtkLogger.SetStderrVerbosity(vtkLogger.VERBOSITY_OFF)
+    own = study_config.read(path)
+    _check_given(path, config, own)
     parameters, channels = Parameterisation.from_config(config), Channels.from_config(config)
     exponent = config["observables"]["strain_exponent"]
     tables = {name: _table(name, config, channels) for name in _own(config)}
@@ -59,21 +63,73 @@ def inspect(path: Path, config: dict) -> None:
         summary = json.loads((Path(folder) / "summary.json").read_text())
         cavity, wall = summary["cavity_volume_ml"], summary["wall_volume_ml"]
         click.echo(f"unloaded heart: cavity {cavity:.1f} mL, wall {wall:.1f} mL")
-        picture = path.parent / PICTURE
-        inputs.draw(mesh, tables, parameters, picture)
-    found = [f"heart: {line}" for line in _heart_warnings(config)]
+        picture, found = path.parent / PICTURE, _heart_warnings(config)
+        try:
+            inputs.draw(mesh, tables, parameters, picture)
+        except OSError as error:
+            found.append(f"{picture}: the picture cannot be written ({error.strerror})")
+    found += _place_warnings(path, own, config)
     for name, table in tables.items():
-        click.echo(f"{name}: {len(table)} of {len(channels)} channels{_frames(name, config)}")
+        subject = config["subjects"][name]
+        file = subject["curves" if subject["source"] == "curves" else "measured"]
+        told, doubts = _frames(name, config)
+        click.echo(f"{name}: {len(table)} of {len(channels)} channels, {file}{told}")
         lines = data_warnings(table, channels, len(parameters), exponent, cavity, wall)
-        found += [f"{name}: {line}" for line in lines]
+        found += [f"{name}: {line}" for line in (*doubts, *lines)]
+    if not tables:
+        found.append(
+            "no measured subject; the synthetic ones of the configuration would be run: name a "
+            "file in `subjects`"
+        )
     for line in found:
         click.echo(f"warning: {line}")
-    click.echo(f"picture: {picture}")
+    if picture.is_file():
+        click.echo(f"picture: {picture}")
     mistakes = {name: too_small(table, cavity) for name, table in tables.items()}
     lines = [f"{path}: subjects.{name}: {mistake}" for name, mistake in mistakes.items() if mistake]
     if lines:
         raise Mistakes("\n".join(lines))
     click.echo(f"No errors{', but see the warnings above' if found else ''}.")
+
+
+def _check_given(path: Path, config: dict, own: dict) -> None:
+    """Raise Mistakes for what a measured heart may not have by default: the pressure and shape of
+    the paper's volunteer. own: what the configuration `path` itself holds."""
+    if not _own(config):
+        return
+    lines = []
+    if (own.get("loading") or {}).get("pressure_mmhg") is None:
+        pressure = load_schema()["properties"]["loading"]["properties"]["pressure_mmhg"]
+        lines.append(f"{path}: loading.pressure_mmhg: missing; {pressure['if_empty']}")
+    if not own.get("geometry"):
+        lines.append(
+            f"{path}: geometry: missing; the heart would be that of the paper's volunteer: give "
+            "geometry.segments, the table of this heart's segments, or surfaces or a mesh"
+        )
+    if lines:
+        raise Mistakes("\n".join(lines))
+
+
+def _place_warnings(path: Path, own: dict, config: dict) -> list[str]:
+    """Files with a relative path that were found elsewhere than in the configuration's folder."""
+    found = []
+    subjects = config["subjects"]
+    given = [
+        (f"subjects.{name}.{key}", subject.get(key), subjects.get(name, {}).get(key))
+        for name, subject in (own.get("subjects") or {}).items()
+        if isinstance(subject, dict)
+        for key in ("measured", "curves")
+    ]
+    segments = (own.get("geometry") or {}).get("segments")
+    given.append(("geometry.segments", segments, config["geometry"]["segments"]))
+    for key, written, used in given:
+        if not written or written == VOLUNTEER or Path(written).is_absolute():
+            continue
+        if not (path.parent / written).is_file():
+            found.append(
+                f"{key}: {written} is not in {path.parent}; {Path(used).resolve()} is used"
+            )
+    return found
 
 
 def _heart_warnings(config: dict) -> list[str]:
@@ -88,15 +144,26 @@ def _heart_warnings(config: dict) -> list[str]:
             f"the end-diastolic pressure is {pressure:g} mmHg, which is very high; 1 cmH2O is 0.74 "
             "mmHg, and every C_a is in proportion to the pressure"
         )
-    geometry = config["geometry"]
-    if geometry["source"] == "segments" and geometry["segments"] != VOLUNTEER:
-        own, example = (read_segments(table) for table in (geometry["segments"], VOLUNTEER))
-        if own[SIZES].equals(example[SIZES]):
+    geometry, observables = config["geometry"], config["observables"]
+    if _own(config) and observables["strain_exponent"] != 2 and observables["line_share"] == 0:
+        found.append(
+            f"strains of exponent {observables['strain_exponent']:g} with line_share 0 are "
+            "components of a tensor; those of software that tracks lengths need line_share: 1"
+        )
+    if geometry["source"] == "segments":
+        own, example = (
+            read_segments(table).set_index("aha_segment")[SIZES]
+            for table in (geometry["segments"], VOLUNTEER)
+        )
+        kept = own.index.intersection(example.index)
+        same = [str(at) for at in kept if own.loc[at].equals(example.loc[at])]
+        if same and _own(config):
+            which = "" if len(same) == len(own) else f", segments {', '.join(same)}"
             found.append(
-                f"{geometry['segments']} still is the example, the paper's volunteer; overwrite it "
-                "with this heart's"
+                f"{geometry['segments']} still is the example, the paper's volunteer{which}; "
+                "overwrite it with this heart's"
             )
-    return found
+    return [f"heart: {line}" for line in found]
 
 
 def _own(config: dict) -> list[str]:
@@ -127,19 +194,20 @@ def _geometry(config: dict) -> str:
     return geometry["imported"]["file"]
 
 
-def _frames(name: str, config: dict) -> str:
-    """Which frames the strains of a subject with curves are between."""
+def _frames(name: str, config: dict) -> tuple[str, list[str]]:
+    """Which frames the strains of a subject with curves are between, and what is odd about it."""
     from regional_lv.measured.curves import HOW, look_back, read_curves
 
     subject = config["subjects"][name]
     if subject["source"] != "curves":
-        return ""
+        return "", []
     curves = read_curves(subject["curves"], subject["unit"])
     back = look_back(subject["curves"], curves, *(subject[key] for key in HOW))
     start, end, systole = (
         curves.frames[row] for row in (back.end_diastole, back.unloaded, back.end_systole)
     )
-    return (
+    told = (
         f"; from frame {start}, end diastole, back to frame {end}, taken as unloaded, where "
         f"{100 * back.contraction_left:.0f} % of the greatest contraction (frame {systole}) is left"
     )
+    return told, back.doubts(curves.frames)

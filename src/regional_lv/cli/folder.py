@@ -1,5 +1,7 @@
 """Where the configuration of a heart is, and the project that runs it."""
 
+import contextlib
+from collections.abc import Iterator
 from pathlib import Path
 
 import click
@@ -20,10 +22,29 @@ class Mistakes(click.ClickException):
 
 def config_file(name: str) -> Path:
     """The configuration of a folder that `new` wrote, or `name` itself if it is a file."""
-    path = Path(name) / CONFIG if Path(name).is_dir() else Path(name)
-    if not path.is_file():
+    try:
+        path = Path(name) / CONFIG if Path(name).is_dir() else Path(name)
+        found = path.is_file()
+    except OSError as error:  # no permission, a name that is too long
+        raise Mistakes(f"{name[:100]}: {_reason(error)}; check the path") from None
+    if not found:
         raise Mistakes(f"{name}: no folder with a {CONFIG}, nor a configuration; check the path")
     return path
+
+
+def _reason(error: OSError) -> str:
+    return (error.strerror or str(error)).lower()
+
+
+@contextlib.contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """Within it files are written to `path`. Raises Mistakes where that is not possible."""
+    try:
+        yield
+    except OSError as error:
+        raise Mistakes(
+            f"{str(path)[:200]}: cannot be written ({_reason(error)}); choose another place"
+        ) from None
 
 
 def load(path: Path, base: Path | None = None) -> dict:

@@ -9,8 +9,11 @@ from string import Template
 import click
 
 from regional_lv import data
-from regional_lv.cli.folder import CONFIG, Mistakes
+from regional_lv.cli.folder import CONFIG, Mistakes, writing
 from regional_lv.geometry.table import COLUMNS
+
+NO_TEXT = {"no", "yes", "on", "off", "true", "false", "null", "y", "n"}
+"""Words that YAML takes for something else than text."""
 
 TEMPLATE = Path(__file__).parent / "template"
 
@@ -21,17 +24,20 @@ def new(name: str) -> None:
     """Write the folder NAME: geometry table, measured file and configuration, to be filled in."""
     folder = Path(name)
     study = folder.resolve().name
-    if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", study):
+    if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]{0,49}", study) or study.lower() in NO_TEXT:
         raise Mistakes(
-            f"{study}: not a usable name of a study; use letters, digits and underscores, and "
-            "begin with a letter"
+            f"{study[:100]}: not a usable name of a study; use up to 50 letters, digits and "
+            "underscores, begin with a letter, and avoid words such as no or null"
         )
-    if folder.exists():
-        raise Mistakes(f"{folder}: is there already, and nothing is overwritten; choose another")
-    folder.mkdir(parents=True)
-    (folder / CONFIG).write_text(Template(_template(CONFIG)).substitute(study=study))
-    (folder / "segments.csv").write_text(_template("segments.csv") + _volunteer())
-    (folder / "measured.csv").write_text(_template("measured.csv") + _empty())
+    with writing(folder):
+        if folder.exists():
+            raise Mistakes(
+                f"{folder}: is there already, and nothing is overwritten; choose another"
+            )
+        folder.mkdir(parents=True)
+        (folder / CONFIG).write_text(Template(_template(CONFIG)).substitute(study=study))
+        (folder / "segments.csv").write_text(_template("segments.csv") + _volunteer())
+        (folder / "measured.csv").write_text(_template("measured.csv") + _empty())
     click.echo(
         f"{folder}: {CONFIG}, segments.csv and measured.csv; fill them in (comments say how), then "
         f"`regional-lv check {name}`"

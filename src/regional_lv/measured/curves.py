@@ -11,7 +11,7 @@ its direction at end diastole.
 
 import re
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Final, Literal, NamedTuple
 
@@ -61,6 +61,10 @@ class Curves(NamedTuple):
     strains: np.ndarray
 
 
+STILL_CONTRACTED = 0.95
+"""Share of the greatest contraction, above which the muscle may not be relaxed yet."""
+
+
 class LookingBack(NamedTuple):
     """Stretches (D,) l = length(unloaded) / length(end diastole), the rows of both frames and of
     the greatest contraction, and the share of this contraction that is left when unloaded."""
@@ -70,6 +74,22 @@ class LookingBack(NamedTuple):
     end_diastole: int
     end_systole: int
     contraction_left: float
+
+    def doubts(self, frames: Sequence) -> list[str]:
+        """What is odd about the frames (labels `frames`), in sentences."""
+        unloaded, systole = frames[self.unloaded], frames[self.end_systole]
+        if self.unloaded <= self.end_systole:
+            return [
+                f"frame {unloaded} is no later than the greatest contraction (frame {systole}): "
+                "the muscle is active there, where the simulation needs it relaxed; take a frame "
+                "of early diastole, and mind whether frames count from 0 or 1"
+            ]
+        if self.contraction_left > STILL_CONTRACTED:
+            return [
+                f"in frame {unloaded} {100 * self.contraction_left:.0f} % of the greatest "
+                "contraction is left: relaxation may not be complete; take a later frame"
+            ]
+        return []
 
 
 def read_curves(path: str | Path, unit: str) -> Curves:

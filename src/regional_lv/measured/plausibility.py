@@ -24,6 +24,9 @@ GROWTH = (0.85, 1.2)
 one is 0.88 to 1.19 times the unloaded over the loaded volume of the cavity with a quarter of the
 wall."""
 
+SDS = {"strains": (0.002, 0.15), "the volume": (0.2, 30.0)}
+"""Standard deviations of the noise, as fractions and in mL, beyond which a unit may be wrong."""
+
 SLIP = 20.0
 """A segment whose strain is so many times smaller or larger than the median has another unit."""
 
@@ -63,6 +66,7 @@ def data_warnings(
         )
     if (unknown & volume).any():
         found.append("no sd of the volume: it is taken as exact; give its sd, in mL")
+    found += _unusual_sd(table, volume)
     full = table[table["load_fraction"] == 1]
     stretches = {
         quantity: seth_hill.stretch(rows["value"].to_numpy(), strain_exponent)
@@ -104,16 +108,36 @@ def _unusual(quantity: str, stretch: np.ndarray) -> list[str]:
     ]
 
 
+def _unusual_sd(table: pd.DataFrame, volume: pd.Series) -> list[str]:
+    """Noise that no measurement has."""
+    found = []
+    strains = table["quantity"].isin(GREEN_MEANS)
+    for part, what, unit in ((table[strains], "strains", ""), (table[volume], "the volume", " mL")):
+        low, high = SDS[what]
+        odd = part[part["sd"].notna() & ~part["sd"].between(low, high)]
+        if len(odd):
+            found.append(
+                f"{odd['output'].iloc[0]} has an sd of {odd['sd'].iloc[0]:g}{unit}; measurements "
+                f"of {what} have {low:g} to {high:g}{unit}: check its unit, which is that of the "
+                "value"
+            )
+    return found
+
+
 def _slips(rows: pd.DataFrame) -> list[str]:
     size = rows["value"].abs()
     if not size.median():
         return []
     ratio = size / size.median()
-    return [
+    lost = [
+        f"{rows['output'][i]} is zero; if it was not tracked, remove it"
+        for i in ratio.index[ratio == 0]
+    ]
+    return lost + [
         f"{rows['output'][i]} is {rows['value'][i]:.3g}, {factor:.3g} times the median of its "
         "direction: check its unit"
         for i, factor in ratio.items()
-        if not 1 / SLIP <= factor <= SLIP
+        if factor and not 1 / SLIP <= factor <= SLIP
     ]
 
 

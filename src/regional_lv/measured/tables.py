@@ -4,8 +4,8 @@ Columns `quantity` (a name of `QUANTITIES`, such as volume, circumferential, rad
 torsion, shortening), `segment` (AHA 1-17; of torsion the two levels, such as basal-apical; else
 empty), `value`, `unit` (mL | 1 | % | deg/mm), optional `sd` (in the same unit), `load_fraction` or
 `pressure_mmhg` (end diastole if absent or empty), `frame`, `slice` and `source`. Channels that were
-not measured are absent. Strains look back from the loaded state to the unloaded one, Green's being
-E = (F^-T F^-1 - I) / 2: circumferential and longitudinal ones are negative, radial ones positive.
+not measured are absent. Strains are those of the unloaded state, with end diastole as the reference;
+Green's are E = (F^-T F^-1 - I) / 2: circumferential and longitudinal ones are negative, radial ones positive.
 """
 
 import difflib
@@ -27,6 +27,9 @@ REQUIRED = ("quantity", "segment", "value", "unit")
 LOADS = ("load_fraction", "pressure_mmhg")
 OPTIONAL = ("sd", *LOADS, "frame", "slice", "source")
 PASSED_ON = ("frame", "slice", "source")
+
+LARGEST_SD = 0.5
+"""Of a strain, as a fraction."""
 
 SIGN_TOLERANCE = 0.05
 """A noisy channel near zero may come out on the wrong side by this much, or by three `sd`."""
@@ -81,8 +84,9 @@ def read_measured(
         _check_frames(table),
         _check_duplicates(table),
         _check_percent(table),
-        _check_size(table, strain_exponent),
         _check_signs(table),
+        _check_size(table, strain_exponent),
+        _check_sd(table),
         () if channels is None else _check_observed(table, channels),
     ):
         for number, complaint in complaints:
@@ -340,6 +344,18 @@ def _check_size(table: pd.DataFrame, strain_exponent: float | None) -> Complaint
             )
 
 
+def _check_sd(table: pd.DataFrame) -> Complaints:
+    """An sd beyond what a value of its quantity can be is one in another unit."""
+    for _, row in table[table["sd"].notna()].iterrows():
+        kind = QUANTITIES[row["quantity"]]
+        if kind.is_strain and row["sd"] > LARGEST_SD:
+            yield (
+                row["line"],
+                f"sd {row['sd']:g} of a {row['quantity']} strain (as a fraction): it counts in the "
+                "unit of its value, and is too large; correct it, or leave the column empty",
+            )
+
+
 def _check_strain(row: pd.Series, largest: float, exponent: float | None) -> Complaints:
     """A strain (stretch^n - 1) / n lies above -1 / n for n above zero, below it for n below."""
     value, end = row["value"], -1 / exponent if exponent else math.nan
@@ -363,16 +379,16 @@ def _check_signs(table: pd.DataFrame) -> Complaints:
         if len(wrong) > max(len(rows) / 2, 1):
             yield (
                 wrong["line"].iloc[0],
-                f"{len(wrong)} of {len(rows)} {quantity} values have the wrong sign; values here "
-                f"look back from the loaded to the unloaded state, {quantity} ones are {word}. A "
-                "Green strain e that looks forward becomes -e / (1 + 2 e)",
+                f"{len(wrong)} of {len(rows)} {quantity} values have the wrong sign; with end "
+                f"diastole as the reference, as here, {quantity} values are {word}. A Green strain "
+                "e with the unloaded state as its reference becomes -e / (1 + 2 e)",
             )
         tolerance = np.fmax(SIGN_TOLERANCE, 3 * wrong["sd"])
         for _, row in wrong[wrong["value"].abs() > tolerance].iterrows():
             yield (
                 row["line"],
-                f"{row['output']} is {row['value']:g}, and {quantity} values are {word} (looking "
-                "back from the loaded state); correct the sign, or remove the channel",
+                f"{row['output']} is {row['value']:g}, and {quantity} values are {word} (end "
+                "diastole is the reference); correct the sign, or remove the channel",
             )
 
 

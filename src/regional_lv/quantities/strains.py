@@ -1,4 +1,4 @@
-"""Segmental strains along the wall's local directions, as they look back from the loaded state."""
+"""Segmental strains along the wall's local directions, with the loaded state as the reference."""
 
 from regional_lv.quantities.base import SEGMENT_PLACES, Quantity
 

@@ -6,7 +6,7 @@ from regional_lv.quantities.base import LEVEL_PAIRS, Quantity, levels_of
 
 
 class Torsion(Quantity):
-    """Twist between two levels over their distance, deg/mm, looking back from the loaded state.
+    """Twist between two levels over their distance, deg/mm, with the loaded state as the reference.
 
     Positive where the lower level turns counter-clockwise against the upper one as seen from the
     apex, on the way from the loaded to the unloaded state, which is the usual sign of systolic

@@ -76,11 +76,12 @@ def explain_unknown(schema: dict, key: str, name: str) -> str:
         return f"{key_path(key, name)}: not a usable name; {schema.get('names', remedy)}"
     if not here:
         return f"{key_path(key, name)}: unknown key. {schema['description']} Leave it empty: {{}}"
+    elsewhere = {path.rsplit(".", 1)[-1]: path for path, _ in describe()}
+    if name in elsewhere:
+        return f"{key_path(key, name)}: unknown key here; did you mean `{elsewhere[name]}`?"
     close = difflib.get_close_matches(name, here, n=1, cutoff=0.5)
     if close:
         return f"{key_path(key, name)}: unknown key; did you mean `{key_path(key, close[0])}`?"
-    # A right key in the wrong section is as frequent a slip as a typo.
-    elsewhere = {path.rsplit(".", 1)[-1]: path for path, _ in describe()}
     close = difflib.get_close_matches(name, elsewhere, n=1, cutoff=0.75)
     hint = f"did you mean `{elsewhere[close[0]]}`? " if close else ""
     return f"{key_path(key, name)}: unknown key; {hint}allowed here: {', '.join(here)}"
@@ -145,9 +146,11 @@ def _type_name(types: str | list[str]) -> str:
 
 def _number_hint(value, types: str | list[str]) -> str:
     """YAML reads 1e-8 as text; only with a point it is a number."""
-    if isinstance(value, str) and types == "number":
-        try:
-            return f"; write it as {float(value)!r}" if "e" not in value else "; write it as 1.0e-8"
-        except ValueError:
-            pass
-    return "; give that instead"
+    if not isinstance(value, str) or types not in ("number", "integer"):
+        return "; give that instead"
+    try:
+        number = repr(float(value))
+    except ValueError:
+        return "; give the number alone, without a unit and with a decimal point"
+    mantissa, e, power = number.partition("e")
+    return f"; write it as {mantissa if '.' in mantissa or not e else mantissa + '.0'}{e}{power}"

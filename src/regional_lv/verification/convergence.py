@@ -45,7 +45,8 @@ its gradient, twice the gradient's order for smooth functionals such as volume a
 
 
 class Tube:
-    """The exact solution; lengths in mm, pressure in mmHg, strains look back as the heart's do.
+    """The exact solution; lengths in mm, pressure in mmHg, strains have the loaded state as
+    their reference, as the heart's do.
 
     `physics` holds the config sections `material` (Holzapfel-Ogden), `fibres` and `loading`.
     """
