@@ -4,8 +4,9 @@ Columns `quantity` (a name of `QUANTITIES`, such as volume, circumferential, rad
 torsion, shortening), `segment` (AHA 1-17; of torsion the two levels, such as basal-apical; else
 empty), `value`, `unit` (mL | 1 | % | deg/mm), optional `sd` (in the same unit), `load_fraction` or
 `pressure_mmhg` (end diastole if absent or empty), `frame`, `slice` and `source`. Channels that were
-not measured are absent. Strains are those of the unloaded state, with end diastole as the reference;
-Green's are E = (F^-T F^-1 - I) / 2: circumferential and longitudinal ones are negative, radial ones positive.
+not measured are absent. Strains are those of the unloaded state, with end diastole as the
+reference; Green's are E = (F^-T F^-1 - I) / 2: circumferential and longitudinal ones are negative,
+radial ones positive.
 """
 
 import difflib
