@@ -119,12 +119,11 @@ class _Loader(yaml.SafeLoader):
     def construct_mapping(self, node, deep=False):
         lines: dict[str, int] = {}
         for key, _ in node.value:
-            first = lines.setdefault(key.value, key.start_mark.line + 1) if key.value else None
-            if first not in (None, key.start_mark.line + 1):
-                raise yaml.constructor.ConstructorError(
-                    *(None, None, f"`{key.value}` is in line {first} already; remove one of both"),
-                    key.start_mark,
-                )
+            name = str(key.value)
+            if name in lines:
+                there = f"`{name}` is in line {lines[name]} already; remove one of both"
+                raise yaml.constructor.ConstructorError(None, None, there, key.start_mark)
+            lines[name] = key.start_mark.line + 1
         return super().construct_mapping(node, deep)
 
 

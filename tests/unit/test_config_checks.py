@@ -183,6 +183,7 @@ def test_a_geometry_that_would_not_be_used_is_refused(given, key):
     [
         "study: a\nloading: {pressure_mmhg: 10}\nloading: {pressure_mmhg: 20}\n",
         "study: a\nloading:\n  pressure_mmhg: 10\n  pressure_mmhg: 20\n",
+        "study: a\nloading: {pressure_mmhg: 10, pressure_mmhg: 20}\n",
     ],
 )
 def test_a_key_that_occurs_twice_is_refused(tmp_path, text):

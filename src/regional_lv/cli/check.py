@@ -76,7 +76,7 @@ def inspect(path: Path, config: dict) -> None:
         click.echo(f"{name}: {len(table)} of {len(channels)} channels, {file}{told}")
         lines = data_warnings(table, channels, len(parameters), exponent, cavity, wall)
         found += [f"{name}: {line}" for line in (*doubts, *lines)]
-    if not tables:
+    if all(subject["source"] == "synthetic" for subject in config["subjects"].values()):
         found.append(
             "no measured subject; the synthetic ones of the configuration would be run: name a "
             "file in `subjects`"

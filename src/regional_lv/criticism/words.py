@@ -168,10 +168,11 @@ def verdict(content: dict) -> list[str]:
             sentences.append(f"The best set is {_list(names)}; it is not named.")
             sentences.append(gain(content["gain"]))
     for name in content["acts_like"]:
-        sentences.append(
-            f"Of the listed causes {estimated(name)}, comes nearest, but the data require more "
-            "than its plausible range: it is not named."
-        )
+        much = "but the data require more than its plausible range: it is not named."
+        if content["explained"]:
+            sentences.append(f"Something else acts like {estimated(name)}, {much}")
+        else:
+            sentences.append(f"Of the listed causes {estimated(name)}, comes nearest, {much}")
     for h in content["hypotheses"]:
         if not h["identifiable"]:
             sentences.append(f"Nothing can be concluded about {cause(h['name'])}: {h['why']}.")
