@@ -103,7 +103,7 @@ def read(path: str | Path) -> dict:
     text = read_text(path, most_mb=1)
     with reading(path, "correct what the parser names"):
         try:
-            content = yaml.load(text, _Loader)
+            content = _Loader(text).get_single_data()
         except yaml.YAMLError as error:
             raise InputError(
                 f"{path}: not valid YAML; correct what the parser names: {str(error)[:1000]}"

@@ -239,7 +239,7 @@ def test_a_group_is_told_as_one_and_nothing_as_nothing(given, page, tmp_path):
 def test_an_unnamed_set_is_not_shown_as_the_answer(given, tmp_path):
     content = {"groups": [], "separating": [], "explained": False, "acts_like": ["basal_motion"]}
     shown = section(made(with_findings(given, tmp_path, **content), tmp_path), "wrong")
-    assert "An effect similar to basal motion" in shown
+    assert "Of the listed causes basal motion" in shown and "not named" in shown
     assert "which is not named: it does not explain the misfit" in shown
 
 
