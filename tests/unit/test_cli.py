@@ -105,6 +105,20 @@ def test_a_file_from_another_folder_is_reported(call, filled, monkeypatch):
     assert str(folder / "measured.csv") in found[0]
 
 
+def test_a_copied_folder_and_an_uneven_wall_are_reported(call, filled, tmp_path):
+    folder = filled()
+    table = read_segments(folder / "segments.csv").drop(columns=["line"])
+    table.loc[table["aha_segment"] == 7, "wall_thickness_mm"] *= 3
+    table.to_csv(folder / "segments.csv", index=False)
+    folder.rename(tmp_path / "copy")
+    code, lines = call("check", "copy")
+    assert code == 0, lines
+    found = "\n".join(lines)
+    assert "warning: the folder is copy, and the results go to results/anna" in found
+    assert "heart: segment 7: the wall is " in found and "times the median of its level" in found
+    assert "still is the example, the paper's volunteer, segments 1, 2, 3, 4, 5, 6, 8" in found
+
+
 def test_every_channel_has_a_row_to_fill_in(call, tmp_path):
     call("new", "anna")
     file = tmp_path / "anna" / "measured.csv"
@@ -138,7 +152,7 @@ def test_check_of_a_filled_folder_from_elsewhere(call, filled, monkeypatch, tmp_
     found = "\n".join(lines)
     assert "patient: 51 of 52 channels" in found
     assert "warning: patient: not measured: longitudinal 17" in found
-    assert "still is the example" in found
+    assert "still is the example" in found and "the folder is" not in found
     picture = imread(folder / "check.png")
     # The heart, the segments, and three bullseyes: in every fifth of it something is drawn.
     for part in np.array_split(picture[..., :3], 5, axis=1):

@@ -401,6 +401,15 @@ def mirrored(rows):
     return rows.assign(angle_from_deg=low, angle_to_deg=high)
 
 
+def turned(level, degrees):
+    def change(rows):
+        mine = rows["aha_segment"].isin(LEVELS[level])
+        rows.loc[mine, ["angle_from_deg", "angle_to_deg"]] += degrees
+        return rows
+
+    return change
+
+
 MM = ["wall_thickness_mm", "endo_radius_mm"]
 
 
@@ -427,6 +436,9 @@ MM = ["wall_thickness_mm", "endo_radius_mm"]
         (setter(13, "angle_to_deg", 75), "0 degrees wide"),
         (setter(12, "angle_from_deg", -555), "sector is 450 degrees wide"),
         (mirrored, "numbered clockwise seen from the base"),
+        (turned("mid", 60), "mid level the middle of the septum (segments 8 and 9) is 60 degrees"),
+        (turned("apical", -90), "at the apical level the middle of the septum (segment 14) is "),
+        (turned("mid", 180), "is 180 degrees away from that of the basal level"),
         (setter(8, "z_bottom_mm", -43), "differs from segment 7's"),
         (setter(16, "z_top_mm", -56), "begins at z = -56 mm"),
         (setter(16, "z_bottom_mm", -50), "-50 is not below"),

@@ -9,12 +9,16 @@ import click
 import pandas as pd
 
 from regional_lv import config as study_config
-from regional_lv.cli.folder import Mistakes, config_file, load
+from regional_lv.aha import LEVELS
+from regional_lv.cli.folder import CONFIG, Mistakes, config_file, load
 from regional_lv.data import VOLUNTEER
 from regional_lv.geometry.table import read_segments
 from regional_lv.schema import load_schema
 
 PICTURE = "check.png"
+
+UNEVEN = 2.0
+"""Ratio of a wall's thickness to the median of its level, either way, beyond which it is odd."""
 
 SIZES = ["wall_thickness_mm", "endo_radius_mm"]
 
@@ -69,6 +73,12 @@ def inspect(path: Path, config: dict) -> None:
         except OSError as error:
             found.append(f"{picture}: the picture cannot be written ({error.strerror})")
     found += _place_warnings(path, own, config)
+    folder = path.resolve().parent.name
+    if path.name == CONFIG and folder != config["study"]:
+        found.append(
+            f"the folder is {folder}, and the results go to results/{config['study']}; if the "
+            "folder is a copy, give `study` a name of its own"
+        )
     for name, table in tables.items():
         subject = config["subjects"][name]
         file = subject["curves" if subject["source"] == "curves" else "measured"]
@@ -163,7 +173,22 @@ def _heart_warnings(config: dict) -> list[str]:
                 f"{geometry['segments']} still is the example, the paper's volunteer{which}; "
                 "overwrite it with this heart's"
             )
+        found += _uneven(geometry["segments"])
     return [f"heart: {line}" for line in found]
+
+
+def _uneven(segments: str) -> list[str]:
+    """Segments whose wall is of another size than those beside it."""
+    table, found = read_segments(segments), []
+    for numbers in LEVELS.values():
+        walls = table[table["aha_segment"].isin(numbers)].set_index("aha_segment")[SIZES[0]]
+        ratio = walls / walls.median()
+        found += [
+            f"segment {number}: the wall is {walls[number]:g} mm thick, {ratio[number]:.1f} times "
+            "the median of its level; check it"
+            for number in ratio.index[~ratio.between(1 / UNEVEN, UNEVEN)]
+        ]
+    return found
 
 
 def _own(config: dict) -> list[str]:

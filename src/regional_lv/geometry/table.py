@@ -21,6 +21,11 @@ COLUMNS = (
 # Segment averages that a human left ventricle, thin scar to gross dilatation, can have.
 PLAUSIBLE_MM = {"wall_thickness_mm": (2.0, 30.0), "endo_radius_mm": (3.0, 80.0)}
 
+SEPTUM = {"basal": (2, 3), "mid": (8, 9), "apical": (14,)}
+"""Segments of the septum by level."""
+MOST_TWIST_DEG = 50.0
+"""Between the septa of two levels: one segment of 60 degrees is a mistake, twenty are a heart."""
+
 
 def read_segments(path):
     """Read and check a segment table (CSV); one row per AHA segment, returned in AHA order.
@@ -69,6 +74,7 @@ def read_segments(path):
     _check_sizes(path, table)
     _check_levels(path, table)
     _check_sectors(path, table)
+    _check_septum(path, table)
     table.index = table.index.rename("line")
     return table.reset_index()
 
@@ -166,4 +172,23 @@ def _check_sectors(path, table):
             raise InputError(
                 f"{path}, line {rows.index[0]}: the {level} sectors add up to {total:g} degrees; "
                 "they must tile 360"
+            )
+
+
+def _check_septum(path, table):
+    """The septum is on one side at all levels."""
+    middle = np.radians((table["angle_from_deg"] + table["angle_to_deg"]) / 2)
+    septum = {}
+    for level, numbers in SEPTUM.items():
+        angles = middle[table["aha_segment"].isin(numbers)]
+        septum[level] = np.degrees(np.angle(np.exp(1j * angles).sum()))
+    for level, angle in septum.items():
+        away = abs((angle - septum["basal"] + 180) % 360 - 180)
+        if away > MOST_TWIST_DEG:
+            word = "segments" if len(SEPTUM[level]) > 1 else "segment"
+            numbers = f"{word} {' and '.join(map(str, SEPTUM[level]))}"
+            raise InputError(
+                f"{path}: at the {level} level the middle of the septum ({numbers}) is "
+                f"{away:.0f} degrees away from that of the basal level; count angles of all levels "
+                "from one direction, and check the numbers of the segments"
             )
