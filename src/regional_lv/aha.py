@@ -40,6 +40,14 @@ SEGMENTS = (
 
 LEVELS = {"basal": range(1, 7), "mid": range(7, 13), "apical": range(13, 17), "apex": range(17, 18)}
 
+WALLS = {
+    "anterior": (1, 7, 13),
+    "septal": (2, 3, 8, 9, 14),
+    "inferior": (4, 10, 15),
+    "lateral": (5, 6, 11, 12, 16),
+}
+"""Segments of the walls from base to apex; the apex (17) belongs to none."""
+
 published_to_aha = np.array([s.published_order - 1 for s in SEGMENTS])
 """`published[..., published_to_aha]` puts 17 values in published order into AHA order."""
 

@@ -24,6 +24,11 @@ COUNTS = re.compile(rb'NumberOf\w+\s*=\s*["\'](\d+)|^element \w+ (\d+)', re.MULT
 """How XML of VTK and PLY announce numbers of points and cells."""
 
 
+def reason_of(error: OSError | ValueError) -> str:
+    """What a system call says of its failure, in lower case."""
+    return (getattr(error, "strerror", None) or str(error)).lower()
+
+
 def check_file(path: str | Path, most_mb: float = MOST_MB, remedy: str = "check the path") -> Path:
     """The path of a regular file of at most `most_mb`. Raises InputError for anything else."""
     path = Path(path)
@@ -32,8 +37,7 @@ def check_file(path: str | Path, most_mb: float = MOST_MB, remedy: str = "check 
         if not path.is_file():
             raise InputError(f"{path}: is no file; {remedy}")
     except (OSError, ValueError) as error:
-        reason = (getattr(error, "strerror", None) or str(error)).lower()
-        raise InputError(f"{path}: cannot be read ({reason}); {remedy}") from error
+        raise InputError(f"{path}: cannot be read ({reason_of(error)}); {remedy}") from error
     if size > most_mb * 1e6:
         raise InputError(
             f"{path}: has {size / 1e6:.0f} MB, and at most {most_mb:g} are read; give a smaller "

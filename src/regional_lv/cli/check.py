@@ -13,6 +13,7 @@ from regional_lv.aha import LEVELS
 from regional_lv.cli.folder import CONFIG, Mistakes, config_file, load
 from regional_lv.data import VOLUNTEER
 from regional_lv.geometry.table import read_segments
+from regional_lv.input_files import reason_of
 from regional_lv.schema import load_schema
 
 PICTURE = "check.png"
@@ -71,7 +72,7 @@ def inspect(path: Path, config: dict) -> None:
         try:
             inputs.draw(mesh, tables, parameters, picture)
         except OSError as error:
-            found.append(f"{picture}: the picture cannot be written ({error.strerror})")
+            found.append(f"{picture}: the picture cannot be written ({reason_of(error)})")
     found += _place_warnings(path, own, config)
     folder = path.resolve().parent.name
     if path.name == CONFIG and folder != config["study"]:
@@ -162,26 +163,26 @@ def _heart_warnings(config: dict) -> list[str]:
         )
     if geometry["source"] == "segments":
         own, example = (
-            read_segments(table).set_index("aha_segment")[SIZES]
+            read_segments(table).set_index("aha_segment")
             for table in (geometry["segments"], VOLUNTEER)
         )
         kept = own.index.intersection(example.index)
-        same = [str(at) for at in kept if own.loc[at].equals(example.loc[at])]
+        same = [str(at) for at in kept if own.loc[at, SIZES].equals(example.loc[at, SIZES])]
         if same and _own(config):
             which = "" if len(same) == len(own) else f", segments {', '.join(same)}"
             found.append(
                 f"{geometry['segments']} still is the example, the paper's volunteer{which}; "
                 "overwrite it with this heart's"
             )
-        found += _uneven(geometry["segments"])
+        found += _uneven(own["wall_thickness_mm"])
     return [f"heart: {line}" for line in found]
 
 
-def _uneven(segments: str) -> list[str]:
-    """Segments whose wall is of another size than those beside it."""
-    table, found = read_segments(segments), []
+def _uneven(thickness: pd.Series) -> list[str]:
+    """Segments whose wall is of another thickness (mm, by segment) than those beside it."""
+    found = []
     for numbers in LEVELS.values():
-        walls = table[table["aha_segment"].isin(numbers)].set_index("aha_segment")[SIZES[0]]
+        walls = thickness[thickness.index.isin(numbers)]
         ratio = walls / walls.median()
         found += [
             f"segment {number}: the wall is {walls[number]:g} mm thick, {ratio[number]:.1f} times "

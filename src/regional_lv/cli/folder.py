@@ -1,7 +1,5 @@
 """Where the configuration of a heart is, and the project that runs it."""
 
-import contextlib
-from collections.abc import Iterator
 from pathlib import Path
 
 import click
@@ -9,6 +7,7 @@ import click
 import regional_lv
 from regional_lv import config as study_config
 from regional_lv.errors import InputError
+from regional_lv.input_files import reason_of
 
 CONFIG = "config.yaml"
 
@@ -26,25 +25,10 @@ def config_file(name: str) -> Path:
         path = Path(name) / CONFIG if Path(name).is_dir() else Path(name)
         found = path.is_file()
     except OSError as error:  # no permission, a name that is too long
-        raise Mistakes(f"{name[:100]}: {_reason(error)}; check the path") from None
+        raise Mistakes(f"{name[:100]}: {reason_of(error)}; check the path") from None
     if not found:
         raise Mistakes(f"{name}: no folder with a {CONFIG}, nor a configuration; check the path")
     return path
-
-
-def _reason(error: OSError) -> str:
-    return (error.strerror or str(error)).lower()
-
-
-@contextlib.contextmanager
-def writing(path: Path) -> Iterator[None]:
-    """Within it files are written to `path`. Raises Mistakes where that is not possible."""
-    try:
-        yield
-    except OSError as error:
-        raise Mistakes(
-            f"{str(path)[:200]}: cannot be written ({_reason(error)}); choose another place"
-        ) from None
 
 
 def load(path: Path, base: Path | None = None) -> dict:

@@ -9,8 +9,9 @@ from string import Template
 import click
 
 from regional_lv import data
-from regional_lv.cli.folder import CONFIG, Mistakes, writing
+from regional_lv.cli.folder import CONFIG, Mistakes
 from regional_lv.geometry.table import COLUMNS
+from regional_lv.input_files import reason_of
 
 NO_TEXT = {"no", "yes", "on", "off", "true", "false", "null", "y", "n"}
 """Words that YAML takes for something else than text."""
@@ -29,7 +30,7 @@ def new(name: str) -> None:
             f"{study[:100]}: not a usable name of a study; use up to 50 letters, digits and "
             "underscores, begin with a letter, and avoid words such as no or null"
         )
-    with writing(folder):
+    try:
         if folder.exists():
             raise Mistakes(
                 f"{folder}: is there already, and nothing is overwritten; choose another"
@@ -38,6 +39,11 @@ def new(name: str) -> None:
         (folder / CONFIG).write_text(Template(_template(CONFIG)).substitute(study=study))
         (folder / "segments.csv").write_text(_template("segments.csv") + _volunteer())
         (folder / "measured.csv").write_text(_template("measured.csv") + _empty())
+    except OSError as error:
+        place = str(folder)[:200]
+        raise Mistakes(
+            f"{place}: cannot be written ({reason_of(error)}); choose another place"
+        ) from None
     click.echo(
         f"{folder}: {CONFIG}, segments.csv and measured.csv; fill them in (comments say how), then "
         f"`regional-lv check {name}`"

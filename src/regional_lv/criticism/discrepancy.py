@@ -10,7 +10,7 @@ import numpy as np
 import torch
 
 from regional_lv import aha
-from regional_lv.criticism.observations import WALLS, Observations, noise_units
+from regional_lv.criticism.observations import Observations, noise_units
 
 AMPLITUDES = (1.0, 2.0, 4.0, 8.0, 16.0)
 """Its sd, in a good measurement's noise (`noise_units`); all equally likely."""
@@ -26,7 +26,7 @@ def unlisted_covariance(observations: Observations, emulator) -> torch.Tensor:
     segments = np.array([channel.segment or 0 for channel in channels])
     level, wall = (
         np.array([next((k for k, members in places.items() if s in members), "") for s in segments])
-        for places in (aha.LEVELS, WALLS)
+        for places in (aha.LEVELS, aha.WALLS)
     )
     pattern = same + np.eye(len(unit))
     for place in (level, wall):

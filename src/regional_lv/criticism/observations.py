@@ -126,15 +126,6 @@ def observe(
     return Observations(tuple(tables), outputs, y, present, Noise(sd, groups, float(prior_scale)))
 
 
-WALLS = {
-    "anterior": (1, 7, 13),
-    "septal": (2, 3, 8, 9, 14),
-    "inferior": (4, 10, 15),
-    "lateral": (5, 6, 11, 12, 16),
-}
-"""Segments of the walls from base to apex; the apex (17) belongs to none."""
-
-
 def contrasts(observations: Observations) -> dict[str, dict[str, torch.Tensor]]:
     """Families of structured departures: family -> name -> pattern (D,) of ones.
 
@@ -147,7 +138,7 @@ def contrasts(observations: Observations) -> dict[str, dict[str, torch.Tensor]]:
     families: dict[str, Mapping[str, Iterable[int]]] = {
         "direction": segments,
         "level": aha.LEVELS,
-        "wall": WALLS,
+        "wall": aha.WALLS,
     }
     found: dict[str, dict[str, torch.Tensor]] = {}
     for family, places in families.items():

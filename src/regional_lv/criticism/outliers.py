@@ -6,7 +6,7 @@ import torch
 from scipy import stats
 
 from regional_lv import aha
-from regional_lv.criticism.observations import WALLS, contrasts
+from regional_lv.criticism.observations import contrasts
 
 FAR = 3.0
 """Standard deviations from which a channel counts as an outlier."""
@@ -81,4 +81,4 @@ def _neighbours(one: int, two: int) -> bool:
         {one, two} & set(upper) and {one, two} & set(lower)
         for upper, lower in itertools.pairwise(rings)
     )
-    return adjacent and any({one, two} <= set(wall) for wall in WALLS.values())
+    return adjacent and any({one, two} <= set(wall) for wall in aha.WALLS.values())

@@ -227,7 +227,7 @@ class _AtAnchor:
     """
 
     def __init__(self, every: list[Extended], theta: np.ndarray, guesses: dict[float, np.ndarray]):
-        self._hypothesis = h = every[0].hypothesis
+        h = every[0].hypothesis
         base = every[0].simulator(h.base)
         self._places = {fraction: base.places_of(fraction) for fraction in guesses}
         shape = len(base.channels), len(theta)

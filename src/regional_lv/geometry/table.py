@@ -3,7 +3,7 @@
 import numpy as np
 import pandas as pd
 
-from regional_lv.aha import LEVELS, SEGMENTS
+from regional_lv.aha import LEVELS, SEGMENTS, WALLS
 from regional_lv.csv_lines import read_lines
 from regional_lv.data import segment_table
 from regional_lv.errors import InputError
@@ -21,8 +21,6 @@ COLUMNS = (
 # Segment averages that a human left ventricle, thin scar to gross dilatation, can have.
 PLAUSIBLE_MM = {"wall_thickness_mm": (2.0, 30.0), "endo_radius_mm": (3.0, 80.0)}
 
-SEPTUM = {"basal": (2, 3), "mid": (8, 9), "apical": (14,)}
-"""Segments of the septum by level."""
 MOST_TWIST_DEG = 50.0
 """Between the septa of two levels: one segment of 60 degrees is a mistake, twenty are a heart."""
 
@@ -178,15 +176,16 @@ def _check_sectors(path, table):
 def _check_septum(path, table):
     """The septum is on one side at all levels."""
     middle = np.radians((table["angle_from_deg"] + table["angle_to_deg"]) / 2)
-    septum = {}
-    for level, numbers in SEPTUM.items():
-        angles = middle[table["aha_segment"].isin(numbers)]
-        septum[level] = np.degrees(np.angle(np.exp(1j * angles).sum()))
-    for level, angle in septum.items():
-        away = abs((angle - septum["basal"] + 180) % 360 - 180)
+    basal = None
+    for level in ("basal", "mid", "apical"):
+        septum = [number for number in LEVELS[level] if number in WALLS["septal"]]
+        angles = middle[table["aha_segment"].isin(septum)]
+        angle = np.degrees(np.angle(np.exp(1j * angles).sum()))
+        basal = angle if basal is None else basal
+        away = abs((angle - basal + 180) % 360 - 180)
         if away > MOST_TWIST_DEG:
-            word = "segments" if len(SEPTUM[level]) > 1 else "segment"
-            numbers = f"{word} {' and '.join(map(str, SEPTUM[level]))}"
+            word = "segments" if len(septum) > 1 else "segment"
+            numbers = f"{word} {' and '.join(map(str, septum))}"
             raise InputError(
                 f"{path}: at the {level} level the middle of the septum ({numbers}) is "
                 f"{away:.0f} degrees away from that of the basal level; count angles of all levels "
