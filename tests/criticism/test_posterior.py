@@ -104,6 +104,19 @@ def test_extension_and_its_evidence(base):
     assert float(sd) == pytest.approx(float(covariance[10, 10].sqrt()), rel=0.1)
 
 
+@pytest.mark.parametrize("psi", [2.0, 2.2, 2.5, -2.5])
+def test_evidence_of_a_fit_at_the_end_of_a_range(psi):
+    """An effect as large as the range, or a quarter larger, against importance sampling."""
+    emulator, extension = ToyEmulator(), bias()
+    table = measured(emulator, extension, psi)
+    o = observe({"a": table}, emulator, 1.0)
+    model = Model(o, ExtendedEmulator(emulator, [extension]), Layout.inferred(("a",), PARAMETERS))
+    start = torch.zeros(1, len(model.low)).double()
+    fitted = fit_best(model, start)
+    posterior = sample(model, *laplace(model, fitted), 1000, 2)
+    assert float(evidence_of_fit(model, fitted)) == pytest.approx(posterior.log_evidence, abs=0.3)
+
+
 def test_leaving_out_is_a_ratio_of_evidences(base):
     model, _, posterior = base
     left_out = leave_out(posterior, 1000, 3)

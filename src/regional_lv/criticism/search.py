@@ -19,7 +19,7 @@ from dataclasses import dataclass
 
 import torch
 
-from regional_lv.criticism.fit import Fit, fit
+from regional_lv.criticism.fit import Fit, fit, white
 from regional_lv.criticism.model import Model
 from regional_lv.criticism.posterior import precisions
 from regional_lv.criticism.score import LARGEST_MATRICES, Projected, pattern_of
@@ -261,7 +261,8 @@ def _chunks(rows: list, size: int) -> list[list]:
 def log_evidence(model: Model, found: Fit, active: torch.Tensor | None = None) -> torch.Tensor:
     """Laplace's approximation (M,) at fits, as `posterior.sample` has it by importance sampling.
 
-    active: (M, k), the extensions that are free; all if None. Cut at the ends of their ranges.
+    active: (M, k), the extensions that are free; all if None. Cut at the ends of their ranges; at
+    an end beyond which the density still rises, it falls inwards with that slope, too.
     """
     count = len(model.emulator.extensions)
     if active is None:
@@ -274,13 +275,27 @@ def log_evidence(model: Model, found: Fit, active: torch.Tensor | None = None) -
     factor = torch.linalg.cholesky(precision)
     covariance = torch.cholesky_inverse(factor)
     volume = 0.5 * LOG_2PI * free.sum(-1) - factor.diagonal(dim1=-2, dim2=-1).log().sum(-1)
-    psi, sd = found.x[:, model.psi], covariance.diagonal(dim1=-2, dim2=-1)[:, model.psi].sqrt()
-    inside = [torch.special.ndtr((edge[model.psi] - psi) / sd) for edge in (model.high, model.low)]
-    cut = (inside[0] - inside[1]).clamp(min=1e-12).log()
-    width = (model.high - model.low)[model.psi].log().expand_as(cut)  # of those that are not free
-    volume = volume + torch.where(active, cut, width).sum(-1)
+    means = slice(model.means)
+    x, low, high = found.x[:, means], model.low[means], model.high[means]
+    sd = covariance.diagonal(dim1=-2, dim2=-1)[:, means].sqrt()
+    inside = torch.special.ndtr((high - x) / sd) - torch.special.ndtr((low - x) / sd)
+    error = white(found.whitening, found.residual[..., None]).flatten(1, 2)
+    slopes = white(found.whitening, found.jacobian).flatten(1, 2)
+    outwards = (x >= high).double() - (x <= low).double()
+    rise = (outwards * (slopes.mT @ error)[..., 0] * sd).clamp(min=0.0)
+    share = torch.where(rise > 0, _within(rise, (high - low) / sd), inside)
+    cut = share.clamp(min=1e-12).log()
+    width = (high - low).log().expand_as(cut)  # of those that are not free
+    volume = volume + torch.where(free[:, means], cut, width).sum(-1)
     likelihood = found.objective - 0.5 * LOG_2PI * int(model.observations.present.sum())
     if model.first_sigma < found.x.shape[1]:
         noise, sigma = model.observations.noise, found.x[:, model.first_sigma :].exp()
         likelihood = likelihood + 0.5 * sigma.square().sum(-1) / noise.prior_scale**2
     return likelihood + model.log_prior(found.x) + volume
+
+
+def _within(rise: torch.Tensor, width: torch.Tensor) -> torch.Tensor:
+    """Integral of exp(-rise t) under a standard normal density, t from 0 to `width`."""
+    near = torch.special.erfcx(rise / math.sqrt(2))
+    far = torch.special.erfcx((rise + width) / math.sqrt(2))
+    return 0.5 * (near - torch.exp(-width * (rise + width / 2)) * far)
