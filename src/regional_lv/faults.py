@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from regional_lv.errors import InputError
+from regional_lv.input_files import reason_of
 
 AGAIN = "run the same command again: what is finished is kept"
 
@@ -27,7 +28,7 @@ def explain(error: BaseException, inputs: Iterable[str], outputs: Iterable[str])
         return f"{folder}: no space left on its disk; make room and {AGAIN}"
     if isinstance(error, OSError) and number in REFUSED:
         where = error.filename or folder
-        return f"{where}: {error.strerror}; make it accessible and {AGAIN}"
+        return f"{where}: {reason_of(error)}; make it accessible and {AGAIN}"
     if isinstance(error, MemoryError) or "can't allocate memory" in str(error):
         return (
             "the memory of this machine does not suffice; run fewer jobs at a time (`--cores 1`), "

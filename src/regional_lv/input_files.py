@@ -83,8 +83,9 @@ def reading(path: str | Path, remedy: str, most_mb: float = MOST_MB) -> Iterator
             complaint = f"reading it takes more than {MOST_GB} GB of memory"
         except RecursionError:
             complaint = "it is nested too deeply"
-        # meshio ends the process over some files (SystemExit).
-        except (Exception, SystemExit) as error:
+        except SystemExit:  # meshio ends the process over some files
+            complaint = "it is damaged, or not of the kind that its name says"
+        except Exception as error:
             complaint = f"{type(error).__name__}: {str(error)[:500]}"
         else:
             return

@@ -11,6 +11,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from regional_lv.errors import InputError
+from regional_lv.input_files import reason_of
 
 NAME = "manifest.json"
 
@@ -78,7 +79,7 @@ def read_manifest(folder: str | Path) -> dict:
         content = json.loads(path.read_text())
     except OSError as error:
         raise InputError(
-            f"{path}: cannot be read ({error.strerror}); name the folder of a study that has run "
+            f"{path}: cannot be read ({reason_of(error)}); name the folder of a study that has run "
             "to its end, such as results/quick"
         ) from error
     except ValueError as error:

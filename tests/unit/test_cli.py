@@ -1,6 +1,8 @@
 """The command line: a folder written, filled in, checked and run, from anywhere."""
 
+import logging
 import re
+import warnings
 
 import numpy as np
 import pandas as pd
@@ -9,12 +11,17 @@ import yaml
 from click.testing import CliRunner
 from matplotlib.image import imread
 
+from regional_lv import config as study_config
 from regional_lv import data
+from regional_lv.aha import WALLS
 from regional_lv.channels import Channels
 from regional_lv.cli import main
+from regional_lv.cli.check import _own_words, _uneven
 from regional_lv.geometry.table import read_segments
-from regional_lv.measured import read_measured
+from regional_lv.manifest import NAME, write_manifest
+from regional_lv.measured import curves, read_measured
 from regional_lv.measured.plausibility import data_warnings, too_small
+from regional_lv.plots import style
 
 CHANNELS = Channels.of()
 
@@ -115,8 +122,63 @@ def test_a_copied_folder_and_an_uneven_wall_are_reported(call, filled, tmp_path)
     assert code == 0, lines
     found = "\n".join(lines)
     assert "warning: the folder is copy, and the results go to results/anna" in found
-    assert "heart: segment 7: the wall is " in found and "times the median of its level" in found
+    assert "warning: heart: segment 7: the wall is 27.5 mm thick" in found
     assert "still is the example, the paper's volunteer, segments 1, 2, 3, 4, 5, 6, 8" in found
+
+
+@pytest.mark.parametrize(
+    ("segment", "thickness", "expected"),
+    [
+        (12, 28.0, "2.8 times the median of the mid level"),
+        (12, 4.0, "0.4 times the median of the mid level"),
+        # Nothing else is on the apex's own level; and thin it may be.
+        (17, 28.0, "2.8 times the median of the apical level"),
+        (17, 4.0, None),
+    ],
+)
+def test_a_wall_of_uneven_thickness_is_reported_whatever_the_geometry(segment, thickness, expected):
+    meshed = pd.DataFrame({"thickness_mm": 10.0}, index=range(1, 18))
+    assert _uneven(meshed) == []
+    meshed.loc[segment] = thickness
+    found = _uneven(meshed)
+    assert len(found) == (expected is not None)
+    if expected:
+        assert found[0].startswith(f"heart: segment {segment}: the wall is {thickness:g} mm thick")
+        assert expected in found[0]
+    # What a table of segments gives is what the user can correct.
+    assert _uneven(meshed.assign(thickness_table_mm=10.0)) == []
+
+
+def test_only_the_packages_own_warnings_are_told(capsys, caplog):
+    found = []
+    with _own_words(found), warnings.catch_warnings():
+        logging.getLogger("regional_lv.geometry").warning("The mesh is %.1f mm away", 2)
+        logging.getLogger("regional_lv.geometry").info("meshed")
+        logging.getLogger("vtk").error("Generic Warning: In vtkSTLReader.cxx, line 1")
+        warnings.warn("divide by zero", RuntimeWarning, stacklevel=1)
+        print("of a library")
+    assert found == ["heart: The mesh is 2.0 mm away"]
+    assert capsys.readouterr() == ("", "")
+
+
+def test_results_of_another_folder_are_not_overwritten(call, filled, tmp_path, root):
+    """`results/anna` was written from a folder that is there; a copy of it is not run."""
+    folder, copy = filled(), tmp_path / "copy"
+    results = tmp_path / "results" / "anna"
+    results.mkdir(parents=True)
+    config, files = study_config.load(folder / "config.yaml"), ["quick.yaml", "copy/config.yaml"]
+    (tmp_path / "quick.yaml").write_text("")
+    write_manifest([], config, files, {}, results / NAME)
+    # The folder was moved, and not copied.
+    study = ("hearts/anna", "--dry-run", "--workflow", str(root))
+    copy.mkdir()
+    (copy / "config.yaml").write_text((folder / "config.yaml").read_text())
+    for arguments in (("check", "hearts/anna"), ("run", *study)):
+        code, (line,) = call(*arguments)
+        assert code == 1 and line.startswith(
+            "hearts/anna/config.yaml: study: results/anna holds the results of copy/config.yaml"
+        )
+        assert "give `study` a name of its own, or move results/anna" in line
 
 
 def test_every_channel_has_a_row_to_fill_in(call, tmp_path):
@@ -144,6 +206,8 @@ def test_fresh_folder_is_told_what_to_fill_in(call):
 
 
 def test_check_of_a_filled_folder_from_elsewhere(call, filled, monkeypatch, tmp_path):
+    drawn, figure = [], style.figure
+    monkeypatch.setattr(style, "figure", lambda *size: drawn.append(figure(*size)) or drawn[-1])
     folder = filled(("longitudinal,17,-12,%,2\n", ""))
     (tmp_path / "elsewhere").mkdir()
     monkeypatch.chdir(tmp_path / "elsewhere")
@@ -157,12 +221,23 @@ def test_check_of_a_filled_folder_from_elsewhere(call, filled, monkeypatch, tmp_
     # The heart, the segments, and three bullseyes: in every fifth of it something is drawn.
     for part in np.array_split(picture[..., :3], 5, axis=1):
         assert (part.min(-1) < 0.9).mean() > 0.2
+    # Each bullseye says where the walls are, and each scale of colours what it counts.
+    axes = drawn[0].axes
+    words = [text.get_text() for ax in axes for text in ax.texts]
+    assert [words.count(wall) for wall in WALLS] == [4] * 4
+    assert [ax.get_xlabel() for ax in axes].count("strain (%)") == 3
+    assert (picture[[0, -1], :, :3] == 1).all()  # no title or number is cut off
 
 
-def test_curves_are_checked_and_the_frame_is_reported(call, filled):
+def test_curves_are_checked_and_the_frame_is_reported(call, filled, monkeypatch):
     folder = filled()
-    rows = ["frame,circumferential_01,radial_01", "1,0,0", "2,-9,30", "3,-8.9,29", "4,-6,18"]
+    around = [f"circumferential_{segment:02d}" for segment in (1, 2, 3)]
+    rows = [f"frame,{','.join(around)},radial_01", "1,0,0,0,0", "2,-9,-9,-9,30"]
+    # One of them has a spike.
+    rows += ["3,-8.9,-8.9,-19,29", "4,-6,-6,-6,18"]
     (folder / "curves.csv").write_text("\n".join(rows))
+    read, read_lines = [], curves.read_lines
+    monkeypatch.setattr(curves, "read_lines", lambda path: read.append(path) or read_lines(path))
     config = yaml.safe_load((folder / "config.yaml").read_text())
     patient = {"source": "curves", "curves": "curves.csv", "unit": "percent"}
     patient |= {"reference": "end_diastole", "frame": "earliest_diastole", "volume_ml": 180}
@@ -170,7 +245,10 @@ def test_curves_are_checked_and_the_frame_is_reported(call, filled):
     code, lines = call("check", "hearts/anna/config.yaml")
     assert code == 0, lines
     found = "\n".join(lines)
-    assert "anna: 3 of 52 channels, hearts/anna/curves.csv; from frame 1, end" in found
+    # By the check of the configuration, and for the table.
+    assert len(read) == 2
+    assert "warning: anna: circumferential_03 is -19.0 % in frame 3, and -7.5 % by the" in found
+    assert "anna: 5 of 52 channels, hearts/anna/curves.csv; from frame 1, end" in found
     assert "back to frame 4" in found
     assert "no sd of the strains" in found
 

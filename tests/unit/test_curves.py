@@ -7,7 +7,7 @@ import pytest
 from regional_lv.channels import Channels
 from regional_lv.errors import InputError
 from regional_lv.measured import import_curves, read_curve_subject, read_measured
-from regional_lv.measured.curves import LookingBack
+from regional_lv.measured.curves import LookingBack, spikes
 from regional_lv.parameters import Parameterisation
 
 FRAMES = 20
@@ -83,7 +83,7 @@ def looking_back() -> np.ndarray:
 @pytest.mark.parametrize("measure", ["engineering", "green"])
 @pytest.mark.parametrize("reference", [0, END_SYSTOLE])
 def test_known_deformation_gives_its_strain_whatever_the_export(write, reference, measure, unit):
-    table = read_curve_subject(write(reference, measure, unit))
+    table = read_curve_subject(write(reference, measure, unit)).table
     assert table["output"].tolist() == [
         "volume_ml",
         *(f"{direction}_{segment}" for segment in ("03", "16") for direction in DIRECTIONS),
@@ -95,7 +95,7 @@ def test_known_deformation_gives_its_strain_whatever_the_export(write, reference
 
 @pytest.mark.parametrize("exponent", [1.0, 0.0, -2.0])
 def test_other_strain_measures_are_of_the_same_stretch(write, exponent):
-    value = read_curve_subject(write(), strain_exponent=exponent)["value"][1:4].to_numpy()
+    value = read_curve_subject(write(), strain_exponent=exponent).table["value"][1:4].to_numpy()
     stretch = np.sqrt(1 + 2 * looking_back())
     expected = (stretch**exponent - 1) / exponent if exponent else np.log(stretch)
     np.testing.assert_allclose(value, expected, rtol=1e-9)
@@ -103,8 +103,8 @@ def test_other_strain_measures_are_of_the_same_stretch(write, exponent):
 
 @pytest.mark.parametrize("reference", [0, END_SYSTOLE])
 def test_earliest_diastole_is_the_first_frame_that_fills(write, reference):
-    chosen = read_curve_subject(write(reference))
-    found = read_curve_subject(write(reference) | {"frame": "earliest_diastole"})
+    chosen = read_curve_subject(write(reference)).table
+    found = read_curve_subject(write(reference) | {"frame": "earliest_diastole"}).table
     pd.testing.assert_frame_equal(found, chosen)
     assert chosen["source"][1] == "curves.csv, frame 11"
 
@@ -119,9 +119,35 @@ def test_a_frame_of_a_muscle_at_work_is_doubted(unloaded, doubt):
     assert bool(found) == bool(doubt) and doubt in " ".join(found)
 
 
+def test_a_spike_is_named(write):
+    """It moves the frame that is taken as unloaded."""
+
+    def with_noise(table):
+        noise = np.random.default_rng(1).normal(0, 0.5, (FRAMES, 3))
+        noise[0] = 0
+        names = ("circumferential_08", "circumferential_09", "radial_09")
+        more = {name: table[f"{name[:-3]}_03"] for name in names}
+        return table.assign(**(pd.DataFrame(more) + noise))
+
+    def with_a_spike(table):
+        table = with_noise(table)
+        table.loc[FIRST_FILLING, "circumferential_09"] = -50
+        return table
+
+    smooth, spiky = (
+        read_curve_subject(write(change=change) | {"frame": "earliest_diastole"})
+        for change in (with_noise, with_a_spike)
+    )
+    assert smooth.back.unloaded == FIRST_FILLING and spikes(smooth.curves) == []
+    assert spiky.back.unloaded == FIRST_FILLING + 1
+    (line,) = spikes(spiky.curves)
+    assert line.startswith("circumferential_09 is -50.0 % in frame 11, and ")
+    assert " by the frames beside it; correct the value, or remove the column" in line
+
+
 def test_frames_are_counted_where_only_times_are_given(write):
-    by_time = read_curve_subject(write(clock="time_ms"))
-    np.testing.assert_array_equal(by_time["value"], read_curve_subject(write())["value"])
+    by_time, by_frame = (read_curve_subject(write(clock=c)).table for c in ("time_ms", "frame"))
+    np.testing.assert_array_equal(by_time["value"], by_frame["value"])
 
 
 def test_cycle_that_begins_at_end_systole(write):
@@ -131,7 +157,7 @@ def test_cycle_that_begins_at_end_systole(write):
 
     subject = write(END_SYSTOLE, change=rotate)
     subject |= {"frame": "earliest_diastole", "end_diastole_frame": FRAMES - END_SYSTOLE + 1}
-    value = read_curve_subject(subject)["value"][1:4]
+    value = read_curve_subject(subject).table["value"][1:4]
     np.testing.assert_allclose(value, looking_back(), rtol=1e-9)
 
 
@@ -141,7 +167,7 @@ def test_names_of_columns_may_be_written_in_other_ways_and_comments_are_allowed(
         text = file.read()
     with open(subject["curves"], "w") as file:
         file.write("# of a made-up heart\n" + text.replace("radial_03", "Radial 3"))
-    assert "radial_03" in read_curve_subject(subject)["output"].tolist()
+    assert "radial_03" in read_curve_subject(subject).table["output"].tolist()
 
 
 @pytest.mark.filterwarnings("ignore::regional_lv.measured.MeasuredWarning")

@@ -23,8 +23,8 @@ OUTPUTS = ["results/a/tables/b.csv"]
     [
         (OSError(errno.ENOSPC, "No space left on device"), ("results/a/tables: no space", "room")),
         (RuntimeError("write failed: No space left on device (28)"), ("no space left",)),
-        (OSError(errno.EROFS, "Read-only file system", "x/y.csv"), ("x/y.csv: Read-only",)),
-        (PermissionError(errno.EACCES, "Permission denied", "x/y.csv"), ("x/y.csv: Permission",)),
+        (OSError(errno.EROFS, "Read-only file system", "x/y.csv"), ("x/y.csv: read-only",)),
+        (PermissionError(errno.EACCES, "Permission denied", "x/y.csv"), ("x/y.csv: permission",)),
         (MemoryError(), ("memory", "--cores 1")),
         (RuntimeError("DefaultCPUAllocator: can't allocate memory: you tried"), ("memory",)),
     ],

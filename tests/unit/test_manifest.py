@@ -135,3 +135,12 @@ def test_what_is_no_manifest_is_said(results, content):
         path.write_text(content)
     code, (line,) = verify(results)
     assert code == 1 and line.startswith(str(path)) and "run" in line
+    assert content is not None or "cannot be read (no such file or directory)" in line
+
+
+def test_a_result_that_cannot_be_read_is_said(results):
+    file = results / "tables" / "measured_template.csv"
+    file.unlink()
+    file.mkdir()
+    line = f"{file}: cannot be read (is a directory); correct that"
+    assert verify(results) == (1, [line])

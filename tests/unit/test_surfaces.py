@@ -376,6 +376,14 @@ def test_bad_config(given, message):
     assert message in str(error.value)
 
 
+def test_a_damaged_file_is_refused_in_own_words(pair, caplog):
+    path, other = pair()
+    path.write_bytes(path.read_bytes()[:-10])
+    with pytest.raises(InputError, match=r"endo\.stl: holds no triangles, or is no STL file"):
+        read_ventricle(path, other, septum=SEPTUM)
+    assert not caplog.records  # VTK's
+
+
 def test_the_example_is_checked_from_any_folder(tmp_path, monkeypatch, root):
     """Its paths count from the folder of its configuration."""
     shutil.copytree(root / "config/examples/surfaces", tmp_path / "mine")

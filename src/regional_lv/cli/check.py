@@ -1,17 +1,24 @@
 """`regional-lv check`: errors and warnings about the input files, before anything runs."""
 
+import contextlib
+import io
 import json
+import logging
 import tempfile
 import warnings
+from collections.abc import Iterator
 from pathlib import Path
+from typing import NamedTuple
 
 import click
 import pandas as pd
 
 from regional_lv import config as study_config
+from regional_lv import manifest
 from regional_lv.aha import LEVELS
 from regional_lv.cli.folder import CONFIG, Mistakes, config_file, load
 from regional_lv.data import VOLUNTEER
+from regional_lv.errors import InputError
 from regional_lv.geometry.table import read_segments
 from regional_lv.input_files import reason_of
 from regional_lv.schema import load_schema
@@ -40,13 +47,13 @@ def inspect(path: Path, config: dict) -> None:
     """Check the heart and the measured values of a loaded configuration, print warnings, and draw
     them beside `path`.
 
-    Raises Mistakes for a geometry that cannot be meshed, and volumes that it cannot have.
+    Raises Mistakes for a geometry that cannot be meshed, volumes that it cannot have, and results
+    that are another configuration's.
     """
     # Imported here: they take seconds, and a mistake in a table need not wait for them.
     from vtkmodules.vtkCommonCore import vtkLogger
 
     from regional_lv.channels import Channels
-    from regional_lv.errors import InputError
     from regional_lv.geometry.from_config import make_heart
     from regional_lv.measured.plausibility import data_warnings, too_small
     from regional_lv.parameters import Parameterisation
@@ -56,21 +63,27 @@ def inspect(path: Path, config: dict) -> None:
     vtkLogger.SetStderrVerbosity(vtkLogger.VERBOSITY_OFF)
     own = study_config.read(path)
     _check_given(path, config, own)
+    _check_results(path, config["study"])
     parameters, channels = Parameterisation.from_config(config), Channels.from_config(config)
     exponent = config["observables"]["strain_exponent"]
-    tables = {name: _table(name, config, channels) for name in _own(config)}
+    measured = {name: _read(name, config, channels) for name in _own(config)}
+    tables = {name: subject.table for name, subject in measured.items()}
     click.echo(f"{path}: study {config['study']}, geometry {_geometry(config)}")
+    picture, found = path.parent / PICTURE, _heart_warnings(config)
     with tempfile.TemporaryDirectory() as folder:
         try:
-            mesh = make_heart(config, folder)
+            with _own_words(found):
+                mesh = make_heart(config, folder)
         except InputError as error:
+            _echo_warnings(found)
             raise Mistakes(str(error)) from None
         summary = json.loads((Path(folder) / "summary.json").read_text())
         cavity, wall = summary["cavity_volume_ml"], summary["wall_volume_ml"]
         click.echo(f"unloaded heart: cavity {cavity:.1f} mL, wall {wall:.1f} mL")
-        picture, found = path.parent / PICTURE, _heart_warnings(config)
+        found += _uneven(pd.read_csv(Path(folder) / "segments.csv", index_col="aha_segment"))
         try:
-            inputs.draw(mesh, tables, parameters, picture)
+            with _own_words(found):
+                inputs.draw(mesh, tables, parameters, picture)
         except OSError as error:
             found.append(f"{picture}: the picture cannot be written ({reason_of(error)})")
     found += _place_warnings(path, own, config)
@@ -83,17 +96,16 @@ def inspect(path: Path, config: dict) -> None:
     for name, table in tables.items():
         subject = config["subjects"][name]
         file = subject["curves" if subject["source"] == "curves" else "measured"]
-        told, doubts = _frames(name, config)
-        click.echo(f"{name}: {len(table)} of {len(channels)} channels, {file}{told}")
+        told = f"{len(table)} of {len(channels)} channels, {file}{measured[name].told}"
+        click.echo(f"{name}: {told}")
         lines = data_warnings(table, channels, len(parameters), exponent, cavity, wall)
-        found += [f"{name}: {line}" for line in (*doubts, *lines)]
+        found += [f"{name}: {line}" for line in (*measured[name].doubts, *lines)]
     if all(subject["source"] == "synthetic" for subject in config["subjects"].values()):
         found.append(
             "no measured subject; the synthetic ones of the configuration would be run: name a "
             "file in `subjects`"
         )
-    for line in found:
-        click.echo(f"warning: {line}")
+    _echo_warnings(found)
     if picture.is_file():
         click.echo(f"picture: {picture}")
     mistakes = {name: too_small(table, cavity) for name, table in tables.items()}
@@ -101,6 +113,50 @@ def inspect(path: Path, config: dict) -> None:
     if lines:
         raise Mistakes("\n".join(lines))
     click.echo(f"No errors{', but see the warnings above' if found else ''}.")
+
+
+def _echo_warnings(found: list[str]) -> None:
+    for line in found:
+        click.echo(f"warning: {line}")
+
+
+@contextlib.contextmanager
+def _own_words(found: list[str]) -> Iterator[None]:
+    """Within it, warnings that the package logs about the heart go to `found`. What libraries log,
+    warn of and print speaks of their insides, and is kept back."""
+
+    class Handler(logging.Handler):
+        def emit(self, record: logging.LogRecord) -> None:
+            if record.name.startswith("regional_lv"):
+                found.append(f"heart: {record.getMessage()}")
+
+    handler, root = Handler(logging.WARNING), logging.getLogger()
+    root.addHandler(handler)
+    try:
+        with (
+            warnings.catch_warnings(action="ignore"),
+            contextlib.redirect_stdout(io.StringIO()),
+            contextlib.redirect_stderr(io.StringIO()),
+        ):
+            yield
+    finally:
+        root.removeHandler(handler)
+
+
+def _check_results(path: Path, study: str) -> None:
+    """Raise Mistakes if the study would overwrite the results of another one of its name, whose
+    configuration is still there: the folder of one of them is a copy."""
+    results = Path("results") / study
+    try:
+        files = manifest.read_manifest(results)["configfiles"]
+    except InputError:
+        return  # no study of this name has run to its end
+    same = path.resolve() in [Path(file).resolve() for file in files]
+    if files and not same and Path(files[-1]).is_file():
+        raise Mistakes(
+            f"{path}: study: {results} holds the results of {files[-1]}, which this study would "
+            f"overwrite; give `study` a name of its own, or move {results} to another place"
+        )
 
 
 def _check_given(path: Path, config: dict, own: dict) -> None:
@@ -174,20 +230,24 @@ def _heart_warnings(config: dict) -> list[str]:
                 f"{geometry['segments']} still is the example, the paper's volunteer{which}; "
                 "overwrite it with this heart's"
             )
-        found += _uneven(own["wall_thickness_mm"])
     return [f"heart: {line}" for line in found]
 
 
-def _uneven(thickness: pd.Series) -> list[str]:
-    """Segments whose wall is of another thickness (mm, by segment) than those beside it."""
-    found = []
-    for numbers in LEVELS.values():
-        walls = thickness[thickness.index.isin(numbers)]
-        ratio = walls / walls.median()
+def _uneven(segments: pd.DataFrame) -> list[str]:
+    """Segments whose wall is of another thickness than those beside it.
+
+    segments: what was meshed, by number, beside what a table of segments gives.
+    """
+    given = "thickness_table_mm" if "thickness_table_mm" in segments else "thickness_mm"
+    thickness, found = segments[given], []
+    for level, numbers in LEVELS.items():
+        # The apex is a level of one segment, and thin in many hearts.
+        beside, least = ("apical", 0) if level == "apex" else (level, 1 / UNEVEN)
+        ratio = thickness.loc[list(numbers)] / thickness.loc[list(LEVELS[beside])].median()
         found += [
-            f"segment {number}: the wall is {walls[number]:g} mm thick, {ratio[number]:.1f} times "
-            "the median of its level; check it"
-            for number in ratio.index[~ratio.between(1 / UNEVEN, UNEVEN)]
+            f"heart: segment {number}: the wall is {thickness[number]:.3g} mm thick, "
+            f"{ratio[number]:.1f} times the median of the {beside} level; check it"
+            for number in ratio.index[~ratio.between(least, UNEVEN)]
         ]
     return found
 
@@ -197,17 +257,35 @@ def _own(config: dict) -> list[str]:
     return [n for n, s in config["subjects"].items() if s["source"] in ("file", "curves")]
 
 
-def _table(name: str, config: dict, channels) -> pd.DataFrame:
+class Measured(NamedTuple):
+    """A measured table, which frames it is between, and what is odd about these."""
+
+    table: pd.DataFrame
+    told: str
+    doubts: list[str]
+
+
+def _read(name: str, config: dict, channels) -> Measured:
     from regional_lv.measured import read_curve_subject, read_measured
+    from regional_lv.measured.curves import spikes
 
     subject, exponent = config["subjects"][name], config["observables"]["strain_exponent"]
-    if subject["source"] == "curves":
-        return read_curve_subject(subject, channels, exponent)
-    with warnings.catch_warnings():
-        # What a file lacks is reported with the other warnings.
-        warnings.simplefilter("ignore")
-        pressure = config["loading"]["pressure_mmhg"]
-        return read_measured(subject["measured"], channels, pressure, exponent)
+    if subject["source"] == "file":
+        with warnings.catch_warnings():
+            # What a file lacks is reported with the other warnings.
+            warnings.simplefilter("ignore")
+            pressure = config["loading"]["pressure_mmhg"]
+            table = read_measured(subject["measured"], channels, pressure, exponent)
+        return Measured(table, "", [])
+    curves, back, table = read_curve_subject(subject, channels, exponent)
+    start, end, systole = (
+        curves.frames[row] for row in (back.end_diastole, back.unloaded, back.end_systole)
+    )
+    told = (
+        f"; from frame {start}, end diastole, back to frame {end}, taken as unloaded, where "
+        f"{100 * back.contraction_left:.0f} % of the greatest contraction (frame {systole}) is left"
+    )
+    return Measured(table, told, [*spikes(curves), *back.doubts(curves.frames)])
 
 
 def _geometry(config: dict) -> str:
@@ -218,22 +296,3 @@ def _geometry(config: dict) -> str:
         surfaces = geometry["surfaces"]
         return f"{surfaces['endocardium']} and {surfaces['epicardium']}"
     return geometry["imported"]["file"]
-
-
-def _frames(name: str, config: dict) -> tuple[str, list[str]]:
-    """Which frames the strains of a subject with curves are between, and what is odd about it."""
-    from regional_lv.measured.curves import HOW, look_back, read_curves
-
-    subject = config["subjects"][name]
-    if subject["source"] != "curves":
-        return "", []
-    curves = read_curves(subject["curves"], subject["unit"])
-    back = look_back(subject["curves"], curves, *(subject[key] for key in HOW))
-    start, end, systole = (
-        curves.frames[row] for row in (back.end_diastole, back.unloaded, back.end_systole)
-    )
-    told = (
-        f"; from frame {start}, end diastole, back to frame {end}, taken as unloaded, where "
-        f"{100 * back.contraction_left:.0f} % of the greatest contraction (frame {systole}) is left"
-    )
-    return told, back.doubts(curves.frames)

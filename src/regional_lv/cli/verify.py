@@ -11,6 +11,7 @@ import click
 from regional_lv import config as study_config
 from regional_lv.cli.folder import Mistakes, merged
 from regional_lv.errors import InputError
+from regional_lv.input_files import reason_of
 from regional_lv.manifest import checksum, read_manifest, versions
 
 
@@ -58,7 +59,7 @@ def _files(folder: Path, manifest: Mapping) -> Iterator[str]:
         except FileNotFoundError:
             yield f"{path}: missing; run the study again"
         except OSError as error:
-            yield f"{path}: cannot be read ({error.strerror}); correct that"
+            yield f"{path}: cannot be read ({reason_of(error)}); correct that"
 
 
 def _configuration(folder: Path, manifest: Mapping, given: tuple[str, ...]) -> Iterator[str]:

@@ -19,6 +19,7 @@ from regional_lv.aha import LEVELS, SEGMENTS
 from regional_lv.errors import InputError
 from regional_lv.geometry.elements import facet_cells
 from regional_lv.geometry.mesh import ENDOCARDIUM, EPICARDIUM
+from regional_lv.geometry.segment_tags import middle_angles
 from regional_lv.geometry.summary import cell_volumes
 from regional_lv.geometry.surfaces import QUARTER, bullseye, polynomials, powers
 
@@ -208,6 +209,7 @@ def _level_borders(mesh, facets, segment, surface):
 def sector_table(mesh, surfaces, circumferential):
     """Segment table (17 rows) of the borders read off a mesh's tags, for `meshing.write_gmsh`.
 
+    Tags lie as `segment_tags.check_segment_places` wants them, which an import has checked.
     A sector's border is the angle that keeps the volumes of the two segments beside it.
     Borders of different levels that would leave less than `SNAP` of an element's width between
     them are made one. z_top_mm and z_bottom_mm only name the rings of `surfaces`.
@@ -215,24 +217,13 @@ def sector_table(mesh, surfaces, circumferential):
     corners = mesh.points[mesh.cells[:, :8]]
     angle = np.degrees(np.arctan2(corners[..., 1], corners[..., 0]))
     volume = cell_volumes(mesh)
-    lower = {}
+    middle, lower = middle_angles(mesh, volume), {}
     for name, numbers in LEVELS.items():
         if name == "apex":
             continue
-        middle = {}
-        for s in numbers:
-            mine = mesh.segment == s
-            turned = volume[mine, None] * np.exp(1j * np.radians(angle[mine]))
-            middle[s] = np.degrees(np.angle(turned.sum()))
         for s in numbers:
             following = numbers[(s - numbers[0] + 1) % len(numbers)]
             half = (middle[s] - middle[following]) % 360 / 2
-            if not 0 < half < 90:
-                raise InputError(
-                    f"the imported mesh's segments {s} and {following} do not follow each other "
-                    "clockwise seen from the base, as the AHA numbers them; correct the tags, or "
-                    "mirror the mesh"
-                )
             mine, theirs = mesh.segment == s, mesh.segment == following
             off = (angle - middle[following] - half + 180) % 360 - 180
             cut = _cut(off[mine], volume[mine], off[theirs], volume[theirs])

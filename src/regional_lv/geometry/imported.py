@@ -16,7 +16,12 @@ from regional_lv.geometry.abaqus import read_abaqus
 from regional_lv.geometry.coordinates import longitudinal_coordinate, transmural_coordinate
 from regional_lv.geometry.elements import exterior_faces
 from regional_lv.geometry.mesh import BASE, ENDOCARDIUM, EPICARDIUM, SURFACES, Mesh
-from regional_lv.geometry.segment_tags import check_segment_tags, name_elements, read_segment_tags
+from regional_lv.geometry.segment_tags import (
+    check_segment_places,
+    check_segment_tags,
+    name_elements,
+    read_segment_tags,
+)
 from regional_lv.geometry.summary import scaled_jacobians
 from regional_lv.input_files import check_counts, reading
 
@@ -48,7 +53,8 @@ def import_mesh(mesh_path, segments_path=None, unit="mm"):
             f"{mesh_path}: has no cell data `segment`; add it, or name a table of elements in "
             "geometry.imported.segments"
         )
-    check_segment_tags(segment, numbers, segments_path or mesh_path)
+    origin = segments_path or mesh_path
+    check_segment_tags(segment, numbers, origin)
     facets, _ = exterior_faces(cells)
     none = np.zeros(0)
     mesh = Mesh(points, cells, np.asarray(segment, dtype=np.int32), facets, none, none, none)
@@ -57,6 +63,7 @@ def import_mesh(mesh_path, segments_path=None, unit="mm"):
         _named_surfaces(mesh_path, mesh, named) if named else _find_surfaces(mesh_path, mesh)
     )
     _check_axis(mesh_path, mesh)
+    check_segment_places(mesh, origin)
     endo, epi = (np.unique(facets[mesh.surface == s]) for s in (ENDOCARDIUM, EPICARDIUM))
     mesh.transmural = transmural_coordinate(mesh, endo, epi)
     apices = (points[nodes, 2].min() for nodes in (endo, epi))

@@ -1,5 +1,7 @@
-"""The AHA segment of every element of an imported mesh, from the files that can hold it."""
+"""The AHA segment of every element of an imported mesh, from the files that can hold it, and
+whether the segments lie where those of the AHA do."""
 
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +10,8 @@ from scipy.io import loadmat
 from regional_lv import aha
 from regional_lv.csv_lines import error_at, read_lines
 from regional_lv.errors import InputError
+from regional_lv.geometry.summary import cell_volumes
+from regional_lv.geometry.table import check_septum
 from regional_lv.input_files import reading
 
 COLUMNS = ["element", "aha_segment"]
@@ -68,6 +72,66 @@ def check_segment_tags(segment, numbers, origin):
             f"{origin}: segment {', '.join(map(str, empty))} has no element; tag the elements of "
             "all 17 segments with the official AHA numbers"
         )
+
+
+def check_segment_places(mesh, origin):
+    """Raise InputError for segments that do not lie as those of the AHA do: level below level,
+    clockwise seen from the base, the septum on one side."""
+    volume = cell_volumes(mesh)
+    _check_heights(mesh, volume, origin)
+    middle = middle_angles(mesh, volume)
+    for level, numbers in aha.LEVELS.items():
+        if level != "apex":
+            _check_turn(level, {s: (middle[numbers[0]] - middle[s]) % 360 for s in numbers}, origin)
+    check_septum(origin, middle, "correct the tags of one of the two levels")
+
+
+def _check_heights(mesh, volume, origin):
+    """In each wall, every segment lies above those of the next level."""
+    z = mesh.points[mesh.cells].mean(axis=1)[:, 2]
+    height = {
+        s.number: np.average(z[mesh.segment == s.number], weights=volume[mesh.segment == s.number])
+        for s in aha.SEGMENTS
+    }
+    for wall in aha.WALLS.values():
+        down = [*wall, *aha.LEVELS["apex"]]
+        levels = [[s for s in down if s in numbers] for numbers in aha.LEVELS.values()]
+        for above, below in pairwise(levels):
+            upper, lower = min(above, key=height.get), max(below, key=height.get)
+            if height[upper] <= height[lower]:
+                at = [
+                    f"segment {s} ({aha.SEGMENTS[s - 1].name}) is at z = {height[s]:.0f} mm"
+                    for s in (upper, lower)
+                ]
+                raise InputError(
+                    f"{origin}: the middle of {at[0]}, and that of {at[1]}; correct the tags: "
+                    "levels go from the base (z = 0) down to the apex"
+                )
+
+
+def _check_turn(level, turn, origin):
+    """turn: angle (degrees) from a level's first segment clockwise to each, by number."""
+    steps = np.diff([*turn.values(), 360])
+    if not ((steps > 0) & (steps < 180)).all():
+        first, *others = sorted(turn, key=turn.get)
+        found = ", ".join(f"{s} at {turn[s]:.0f} degrees" for s in others)
+        raise InputError(
+            f"{origin}: clockwise seen from the base, segment {first} of the {level} level is "
+            f"followed by {found}; the AHA's order is {', '.join(map(str, turn))}, each less than "
+            "180 degrees after the one before: correct the tags, or mirror the mesh"
+        )
+
+
+def middle_angles(mesh, volume):
+    """Angle (degrees) about the long axis of the middle of each segment, by number.
+
+    volume (m,): of the cells.
+    """
+    x, y, _ = np.moveaxis(mesh.points[mesh.cells[:, :8]], -1, 0)
+    turned = volume[:, None] * np.exp(1j * np.arctan2(y, x))
+    return {
+        s.number: np.degrees(np.angle(turned[mesh.segment == s.number].sum())) for s in aha.SEGMENTS
+    }
 
 
 def name_elements(numbers):

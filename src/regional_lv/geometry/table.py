@@ -72,7 +72,12 @@ def read_segments(path):
     _check_sizes(path, table)
     _check_levels(path, table)
     _check_sectors(path, table)
-    _check_septum(path, table)
+    middle = (table["angle_from_deg"] + table["angle_to_deg"]) / 2
+    check_septum(
+        path,
+        dict(zip(table["aha_segment"], middle, strict=True)),
+        "count angles of all levels from one direction, and check the numbers of the segments",
+    )
     table.index = table.index.rename("line")
     return table.reset_index()
 
@@ -173,13 +178,16 @@ def _check_sectors(path, table):
             )
 
 
-def _check_septum(path, table):
-    """The septum is on one side at all levels."""
-    middle = np.radians((table["angle_from_deg"] + table["angle_to_deg"]) / 2)
+def check_septum(path, middle, remedy):
+    """Raise InputError unless the septum is on one side at all levels.
+
+    path: of the segments, and what to do about it (`remedy`), for the message. middle: angle
+    (degrees) of the middle of each segment, by number.
+    """
     basal = None
     for level in ("basal", "mid", "apical"):
         septum = [number for number in LEVELS[level] if number in WALLS["septal"]]
-        angles = middle[table["aha_segment"].isin(septum)]
+        angles = np.radians([middle[number] for number in septum])
         angle = np.degrees(np.angle(np.exp(1j * angles).sum()))
         basal = angle if basal is None else basal
         away = abs((angle - basal + 180) % 360 - 180)
@@ -188,6 +196,5 @@ def _check_septum(path, table):
             numbers = f"{word} {' and '.join(map(str, septum))}"
             raise InputError(
                 f"{path}: at the {level} level the middle of the septum ({numbers}) is "
-                f"{away:.0f} degrees away from that of the basal level; count angles of all levels "
-                "from one direction, and check the numbers of the segments"
+                f"{away:.0f} degrees away from that of the basal level; {remedy}"
             )

@@ -184,7 +184,8 @@ def _read(path):
 def _read_stl(path):
     reader = vtkSTLReader()
     reader.SetFileName(str(path))
-    with pyvista.vtk_verbosity("off"):
+    # A file that VTK cannot read leaves no triangles, which is said in words by the caller.
+    with pyvista.VtkErrorCatcher(send_to_logging=False):
         reader.Update()
     return pyvista.wrap(reader.GetOutput())
 

@@ -45,6 +45,11 @@ FILLING = 0.1
 
 LARGEST_FRACTION = 1.5
 """Strains of a heart as fractions are smaller everywhere; in percent, some are larger."""
+
+SPIKE_SHARE, SPIKE_NOISE = 0.25, 12.0
+"""A value is a spike if it is off by this share of the range of its direction, and by so many times
+what is usual there. In the published cine no value is off by more than 0.18 of the range."""
+
 AT_REFERENCE = 0.1
 """A curve is at its reference where it is within this share of its range from zero."""
 
@@ -203,6 +208,37 @@ def _check_unit(path: str | Path, strains: np.ndarray, unit: str) -> float:
     return 0.01 if unit == "percent" else 1.0
 
 
+def spikes(curves: Curves) -> list[str]:
+    """Curves that jump in a single frame, in sentences: such a value counts for the frame that is
+    chosen as much as a true one. (A median over the segments would hide it, and with it walls that
+    contract at another time: the published cine would be taken one frame earlier.)
+
+    A value's distance from the mean of the two frames beside it is compared with that of the other
+    segments of its direction in the same frame. It takes three segments, and the first and the last
+    frame are left out.
+    """
+    found = []
+    for quantity in dict.fromkeys(channel.quantity for channel in curves.channels):
+        own = [i for i, channel in enumerate(curves.channels) if channel.quantity == quantity]
+        if len(own) < 3:
+            continue
+        strains = curves.strains[:, own]
+        beside = (strains[:-2] + strains[2:]) / 2
+        jump = strains[1:-1] - beside
+        off = np.abs(jump - np.median(jump, axis=1, keepdims=True))
+        usual, extent = np.median(off), np.ptp(np.median(strains, axis=1))
+        # The frames beside a spike are off, too, by half as much.
+        for column, row in enumerate(off.argmax(axis=0)):
+            if off[row, column] > max(SPIKE_SHARE * extent, SPIKE_NOISE * usual):
+                found.append(
+                    f"{curves.channels[own[column]].name} is {100 * strains[row + 1, column]:.1f} "
+                    f"% in frame {curves.frames[row + 1]}, and {100 * beside[row, column]:.1f} % "
+                    "by the frames beside it; correct the value, or remove the column: a spike "
+                    "can move the frame of the greatest contraction and the unloaded one"
+                )
+    return found
+
+
 def look_back(
     path: str | Path,
     curves: Curves,
@@ -312,10 +348,19 @@ def _first_filling(path: str | Path, curves: Curves, contraction: np.ndarray) ->
     return end_systole + int(fills.argmax())
 
 
+class CurveSubject(NamedTuple):
+    """The curves of a subject, the frames that were taken of them, and the measured table (as of
+    `read_measured`) that they give."""
+
+    curves: Curves
+    back: LookingBack
+    table: pd.DataFrame
+
+
 def read_curve_subject(
     subject: Mapping, channels: Channels | None = None, strain_exponent: float = 2.0
-) -> pd.DataFrame:
-    """The measured table (as of `read_measured`) of a subject whose `source` is `curves`.
+) -> CurveSubject:
+    """Read a subject whose `source` is `curves`.
 
     subject: the entry of the configuration (`curves`, `unit`, `reference`, `measure`, `frame`,
     `end_diastole_frame`, `volume_ml`, `sd`). channels: what the study observes; if given, nothing
@@ -342,7 +387,7 @@ def read_curve_subject(
         volume["sd"] = np.nan if subject["sd"]["volume"] is None else subject["sd"]["volume"]
         table = pd.concat([volume, table], ignore_index=True)
     table["source"] = f"{Path(path).name}, frame {curves.frames[back.unloaded]}"
-    return table
+    return CurveSubject(curves, back, table)
 
 
 def import_curves(
@@ -355,7 +400,7 @@ def import_curves(
 ) -> None:
     """Write the measured table of a subject's `curves` to `measured`; the rest is as in
     `read_curve_subject`. Warns of what it cannot tell about `parameters`."""
-    table = read_curve_subject({**subject, "curves": curves}, channels, strain_exponent)
+    table = read_curve_subject({**subject, "curves": curves}, channels, strain_exponent).table
     for shortcoming in shortcomings(table, len(parameters)):
         warnings.warn(f"{curves}: {shortcoming}", MeasuredWarning, stacklevel=2)
     write_measured(table, measured)

@@ -249,6 +249,33 @@ def outline_zones(
         ax.add_patch(shape.patch(fill=False, edgecolor=colour, linewidth=linewidth))
 
 
+def name(ax: Axes, text: str, shape: ZoneShape) -> None:
+    """Write the name of a part of the disk outside the rim beside it, or inside above its middle.
+
+    Outside, it needs axes with `NAMED` as the margin.
+    """
+    x, y = shape.centre
+    middle: dict = {"ha": "center", "va": "center"}
+    if x == y == 0 or max(SEGMENT_CELLS[number - 1].outer for number in shape.segments) < 1:
+        ax.text(x, y + 0.12, text, **middle)
+        return
+    angle = np.arctan2(y, x)
+    # Along the rim, and never upside down.
+    turned = np.degrees(angle) + (-90 if y > -1e-6 else 90)
+    ax.text(1.07 * np.cos(angle), 1.07 * np.sin(angle), text, rotation=turned, **middle)
+
+
+def name_walls(ax: Axes) -> None:
+    """Write anterior, septal, inferior and lateral around the disk."""
+    for wall, numbers in aha.WALLS.items():
+        name(ax, wall, ZoneShape(numbers))
+    frame(ax, NAMED)
+
+
+NAMED = 0.17
+"""Margin of axes with names around the disk."""
+
+
 def frame(ax: Axes, margin: float = 0.03) -> None:
     """Square axes around the disk, without ticks."""
     ax.set(xlim=(-1 - margin, 1 + margin), ylim=(-1 - margin, 1 + margin), aspect="equal")

@@ -34,7 +34,7 @@ def draw(
     summary = summarise(chosen)
     norm = Normalize(*_limits(summary))
     columns = [(label, factor) for label in labels for factor in parameters.factors]
-    side = 2.3 if len(parameters.zones) <= bullseye.FEW_ZONES else 3.6
+    side = 2.7 if len(parameters.zones) <= bullseye.FEW_ZONES else 3.6
     fig = style.figure(max(8.0, side * len(columns) + 1.3), 2 * side + 1.0)
     axes = scenarios.panels(fig, 2, len(columns))
     for pair, (label, factor) in zip(axes.T, columns, strict=True):

@@ -7,11 +7,10 @@ import numpy as np
 import pandas as pd
 import pyvista
 from matplotlib.axes import Axes
-from matplotlib.colors import Normalize
 
 from regional_lv import aha
 from regional_lv.parameters import Parameterisation
-from regional_lv.plots import bullseye, heart, style
+from regional_lv.plots import bullseye, heart, measured_strains, style
 from regional_lv.quantities import QUANTITIES
 
 SUBDIVISION = 3
@@ -41,6 +40,7 @@ def draw(
     numbers = [str(segment.number) for segment in aha.SEGMENTS]
     colours = [parameters.colours[zone] for zone in zones]
     bullseye.paint(axes[0, 1], colours, numbers, parameters)
+    bullseye.name_walls(axes[0, 1])
     axes[0, 1].set_title("AHA segments, seen from the apex")
     for row, (subject, table) in zip(axes, tables.items(), strict=False):
         full = table[table["load_fraction"] == 1]
@@ -48,8 +48,11 @@ def draw(
         head = subject if volume.empty else f"{subject}, {volume.iloc[0]:.0f} mL"
         for ax, direction in zip(row[OF_THE_HEART:], directions, strict=True):
             own = full[full["quantity"] == direction]
-            _strains(ax, own)
-            ax.set_title(f"{head}\n{direction} strain {'(%)' if len(own) else 'not measured'}")
+            scale = measured_strains.paint(ax, own, measured_strains.limits(own), parameters)
+            bullseye.name_walls(ax)
+            ax.set_title(f"{head}\n{direction} strain{'' if len(own) else ' not measured'}")
+            if len(own):
+                measured_strains.add_scale(fig, scale, [ax])
     fig.savefig(png, dpi=style.DPI, format="png", facecolor="white", metadata={"Software": None})
 
 
@@ -59,12 +62,3 @@ def _heart(ax: Axes, mesh: Path, parameters: Parameterisation) -> None:
     zone = parameters.segment_zone[np.asarray(grid.cell_data["segment"]) - 1]
     ax.imshow(heart.render(grid, np.array(colours)[zone]))
     ax.set_title("Unloaded heart, cut open")
-
-
-def _strains(ax: Axes, rows: pd.DataFrame) -> None:
-    values = np.full(len(aha.SEGMENTS), np.nan)
-    values[rows["segment"].to_numpy(int) - 1] = 100 * rows["value"]
-    labels = [f"{value:.0f}" if np.isfinite(value) else "" for value in values]
-    known = values[np.isfinite(values)]
-    norm = Normalize(*(known.min(), known.max()) if len(known) else (0, 1))
-    bullseye.paint_values(ax, values, norm, "viridis", labels)

@@ -4,7 +4,11 @@ from pathlib import Path
 
 import matplotlib
 import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
 
 from regional_lv import aha
 from regional_lv.measured import read_measured
@@ -32,15 +36,11 @@ def draw(
     axes = fig.subplots(max(len(loads), 1), max(len(directions), 1), squeeze=False)
     for column, direction in zip(axes.T, directions, strict=False):
         part = strains[strains["quantity"] == direction]
-        norm = Normalize(100 * part["value"].min(), 100 * part["value"].max())
+        norm = limits(part)
         for ax, load in zip(column, loads, strict=True):
-            here = part[part["load_fraction"] == load].set_index("segment")["value"]
-            values = 100 * here.reindex([s.number for s in aha.SEGMENTS]).to_numpy(float)
-            labels = [f"{v:.0f}" if np.isfinite(v) else "" for v in values]
-            with matplotlib.rc_context({"font.size": 8}):
-                scale = bullseye.paint_values(ax, values, norm, "cividis", labels, parameters)
+            scale = paint(ax, part[part["load_fraction"] == load], norm, parameters)
             ax.set_title(f"{direction}{style.load_label(load)}", pad=2)
-        fig.colorbar(scale, ax=list(column), location="bottom", shrink=0.8, label="strain (%)")
+        add_scale(fig, scale, list(column))
     if strains.empty:
         axes[0, 0].text(0, 0, "no strain was measured", ha="center")
         bullseye.frame(axes[0, 0])
@@ -49,3 +49,25 @@ def draw(
     written = strains[columns].copy()
     written.insert(0, "subject", subject)
     style.save(fig, written, png, csv)
+
+
+def limits(rows: pd.DataFrame) -> Normalize:
+    """Colours from the smallest to the largest strain (per cent) of a measured table's `rows`."""
+    return Normalize(100 * rows["value"].min(), 100 * rows["value"].max())
+
+
+def paint(
+    ax: Axes, rows: pd.DataFrame, norm: Normalize, parameters: Parameterisation
+) -> ScalarMappable:
+    """A bullseye of the strains of `rows`, one direction and one load of a measured table, in per
+    cent; segments without a row are grey. Return the colour scale."""
+    strains = rows.set_index("segment")["value"].reindex([s.number for s in aha.SEGMENTS])
+    values = 100 * strains.to_numpy(float)
+    labels = [f"{v:.0f}" if np.isfinite(v) else "" for v in values]
+    with matplotlib.rc_context({"font.size": 8}):
+        return bullseye.paint_values(ax, values, norm, "cividis", labels, parameters)
+
+
+def add_scale(fig: Figure, scale: ScalarMappable, axes: list[Axes]) -> None:
+    """The bar that says what the colours of the bullseyes `axes` mean."""
+    fig.colorbar(scale, ax=axes, location="bottom", shrink=0.8, label="strain (%)")

@@ -5,7 +5,6 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pyvista
-from matplotlib.axes import Axes
 
 from regional_lv import aha
 from regional_lv.parameters import Parameterisation
@@ -36,24 +35,9 @@ def draw(mesh: Path, parameters: Parameterisation, png: Path, csv: Path) -> None
     right.set_title("AHA segments, seen from the apex", pad=2)
     if len(parameters.zones) < len(aha.SEGMENTS):
         for name, shape in bullseye.zone_shapes(parameters).items():
-            _name(right, name, shape)
-    bullseye.frame(right, margin=0.17)
+            bullseye.name(right, style.zone_label(name), shape)
+    bullseye.frame(right, bullseye.NAMED)
     style.save(fig, _table(grid, parameters), png, csv)
-
-
-def _name(ax: Axes, zone: str, shape: bullseye.ZoneShape) -> None:
-    """The zone's name: outside the rim beside it, or inside above the middle."""
-    x, y = shape.centre
-    cells = [bullseye.SEGMENT_CELLS[number - 1] for number in shape.segments]
-    text = style.zone_label(zone)
-    middle: dict = {"ha": "center", "va": "center"}
-    if x == y == 0 or max(cell.outer for cell in cells) < 1:
-        ax.text(x, y + 0.12, text, **middle)
-        return
-    angle = np.arctan2(y, x)
-    # Along the rim, and never upside down.
-    turned = np.degrees(angle) + (-90 if y > -1e-6 else 90)
-    ax.text(1.07 * np.cos(angle), 1.07 * np.sin(angle), text, rotation=turned, **middle)
 
 
 def _picture(grid: pyvista.UnstructuredGrid, parameters: Parameterisation) -> np.ndarray:
