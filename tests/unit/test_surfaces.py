@@ -376,9 +376,18 @@ def test_bad_config(given, message):
     assert message in str(error.value)
 
 
+@pytest.mark.parametrize("lost", [10, 50, 5000])
+def test_a_file_that_is_cut_off_is_refused(lost, pair):
+    """Also at the end of a triangle, where VTK reads what is left."""
+    path, other = pair()
+    path.write_bytes(path.read_bytes()[:-lost])
+    with pytest.raises(InputError, match=r"endo\.stl: announces \d+ triangles and holds \d+;"):
+        read_ventricle(path, other, septum=SEPTUM)
+
+
 def test_a_damaged_file_is_refused_in_own_words(pair, caplog):
     path, other = pair()
-    path.write_bytes(path.read_bytes()[:-10])
+    path.write_text("solid heart\n facet normal a b c\n")
     with pytest.raises(InputError, match=r"endo\.stl: holds no triangles, or is no STL file"):
         read_ventricle(path, other, septum=SEPTUM)
     assert not caplog.records  # VTK's

@@ -48,6 +48,8 @@ INSERTION_MM = 20.0
 SMALLEST_SEPTUM_ARC_DEG = 30.0
 # Share of a surface's area that may be hidden from the base's middle.
 FOLDED = 0.02
+# Bytes of a binary STL file before its triangles, the last four their number, and of a triangle.
+STL_HEADER, STL_TRIANGLE = 84, 50
 
 
 @dataclass
@@ -182,6 +184,15 @@ def _read(path):
 
 
 def _read_stl(path):
+    content = path.read_bytes()
+    if not content.startswith(b"solid") and len(content) >= STL_HEADER:
+        announced = int.from_bytes(content[STL_HEADER - 4 : STL_HEADER], "little")
+        held = (len(content) - STL_HEADER) // STL_TRIANGLE
+        if held < announced:
+            raise InputError(
+                f"{path}: announces {announced} triangles and holds {held}; it is cut off or "
+                "damaged: export it again"
+            )
     reader = vtkSTLReader()
     reader.SetFileName(str(path))
     # A file that VTK cannot read leaves no triangles, which is said in words by the caller.
