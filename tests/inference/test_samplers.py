@@ -213,6 +213,27 @@ def test_a_wrong_surrogate_costs_draws_and_not_correctness(monkeypatch):
     np.testing.assert_allclose(theta.std(0), sd.numpy(), rtol=0.2)
 
 
+def test_an_exact_surrogate_is_checked_at_some_draws(monkeypatch):
+    """And what is not computed would have changed nothing."""
+    _, truth, likelihood = observed(0.02, 2.0)
+    evaluated, potential = [], Target.potential
+
+    def counted(self, position, *variance):
+        evaluated.append(0 if variance else len(position))
+        return potential(self, position, *variance)
+
+    monkeypatch.setattr(Target, "potential", counted)
+    *_, found = approximate(likelihood, truth, NONE, torch.Generator().manual_seed(1))
+    position = found.found.u[:2400]
+    evaluated.clear()
+    energy, lacking = found.exact(position)
+    assert sum(evaluated) == 300
+    exact = potential(found.target, position)
+    torch.testing.assert_close(energy, exact, rtol=0.0, atol=0.02)
+    weights = torch.softmax(lacking, 0), torch.softmax(energy + lacking - exact, 0)
+    torch.testing.assert_close(*(w @ position for w in weights), rtol=0.0, atol=1e-3)
+
+
 def test_same_seed_same_draws(sample):
     _, truth, likelihood = observed(0.02, 2.0)
     first, again, other = (

@@ -33,6 +33,10 @@ NARROW = 0.7
 """Of the Gaussian at a maximum, where the first ones are made: it is too wide where the posterior
 bends."""
 
+CHECKED = 8
+"""One in so many draws has its exact density computed in any case. With an exact process of 5,661
+simulations the log weights of 2,400 draws have an sd of 0.0003 and take most of the time."""
+
 REFINEMENTS = 2
 """Approximations at the end, each about the draws of the one before."""
 
@@ -52,10 +56,22 @@ class Approximation:
     @torch.no_grad()
     def exact(self, position: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Potential of the target at positions (N, S), and log weights of draws of the surrogate
-        for it: (N,) each."""
-        parts = position.split(CHUNK)
-        energy = torch.cat([self.target.potential(part) for part in parts])
-        return energy, torch.cat([self.surrogate(part) for part in parts]) - energy
+        for it: (N,) each.
+
+        Where the weights of one draw in `CHECKED` are even, the others are not computed: the
+        surrogate is the target but for a constant.
+        """
+        cheap = self._potential(self.surrogate, position)
+        lacking = cheap[::CHECKED] - self._potential(self.target.potential, position[::CHECKED])
+        if lacking.std() < importance.EVEN:
+            shift = lacking.mean()
+            return cheap - shift, shift.expand_as(cheap)
+        energy = self._potential(self.target.potential, position)
+        return energy, cheap - energy
+
+    @staticmethod
+    def _potential(potential: Potential, position: torch.Tensor) -> torch.Tensor:
+        return torch.cat([potential(part) for part in position.split(CHUNK)])
 
     def places(self, generator: torch.Generator) -> torch.Tensor:
         """Positions (PLACES, S) spread like the posterior."""

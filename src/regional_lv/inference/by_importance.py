@@ -16,7 +16,7 @@ from regional_lv.inference.draws import Draws, Settings
 from regional_lv.inference.likelihood import Likelihood
 
 CORRECTED = 2
-"""Exact densities that are evaluated for each draw that is kept."""
+"""Draws that are weighted by the exact density for each one that is kept."""
 
 EVEN = 0.5
 """Share of the log weights by which draws are chosen for the exact density. The rest remains for

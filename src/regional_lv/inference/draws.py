@@ -36,10 +36,10 @@ class Settings:
 class Draws:
     """One posterior, by either sampler.
 
-    theta (chain, draw, P); sigma (chain, draw, G), in training sd; energy (the exact -log density
-    in the sampler's coordinates), acceptance_rate (1 of independent draws), diverging: (chain,
-    draw). pareto_k: shape of the tail of the importance weights; NaN if these are even.
-    weighted_ess: effective sample size that the weights leave. seconds: wall time.
+    theta (chain, draw, P); sigma (chain, draw, G), in training sd; energy (-log density in the
+    sampler's coordinates, exact within `importance.EVEN`), acceptance_rate (1 of independent
+    draws), diverging: (chain, draw). pareto_k: shape of the tail of the importance weights; NaN if
+    these are even. weighted_ess: effective sample size that the weights leave. seconds: wall time.
     """
 
     theta: np.ndarray
