@@ -84,7 +84,7 @@ def fit(
         mean, jacobian[rows] = model.linearise(x, None if active is None else active[rows])
         residual[rows] = y[rows] - mean
         w = _whitening(model, shared, mask, rows, x)
-        gradient, curvature = _normal_equations(model, w, residual[rows], jacobian[rows], x)
+        gradient, curvature = normal_equations(model, w, residual[rows], jacobian[rows], x)
         return gradient * unit, curvature * unit[:, None] * unit
 
     u, objective, _ = maximise(
@@ -113,7 +113,7 @@ def _objective(model, w, residual, x):
     return -0.5 * distance + logs - 0.5 * scales / noise.prior_scale**2
 
 
-def _normal_equations(model, w, residual, jacobian, x):
+def normal_equations(model, w, residual, jacobian, x):
     """Gradient (M, P) and expected information (M, P, P) of the objective."""
     m, p, r = len(x), x.shape[1], jacobian.shape[-1]
     slopes = white(w, jacobian).flatten(1, 2)

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 
 import torch
 
-from regional_lv.criticism.fit import Fit, fit, white
+from regional_lv.criticism.fit import Fit, fit, normal_equations
 from regional_lv.criticism.model import Model
 from regional_lv.criticism.posterior import precisions
 from regional_lv.criticism.score import LARGEST_MATRICES, Projected, pattern_of
@@ -279,10 +279,10 @@ def log_evidence(model: Model, found: Fit, active: torch.Tensor | None = None) -
     x, low, high = found.x[:, means], model.low[means], model.high[means]
     sd = covariance.diagonal(dim1=-2, dim2=-1)[:, means].sqrt()
     inside = torch.special.ndtr((high - x) / sd) - torch.special.ndtr((low - x) / sd)
-    error = white(found.whitening, found.residual[..., None]).flatten(1, 2)
-    slopes = white(found.whitening, found.jacobian).flatten(1, 2)
+    parts = found.whitening, found.residual, found.jacobian
+    gradient, _ = normal_equations(model, *parts, found.x)
     outwards = (x >= high).double() - (x <= low).double()
-    rise = (outwards * (slopes.mT @ error)[..., 0] * sd).clamp(min=0.0)
+    rise = (outwards * gradient[:, means] * sd).clamp(min=0.0)
     share = torch.where(rise > 0, _within(rise, (high - low) / sd), inside)
     cut = share.clamp(min=1e-12).log()
     width = (high - low).log().expand_as(cut)  # of those that are not free
