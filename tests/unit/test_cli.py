@@ -16,7 +16,7 @@ from regional_lv import data
 from regional_lv.aha import WALLS
 from regional_lv.channels import Channels
 from regional_lv.cli import main
-from regional_lv.cli.check import _own_words, _uneven
+from regional_lv.cli.check import _own_words, _uneven, _unusual
 from regional_lv.geometry.table import read_segments
 from regional_lv.manifest import NAME, write_manifest
 from regional_lv.measured import curves, read_measured
@@ -147,6 +147,22 @@ def test_a_wall_of_uneven_thickness_is_reported_whatever_the_geometry(segment, t
         assert expected in found[0]
     # What a table of segments gives is what the user can correct.
     assert _uneven(meshed.assign(thickness_table_mm=10.0)) == []
+
+
+@pytest.mark.parametrize(
+    ("thickness", "cavity", "expected"),
+    [
+        (9.0, 105.0, []),
+        (19.0, 60.0, []),  # hypertrophic
+        (25.0, 105.0, ["the median thickness of the wall is 25 mm"]),
+        (9.0, 10.5, ["the unloaded cavity has 10.5 mL"]),
+        (2.5, 1050.0, ["thickness of the wall is 2.5 mm", "cavity has 1050 mL"]),
+    ],
+)
+def test_a_heart_of_unusual_size_is_reported(thickness, cavity, expected):
+    found = _unusual(thickness, cavity)
+    assert len(found) == len(expected)
+    assert all(part in line for part, line in zip(expected, found, strict=True))
 
 
 def test_only_the_packages_own_warnings_are_told(capsys, caplog):

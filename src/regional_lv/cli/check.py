@@ -28,6 +28,10 @@ PICTURE = "check.png"
 UNEVEN = 2.0
 """Ratio of a wall's thickness to the median of its level, either way, beyond which it is odd."""
 
+USUAL = {"thickness_mm": (4.0, 20.0), "cavity_ml": (25.0, 400.0)}
+"""Median thickness of the wall and cavity of an unloaded adult ventricle, hypertrophic and dilated
+ones among them. A heart outside may be right, and is more often in another unit."""
+
 SIZES = ["wall_thickness_mm", "endo_radius_mm"]
 
 LOW_PRESSURE_MMHG, HIGH_PRESSURE_MMHG = 3.0, 30.0
@@ -80,7 +84,9 @@ def inspect(path: Path, config: dict) -> None:
         summary = json.loads((Path(folder) / "summary.json").read_text())
         cavity, wall = summary["cavity_volume_ml"], summary["wall_volume_ml"]
         click.echo(f"unloaded heart: cavity {cavity:.1f} mL, wall {wall:.1f} mL")
-        found += _uneven(pd.read_csv(Path(folder) / "segments.csv", index_col="aha_segment"))
+        segments = pd.read_csv(Path(folder) / "segments.csv", index_col="aha_segment")
+        found += _uneven(segments)
+        found += _unusual(segments["thickness_mm"].median(), cavity)
         try:
             with _own_words(found):
                 inputs.draw(mesh, tables, parameters, picture)
@@ -251,6 +257,24 @@ def _uneven(segments: pd.DataFrame) -> list[str]:
             f"{ratio[number]:.1f} times the median of the {beside} level; check it"
             for number in ratio.index[~ratio.between(least, UNEVEN)]
         ]
+    return found
+
+
+def _unusual(thickness_mm: float, cavity_ml: float) -> list[str]:
+    """Sizes of the whole heart that few adults have."""
+    found = []
+    low, high = USUAL["thickness_mm"]
+    if not low < thickness_mm < high:
+        found.append(
+            f"heart: the median thickness of the wall is {thickness_mm:.3g} mm, few adult "
+            f"ventricles are outside {low:g} to {high:g} mm; check the unit and the surfaces"
+        )
+    low, high = USUAL["cavity_ml"]
+    if not low < cavity_ml < high:
+        found.append(
+            f"heart: the unloaded cavity has {cavity_ml:.4g} mL, few adult ventricles are outside "
+            f"{low:g} to {high:g} mL; check the unit"
+        )
     return found
 
 
