@@ -295,6 +295,23 @@ def test_a_cause_that_the_emulators_have_wrong_gets_its_simulations():
     assert row["interval95"][0] < 1.0 < row["interval95"][1]
 
 
+def test_what_simulations_do_to_a_set_is_expected_of_its_rivals():
+    """Two causes do nearly the same, and the emulators have both wrong in the same way. Only one is
+    simulated; that it then fits says nothing against the other."""
+    true, settings = basal(), replace(SETTINGS, sets=1, rounds=1)
+    wrong = pattern("circumferential", range(7, 13), 0.04)
+    name = "fibre_rotation"
+    other = Extension(Hypothesis(name, 0.0, 0.0, 2.0), true.pattern + pattern("radial", [3], 0.005))
+    known = [
+        Extension(cause.hypothesis, cause.pattern + wrong, component=cause.component)
+        for cause in (true, other)
+    ]
+    given = inputs({"heart": with_effects((true, 1.0))}, known, (), settings)
+    found = criticise(given, simulate([true, other]))
+    assert [s["confirmed"] for s in found["sets"]].count(True) == 1
+    assert found["named"] == [] and answered(found) == {"basal_motion", name}
+
+
 def test_differences_are_counted_in_noise_where_there_is_noise():
     """Twice the noise in a strain; a volume that is taken as exact, and a channel not observed."""
     model = SimpleNamespace(

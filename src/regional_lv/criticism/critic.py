@@ -46,12 +46,9 @@ whose log posterior probability comes so near to the best one's."""
 LEAST_PROBABILITY = 0.01
 """Of a set that is simulated, or sampled."""
 
-SMALLER = 2
-"""Sets with one cause less than the best one that are simulated before rivals of it."""
-
 WORTH_A_TRIAL = 30.0
-"""Log posterior probability by which the best set without a cause may be behind and still be
-simulated. Those further behind would take the turn of more probable sets."""
+"""Log posterior probability by which a set without one of the best set's causes may be behind and
+still be simulated before others."""
 
 MOST_SAMPLED = 3
 """Sets whose posterior is sampled."""
@@ -269,17 +266,17 @@ class Critic:
         if not (searched.detected and searched.sets):
             return pd.DataFrame(columns=columns)
         best, *others = self._weighed(searched, simulations)[0]
-        # What single effects do to each other may pass for one more cause: the sets with one less
-        # are simulated, too.
-        smaller = [s for s in others if set(s.members) < set(best.members)]
-        smaller = [s for s in smaller if len(s.members) == len(best.members) - 1]
-        likely = [s for s in others if s.probability >= LEAST_PROBABILITY]
-        # Nor may a cause be named because the emulators have the sets without it wrong.
+        # What single effects do to each other may pass for one more cause, so that the sets with
+        # one less are simulated; and no cause is named because the emulators have the sets without
+        # it wrong. The nearest of these rivals come first.
         by_members = {s.members: s for s in others}
-        without = [by_members[m] for m in _without_each(best.members, by_members)]
-        limit = best.log_evidence + best.log_prior - WORTH_A_TRIAL
-        without = [s for s in without if s.log_evidence + s.log_prior >= limit]
-        order = [best, *smaller[:SMALLER], *likely, *without, *smaller[SMALLER:]]
+        fewer = len(best.members) - 1
+        smaller = [m for m in by_members if set(m) < set(best.members) and len(m) == fewer]
+        rivals = {*smaller, *_without_each(best.members, by_members)}
+        limit = best.log_posterior - WORTH_A_TRIAL
+        near = [s for s in others if s.members in rivals and s.log_posterior >= limit]
+        likely = [s for s in others if s.probability >= LEAST_PROBABILITY]
+        order = [best, *near, *likely, *(by_members[m] for m in smaller)]
         wanted = [s for s in order if s.probability >= LEAST_PROBABILITY or not s.confirmed]
         rows: list[dict] = []
         for one in list({s.members: s for s in wanted}.values())[: self.settings.sets]:
@@ -291,18 +288,24 @@ class Critic:
     def _weighed(self, searched: Searched, simulations: pd.DataFrame | None):
         """The leading sets, corrected by what was simulated of them, with their probabilities, the
         most probable first; and the probabilities of the base model and of what is not listed."""
-        sets, reference = [], searched.base_evidence
+        sets, gains, reference = [], {}, searched.base_evidence
         for row in searched.sets:
             members, x = row["members"], torch.tensor(row["x"], dtype=torch.float64)
             correction = None
             if simulations is not None and len(simulations):
                 correction = correct(self._model(members), members, simulations)
-            sets.append(self._fitted(members, x, row["log_prior"], reference, correction))
+            one = self._fitted(members, x, row["log_prior"], reference, correction)
+            sets.append(one)
+            if one.confirmed:
+                gains[one.members] = one.log_evidence - row["log_evidence"]
+        for one in sets:
+            if not one.confirmed:
+                one.log_evidence += _gain_of_like(one, sets, gains)
         return self._probabilities(searched, sets)
 
     def _probabilities(self, searched: Searched, sets: list[CauseSet], base: float = 0.0):
         """base: log evidence of the base model, relative to that of the search."""
-        logs = [s.log_evidence + s.log_prior for s in sets]
+        logs = [s.log_posterior for s in sets]
         rest = [base + searched.unlisted_prior, searched.unlisted + searched.unlisted_prior]
         weights = torch.softmax(torch.tensor([*logs, *rest], dtype=torch.float64), 0).tolist()
         for one, weight in zip(sets, weights, strict=False):
@@ -401,7 +404,7 @@ class Critic:
             return
         rivals = [searched.unlisted + searched.unlisted_prior]
         # Those that were not confirmed, too: their simulations may have failed.
-        rivals += [s.log_evidence + s.log_prior for s in found.sets]
+        rivals += [s.log_posterior for s in found.sets]
         testable = {t.name for t in found.tests if t.identified.identifiable}
         causes = testable - {hypothesis.name for hypothesis in self.noises}
         largest = min(self.settings.largest_set, len(causes))
@@ -449,6 +452,19 @@ def _without_each(
         if first is not None:
             found.append(first)
     return found
+
+
+def _gain_of_like(one: CauseSet, sets: Sequence[CauseSet], gains: dict) -> float:
+    """What simulations would do to the log evidence of a set that has none: what they did in the
+    mean to those of as many causes, of which only those near the best one tell something. More
+    causes make up for what the emulators have wrong, and gain less.
+
+    gains: log evidence with simulations less that without, of the sets that have them.
+    """
+    like = [s for s in sets if s.members in gains and len(s.members) == len(one.members)]
+    limit = max((s.log_posterior for s in like), default=0.0) - LEADING_MARGIN
+    found = [gains[s.members] for s in like if s.log_posterior >= limit]
+    return sum(found) / len(found) if found else 0.0
 
 
 def _row(at: Member, z: float, p: tuple[float, float], identified: Identified) -> dict:

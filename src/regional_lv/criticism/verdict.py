@@ -126,7 +126,8 @@ class Sampled:
 class CauseSet:
     """One set of causes, fitted by itself.
 
-    log_evidence: relative to the base model. correction: from its simulations, if there are any.
+    log_evidence: relative to the base model; of a set without simulations with what these changed
+    in others. correction: from its simulations, if there are any.
     """
 
     members: tuple[Member, ...]
@@ -141,6 +142,10 @@ class CauseSet:
     @property
     def names(self) -> tuple[str, ...]:
         return tuple(name for name, _ in self.members)
+
+    @property
+    def log_posterior(self) -> float:
+        return self.log_evidence + self.log_prior
 
     @property
     def correction(self) -> Correction | None:
