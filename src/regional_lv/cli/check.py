@@ -28,7 +28,7 @@ PICTURE = "check.png"
 UNEVEN = 2.0
 """Ratio of a wall's thickness to the median of its level, either way, beyond which it is odd."""
 
-USUAL = {"thickness_mm": (4.0, 20.0), "cavity_ml": (25.0, 400.0)}
+USUAL_MM, USUAL_ML = (4.0, 20.0), (25.0, 400.0)
 """Median thickness of the wall and cavity of an unloaded adult ventricle, hypertrophic and dilated
 ones among them. A heart outside may be right, and is more often in another unit."""
 
@@ -262,20 +262,16 @@ def _uneven(segments: pd.DataFrame) -> list[str]:
 
 def _unusual(thickness_mm: float, cavity_ml: float) -> list[str]:
     """Sizes of the whole heart that few adults have."""
-    found = []
-    low, high = USUAL["thickness_mm"]
-    if not low < thickness_mm < high:
-        found.append(
-            f"heart: the median thickness of the wall is {thickness_mm:.3g} mm, few adult "
-            f"ventricles are outside {low:g} to {high:g} mm; check the unit and the surfaces"
-        )
-    low, high = USUAL["cavity_ml"]
-    if not low < cavity_ml < high:
-        found.append(
-            f"heart: the unloaded cavity has {cavity_ml:.4g} mL, few adult ventricles are outside "
-            f"{low:g} to {high:g} mL; check the unit"
-        )
-    return found
+    sizes = (
+        ("the median thickness of the wall is", thickness_mm, "mm", USUAL_MM),
+        ("the unloaded cavity has", cavity_ml, "mL", USUAL_ML),
+    )
+    return [
+        f"heart: {what} {size:.4g} {unit}, few adult ventricles are outside {low:g} to {high:g} "
+        f"{unit}; check the unit"
+        for what, size, unit, (low, high) in sizes
+        if not low < size < high
+    ]
 
 
 def _own(config: dict) -> list[str]:

@@ -184,10 +184,11 @@ def _read(path):
 
 
 def _read_stl(path):
-    content = path.read_bytes()
-    if not content.startswith(b"solid") and len(content) >= STL_HEADER:
-        announced = int.from_bytes(content[STL_HEADER - 4 : STL_HEADER], "little")
-        held = (len(content) - STL_HEADER) // STL_TRIANGLE
+    with path.open("rb") as file:
+        header = file.read(STL_HEADER)
+    if not header.startswith(b"solid") and len(header) == STL_HEADER:
+        announced = int.from_bytes(header[-4:], "little")
+        held = (path.stat().st_size - STL_HEADER) // STL_TRIANGLE
         if held < announced:
             raise InputError(
                 f"{path}: announces {announced} triangles and holds {held}; it is cut off or "
