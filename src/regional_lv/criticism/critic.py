@@ -22,7 +22,7 @@ from regional_lv.criticism.identify import Identified, identify
 from regional_lv.criticism.linear import approximate, leave_out_linearly
 from regional_lv.criticism.model import Layout, Model
 from regional_lv.criticism.observations import Observations
-from regional_lv.criticism.posterior import laplace, leave_out, sample
+from regional_lv.criticism.posterior import Posterior, laplace, leave_out, sample
 from regional_lv.criticism.ratio import likelihood_ratios
 from regional_lv.criticism.search import Search, log_evidence, log_prior
 from regional_lv.criticism.verdict import (
@@ -124,7 +124,8 @@ class Critic:
         sets, unlisted, prior, reference = [], -math.inf, -math.inf, math.nan
         if self.testable:
             reference = float(log_evidence(model, best)[0])
-            sets, prior = self._sets(model, best, reference, usable, detected)
+            searched = [at for at, found in identified.items() if found.relevant]
+            sets, prior = self._sets(model, best, reference, searched, detected)
             unlisted = self._unlisted(model, best, reference, detected)
         log.info(
             "misfit p %.3f; sets: %s",
@@ -167,16 +168,17 @@ class Critic:
         return rows, float(largest.quantile(1 - self.settings.level))
 
     def _sets(
-        self, model: Model, best: Fit, reference: float, usable: list[Member], detected: bool
+        self, model: Model, best: Fit, reference: float, searched: list[Member], detected: bool
     ):
-        """The leading sets, each fitted with its own emulators' covariance, the most probable one
-        first; and the log prior of a discrepancy that is not listed."""
+        """The leading sets of the causes `searched`, each fitted with its own emulators'
+        covariance, the most probable one first; and the log prior of a discrepancy that is not
+        listed."""
         causes: dict[str, list[int]] = {}
-        for place, (name, _) in enumerate(usable):
+        for place, (name, _) in enumerate(searched):
             causes.setdefault(name, []).append(place)
         everything = Model(
             self.observations,
-            ExtendedEmulator(self.emulator, [self._extensions[at] for at in usable]),
+            ExtendedEmulator(self.emulator, [self._extensions[at] for at in searched]),
             self.layout,
         )
         everything.error = model.error
@@ -189,7 +191,7 @@ class Critic:
             # A discrepancy that is not listed counts as one size more.
             return log_prior(len(members), largest + 1, len(causes), places)
 
-        named = {tuple(usable[place] for place in c.members): c for c in found if c.members}
+        named = {tuple(searched[place] for place in c.members): c for c in found if c.members}
         ranked = sorted(named, key=lambda m: -named[m].log_evidence - prior(m))
         if ranked:
             limit = named[ranked[0]].log_evidence + prior(ranked[0]) - LEADING_MARGIN
@@ -351,6 +353,7 @@ class Critic:
         found = Criticism(
             *(self.observations, self.settings, base, searched, tests, sets, nothing, unlisted)
         )
+        self._sample_others(sets)
         found.best = self._best([s for s in sets if s.sampled is not None])
         self._last_resort(found)
         if found.best is not None and found.best.model.tails is None:
@@ -369,14 +372,25 @@ class Critic:
                 return one
         return sets[0] if sets else None
 
-    def _in_earnest(self, model: Model, best: Fit, name: str, tails: bool = False) -> Sampled:
-        centre, covariance = laplace(model, best)
+    def _sample_others(self, sets: list[CauseSet]) -> None:
+        """Draws of the other probable sets: what an estimate is depends on which causes are there
+        beside it."""
+        for one in sets:
+            if one.sampled is None and one.probability >= LEAST_PROBABILITY:
+                seed = derive(self.seed, "sampled", label(one.members))
+                one.draws = self._draws(one.model, one.fit, seed)
+
+    def _draws(self, model: Model, best: Fit, seed: int) -> Posterior:
+        if len(model.low) > LARGEST_SAMPLED:
+            return approximate(model, best, self.settings.draws, seed)
+        return sample(model, *laplace(model, best), self.settings.draws, seed)
+
+    def _in_earnest(self, model: Model, best: Fit, name: str) -> Sampled:
         seed, draws = derive(self.seed, "sampled", name), self.settings.draws
-        if len(centre) > LARGEST_SAMPLED and not tails:
-            posterior = approximate(model, best, draws, seed)
+        posterior = self._draws(model, best, seed)
+        if len(model.low) > LARGEST_SAMPLED:
             left_out = leave_out_linearly(model, best)
         else:
-            posterior = sample(model, centre, covariance, draws, seed)
             left_out = leave_out(posterior, draws, derive(seed, "left out"))
         log.info(
             "%s: log evidence %.2f, %.0f effective draws, elpd %.2f, %.0f %% of folds sampled anew",
@@ -400,7 +414,7 @@ class Critic:
         """Heavy tails explain anything: they are taken only where neither a set of physical causes
         nor a smooth departure does as well, and where few channels stand alone far off."""
         searched = found.searched
-        if found.adequate or len(found.base.model.low) > LARGEST_SAMPLED:
+        if found.adequate or len(found.base.model.low) >= LARGEST_SAMPLED:
             return
         rivals = [searched.unlisted + searched.unlisted_prior]
         # Those that were not confirmed, too: their simulations may have failed.
@@ -419,7 +433,7 @@ class Critic:
             middle = (model.low[at] + model.high[at])[None] / 2
             x = torch.cat([old.x[0, :at], middle, old.x[0, at:]])[None]
             start = Fit(x, old.objective, old.residual, old.jacobian, old.whitening)
-            sampled = self._in_earnest(model, start, hypothesis.name, tails=True)
+            sampled = self._in_earnest(model, start, hypothesis.name)
             evidence = sampled.posterior.log_evidence - searched.base_evidence
             found.outliers = outliers.why_not(sampled)
             if found.outliers or evidence + single < max(rivals) + math.log(19):

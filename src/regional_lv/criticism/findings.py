@@ -139,13 +139,13 @@ def _misfit(sampled: Sampled, misfit: Misfit, detected: bool) -> dict:
 
 
 def _hypothesis(test: Tested, criticism: Criticism) -> dict:
-    """Estimate and interval are over all sampled sets that hold the cause, as probable as they are,
-    without those that miss the data where the best one fits; of a cause in none of them, one step
-    from the base value along its score."""
+    """Estimate and interval are over all probable sets that hold the cause, as probable as they
+    are, without those that miss the data where the best one fits; of a cause in none of them, one
+    step from the base value along its score."""
     h, identified, name = test.hypothesis, test.identified, test.name
     estimate, low, high, posterior = None, h.low, h.high, None
     best = criticism.best
-    holding = [s for s in criticism.sets if name in s.names and s.sampled is not None]
+    holding = [s for s in criticism.sets if name in s.names and s.posterior is not None]
     if criticism.adequate:
         holding = [s for s in holding if s.misfit is None or s.fits]
     holding.sort(key=lambda s: s is not best)
@@ -194,10 +194,10 @@ def _hypothesis(test: Tested, criticism: Criticism) -> dict:
 
 def _pooled(sets, name: str, scale) -> tuple[torch.Tensor, torch.Tensor]:
     """Draws (N,) of a cause's psi from several sets, and their weights (N,)."""
-    values = [scale.inverse(s.sampled.posterior.x[:, s.place(name)]) for s in sets]
+    values = [scale.inverse(s.posterior.x[:, s.place(name)]) for s in sets]
     # Of sets that are all but impossible, the shares still add up.
     share = max(sum(s.probability for s in sets), 1e-300)
-    weights = [s.sampled.posterior.weight * max(s.probability, 1e-300) / share for s in sets]
+    weights = [s.posterior.weight * max(s.probability, 1e-300) / share for s in sets]
     return torch.cat(values), torch.cat(weights)
 
 

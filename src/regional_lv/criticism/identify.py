@@ -22,12 +22,17 @@ ABSORBED = 0.98
 @dataclass(frozen=True)
 class Identified:
     """identifiable; sd of psi that the data allow, near its base value; absorbed: share of the
-    signature's information that the parameters take up; why: a sentence."""
+    signature's information that the parameters take up; why: a sentence.
+
+    relevant: its range is wide enough to change the data by a standard error. What is identifiable
+    is relevant, too. Of what is only relevant the data say little, but it may be there, and may be
+    what another cause would stand in for."""
 
     identifiable: bool
     sd: float
     absorbed: float
     why: str
+    relevant: bool = False
 
 
 def identify(model: Model, best: Fit, extension) -> Identified:
@@ -38,6 +43,7 @@ def identify(model: Model, best: Fit, extension) -> Identified:
     absorbed = float(projected.absorbed(pattern))
     sd = 1 / math.sqrt(information) if information > 0 else math.inf
     prior = (h.scale(h.high) - h.scale(h.low)) / math.sqrt(12)
+    reach = max(abs(h.scale(end) - h.scale(h.base)) for end in (h.low, h.high))
     unit = h.scale.slope(h.base)  # of psi about its scale
     if not float(pattern.abs().max()) > 0:
         return Identified(False, math.inf, 0.0, "it changes none of the channels observed")
@@ -46,7 +52,7 @@ def identify(model: Model, best: Fit, extension) -> Identified:
             f"theta can absorb {100 * absorbed:.0f} % of its signature's information; the rest "
             f"determines it to {unit * sd:.2g} {_unit(h)}".rstrip()
         )
-        return Identified(True, unit * sd, absorbed, why)
+        return Identified(True, unit * sd, absorbed, why, True)
     where, likeness = _hiding_place(model, best, pattern[0])
     if absorbed > ABSORBED:
         why = f"theta absorbs {100 * absorbed:.1f} % of its signature"
@@ -58,7 +64,7 @@ def identify(model: Model, best: Fit, extension) -> Identified:
             f"the data would leave {unit * sd:.2g} {_unit(h)} of uncertainty, the plausible range "
             f"itself has an sd of {unit * prior:.2g}"
         )
-    return Identified(False, unit * sd, absorbed, why)
+    return Identified(False, unit * sd, absorbed, why, reach > sd)
 
 
 def _unit(hypothesis) -> str:

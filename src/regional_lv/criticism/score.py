@@ -263,33 +263,44 @@ class Misfit:
 
 
 def judge_misfit(observed: Statistics, null: Statistics, tails: bool = False) -> Misfit:
-    """Families are tested by their largest |z|; together, by the largest of these in sds of their
-    replicates: smallest p-values, being ranks, would need many more replicates.
-
-    The causes, their pairs and, if `tails`, the tails of the noise are families as well: the
-    p-value over all of them is that of the whole search.
+    """Families are tested by their largest |z|; those of one of two groups together, by the largest
+    of these in sds of their replicates: smallest p-values, being ranks, would need many more
+    replicates. The groups are what the listed causes do (the causes and their pairs), and
+    departures of any kind (the others; if `tails`, with the tails of the noise). The smaller
+    p-value of the two, calibrated, is that of the whole search: a listed cause need not stand out
+    among more families than its own.
     """
-    families, scaled, largest = {}, [], []
+    families, largest = {}, []
+    departures: list[torch.Tensor] = []
+    causes: list[torch.Tensor] = []
 
-    def judge(family: str, seen: torch.Tensor, extreme: torch.Tensor) -> None:
+    def judge(family: str, seen: torch.Tensor, extreme: torch.Tensor, group: list) -> None:
         families[family] = share_beyond(float(seen), extreme)
         # The data and the replicates are one sample if the model is right, and scaled alike.
         pool = torch.cat([seen[None], extreme])
-        scaled.append((pool - extreme.mean()) / extreme.std())
+        group.append((pool - extreme.mean()) / extreme.std())
 
     for family, values in null.misfit.items():
         extreme = values.abs().amax(-1)
         seen = observed.misfit[family][0]
-        judge(family, seen.abs().max(), extreme)
+        judge(family, seen.abs().max(), extreme, departures)
         for at in seen.abs().argsort(descending=True)[:MENTIONED]:
             p = share_beyond(float(seen[at].abs()), extreme)
             largest.append((family, null.names[family][at], float(seen[at]), p))
     if null.causes.shape[1]:
-        judge("cause", observed.causes[0].abs().max(), null.causes.abs().amax(-1))
+        judge("cause", observed.causes[0].abs().max(), null.causes.abs().amax(-1), causes)
     if null.pairs.any():  # else there are no two causes that differ
-        judge("pair", observed.pairs[0], null.pairs)
+        judge("pair", observed.pairs[0], null.pairs, causes)
     if tails:
         assert observed.tails is not None
-        judge("tails", observed.tails[0], null.tails)
-    together = torch.stack(scaled).amax(0)
-    return Misfit(share_beyond(float(together[0]), together[1:]), families, largest)
+        judge("tails", observed.tails[0], null.tails, departures)
+    groups = [torch.stack(group).amax(0) for group in (departures, causes) if group]
+    smallest = torch.stack([_ranks(values) for values in groups]).amin(0)
+    p_value = float((smallest <= smallest[0]).double().mean())
+    return Misfit(p_value, families, largest)
+
+
+def _ranks(values: torch.Tensor) -> torch.Tensor:
+    """How many of `values` (n,) are at least as large as each of them (n,)."""
+    ordered = values.sort().values
+    return len(values) - torch.searchsorted(ordered, values - 1e-12)

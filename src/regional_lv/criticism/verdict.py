@@ -127,7 +127,8 @@ class CauseSet:
     """One set of causes, fitted by itself.
 
     log_evidence: relative to the base model; of a set without simulations with what these changed
-    in others. correction: from its simulations, if there are any.
+    in others. correction: from its simulations, if there are any. draws: of its posterior, where it
+    is not sampled with all that a verdict needs.
     """
 
     members: tuple[Member, ...]
@@ -137,7 +138,12 @@ class CauseSet:
     log_prior: float
     probability: float = 0.0
     sampled: Sampled | None = None
+    draws: Posterior | None = None
     misfit: score.Misfit | None = None
+
+    @property
+    def posterior(self) -> Posterior | None:
+        return self.draws if self.sampled is None else self.sampled.posterior
 
     @property
     def names(self) -> tuple[str, ...]:
