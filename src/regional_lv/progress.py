@@ -22,7 +22,7 @@ def start_log(path: str | Path) -> None:
     """
     Path(path).parent.mkdir(parents=True, exist_ok=True)
     handlers: list[logging.Handler] = [
-        logging.FileHandler(path, mode="w"),
+        _Log(path, mode="w"),
         logging.StreamHandler(sys.stderr),
     ]
     handlers[1].setLevel(logging.WARNING)
@@ -32,6 +32,14 @@ def start_log(path: str | Path) -> None:
     logging.basicConfig(level=logging.INFO, format=FORMAT, handlers=handlers, force=True)
     logging.captureWarnings(True)
     sys.excepthook = _log_error
+
+
+class _Log(logging.FileHandler):
+    """A log whose disk may be full: the error a script ends with goes to stderr then."""
+
+    def handleError(self, record: logging.LogRecord) -> None:
+        if record.levelno >= logging.CRITICAL:
+            print(self.format(record), file=sys.stderr)
 
 
 def _ours_or_important(record: logging.LogRecord) -> bool:

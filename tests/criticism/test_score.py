@@ -197,3 +197,23 @@ def test_few_channels_are_tested_for_what_they_support():
     assert observed.tails is None
     assert "wall" not in observed.misfit
     assert torch.isfinite(observed.causes).all()
+
+
+def test_a_listed_cause_need_not_stand_out_among_departures_of_any_kind():
+    """Seven kinds of departure as large as they are by chance; one cause beyond 98 % of its own."""
+    rng = np.random.default_rng(3)
+    replicates = torch.as_tensor(np.abs(rng.standard_normal((399, 8))))
+
+    def drawn(rows: torch.Tensor) -> score.Statistics:
+        misfit = {f"family {i}": rows[:, i : i + 1] for i in range(7)}
+        names = {family: ("one",) for family in misfit}
+        return score.Statistics(misfit, names, rows[:, 7:], torch.zeros(len(rows)), None)
+
+    observed = replicates.quantile(0.8, dim=0)[None].clone()
+    observed[:, 7] = replicates[:, 7].quantile(0.985)
+    found = score.judge_misfit(drawn(observed), drawn(replicates))
+    assert found.families["cause"] < 0.02
+    assert found.p_value < 0.05
+    # All kinds together are still tested: one of them that is far off.
+    observed[:, 7], observed[:, 0] = 0.0, 6.0
+    assert score.judge_misfit(drawn(observed), drawn(replicates)).p_value < 0.01

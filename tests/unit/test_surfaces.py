@@ -19,6 +19,7 @@ from regional_lv.errors import InputError
 from regional_lv.geometry.from_surfaces import LEVEL_ENDS, mesh_surfaces
 from regional_lv.geometry.mesh import BASE, ENDOCARDIUM, EPICARDIUM, read_mesh
 from regional_lv.geometry.triangulated import read_ventricle
+from regional_lv.measured.curves import read_curve_subject
 
 # Half axes (mm) of ellipsoids of revolution, across and along, and how far the epicardium lies
 # towards anterior: the anterior wall is the thickest, septum and lateral wall are alike.
@@ -394,12 +395,28 @@ def test_a_damaged_file_is_refused_in_own_words(pair, caplog):
 
 
 def test_the_example_is_checked_from_any_folder(tmp_path, monkeypatch, root):
-    """Its paths count from the folder of its configuration."""
-    shutil.copytree(root / "config/examples/surfaces", tmp_path / "mine")
-    runpy.run_path(str(tmp_path / "mine/make_surfaces.py"), run_name="__main__")
+    """Its paths count from the folder of its configuration; its curves give back the strains that
+    they were made from. (Made up here: the simulation takes a minute.)"""
+    mine = tmp_path / "mine"
+    shutil.copytree(root / "config/examples/surfaces", mine)
+    runpy.run_path(str(mine / "make_surfaces.py"), run_name="__main__")
+    strains = {"circumferential": -0.13, "radial": 0.4, "longitudinal": -0.15}
+    rows = [
+        {"quantity": quantity, "segment": segment, "value": value * (1 + 0.01 * segment)}
+        for quantity, value in strains.items()
+        for segment in range(1, 18)
+    ]
+    table = pd.DataFrame(rows)
+    curves = runpy.run_path(str(mine / "make_curves.py"))["curves_of"](table)
+    curves.to_csv(mine / "curves.csv", index=False)
     monkeypatch.chdir(tmp_path)
     done = CliRunner().invoke(check, ["mine/config.yaml"])
     assert done.exit_code == 0, done.output
     assert "geometry mine/endocardium.stl and mine/epicardium.stl" in done.output
     assert "cavity 86.7 mL, wall 109.2 mL" in done.output
-    assert (tmp_path / "mine/check.png").stat().st_size > 20_000
+    assert (mine / "check.png").stat().st_size > 20_000
+    subject = study_config.load(mine / "config.yaml")["subjects"]["patient"]
+    found = read_curve_subject(subject).table
+    found = found[found["quantity"] != "volume"].merge(table, on=["quantity", "segment"])
+    assert len(found) == 51
+    assert np.allclose(found["value_x"], found["value_y"], atol=5e-5)

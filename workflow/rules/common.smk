@@ -28,7 +28,7 @@ from regional_lv.data import path as packaged  # noqa: E402
 from regional_lv.data import segment_table  # noqa: E402
 from regional_lv.design import scenario_size  # noqa: E402
 from regional_lv.errors import InputError  # noqa: E402
-from regional_lv.faults import AGAIN  # noqa: E402
+from regional_lv.faults import AGAIN, damage_of  # noqa: E402
 from regional_lv.geometry.mesh_config import finer  # noqa: E402
 from regional_lv.jobs import module_of  # noqa: E402
 from regional_lv.measured import states_noise  # noqa: E402
@@ -88,6 +88,10 @@ LOGS = f"{R}/logs"
 # is something to choose by.
 EVALUATION = config["evaluation"]
 EMULATOR = study_config.final_emulator(config)
+# Read while the workflow is planned, where Snakemake would show a traceback.
+SHORTLIST = f"{R}/estimates/shortlist.json"
+if damage := damage_of(SHORTLIST):
+    raise WorkflowError(f"{SHORTLIST}: damaged ({damage}); delete it and {AGAIN}")
 
 # What is inferred and what is observed: the objects, and the plain values that rules hand over.
 PARAMETERS = Parameterisation.from_config(config)
@@ -418,10 +422,7 @@ def shortlist():
     if wanted["names"]:
         return wanted["names"]
     file = checkpoints.rank_emulators.get().output.shortlist
-    try:
-        best = json.loads(Path(file).read_text())["shortlist"]
-    except ValueError as error:
-        raise WorkflowError(f"{file}: damaged ({error}); delete it and {AGAIN}")
+    best = json.loads(Path(file).read_text())["shortlist"]
     also = [name for name in wanted["also"] if name in config["emulators"]["names"]]
     return list(dict.fromkeys([*best, *also]))
 

@@ -110,7 +110,7 @@ checkpoint rank_emulators:
     output:
         ranking=f"{ESTIMATES}/ranking.csv",
         pairs=f"{ESTIMATES}/pairs.csv",
-        shortlist=f"{ESTIMATES}/shortlist.json",
+        shortlist=SHORTLIST,
     log:
         f"{LOGS}/estimates/rank_emulators.log",
     localrule: True
@@ -194,6 +194,6 @@ rule sample_efficiency:
 rule compare_emulators:
     """Everything up to the shortlist, without posteriors."""
     input:
-        f"{ESTIMATES}/shortlist.json",
+        SHORTLIST,
         expand(f"{R}/figures/{{name}}.{{ext}}", name=COMPARISON_FIGURES, ext=["png", "csv"]),
         expand(f"{R}/tables/{{name}}.{{ext}}", name=COMPARISON_TABLES, ext=["csv", "tex"]),

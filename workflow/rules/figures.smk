@@ -80,7 +80,7 @@ PLOTS = {
             "estimates": expand(
                 f"{ESTIMATES}/{{name}}/test.parquet", name=config["emulators"]["names"]
             ),
-            "shortlist": f"{ESTIMATES}/shortlist.json",
+            "shortlist": SHORTLIST,
         },
         "params": {"names": config["emulators"]["names"]},
     },

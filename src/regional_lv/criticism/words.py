@@ -121,6 +121,7 @@ def verdict(content: dict) -> list[str]:
     sentences = [misfit(content["misfit"])]
     sentences += [f"{c['says'].capitalize()}." for c in content["data_checks"] if not c["passed"]]
     by_name = {h["name"]: h for h in content["hypotheses"]}
+    told = {*content["named"], *content["acts_like"]}.union(*content["groups"])
 
     def of(name: str) -> str:
         return cause(name, by_name[name]["component"])
@@ -148,7 +149,6 @@ def verdict(content: dict) -> list[str]:
                 f"One of {_list([of(n) for n in group], 'or')} is present; the data cannot tell "
                 f"which. The most probable is {estimated(likeliest)}."
             )
-        told = {*content["named"], *content["acts_like"]}.union(*content["groups"])
         uncertain = [of(name) for name in content["best"] if name not in told]
         if uncertain:
             verb = "is" if len(uncertain) == 1 else "are"
@@ -174,7 +174,7 @@ def verdict(content: dict) -> list[str]:
         else:
             sentences.append(f"Of the listed causes {estimated(name)}, comes nearest, {much}")
     for h in content["hypotheses"]:
-        if not h["identifiable"]:
+        if not h["identifiable"] and h["name"] not in told:
             sentences.append(f"Nothing can be concluded about {cause(h['name'])}: {h['why']}.")
     return sentences
 
