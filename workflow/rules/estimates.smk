@@ -108,9 +108,11 @@ checkpoint rank_emulators:
     input:
         **to_rank("test"),
     output:
+        # The first one is what Snakemake asks for while others wait for the checkpoint: if another
+        # one stood there, a shortlist that is missing would not be made again.
+        shortlist=SHORTLIST,
         ranking=f"{ESTIMATES}/ranking.csv",
         pairs=f"{ESTIMATES}/pairs.csv",
-        shortlist=SHORTLIST,
     log:
         f"{LOGS}/estimates/rank_emulators.log",
     localrule: True
