@@ -415,7 +415,7 @@ def test_the_example_is_checked_from_any_folder(tmp_path, monkeypatch, root):
     assert "geometry mine/endocardium.stl and mine/epicardium.stl" in done.output
     assert "cavity 86.7 mL, wall 109.2 mL" in done.output
     assert (mine / "check.png").stat().st_size > 20_000
-    subject = study_config.load(mine / "config.yaml")["subjects"]["patient"]
+    subject = study_config.load(mine / "config.yaml")["subjects"]["synthetic_patient"]
     found = read_curve_subject(subject).table
     found = found[found["quantity"] != "volume"].merge(table, on=["quantity", "segment"])
     assert len(found) == 51

@@ -69,7 +69,9 @@ def main():
     with tempfile.TemporaryDirectory() as folder:
         table = measure(Path(folder))
     of_volume = table["quantity"] == "volume"
-    curves_of(table[~of_volume]).to_csv(FOLDER / "curves.csv", index=False)
+    with open(FOLDER / "curves.csv", "w") as file:
+        file.write("# synthetic: simulated, with noise; made by make_curves.py\n")
+        curves_of(table[~of_volume]).to_csv(file, index=False)
     volume = table.loc[of_volume, "value"].item()
     print(f"volume at end diastole: {volume:.1f} mL, with an sd of {NOISE['volume']:g}")
 
