@@ -1,7 +1,8 @@
 #!/usr/bin/env bash
 # Install from wheels and run the physics tests as an unprivileged user of a bare Debian 13: Python
 # and its venv, make, and nothing else. The chroot .wheel-test is made once and kept. Called by
-# `make test-wheel`. Arguments are for pytest and take the place of tests/physics.
+# `make test-wheel`. With the argument `quick` it runs `make quick` there instead; other arguments are
+# for pytest and take the place of tests/physics.
 set -eu -o pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 
@@ -74,6 +75,10 @@ inside() { # inside <command...>: run it in the project there, as the user
 }
 
 inside make env
-inside .venv/bin/python -m pytest -p no:cacheprovider "${@:-tests/physics}"
+if [[ ${1:-} == quick ]]; then
+    inside make quick
+else
+    inside .venv/bin/python -m pytest -p no:cacheprovider "${@:-tests/physics}"
+fi
 printf 'The chroot has %s, of which the environment %s.\n' \
     "$(du -sxh "$root" | cut -f1)" "$(du -sxh "$root/home/user/project/.venv" | cut -f1)"
