@@ -15,14 +15,15 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from regional_lv import config as study_config
+from regional_lv import seth_hill
 from regional_lv.geometry.mesh_config import finer
+from regional_lv.parameters import Parameterisation
 from regional_lv.study import Study
 from regional_lv.subjects import simulate_subject
 
 FOLDER = Path(__file__).parent
-ZONES = ("anterior", "inferior", "lateral", "septal", "apical")
-THETA = {f"{factor}_{zone}": 1.0 for zone in ZONES for factor in ("C_a", "C_b")}
-THETA["C_a_septal"] = 2.0
+THETA = dict.fromkeys(Parameterisation().names, 1.0) | {"C_a_septal": 2.0}
 NOISE = {"strain": 0.01, "volume": 1.0}
 SEED = 1
 # Logarithm of the stretch since end diastole, as a share of that of the unloaded heart, at some
@@ -33,22 +34,15 @@ SHARES = {1: 0.0, 10: 1.15, 13: 1.12, UNLOADED: 1.0, 20: 0.35, 25: 0.25, FRAMES:
 
 def measure(folder):
     """The heart's measured table: strains between end diastole and the unloaded state."""
-    surfaces = {
-        "endocardium": str(FOLDER / "endocardium.stl"),
-        "epicardium": str(FOLDER / "epicardium.stl"),
-        "unit": "mm",
-        "septum": [-0.573, -0.242, 0.783],
-    }
-    heart = {"theta": THETA, "noise": NOISE}
-    config = {
-        "study": "heart",
-        "geometry": {"source": "surfaces", "surfaces": surfaces},
-        "synthetic_subjects": {"heart": heart},
+    given = study_config.read(FOLDER / "config.yaml")
+    # Its subject is what is made here.
+    config = {key: given[key] for key in ("study", "geometry", "loading")} | {
+        "synthetic_subjects": {"heart": {"theta": THETA, "noise": NOISE}},
         "subjects": {"heart": {"source": "synthetic"}},
     }
-    config["mesh"] = finer(Study(config).config["mesh"])
-    study = Study(config, folder)
-    heart = study.config["synthetic_subjects"]["heart"]
+    config = study_config.load(config, folders=[FOLDER])
+    study = Study(config | {"mesh": finer(config["mesh"])}, folder)
+    heart = config["synthetic_subjects"]["heart"]
     files = folder / "measured.csv", folder / "truth.json"
     simulate_subject("heart", heart, study.make_heart(), study.physics, SEED, *files)
     return pd.read_csv(files[0], comment="#")
@@ -57,7 +51,7 @@ def measure(folder):
 def curves_of(table):
     """Curves (percent) over the frames, of a measured table with strains alone."""
     names = table["quantity"] + "_" + table["segment"].astype(int).map("{:02d}".format)
-    stretch = np.sqrt(1 + 2 * table["value"].to_numpy())
+    stretch = seth_hill.stretch(table["value"].to_numpy(), 2)
     frames = np.arange(1, FRAMES + 1)
     shares = np.interp(frames, [*SHARES], [*SHARES.values()])
     curves = pd.DataFrame(100 * (stretch ** shares[:, None] - 1), columns=names)

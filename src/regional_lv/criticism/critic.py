@@ -414,6 +414,7 @@ class Critic:
         """Heavy tails explain anything: they are taken only where neither a set of physical causes
         nor a smooth departure does as well, and where few channels stand alone far off."""
         searched = found.searched
+        # The tails are one coordinate more, and have to be sampled.
         if found.adequate or len(found.base.model.low) >= LARGEST_SAMPLED:
             return
         rivals = [searched.unlisted + searched.unlisted_prior]
