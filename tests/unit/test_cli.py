@@ -245,18 +245,6 @@ def test_check_of_a_filled_folder_from_elsewhere(call, filled, monkeypatch, tmp_
     assert (picture[[0, -1], :, :3] == 1).all()  # no title or number is cut off
 
 
-def test_check_where_nothing_can_draw(call, filled, monkeypatch):
-    def missing(name):
-        raise OSError(name)
-
-    monkeypatch.setattr("regional_lv.plots.heart.CDLL", missing)
-    folder = filled()
-    code, lines = call("check", "hearts/anna")
-    assert code == 0, lines
-    assert any(line.startswith("warning: pictures in three dimensions need") for line in lines)
-    assert not (folder / "check.png").exists()
-
-
 def test_curves_are_checked_and_the_frame_is_reported(call, filled, monkeypatch):
     folder = filled()
     around = [f"circumferential_{segment:02d}" for segment in (1, 2, 3)]

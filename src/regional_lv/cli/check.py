@@ -92,8 +92,6 @@ def inspect(path: Path, config: dict) -> None:
                 inputs.draw(mesh, tables, parameters, picture)
         except OSError as error:
             found.append(f"{picture}: the picture cannot be written ({reason_of(error)})")
-        except InputError as error:  # nothing to draw with
-            found.append(str(error))
     found += _place_warnings(path, own, config)
     folder = path.resolve().parent.name
     if path.name == CONFIG and folder != config["study"]:

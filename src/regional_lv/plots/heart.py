@@ -1,10 +1,13 @@
 """Pictures of the left ventricle's mesh in three dimensions, for the figures that show it."""
 
-from ctypes import CDLL
 from pathlib import Path
 
 import numpy as np
 import pyvista
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import PolyCollection
+from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
 from vtkmodules.vtkCommonDataModel import vtkHexahedron, vtkTriQuadraticHexahedron
 
 from regional_lv.errors import InputError
@@ -17,6 +20,14 @@ TILT_DEG = 20.0
 
 LINE_COLOUR = "#F7F7F7"
 PIXELS = (900, 1150)
+OVERSAMPLING = 2
+"""The picture is drawn this many times as fine and averaged, which smooths its edges."""
+
+AMBIENT, DIFFUSE = 0.55, 0.5
+TUBE_SIDES = 6
+LIFT_MM = 3.0
+"""Lines are sorted as if they were so much nearer, so that they lie on the faces they run along;
+less than a wall is thick."""
 
 HEXAHEDRA = {
     pyvista.CellType.TRIQUADRATIC_HEXAHEDRON: vtkTriQuadraticHexahedron,
@@ -119,17 +130,6 @@ def _towards_viewer() -> np.ndarray:
     return np.array([np.cos(angle), np.sin(angle), 0.0])
 
 
-def _require_rendering() -> None:
-    """Raise InputError where VTK finds nothing to draw with, and would end the process."""
-    try:
-        CDLL("libEGL.so.1")
-    except OSError as error:
-        raise InputError(
-            "pictures in three dimensions need the system's libEGL; install the package libegl1 "
-            "(Debian, Ubuntu) or mesa-libEGL (Fedora)"
-        ) from error
-
-
 def borders_of(surface: pyvista.PolyData, of: str) -> pyvista.PolyData:
     """Edges between faces whose cell data `of` differ."""
     faces = surface.regular_faces
@@ -155,33 +155,85 @@ def render(
     """
     grid = grid.copy()
     grid.cell_data["rgb"] = np.asarray(rgb, dtype=np.uint8)
-    surface = grid.extract_surface(algorithm="dataset_surface").triangulate()
-    _require_rendering()
-    plotter = pyvista.Plotter(off_screen=True, window_size=PIXELS)
-    plotter.background_color = "white"
-    plotter.add_mesh(surface, scalars="rgb", rgb=True, ambient=0.55, diffuse=0.5, specular=0.05)
+    surface = _facing(grid.extract_surface(algorithm="dataset_surface").triangulate())
+    parts = [_triangles(surface, surface.cell_data["rgb"])]
     for of, radius in ({"segment": 0.32} if borders is None else borders).items():
         found = borders_of(surface, of)
         if found.n_cells:
-            plotter.add_mesh(found.tube(radius=radius), color=LINE_COLOUR, ambient=0.6)
+            tube = found.tube(radius=radius, n_sides=TUBE_SIDES).triangulate()
+            light = np.tile(255 * np.array(to_rgb(LINE_COLOUR)), (tube.n_cells, 1))
+            parts.append(_triangles(tube, light, LIFT_MM))
     if lines is not None:
-        plotter.add_mesh(lines.tube(radius=0.3), scalars="rgb", rgb=True, ambient=0.6)
-    tilt, around = np.radians(TILT_DEG), _towards_viewer()
+        tube = lines.tube(radius=0.3, n_sides=TUBE_SIDES).triangulate()
+        colour = tube.point_data["rgb"][tube.regular_faces].mean(axis=1)
+        parts.append(_triangles(tube, colour, LIFT_MM))
+    triangles, colours = (np.concatenate(part) for part in zip(*parts, strict=True))
+    return _paint(triangles, colours, grid.points @ _axes()[:2].T)
+
+
+def _axes() -> np.ndarray:
+    """Unit vectors (3, 3) of the picture as rows: to the right, upwards, towards the viewer."""
+    tilt, around, vertical = np.radians(TILT_DEG), _towards_viewer(), np.array([0.0, 0.0, 1.0])
     across = np.array([-around[1], around[0], 0.0])
-    up = np.cos(tilt) * np.array([0, 0, 1.0]) - np.sin(tilt) * around
-    towards = np.cos(tilt) * around + np.sin(tilt) * np.array([0, 0, 1.0])
-    # What is seen of the grid, in the middle and as large as fits.
-    seen = grid.points @ np.column_stack([across, up])
+    up = np.cos(tilt) * vertical - np.sin(tilt) * around
+    return np.array([across, up, np.cos(tilt) * around + np.sin(tilt) * vertical])
+
+
+def _facing(surface: pyvista.PolyData) -> pyvista.PolyData:
+    """The triangles of a closed surface, with their cell data, that face the viewer."""
+    outwards = surface.compute_normals(point_normals=False, auto_orient_normals=True)
+    seen = outwards.cell_data["Normals"] @ _axes()[2] > 0
+    part = pyvista.PolyData.from_regular_faces(outwards.points, outwards.regular_faces[seen])
+    for name, values in outwards.cell_data.items():
+        part.cell_data[name] = values[seen]
+    return part
+
+
+def _triangles(
+    surface: pyvista.PolyData, rgb: np.ndarray, lift: float = 0.0
+) -> tuple[np.ndarray, np.ndarray]:
+    """A surface's triangles (n, 3, 3) in the picture's axes, and their colours (n, 3; 0-1).
+
+    rgb: (n, 3; 0-255). lift: how much nearer to the viewer they are taken to be (mm). A face seen
+    at an angle is darker: the light comes from the viewer.
+    """
+    corners = surface.points[surface.regular_faces] @ _axes().T
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    length = np.linalg.norm(normal, axis=1)
+    facing = np.abs(normal[:, 2]) / np.where(length > 0, length, 1.0)
+    light = np.minimum(1, AMBIENT + DIFFUSE * facing)
+    return corners + np.array([0, 0, lift]), light[:, None] * np.asarray(rgb) / 255
+
+
+def _paint(triangles: np.ndarray, colours: np.ndarray, seen: np.ndarray) -> np.ndarray:
+    """Picture (h, w, 3; 0-255) of the triangles (n, 3, 3), the nearest drawn last.
+
+    seen: points (m, 2) in the picture's plane that it holds, in the middle and as large as fits.
+    """
+    # Drawn here and not by VTK: that needs the system's libEGL, which a server or a container
+    # lacks. The projection is parallel and the triangles are small, so that sorting them by depth
+    # hides what is hidden.
     low, high = seen.min(axis=0), seen.max(axis=0)
-    focus = np.array([across, up]).T @ (low + high) / 2
-    width, height = high - low
-    plotter.camera.parallel_projection = True
-    plotter.camera.focal_point = focus
-    plotter.camera.position = focus + 400 * towards
-    plotter.camera.up = (0, 0, 1)
-    plotter.camera.parallel_scale = 0.52 * max(height, width * PIXELS[1] / PIXELS[0])
-    plotter.camera.clipping_range = (1, 1000)
-    plotter.enable_anti_aliasing("ssaa")
-    picture = plotter.screenshot(return_img=True)
-    plotter.close()
-    return picture
+    half = 0.52 * max(high[1] - low[1], (high[0] - low[0]) * PIXELS[1] / PIXELS[0])
+    order = np.argsort(triangles[:, :, 2].mean(axis=1))
+    figure = Figure(figsize=PIXELS, dpi=OVERSAMPLING)
+    canvas = FigureCanvasAgg(figure)
+    ax = figure.add_axes((0, 0, 1, 1))
+    ax.set_axis_off()
+    ax.set_ylim((low + high)[1] / 2 + half * np.array([-1, 1]))
+    ax.set_xlim((low + high)[0] / 2 + half * PIXELS[0] / PIXELS[1] * np.array([-1, 1]))
+    # An edge in the face's colour, a pixel wide, closes the seams between neighbours.
+    ax.add_collection(
+        PolyCollection(
+            list(triangles[order, :, :2]),
+            facecolors=colours[order],
+            edgecolors=colours[order],
+            linewidths=72 / OVERSAMPLING,
+            antialiased=False,
+        ),
+        autolim=False,
+    )
+    canvas.draw()
+    n, (width, height) = OVERSAMPLING, PIXELS
+    fine = np.asarray(canvas.buffer_rgba())[..., :3].reshape(height, n, width, n, 3)
+    return fine.mean(axis=(1, 3)).round().astype(np.uint8)
