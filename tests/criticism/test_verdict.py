@@ -314,6 +314,30 @@ def test_a_cause_that_the_emulators_have_wrong_gets_its_simulations():
     assert row["interval95"][0] < 1.0 < row["interval95"][1]
 
 
+def test_the_best_set_of_every_smaller_size_gets_its_simulations():
+    """One cause whose emulator is off, beside two pairs of others that do what it does: neither the
+    best set's own parts nor the best sets without one of them are the truth."""
+    true, extra = basal(), pattern("radial", (2, 9), 0.01)
+    around = pattern("circumferential", range(1, 7), -0.05)
+    halves = {
+        "fibre_rotation": around,
+        "radial_scale": true.pattern - around,
+        "septal_load": around + extra,
+        "wall_thickness": true.pattern - around - extra,
+    }
+    badly = Extension(
+        true.hypothesis, true.pattern + pattern("circumferential", range(7, 13), 0.03)
+    )
+    rivals = [Extension(Hypothesis(name, 0.0, 0.0, 2.0), half) for name, half in halves.items()]
+    given = inputs({"heart": with_effects((true, 1.0))}, [badly, *rivals], (), SETTINGS)
+    best = {name for name, _ in given.critic().search().sets[0]["members"]}
+    assert best <= set(halves) and len(best) == 2
+    found = criticise(given, simulate([true, *rivals]))
+    assert "basal_motion" in answered(found)
+    (one,) = [s for s in found["sets"] if s["causes"] == ["basal_motion"]]
+    assert one["confirmed"] and one["simulations"] > 0
+
+
 def test_what_simulations_do_to_a_set_is_expected_of_its_rivals():
     """Two causes do nearly the same, and the emulators have both wrong in the same way. Only one is
     simulated; that it then fits says nothing against the other."""

@@ -7,7 +7,7 @@ and decides.
 
 import logging
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import asdict
 
 import pandas as pd
@@ -199,7 +199,7 @@ class Critic:
             # What a larger set is for is seen beside the smaller ones that it holds.
             for whole in ranked[:MOST_SAMPLED]:
                 leading += [m for m in named if set(m) < set(whole)]
-            leading += _without_each(ranked[0], ranked)
+            leading += [*_without_each(ranked[0], ranked), *_of_each_size(ranked)]
             if not detected:
                 leading = ranked
         else:
@@ -268,20 +268,27 @@ class Critic:
         if not (searched.detected and searched.sets):
             return pd.DataFrame(columns=columns)
         best, *others = self._weighed(searched, simulations)[0]
-        # What single effects do to each other may pass for one more cause, so that the sets with
-        # one less are simulated; and no cause is named because the emulators have the sets without
-        # it wrong. The nearest of these rivals come first.
+        # What single effects do to each other, or what an emulator misses of a large one, may pass
+        # for one more cause, so that sets with fewer are simulated: the best one's own and the
+        # most probable of each size. And no cause is named because the emulators have the sets
+        # without it wrong. Those of these rivals that were not simulated come first, the nearest
+        # before the others.
         by_members = {s.members: s for s in others}
         fewer = len(best.members) - 1
         smaller = [m for m in by_members if set(m) < set(best.members) and len(m) == fewer]
-        rivals = {*smaller, *_without_each(best.members, by_members)}
+        rivals = {
+            *smaller,
+            *_without_each(best.members, by_members),
+            *_of_each_size(m for m in by_members if len(m) <= fewer),
+        }
         limit = best.log_posterior - WORTH_A_TRIAL
-        near = [s for s in others if s.members in rivals and s.log_posterior >= limit]
+        unknown = [s for s in others if s.members in rivals and not s.confirmed]
+        near = [s for s in unknown if s.log_posterior >= limit]
         likely = [s for s in others if s.probability >= LEAST_PROBABILITY]
-        order = [best, *near, *likely, *(by_members[m] for m in smaller)]
-        wanted = [s for s in order if s.probability >= LEAST_PROBABILITY or not s.confirmed]
+        far = [s for s in unknown if s.members in smaller]
         rows: list[dict] = []
-        for one in list({s.members: s for s in wanted}.values())[: self.settings.sets]:
+        order = {s.members: s for s in [best, *near, *likely, *far]}
+        for one in list(order.values())[: self.settings.sets]:
             seed = derive(self.seed, "confirmation", turn, label(one.members))
             draws = approximate(one.model, one.fit, self.settings.simulations, seed).x
             rows += design_rows(one.members, one.model, draws)
@@ -467,6 +474,14 @@ def _without_each(
         if first is not None:
             found.append(first)
     return found
+
+
+def _of_each_size(ranked: Iterable[tuple[Member, ...]]) -> list[tuple[Member, ...]]:
+    """Of `ranked` sets, the first of each size."""
+    found: dict[int, tuple[Member, ...]] = {}
+    for members in ranked:
+        found.setdefault(len(members), members)
+    return list(found.values())
 
 
 def _gain_of_like(one: CauseSet, sets: Sequence[CauseSet], gains: dict) -> float:
