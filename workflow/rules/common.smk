@@ -161,7 +161,9 @@ HEALTHY = {
 IMPORTED = config["geometry"]["imported"]
 GIVEN_SURFACES = config["geometry"]["surfaces"]
 
-EXTENDED_MESH = {k: v for k, v in config["criticism"]["mesh"].items() if v is not None}
+EXTENDED_MESH = config["mesh"] | {
+    k: v for k, v in config["criticism"]["mesh"].items() if v is not None
+}
 # Meshes that are compared with one at least twice as fine as the study's in every direction.
 STUDY_MESHES = {
     "coarse": {"circumferential": 16, "basal": 2, "apical": 1, "apex": 1, "transmural": 1},
@@ -190,12 +192,12 @@ REFINEMENTS = {
 MESHES = {
     "": config["mesh"],
     "finer/": finer(config["mesh"]),
-    "extensions/": config["mesh"] | EXTENDED_MESH,
+    "extensions/": EXTENDED_MESH,
     **{f"mesh_study/{name}/": config["mesh"] | own for name, own in STUDY_MESHES.items()},
     **{folder: config["mesh"] | own for folder, own in REFINEMENTS.items()},
 }
 # The one that hypotheses are simulated on; an imported mesh that is kept serves for them too.
-EXTENDED_ON = "extensions/" if EXTENDED_MESH and meshes_anew(config) else ""
+EXTENDED_ON = "extensions/" if EXTENDED_MESH != config["mesh"] and meshes_anew(config) else ""
 # With the error of the study's mesh in the base model, effects that only observe otherwise, and
 # sets of causes, are simulated on the finer one as well: strains at a surface are what a coarse
 # mesh has most wrong.
