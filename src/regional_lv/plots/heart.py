@@ -23,7 +23,10 @@ PIXELS = (900, 1150)
 OVERSAMPLING = 2
 """The picture is drawn this many times as fine and averaged, which smooths its edges."""
 
-AMBIENT, DIFFUSE = 0.55, 0.5
+LIGHT_DEG = 25.0
+"""How far the light stands above the viewer: the wall and the base plane are equally bright."""
+
+AMBIENT, DIFFUSE = 0.6, 0.55
 TUBE_SIDES = 6
 LIFT_MM = 3.0
 """Lines are sorted as if they were so much nearer, so that they lie on the faces they run along;
@@ -194,15 +197,16 @@ def _triangles(
 ) -> tuple[np.ndarray, np.ndarray]:
     """A surface's triangles (n, 3, 3) in the picture's axes, and their colours (n, 3; 0-1).
 
-    rgb: (n, 3; 0-255). lift: how much nearer to the viewer they are taken to be (mm). A face seen
-    at an angle is darker: the light comes from the viewer.
+    rgb: (n, 3; 0-255). lift: how much nearer to the viewer they are taken to be (mm). A face that
+    is turned away from the light is darker.
     """
     corners = surface.points[surface.regular_faces] @ _axes().T
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     length = np.linalg.norm(normal, axis=1)
-    facing = np.abs(normal[:, 2]) / np.where(length > 0, length, 1.0)
-    light = np.minimum(1, AMBIENT + DIFFUSE * facing)
-    return corners + np.array([0, 0, lift]), light[:, None] * np.asarray(rgb) / 255
+    light = np.array([0, np.sin(np.radians(LIGHT_DEG)), np.cos(np.radians(LIGHT_DEG))])
+    facing = np.maximum(normal @ light, 0) / np.where(length > 0, length, 1.0)
+    bright = np.minimum(1, AMBIENT + DIFFUSE * facing)
+    return corners + np.array([0, 0, lift]), bright[:, None] * np.asarray(rgb) / 255
 
 
 def _paint(triangles: np.ndarray, colours: np.ndarray, seen: np.ndarray) -> np.ndarray:
