@@ -58,8 +58,9 @@ smoke: env
 hidden-effects: env
 	snakemake --cores "$$CORES" hidden_effects --configfile config/hidden_effects.yaml
 
-test: lint docs
+test:
 	@envs/install.sh test
+	@$(MAKE) --no-print-directory --jobs 2 --output-sync lint docs
 	pytest -n "$$CORES" --dist loadfile --no-loadscope-reorder
 
 EXAMPLES ?= 2000
