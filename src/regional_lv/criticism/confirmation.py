@@ -12,13 +12,14 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 import torch
-from sklearn.linear_model import BayesianRidge
+from sklearn.covariance import OAS
+from sklearn.linear_model import RidgeCV
 
 FEWEST = 4
 """Simulations of a set that converged, without which nothing is confirmed."""
 
-LEAST_FREEDOM = 1e-3
-"""Of one minus the leverage of a simulation: what is nearer to nothing is round-off."""
+PENALTIES = np.logspace(-2, 4, 13)
+"""Of the slopes, for standardised coordinates: from next to none to nothing but a constant."""
 
 LEAST_SPREAD = 1e-9
 """Of a coordinate over the draws, below which it counts as constant."""
@@ -51,9 +52,10 @@ class Correction:
         """From n simulations: theta (n, S, P), scaled psi (n, S, k), outputs (n, S, D) for
         `emulator` (an `ExtendedEmulator` without a correction).
 
-        Every output by Bayesian ridge regression, whose evidence says how much of the difference
-        is linear. The covariance is that of each simulation left out: with fewer simulations than
-        coordinates what remains at the others is next to nothing.
+        Every output by ridge regression, with the penalty that predicts left-out simulations best.
+        The covariance is that of simulations left out of the whole fit, penalty included: with
+        fewer simulations than coordinates a line goes through all of them. What an emulator misses
+        it misses in many channels alike, which is why their correlations count.
         """
         difference = outputs - emulator.mean(theta, scaled)
         at = torch.cat([theta.log(), scaled], dim=-1)
@@ -64,25 +66,34 @@ class Correction:
         for heart in range(s):
             moved = sd[heart] > LEAST_SPREAD
             z = ((at[:, heart] - centre[heart]) / sd[heart].clamp(min=LEAST_SPREAD))[:, moved]
-            left = np.empty((len(z), d))
-            for output in range(d):
-                y = difference[:, heart, output].numpy()
-                unit = float(y.std()) or 1.0  # the priors of the regression have units
-                found = BayesianRidge().fit(z.numpy(), y / unit)
-                value[heart, output] = unit * float(found.intercept_)
-                coefficients = unit * torch.as_tensor(found.coef_)
-                slopes[heart, output, moved] = coefficients / sd[heart, moved]
-                left[:, output] = unit * _left_out(found, z.numpy(), y / unit)
-            covariance[heart] = torch.diag(torch.as_tensor(np.square(left).mean(0)))
+            found = _ridge(z.numpy(), difference[:, heart].numpy())
+            value[heart] = torch.as_tensor(found.intercept_)
+            slopes[heart][:, moved] = torch.as_tensor(found.coef_) / sd[heart, moved]
+            left = _left_out(z.numpy(), difference[:, heart].numpy())
+            covariance[heart] = torch.as_tensor(_second_moments(left))
         return cls(centre, value, slopes[..., :p], slopes[..., p:], covariance, len(outputs))
 
 
-def _left_out(ridge: BayesianRidge, z: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Residuals (n,) of a ridge regression at each point when it is left out, for z (n, q) of
-    mean zero and as much regularisation."""
-    gram = z.T @ z + ridge.lambda_ / ridge.alpha_ * np.eye(z.shape[1])
-    leverage = np.einsum("nq,qn->n", z, np.linalg.solve(gram, z.T)) + 1 / len(z)
-    return (y - ridge.predict(z)) / np.maximum(1 - leverage, LEAST_FREEDOM)
+def _ridge(z: np.ndarray, y: np.ndarray) -> RidgeCV:
+    """Ridge regression of outputs y (n, d) on z (n, q), each with a penalty of its own."""
+    return RidgeCV(alphas=PENALTIES, alpha_per_target=True).fit(z, y)
+
+
+def _left_out(z: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Errors (n, d) of regressions of y (n, d) on z (n, q), each at the row that it did without."""
+    left = np.empty_like(y)
+    for i in range(len(z)):
+        others = np.arange(len(z)) != i
+        left[i] = y[i] - _ridge(z[others], y[others]).predict(z[[i]])[0]
+    return left
+
+
+def _second_moments(residuals: np.ndarray) -> np.ndarray:
+    """Second moments (d, d) of residuals (n, d): mean squares as they are, and correlations shrunk
+    towards none as far as so few rows ask for (doi:10.1109/TSP.2010.2053029)."""
+    rms = np.sqrt(np.square(residuals).mean(0))
+    scaled = residuals / np.where(rms > 0, rms, 1.0)
+    return rms[:, None] * OAS(assume_centered=True).fit(scaled).covariance_ * rms
 
 
 # ------------------------------------------------------------------------------------- design
