@@ -108,10 +108,12 @@ def test_sets_are_simulated_on_the_finer_mesh(corrected, theta):
     """Of what an effect does there, the correction adds what the emulators lack; of the base model
     it leaves what has been corrected already."""
     model = ExtendedEmulator(corrected)
-    thetas, scaled = theta[:, None], torch.zeros(len(theta), 1, 0).double()
+    thetas, scaled = theta[:, None], torch.zeros(len(theta), 1, 1).double()
     more = torch.zeros(52).double()
     more[20] = 0.05
-    found = Correction.fit(model, thetas, scaled, corrected.predict_mean(thetas) + more)
+    mean, slopes = corrected.linearise(thetas)
+    by_log_theta = slopes * thetas[..., None, :]
+    found = Correction.fit(model, thetas, scaled, mean + more, by_log_theta)
     torch.testing.assert_close(found.value[0], more, rtol=0, atol=1e-6)
 
 

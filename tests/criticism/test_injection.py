@@ -160,11 +160,11 @@ def test_a_set_that_cannot_be_inflated_is_given_up():
     class Some:
         channels = SimpleNamespace(names=("volume_ml",))
 
-        def outputs(self, theta, effects):
+        def linearised(self, theta, effects):
             asked_for.append(theta[0])
             if not theta[0]:
                 raise ArithmeticError("too soft")
-            return np.array([100.0])
+            return np.array([100.0]), np.array([[-7.0]])
 
     made = injection.simulate_design(design, Some(), {}, ["C_a"])
     assert made["reason"].tolist() == (
@@ -173,4 +173,5 @@ def test_a_set_that_cannot_be_inflated_is_given_up():
         + ["", "too soft", "too soft", "too soft", "", "too soft"]
     )
     assert len(asked_for) == 8
-    assert made["volume_ml"].notna().tolist() == [not reason for reason in made["reason"]]
+    for column in ("volume_ml", "slope_volume_ml"):
+        assert made[column].notna().tolist() == [not reason for reason in made["reason"]]

@@ -9,6 +9,7 @@ import pandas as pd
 import torch
 
 from regional_lv.channels import Channels
+from regional_lv.criticism.confirmation import slope_of
 from regional_lv.criticism.extended import ExtendedEmulator
 from regional_lv.criticism.hypotheses.end_diastolic_pressure import EndDiastolicPressure
 from regional_lv.criticism.hypotheses.scales import Linear, Scale
@@ -208,9 +209,11 @@ def simulate(extensions, interaction: float = 0.0):
                 for extension, (value, _) in zip(present, effects.values(), strict=True)
             ]
             both = ExtendedEmulator(emulator, present)
-            total = both.mean(theta, torch.tensor(scaled, dtype=torch.float64))
+            total, slopes, _ = both.linearise(theta, torch.tensor(scaled, dtype=torch.float64))
             total = total + (wave if len(effects) > 1 else 0.0)
-            rows.append(dict(zip(OUTPUTS, total.tolist(), strict=True)))
+            made = dict(zip(OUTPUTS, total.tolist(), strict=True))
+            made |= {slope_of(o): s for o, s in zip(OUTPUTS, slopes.tolist(), strict=True)}
+            rows.append(made)
         return pd.concat([design.reset_index(drop=True), pd.DataFrame(rows)], axis=1)
 
     return made

@@ -2,7 +2,8 @@
 
 Differences of single causes add up in the emulator; in the simulator they interact. So the leading
 sets are simulated at draws of their posterior, and what the emulator gets wrong there is fitted, by
-a linear function of log theta and psi, and taken away.
+a linear function of log theta and psi, and taken away. Simulations bring their derivatives about
+theta along, so that a handful of them says how that function depends on it.
 """
 
 import json
@@ -48,44 +49,67 @@ class Correction:
         return self.value + (slopes @ away[..., None])[..., 0]
 
     @classmethod
-    def fit(cls, emulator, theta, scaled, outputs) -> "Correction":
-        """From n simulations: theta (n, S, P), scaled psi (n, S, k), outputs (n, S, D) for
-        `emulator` (an `ExtendedEmulator` without a correction).
+    def fit(cls, emulator, theta, scaled, outputs, slopes) -> "Correction":
+        """From n simulations: theta (n, S, P), scaled psi (n, S, k), k > 0, outputs (n, S, D) and
+        their derivatives about log theta, slopes (n, S, D, P), for `emulator` (an
+        `ExtendedEmulator` without a correction).
 
-        Every output by ridge regression, with the penalty that predicts left-out simulations best.
-        The covariance is that of simulations left out of the whole fit, penalty included: with
-        fewer simulations than coordinates a line goes through all of them. What an emulator misses
-        it misses in many channels alike, which is why their correlations count.
+        About theta the differences have the mean of their derivatives. What is left is fitted about
+        psi, every output by ridge regression with the penalty that predicts left-out simulations
+        best. The covariance is that of simulations left out of the whole fit, penalty included.
+        What an emulator misses it misses in many channels alike, which is why their correlations
+        count.
         """
-        difference = outputs - emulator.mean(theta, scaled)
-        at = torch.cat([theta.log(), scaled], dim=-1)
-        centre, sd = at.mean(0), at.std(0)
-        (s, d), p = outputs.shape[1:], theta.shape[-1]
-        value, slopes = torch.zeros(s, d).double(), torch.zeros(s, d, at.shape[-1]).double()
-        covariance = torch.zeros(s, d, d).double()
-        for heart in range(s):
-            moved = sd[heart] > LEAST_SPREAD
-            z = ((at[:, heart] - centre[heart]) / sd[heart].clamp(min=LEAST_SPREAD))[:, moved]
-            found = _ridge(z.numpy(), difference[:, heart].numpy())
-            value[heart] = torch.as_tensor(found.intercept_)
-            slopes[heart][:, moved] = torch.as_tensor(found.coef_) / sd[heart, moved]
-            left = _left_out(z.numpy(), difference[:, heart].numpy())
-            covariance[heart] = torch.as_tensor(_second_moments(left))
-        return cls(centre, value, slopes[..., :p], slopes[..., p:], covariance, len(outputs))
+        _, emulated, _ = emulator.linearise(theta, scaled)
+        difference, steeper = outputs - emulator.mean(theta, scaled), slopes - emulated
+        away = theta.log() - theta.log().mean(0)
+        sd = scaled.std(0)
+        z = torch.where(sd > LEAST_SPREAD, (scaled - scaled.mean(0)) / sd, 0.0)
+        value, by_scaled, covariance = [], [], []
+        for heart in range(outputs.shape[1]):
+            parts = (z, away, difference, steeper)
+            own = _Simulated(*(part[:, heart].numpy() for part in parts))
+            found = own.fit(np.arange(len(outputs)))
+            value.append(found.intercept_)
+            by_scaled.append(found.coef_ / sd[heart].clamp(min=LEAST_SPREAD).numpy())
+            covariance.append(_second_moments(own.left_out()))
+        return cls(
+            torch.cat([theta.log(), scaled], dim=-1).mean(0),
+            torch.as_tensor(np.stack(value)),
+            steeper.mean(0),
+            torch.as_tensor(np.stack(by_scaled)),
+            torch.as_tensor(np.stack(covariance)),
+            len(outputs),
+        )
 
 
-def _ridge(z: np.ndarray, y: np.ndarray) -> RidgeCV:
-    """Ridge regression of outputs y (n, d) on z (n, q), each with a penalty of its own."""
-    return RidgeCV(alphas=PENALTIES, alpha_per_target=True).fit(z, y)
+@dataclass(frozen=True)
+class _Simulated:
+    """What n simulations say of one heart: z (n, k) standardised psi, away (n, P) log theta from
+    its mean, difference (n, D) from the emulator, and its derivatives steeper (n, D, P)."""
 
+    z: np.ndarray
+    away: np.ndarray
+    difference: np.ndarray
+    steeper: np.ndarray
 
-def _left_out(z: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Errors (n, d) of regressions of y (n, d) on z (n, q), each at the row that it did without."""
-    left = np.empty_like(y)
-    for i in range(len(z)):
-        others = np.arange(len(z)) != i
-        left[i] = y[i] - _ridge(z[others], y[others]).predict(z[[i]])[0]
-    return left
+    def fit(self, used: np.ndarray) -> RidgeCV:
+        """Regression about psi, of simulations with the numbers `used`."""
+        penalised = RidgeCV(alphas=PENALTIES, alpha_per_target=True)
+        return penalised.fit(self.z[used], self._without_theta(used)[used])
+
+    def left_out(self) -> np.ndarray:
+        """Errors (n, D) at each simulation of a fit to the others."""
+        left, numbers = np.empty_like(self.difference), np.arange(len(self.z))
+        for i in numbers:
+            used = numbers[numbers != i]
+            predicted = self.fit(used).predict(self.z[[i]])[0]
+            left[i] = self._without_theta(used)[i] - predicted
+        return left
+
+    def _without_theta(self, used: np.ndarray) -> np.ndarray:
+        """Differences (n, D), without what theta does by the mean derivative of the `used`."""
+        return self.difference - self.away @ self.steeper[used].mean(0).T
 
 
 def _second_moments(residuals: np.ndarray) -> np.ndarray:
@@ -130,6 +154,11 @@ def design_rows(members: Sequence[tuple[str, str]], model, draws: torch.Tensor) 
     ]
 
 
+def slope_of(output: str) -> str:
+    """Column of a simulated design: derivatives of an output about log theta, P numbers a row."""
+    return f"slope_{output}"
+
+
 def label(members: Sequence[tuple[str, str]]) -> str:
     """`focal_scar:7 + septal_load`; for no cause an empty text."""
     return " + ".join(f"{n}:{c}" if c else n for n, c in members)
@@ -158,8 +187,10 @@ def correct(model, members: Sequence[tuple[str, str]], simulations: pd.DataFrame
         for text in good["effects"]
     ]
 
-    def tensor(values):
-        return torch.as_tensor(np.asarray(values, dtype=float)).reshape(*shape, -1)
+    def tensor(values, *last):
+        return torch.as_tensor(np.asarray(values, dtype=float)).reshape(*shape, *(last or [-1]))
 
     theta, simulated = (tensor(good[names].to_numpy()) for names in (parameters, outputs))
-    return Correction.fit(model.emulator, theta, tensor(scaled), simulated)
+    by_output = np.stack([np.stack(good[slope_of(output)]) for output in outputs], axis=1)
+    slopes = tensor(by_output, *by_output.shape[1:])
+    return Correction.fit(model.emulator, theta, tensor(scaled), simulated, slopes)

@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 
 from regional_lv.channels import Channel, Channels
+from regional_lv.criticism.confirmation import slope_of
 from regional_lv.criticism.hypotheses import REGISTRY, Hypothesis, NoiseHypothesis, asked
 from regional_lv.criticism.hypotheses.base import configured, psi_and_component, with_value
 from regional_lv.errors import InputError
@@ -69,6 +70,12 @@ class Ventricles:
 
         Raises ArithmeticError, with the reason, for a ventricle that cannot be inflated.
         """
+        return self.linearised(theta, effects)[0]
+
+    def linearised(
+        self, theta: np.ndarray, effects: list[Effect]
+    ) -> tuple[np.ndarray, np.ndarray | None]:
+        """The same and their derivatives about log theta (D, P); None without a predictor."""
         physics, seen = self._physics, list(self.channels)
         for effect in effects:
             h = effect.hypothesis
@@ -78,23 +85,26 @@ class Ventricles:
         if frames != sorted(physics["loading"]["frames"]):
             physics = with_value(physics, ("loading", "frames"), frames)
         try:
-            names, values = self._simulated(physics, theta)
+            names, values, slopes = self._simulated(physics, theta)
         finally:
             if physics is not self._physics:
                 release_unused()
         at = {name: i for i, name in enumerate(names)}
-        return values[[at[channel.name] for channel in seen]]
+        rows = [at[channel.name] for channel in seen]
+        return values[rows], None if slopes is None else slopes[rows]
 
-    def _simulated(self, physics: Mapping, theta: np.ndarray) -> tuple[Sequence[str], np.ndarray]:
-        """Names and values of all channels of one simulation."""
+    def _simulated(
+        self, physics: Mapping, theta: np.ndarray
+    ) -> tuple[Sequence[str], np.ndarray, np.ndarray | None]:
+        """Names, values and derivatives about log theta of all channels of one simulation."""
         if self._predictor is None:
             return self._inflated(physics, theta)
         runner = self._runner(physics, self._predictor)
         result = runner.run(theta)
         if result.status != "converged":
             raise ArithmeticError(result.reason)
-        assert result.observables is not None
-        return runner.channels.names, result.observables
+        assert result.observables is not None and result.sensitivity is not None
+        return runner.channels.names, result.observables, result.sensitivity * theta
 
     def _inflated(self, physics, theta):
         solver = Solver(make_simulator(self._mesh, physics), physics["solver"])
@@ -103,7 +113,7 @@ class Ventricles:
         for load in simulator.channels.load_fractions:
             state = solver.inflate(theta, load * simulator.full_pressure, effort)
             values[simulator.places_of(load)] = simulator.observables(state.w, None, load)[0]
-        return simulator.channels.names, values
+        return simulator.channels.names, values, None
 
     def _runner(self, physics: Mapping, predictor: str | Path) -> Runner:
         if physics is not self._physics:
@@ -299,8 +309,9 @@ def shifts(
 def simulate_design(
     design: pd.DataFrame, ventricles: Ventricles, physics: Mapping, parameters: Sequence[str]
 ) -> pd.DataFrame:
-    """The `design` (rows as of `confirmation.design_rows`) with the outputs, by name; NaN, with the
-    `reason`, where the simulator failed.
+    """The `design` (rows as of `confirmation.design_rows`) with the outputs, by name, and their
+    derivatives about log theta (`confirmation.slope_of`, P numbers each); without them, and with
+    the `reason`, where the simulator failed.
 
     A set whose first simulations all fail (`HOPELESS`) is not simulated any further: what cannot be
     inflated takes twenty times as long as what can.
@@ -314,20 +325,24 @@ def simulate_design(
             for name, (value, component) in json.loads(row["effects"]).items()
         ]
         theta, reason = row[list(parameters)].to_numpy(float), ""
-        outputs = np.full(len(names), np.nan)
+        made = dict.fromkeys(names, np.nan) | dict.fromkeys(map(slope_of, names))
         own = f"{row['subject']}: {row['set']}"
         if failed[own] >= HOPELESS and not converged[own]:
             reason = f"not simulated: the first {HOPELESS} of this set failed"
         else:
             try:
-                outputs = ventricles.outputs(theta, effects)
+                outputs, slopes = ventricles.linearised(theta, effects)
             except ArithmeticError as error:
                 reason = str(error)
+            else:
+                assert slopes is not None  # a predictor is at hand
+                made = dict(zip(names, outputs, strict=True))
+                made |= {slope_of(n): s.tolist() for n, s in zip(names, slopes, strict=True)}
         (failed if reason else converged)[own] += 1
-        rows.append(dict(zip(names, outputs, strict=True)) | {"reason": reason})
+        rows.append(made | {"reason": reason})
         progress.step(failed=bool(reason))
-    made = pd.DataFrame(rows, columns=[*names, "reason"], index=design.index)
-    return pd.concat([design, made], axis=1)
+    columns = [*names, *map(slope_of, names), "reason"]
+    return pd.concat([design, pd.DataFrame(rows, columns=columns, index=design.index)], axis=1)
 
 
 def simulate_sets(
