@@ -140,5 +140,5 @@ stage 'virtual environment' virtual_environment
 stage 'Python packages' python_packages
 stage 'the project itself' project
 stage 'check' check
-printf '%s\n' "$wanted" >"$stamp"
+printf '%s\n' "$wanted" | tee "$stamp" >"$venv/.stamp" # with packages on top, or without
 printf 'Environment ready in %d s.\n' "$SECONDS"
