@@ -1,10 +1,12 @@
 """What simulations of a set add to its emulated outputs."""
 
 import numpy as np
+import pandas as pd
 import pytest
 import torch
 
-from regional_lv.criticism.confirmation import Correction
+from regional_lv.criticism.confirmation import Correction, read_simulated
+from regional_lv.errors import InputError
 
 P, K, D = 10, 2, 12
 
@@ -67,7 +69,7 @@ def test_a_linear_difference_is_taken_away(n):
 @pytest.mark.parametrize("n", [6, 30])
 def test_what_is_missed_in_many_channels_alike_is_correlated(n):
     alike, independent = [], []
-    for seed in range(20):
+    for seed in range(10):
         common = Simulator(seed, own=1.0, alike=True).fitted(n).covariance[0]
         alone = Simulator(seed, own=1.0).fitted(n).covariance[0]
         alike.append(float(correlations(common + 0.01 * torch.eye(D)).mean()))
@@ -83,7 +85,7 @@ def test_the_covariance_has_the_size_of_the_errors_elsewhere(n, slope, bend, own
     """At new draws, also with fewer simulations than coordinates; rather too large where there are
     few."""
     claimed, true = [], []
-    for seed in range(40):
+    for seed in range(15):
         simulator = Simulator(seed, slope, bend, own)
         found, new = simulator.fitted(n), simulator.draws(200)
         true.append(float((simulator(*new)[0] - found.mean(*new)).square().mean()))
@@ -97,3 +99,15 @@ def test_an_output_without_any_difference_has_no_variance():
     outputs[..., 3] = 0.0
     covariance = Correction.fit(Emulator(), *at, outputs, slopes).covariance[0]
     assert covariance[3].abs().max() == 0 and covariance.isfinite().all()
+
+
+def test_simulations_without_derivatives_are_refused(tmp_path):
+    table = pd.DataFrame({"set": ["septal_load"], "volume_ml": [100.0]})
+    table.to_parquet(tmp_path / "old.parquet")
+    with pytest.raises(InputError, match=r"old\.parquet: no derivatives about theta; .* remove it"):
+        read_simulated(tmp_path / "old.parquet")
+    table["slope_volume_ml"] = [[1.0, 2.0]]
+    table.to_parquet(tmp_path / "new.parquet")
+    assert len(read_simulated(tmp_path / "new.parquet")) == 1
+    table[:0].drop(columns="slope_volume_ml").to_parquet(tmp_path / "none.parquet")
+    assert read_simulated(tmp_path / "none.parquet").empty

@@ -10,7 +10,7 @@ import pandas as pd
 import torch
 
 from regional_lv.channels import Channels
-from regional_lv.criticism.confirmation import design_columns
+from regional_lv.criticism.confirmation import design_columns, read_simulated
 from regional_lv.criticism.discretisation import load_emulator
 from regional_lv.criticism.extended import ExtendedEmulator
 from regional_lv.criticism.extension import read_extensions
@@ -130,7 +130,7 @@ def conclude_batch(
 
 
 def _by_subject(simulations: Sequence[str | Path]) -> dict[str, pd.DataFrame]:
-    tables = [table for path in simulations if len(table := pd.read_parquet(path))]
+    tables = [table for path in simulations if len(table := read_simulated(path))]
     if not tables:
         return {}
     return dict(tuple(pd.concat(tables, ignore_index=True).groupby("subject")))

@@ -9,12 +9,15 @@ theta along, so that a handful of them says how that function depends on it.
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import torch
 from sklearn.covariance import OAS
 from sklearn.linear_model import RidgeCV
+
+from regional_lv.errors import InputError
 
 FEWEST = 4
 """Simulations of a set that converged, without which nothing is confirmed."""
@@ -162,6 +165,17 @@ def slope_of(output: str) -> str:
 def label(members: Sequence[tuple[str, str]]) -> str:
     """`focal_scar:7 + septal_load`; for no cause an empty text."""
     return " + ".join(f"{n}:{c}" if c else n for n, c in members)
+
+
+def read_simulated(path: str | Path) -> pd.DataFrame:
+    """A simulated design (Parquet). Raises InputError if it has no derivatives."""
+    table = pd.read_parquet(path)
+    if len(table) and not any(column.startswith(slope_of("")) for column in table):
+        raise InputError(
+            f"{path}: no derivatives about theta; an earlier version made this file: remove it, "
+            "and it is made again"
+        )
+    return table
 
 
 def correct(model, members: Sequence[tuple[str, str]], simulations: pd.DataFrame):

@@ -9,6 +9,7 @@ from pathlib import Path
 import pandas as pd
 import torch
 
+from regional_lv.criticism.confirmation import read_simulated
 from regional_lv.criticism.critic import Critic
 from regional_lv.criticism.discretisation import load_emulator
 from regional_lv.criticism.extension import read_extensions
@@ -158,7 +159,7 @@ def _searched(path: str | Path) -> Searched:
 
 
 def _simulated(paths: Sequence[str | Path]) -> pd.DataFrame | None:
-    return _together([pd.read_parquet(path) for path in paths])
+    return _together([read_simulated(path) for path in paths])
 
 
 def _together(tables: list[pd.DataFrame]) -> pd.DataFrame | None:
