@@ -14,12 +14,10 @@ P, K, D = 10, 2, 12
 class Emulator:
     """Predicts nothing, whatever the input."""
 
-    def mean(self, theta, scaled):
-        return torch.zeros(*theta.shape[:-1], D, dtype=theta.dtype)
-
     def linearise(self, theta, scaled):
-        by_log_theta, by_scaled = (torch.zeros(*theta.shape[:-1], D, n).double() for n in (P, K))
-        return self.mean(theta, scaled), by_log_theta, by_scaled
+        mean = torch.zeros(*theta.shape[:-1], D, dtype=theta.dtype)
+        by_log_theta, by_scaled = (mean[..., None].expand(*mean.shape, n) for n in (P, K))
+        return mean, by_log_theta, by_scaled
 
 
 class Simulator:

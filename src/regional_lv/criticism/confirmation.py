@@ -63,8 +63,8 @@ class Correction:
         What an emulator misses it misses in many channels alike, which is why their correlations
         count.
         """
-        _, emulated, _ = emulator.linearise(theta, scaled)
-        difference, steeper = outputs - emulator.mean(theta, scaled), slopes - emulated
+        mean, emulated, _ = emulator.linearise(theta, scaled)
+        difference, steeper = outputs - mean, slopes - emulated
         away = theta.log() - theta.log().mean(0)
         sd = scaled.std(0)
         z = torch.where(sd > LEAST_SPREAD, (scaled - scaled.mean(0)) / sd, 0.0)
@@ -201,10 +201,10 @@ def correct(model, members: Sequence[tuple[str, str]], simulations: pd.DataFrame
         for text in good["effects"]
     ]
 
-    def tensor(values, *last):
-        return torch.as_tensor(np.asarray(values, dtype=float)).reshape(*shape, *(last or [-1]))
+    def tensor(values):
+        return torch.as_tensor(np.asarray(values, dtype=float)).reshape(*shape, -1)
 
     theta, simulated = (tensor(good[names].to_numpy()) for names in (parameters, outputs))
     by_output = np.stack([np.stack(good[slope_of(output)]) for output in outputs], axis=1)
-    slopes = tensor(by_output, *by_output.shape[1:])
+    slopes = torch.as_tensor(by_output).reshape(*shape, *by_output.shape[1:])
     return Correction.fit(model.emulator, theta, tensor(scaled), simulated, slopes)
