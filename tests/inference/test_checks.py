@@ -16,7 +16,7 @@ from regional_lv.inference.rank_calibration import calibrate_chain
 from regional_lv.inference.resimulation import compare_resimulated, pick_draws
 from tests.inference.conftest import CHANNELS, PARAMETERS
 
-FEW = {"chains": 2, "warmup": 100, "draws": 100, "rhat_max": 1.2, "ess_min": 0}
+FEW = {"chains": 2, "warmup": 50, "draws": 100, "rhat_max": 1.2, "ess_min": 0}
 FEW["cases_per_batch"] = 3
 POINT = {"starts": 2, "iterations": 60}
 

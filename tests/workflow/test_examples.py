@@ -21,9 +21,9 @@ SUBJECT = "synthetic_lateral"
 # Example, emulator, training simulations, parameters and channels that it has.
 CASES = [
     ("whole", "gradient_gp", 12, 2, 52),
-    ("segments", "gradient_gp", 40, 34, 52),
-    ("guccione", "gradient_gp", 24, 10, 52),
-    ("three_loads", "gradient_gp", 24, 10, 156),
+    ("segments", "gradient_gp", 36, 34, 52),
+    ("guccione", "gradient_gp", 16, 10, 52),
+    ("three_loads", "gradient_gp", 16, 10, 156),
     ("torsion", "exact_gp", 24, 10, 55),
     ("plugin", "exact_gp", 70, 10, 53),
 ]
