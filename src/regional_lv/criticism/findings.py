@@ -140,14 +140,14 @@ def _misfit(sampled: Sampled, misfit: Misfit, detected: bool) -> dict:
 
 def _hypothesis(test: Tested, criticism: Criticism) -> dict:
     """Estimate and interval are over all probable sets that hold the cause, as probable as they
-    are, without those that miss the data where the best one fits; of a cause in none of them, one
+    are, without those that data refute where the best one fits; of a cause in none of them, one
     step from the base value along its score."""
     h, identified, name = test.hypothesis, test.identified, test.name
     estimate, low, high, posterior = None, h.low, h.high, None
     best = criticism.best
     holding = [s for s in criticism.sets if name in s.names and s.posterior is not None]
     if criticism.adequate:
-        holding = [s for s in holding if s.misfit is None or s.fits]
+        holding = [s for s in holding if not s.refuted]
     holding.sort(key=lambda s: s is not best)
     component, bound = test.component, False
     if holding:

@@ -22,6 +22,10 @@ ADEQUATE = 0.02
 """Level of the last test, for each cause of a set: a set that misses the data at this level
 explains nothing, whatever it gains. Larger sets were chosen among more, and fit more by chance."""
 
+REFUTED = ADEQUATE / 2
+"""The same for a set that estimates leave out. A right set is rejected now and then; the one that
+stands in for it as the best has other estimates, and is less probable."""
+
 LARGEST_GROUP = 5
 """Causes of which one is present, at most: a larger group is not informative."""
 
@@ -171,6 +175,11 @@ class CauseSet:
     def fits(self) -> bool:
         """Whether its misfit has been tested, and is none."""
         return self.misfit is not None and self.misfit.p_value > ADEQUATE * len(self.members)
+
+    @property
+    def refuted(self) -> bool:
+        """Whether its misfit has been tested, and is beyond doubt."""
+        return self.misfit is not None and self.misfit.p_value <= REFUTED * len(self.members)
 
     @property
     def difference_sds(self) -> torch.Tensor:
