@@ -1,5 +1,6 @@
 """The cache of compiled forms, which outlives the processes that fill it."""
 
+import fcntl
 import os
 import pickle
 import subprocess
@@ -65,6 +66,20 @@ def test_what_a_killed_process_left_half_made_is_made_again(tmp_path):
 def test_processes_that_start_together_share_the_work(tmp_path):
     with ThreadPoolExecutor(2) as pool:
         assert list(pool.map(integral, [tmp_path, tmp_path])) == pytest.approx([1 / 8, 1 / 8])
+
+
+def test_who_waits_for_another_process_says_so(tmp_path):
+    (tmp_path / "regional_lv").mkdir()
+    program = "import logging; logging.basicConfig(level='INFO', stream=sys.stdout)\n"
+    environment = {**os.environ, "XDG_CACHE_HOME": str(tmp_path)}
+    with open(tmp_path / "regional_lv" / "lock", "w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        waiting = subprocess.Popen(
+            [sys.executable, "-c", f"import sys; {program}{INTEGRAL}"],
+            **{"env": environment, "stdout": subprocess.PIPE, "text": True},
+        )
+        assert str(tmp_path / "regional_lv" / "lock") in waiting.stdout.readline()
+    assert float(waiting.communicate()[0].splitlines()[-1]) == pytest.approx(1 / 8)
 
 
 def test_a_form_is_the_same_after_another_was_compiled_and_after_it_was_found(tmp_path):

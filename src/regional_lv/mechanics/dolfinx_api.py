@@ -8,6 +8,7 @@ itself.
 import contextlib
 import fcntl
 import gc
+import logging
 import os
 import shlex
 import shutil
@@ -38,6 +39,8 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from regional_lv.errors import InputError
+
+log = logging.getLogger(__name__)
 
 VERSION = tuple(int(part) for part in dolfinx.__version__.split(".")[:2])
 _LEGACY = VERSION < (0, 8)
@@ -114,7 +117,12 @@ def _compiled(make, *arguments):
     CACHE.mkdir(parents=True, exist_ok=True)
     options = {"cffi_extra_compile_args": FLAGS, "cache_dir": str(CACHE)}
     with open(CACHE / "lock", "w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            # Seconds, unless that one was suspended, or a file server lost its locks.
+            log.info("waiting for another process that compiles; it holds %s", lock.name)
+            fcntl.flock(lock, fcntl.LOCK_EX)
         for source in CACHE.glob("*.c"):
             if not source.with_suffix(".c.cached").exists():
                 source.unlink()
