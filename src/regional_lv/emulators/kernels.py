@@ -20,6 +20,9 @@ ZONAL = "zonal_rq"
 KERNELS = ("rq", "rbf", "matern52", ZONAL)
 """Names for `make_kernel`."""
 
+IN_CACHE = 400_000
+"""Correlations that are computed at a time, 3 MB."""
+
 Blocks = Sequence[slice]
 """Slices that share out the P inputs, in their order."""
 
@@ -101,7 +104,10 @@ class BlockRQKernel(gpytorch.kernels.Kernel):
     def forward(self, x1, x2, diag=False, last_dim_is_batch=False, **params):
         if diag:
             return torch.ones(x1.shape[:-1], dtype=x1.dtype)
-        return self.of_bases(self.bases(x1, x2))
+        # In pieces whose products stay in the processor's cache: half the time with 5,661 points.
+        rows = max(1, IN_CACHE // x2.shape[-2])
+        parts = x1.split(rows, dim=-2)
+        return torch.cat([self.of_bases(self.bases(part, x2)) for part in parts], dim=-2)
 
 
 class BlockRQKernelGrad(gpytorch.kernels.Kernel):
