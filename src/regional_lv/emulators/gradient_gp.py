@@ -7,7 +7,7 @@ import torch
 from gpytorch.constraints import GreaterThan
 
 from regional_lv.derivative_kernel import covariance_with_gradients, covariance_with_values
-from regional_lv.emulators.base import Architecture, TrainingSet, row_jacobian
+from regional_lv.emulators.base import Architecture, TrainingSet
 from regional_lv.emulators.exact_gp import ExactGP
 from regional_lv.emulators.kernels import BlockRQKernel, BlockRQKernelGrad
 from regional_lv.emulators.optimise import fit
@@ -165,7 +165,13 @@ class GradientGP(ExactGP):
         return total
 
     def _weighted_slopes(self, x):
-        return self._weighted(x), row_jacobian(self._weighted, x)
+        kernel, n, p = self.model.of_values, len(self.inputs), x.shape[1]
+        weighted, by_x = kernel.weighted_slopes(x, self.inputs, self.weights[:n])
+        # Covariance of values and derivatives at x with the observed derivatives.
+        common = self.model.length_scales, kernel.alpha[0], kernel.blocks
+        joint = covariance_with_gradients(x, self.inputs[self.sloped], *common)
+        rest = (joint @ self.weights[n:]).reshape(1 + p, len(x), -1)
+        return weighted + rest[0], by_x + rest[1:].permute(1, 2, 0)
 
     def _leave_one_out(self, precision, targets):
         """Without a simulation's derivatives, too: blocks of the projected precision.
