@@ -5,7 +5,8 @@ import pandas as pd
 import pytest
 import torch
 
-from regional_lv.criticism.confirmation import Correction, read_simulated
+from regional_lv.criticism.confirmation import Correction
+from regional_lv.criticism.designs import read_simulated
 from regional_lv.errors import InputError
 
 P, K, D = 10, 2, 12

@@ -9,7 +9,7 @@ import pandas as pd
 import torch
 
 from regional_lv.channels import Channels
-from regional_lv.criticism.confirmation import slope_of
+from regional_lv.criticism.designs import slope_of
 from regional_lv.criticism.extended import ExtendedEmulator
 from regional_lv.criticism.hypotheses.end_diastolic_pressure import EndDiastolicPressure
 from regional_lv.criticism.hypotheses.scales import Linear, Scale

@@ -10,7 +10,7 @@ import pandas as pd
 import torch
 
 from regional_lv.channels import Channels
-from regional_lv.criticism.confirmation import design_columns, read_simulated
+from regional_lv.criticism.designs import design_columns, read_simulated
 from regional_lv.criticism.discretisation import load_emulator
 from regional_lv.criticism.extended import ExtendedEmulator
 from regional_lv.criticism.extension import read_extensions

@@ -14,7 +14,8 @@ import pandas as pd
 import torch
 
 from regional_lv.criticism import outliers, score
-from regional_lv.criticism.confirmation import correct, design_columns, design_rows, label
+from regional_lv.criticism.confirmation import correct
+from regional_lv.criticism.designs import design_columns, design_rows, label
 from regional_lv.criticism.discrepancy import AMPLITUDES, unlisted_covariance
 from regional_lv.criticism.extended import ExtendedEmulator
 from regional_lv.criticism.fit import Fit, fit_best, fit_from_nothing

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from regional_lv.channels import Channel, Channels
-from regional_lv.criticism.confirmation import slope_of
+from regional_lv.criticism.designs import slope_of
 from regional_lv.criticism.hypotheses import REGISTRY, Hypothesis, NoiseHypothesis, asked
 from regional_lv.criticism.hypotheses.base import configured, psi_and_component, with_value
 from regional_lv.errors import InputError
@@ -309,8 +309,8 @@ def shifts(
 def simulate_design(
     design: pd.DataFrame, ventricles: Ventricles, physics: Mapping, parameters: Sequence[str]
 ) -> pd.DataFrame:
-    """The `design` (rows as of `confirmation.design_rows`) with the outputs, by name, and their
-    derivatives about log theta (`confirmation.slope_of`, P numbers each); without them, and with
+    """The `design` (rows as of `designs.design_rows`) with the outputs, by name, and their
+    derivatives about log theta (`designs.slope_of`, P numbers each); without them, and with
     the `reason`, where the simulator failed.
 
     A set whose first simulations all fail (`HOPELESS`) is not simulated any further: what cannot be

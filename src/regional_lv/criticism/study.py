@@ -9,8 +9,8 @@ from pathlib import Path
 import pandas as pd
 import torch
 
-from regional_lv.criticism.confirmation import read_simulated
 from regional_lv.criticism.critic import Critic
+from regional_lv.criticism.designs import read_simulated
 from regional_lv.criticism.discretisation import load_emulator
 from regional_lv.criticism.extension import read_extensions
 from regional_lv.criticism.findings import findings_of, write_findings
