@@ -5,6 +5,7 @@ and of three that observe it otherwise; two hearts go through the rules, the oth
 functions.
 """
 
+import gc
 import json
 
 import numpy as np
@@ -110,6 +111,7 @@ def examine(results, physics):
     settings = Settings.from_config(STUDY["criticism"] | shorter)
     mesh, predictor = results / "geometry" / "mesh.vtu", results / "mechanics" / "predictor.npz"
     ventricles = Ventricles(mesh, physics, predictor)
+    gc.freeze()  # as a job does
 
     def simulate(design):
         return simulate_design(design, ventricles, physics, emulator.parameters.names)
