@@ -75,7 +75,7 @@ def test_errors_with_a_t_tell_their_size(sample):
     error = torch.as_tensor(np.random.default_rng(2).normal(size=outputs))
     # Of no theta, and of four times the usual size.
     error = 4.0 * (error - basis @ (basis.T @ error))
-    settings = Settings(warmup=50, draws=300, ess_min=250)
+    settings = Settings(warmup=50, draws=500)
     draws = sample(likelihood.at(likelihood.y + factor @ error), truth, NONE, settings, 3)
     assert draws.verdict(settings) == "passed"
     freedom = 6.0 + outputs - 10
@@ -124,7 +124,7 @@ def test_noise_scale_and_uniform_prior():
 def test_samplers_agree_where_the_bounds_cut_the_posterior(noise):
     _, truth, likelihood = observed(0.2, 4.8, noise)
     log_sigma = torch.full((len(likelihood.noise.groups),), -1.5, dtype=torch.float64)
-    settings = Settings(warmup=50, draws=250)
+    settings = Settings(warmup=50, draws=400)
     (a, sigma), (b, expected) = (
         flat(one(likelihood, truth, log_sigma, settings, 3)) for one in SAMPLERS.values()
     )
@@ -153,7 +153,7 @@ def test_along_the_shell_of_an_exact_volume(sampler):
     noise = Noise(torch.zeros_like(unit), {"even": unit * even, "odd": unit * ~even}, 1.0)
     deviates = torch.as_tensor(np.random.default_rng(4).normal(size=len(unit)))
     likelihood = Likelihood(emulator, emulator.predict(truth).mean + 0.3 * deviates * unit, noise)
-    settings = {"warmup": 50, "draws": 250, "rhat_max": 1.03, "ess_min": 200, "target_accept": 0.9}
+    settings = {"warmup": 50, "draws": 350, "rhat_max": 1.03, "ess_min": 200, "target_accept": 0.9}
     how = sampling.Sampling(settings, {"starts": 4, "iterations": 100}, 1, "test")
     (maximum,) = how.find_maxima([likelihood])
     start = maximum.theta[0], maximum.log_sigma[0]
