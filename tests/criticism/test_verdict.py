@@ -434,7 +434,7 @@ def test_heavy_tails_do_not_stand_in_for_a_better_set_that_was_not_confirmed(sim
 @pytest.mark.parametrize("p_value", [0.001, 0.015])
 def test_a_set_that_data_refute_says_nothing_of_what_is_named(monkeypatch, p_value):
     """Two effects; the set with one of them is forced to be the most probable one, and rejected:
-    beyond doubt, or at a level at which right ones are rejected now and then."""
+    clearly, or at a level at which right ones are rejected now and then."""
     table = with_effects((basal(), 0.6), (bias(), 0.25))
 
     def probabilities(self, searched, sets, base=0.0):

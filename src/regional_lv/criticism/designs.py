@@ -3,14 +3,11 @@
 import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import pandas as pd
+import torch
 
 from regional_lv.errors import InputError
-
-if TYPE_CHECKING:  # what simulates needs no torch
-    import torch
 
 
 def design_columns(parameters: Sequence[str]) -> list[str]:
@@ -18,7 +15,7 @@ def design_columns(parameters: Sequence[str]) -> list[str]:
     return ["set", "draw", "subject", *parameters, "effects"]
 
 
-def design_rows(members: Sequence[tuple[str, str]], model, draws: "torch.Tensor") -> list[dict]:
+def design_rows(members: Sequence[tuple[str, str]], model, draws: torch.Tensor) -> list[dict]:
     """Simulations to make: one per draw x (n, P) of `model` and heart.
 
     members: name and component of the model's extensions. A row has the `design_columns`;

@@ -178,7 +178,7 @@ class CauseSet:
 
     @property
     def refuted(self) -> bool:
-        """Whether its misfit has been tested, and is beyond doubt."""
+        """Whether its misfit has been tested, and is more than right sets have now and then."""
         return self.misfit is not None and self.misfit.p_value <= REFUTED * len(self.members)
 
     @property
