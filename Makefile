@@ -100,7 +100,7 @@ format: env
 # In an environment of its own: it needs neither the simulator nor the package.
 .venv-docs/.stamp: envs/docs-requirements.txt
 	python3 -m venv --clear .venv-docs
-	.venv-docs/bin/python -m pip install --quiet --no-compile --requirement envs/docs-requirements.txt
+	.venv-docs/bin/python -m pip install --quiet --requirement envs/docs-requirements.txt
 	touch .venv-docs/.stamp
 
 docs: .venv-docs/.stamp
