@@ -75,7 +75,7 @@ def test_errors_with_a_t_tell_their_size(sample):
     error = torch.as_tensor(np.random.default_rng(2).normal(size=outputs))
     # Of no theta, and of four times the usual size.
     error = 4.0 * (error - basis @ (basis.T @ error))
-    settings = Settings(warmup=50, draws=500)
+    settings = Settings(warmup=100, draws=700)
     draws = sample(likelihood.at(likelihood.y + factor @ error), truth, NONE, settings, 3)
     assert draws.verdict(settings) == "passed"
     freedom = 6.0 + outputs - 10
