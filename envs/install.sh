@@ -110,8 +110,8 @@ python_packages() {
         printf '    no C compiler here: the one in the wheel ziglang is installed\n'
         compiler=(--requirement envs/requirements-compiler.txt)
     fi
-    # pip compiles the packages with one core, which takes longer than all the rest; here are all. It
-    # is done now: where PYTHONDONTWRITEBYTECODE is set, every job would do it anew for itself.
+    # pip would compile the packages with one core, which takes longer than all the rest; compileall
+    # uses all. Not compiled here, they would be anew by every job where PYTHONDONTWRITEBYTECODE is set.
     "$venv/bin/python" -m pip install --quiet --prefer-binary --no-compile --requirement "$lock" \
         "${compiler[@]}"
     # A file that is meant for another Python does not compile, and is no error.

@@ -69,8 +69,8 @@ def run(snakemake) -> None:
     """
     start_log(snakemake.log[0])
     function = function_of(snakemake.params.call)
-    # What was imported stays. To look through it takes a collection, such as that after every
-    # simulation of an effect, a fifth of a second.
+    # What was imported stays. A collection, such as the one after every simulation of an effect,
+    # would take a fifth of a second to look through it.
     gc.freeze()
     # Where the function's module brings torch in, it takes all cores unless it is told.
     if "torch" in sys.modules:

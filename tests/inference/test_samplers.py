@@ -50,7 +50,7 @@ def flat(draws) -> tuple[np.ndarray, np.ndarray]:
 
 def test_gaussian_posterior(sample):
     emulator, truth, likelihood = observed(0.02, 2.0)
-    settings = Settings(warmup=50, draws=400, ess_min=300)
+    settings = Settings(warmup=100, draws=500)
     draws = sample(likelihood, truth, NONE, settings, 7)
     assert draws.verdict(settings) == "passed"
     expected = torch.linalg.inv(precision(emulator)).numpy()
@@ -65,9 +65,9 @@ def test_gaussian_posterior(sample):
     )
 
 
-def test_errors_with_a_t_tell_their_size():
+def test_errors_with_a_t_tell_their_size(sample):
     """Given the errors that no theta explains, a linear emulator's posterior is a t with a scale of
-    their size (Ding 2016, doi 10.1080/00031305.2016.1164756). NUTS follows the same density."""
+    their size (Ding 2016, doi 10.1080/00031305.2016.1164756)."""
     emulator, truth, likelihood = observed(0.01, 2.0, freedom=6.0)
     a, outputs = emulator.slopes, len(emulator.base)
     factor = torch.linalg.cholesky(emulator.matrix)
@@ -75,9 +75,8 @@ def test_errors_with_a_t_tell_their_size():
     error = torch.as_tensor(np.random.default_rng(2).normal(size=outputs))
     # Of no theta, and of four times the usual size.
     error = 4.0 * (error - basis @ (basis.T @ error))
-    settings = Settings(draws=500)
-    observation = likelihood.at(likelihood.y + factor @ error)
-    draws = SAMPLERS["importance"](observation, truth, NONE, settings, 3)
+    settings = Settings(warmup=100, draws=500)
+    draws = sample(likelihood.at(likelihood.y + factor @ error), truth, NONE, settings, 3)
     assert draws.verdict(settings) == "passed"
     freedom = 6.0 + outputs - 10
     scale = ((6.0 + error.square().sum()) / freedom).sqrt()
@@ -89,11 +88,8 @@ def test_errors_with_a_t_tell_their_size():
     np.testing.assert_allclose(theta.std(0), expected, rtol=0.1)
 
 
-def test_noise_scale_and_uniform_prior():
-    """Means that do not depend on theta: theta keeps its prior, sigma has a posterior on a grid.
-
-    NUTS follows the same density, and noise scales of its own in the test of a shell.
-    """
+def test_noise_scale_and_uniform_prior(sample):
+    """Means that do not depend on theta: theta keeps its prior, sigma has a posterior on a grid."""
     emulator = linear(1e-4)
     emulator.slopes = torch.zeros_like(emulator.slopes)
     residual = torch.as_tensor(np.random.default_rng(3).normal(size=len(emulator.outputs)))
@@ -103,7 +99,7 @@ def test_noise_scale_and_uniform_prior():
     start = torch.full((3,), -0.5, dtype=torch.float64)
     likelihood = Likelihood(emulator, y, Noise.inferred(emulator, 0.6))
     settings = Settings(warmup=100, draws=600)
-    draws = SAMPLERS["importance"](likelihood, middle, start, settings, 8)
+    draws = sample(likelihood, middle, start, settings, 8)
     assert draws.verdict(settings) == "passed"
     theta, sigma = flat(draws)
     assert np.abs(theta.mean(0) - 2.55).max() < 0.15
@@ -125,7 +121,7 @@ def test_noise_scale_and_uniform_prior():
 def test_samplers_agree_where_the_bounds_cut_the_posterior(noise):
     _, truth, likelihood = observed(0.2, 4.8, noise)
     log_sigma = torch.full((len(likelihood.noise.groups),), -1.5, dtype=torch.float64)
-    settings = Settings(warmup=50, draws=400)
+    settings = Settings(warmup=100, draws=400)
     (a, sigma), (b, expected) = (
         flat(one(likelihood, truth, log_sigma, settings, 3)) for one in SAMPLERS.values()
     )
@@ -154,7 +150,7 @@ def test_along_the_shell_of_an_exact_volume(sampler):
     noise = Noise(torch.zeros_like(unit), {"even": unit * even, "odd": unit * ~even}, 1.0)
     deviates = torch.as_tensor(np.random.default_rng(4).normal(size=len(unit)))
     likelihood = Likelihood(emulator, emulator.predict(truth).mean + 0.3 * deviates * unit, noise)
-    settings = {"warmup": 50, "draws": 350, "rhat_max": 1.03, "ess_min": 200, "target_accept": 0.9}
+    settings = {"warmup": 150, "draws": 250, "chains": 4, "rhat_max": 1.03, "target_accept": 0.9}
     how = sampling.Sampling(settings, {"starts": 4, "iterations": 100}, 1, "test")
     (maximum,) = how.find_maxima([likelihood])
     start = maximum.theta[0], maximum.log_sigma[0]

@@ -123,14 +123,12 @@ class GradientGP(ExactGP):
         return _observations(training.y, training.slopes[self.sloped])
 
     def _training_covariance(self):
-        x, sloped, kernel = self.inputs, self.inputs[self.sloped], self.model.of_values
-        scales = self.model.length_scales
-        common = scales, kernel.alpha[0], kernel.blocks
+        x, sloped, scales = self.inputs, self.inputs[self.sloped], self.model.length_scales
         n, count = len(x), len(sloped)
         upper = self._correlations_by_parts(x)
         lower = [
-            covariance_with_values(sloped, x, *common)[count:],
-            covariance_with_gradients(sloped, sloped, *common)[count:],
+            covariance_with_values(sloped, x, *self._of_kernel())[count:],
+            covariance_with_gradients(sloped, sloped, *self._of_kernel())[count:],
         ]
         noise = (self.model.gradient_noise / scales**2 - self.nugget).clamp(min=0.0)
         matrix = torch.cat([upper, torch.cat(lower, dim=1)])
@@ -138,6 +136,11 @@ class GradientGP(ExactGP):
         constant = torch.zeros(len(matrix), 1, dtype=x.dtype)
         constant[:n] = 1.0
         return matrix, constant
+
+    def _of_kernel(self) -> tuple:
+        """What functions of `derivative_kernel` ask of the kernel."""
+        kernel = self.model.of_values
+        return self.model.length_scales, kernel.alpha[0], kernel.blocks
 
     def _correlations(self, x):
         kernel, v = self.model.of_values, self.inputs[self.sloped]
@@ -168,8 +171,7 @@ class GradientGP(ExactGP):
         kernel, n, p = self.model.of_values, len(self.inputs), x.shape[1]
         weighted, by_x = kernel.weighted_slopes(x, self.inputs, self.weights[:n])
         # Covariance of values and derivatives at x with the observed derivatives.
-        common = self.model.length_scales, kernel.alpha[0], kernel.blocks
-        joint = covariance_with_gradients(x, self.inputs[self.sloped], *common)
+        joint = covariance_with_gradients(x, self.inputs[self.sloped], *self._of_kernel())
         rest = (joint @ self.weights[n:]).reshape(1 + p, len(x), -1)
         return weighted + rest[0], by_x + rest[1:].permute(1, 2, 0)
 
