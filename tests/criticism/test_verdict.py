@@ -355,6 +355,36 @@ def test_what_simulations_do_to_a_set_is_expected_of_its_rivals():
     assert found["named"] == [] and answered(found) == {"basal_motion", name}
 
 
+@pytest.mark.parametrize("simulated", [1, 2])
+def test_a_rival_is_refuted_by_its_own_simulations(simulated):
+    """It is 27 times less probable, by its emulator or by simulations. An emulator is not enough to
+    name the other cause: simulations may change the evidence of a rival."""
+    true, settings = basal(), replace(SETTINGS, sets=simulated, rounds=1, largest_set=1)
+    pattern_of_rival = true.pattern + pattern("radial", [3], 0.028)
+    rival = Extension(Hypothesis("fibre_rotation", 0.0, 0.0, 2.0), pattern_of_rival)
+    given = inputs({"heart": with_effects((true, 1.0))}, [true, rival], (), settings)
+    found = criticise(given, simulate([true, rival]))
+    assert [s["confirmed"] for s in found["sets"]] == [True, simulated == 2]
+    first, second = (s["log_evidence"] for s in found["sets"])
+    assert first - second == pytest.approx(3.3, abs=0.3)
+    assert found["named"] == (["basal_motion"] if simulated == 2 else [])
+    assert "basal_motion" in answered(found)
+
+
+def test_evidence_that_is_not_known_is_averaged_over():
+    sets = [
+        CauseSet((("first", ""),), None, None, 1.0, -1.0),
+        CauseSet((("second", ""),), None, None, -5.0, -1.0, evidence_sd=3.0),
+    ]
+    searched = SimpleNamespace(unlisted=-50.0, unlisted_prior=-50.0)
+    found, *rest = Critic._probabilities(SimpleNamespace(seed=1), searched, sets)
+    nodes, weights = np.polynomial.hermite_e.hermegauss(60)
+    expected = weights @ (1 / (1 + np.exp(6 - 3 * nodes))) / weights.sum()
+    assert found[1].names == ("second",) and max(rest) < 1e-9
+    assert found[1].probability == pytest.approx(expected, abs=0.007)
+    assert found[0].probability + found[1].probability == pytest.approx(1)
+
+
 def test_differences_are_counted_in_noise_where_there_is_noise():
     """Twice the noise in a strain; a volume that is taken as exact, and a channel not observed."""
     model = SimpleNamespace(

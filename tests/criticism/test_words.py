@@ -60,3 +60,13 @@ def test_what_was_not_simulated_is_not_confirmed():
     assert words._confirmed({"confirmation": part}) == []
     (text,) = words._confirmed({"confirmation": part | {"largest_difference_sd": 0.4}})
     assert "60 simulations" in text and "0.4 sd" in text
+
+
+@pytest.mark.parametrize(
+    ("share", "undecided", "told"), [(0.12, True, True), (0.12, False, False), (0.04, True, False)]
+)
+def test_what_further_simulations_may_decide(share, undecided, told):
+    """Only where a cause is not named, and sets that were not simulated are probable enough."""
+    part = {"confirmation": {"probability_not_simulated": share}, "least_probability": 0.95}
+    text = words._not_simulated(part, undecided)
+    assert len(text) == told and all("12 %" in t and "rounds" in t for t in text)

@@ -51,6 +51,13 @@ WORTH_A_TRIAL = 30.0
 """Log posterior probability by which a set without one of the best set's causes may be behind and
 still be simulated before others."""
 
+USUAL_SCATTER, USUAL_DEGREES = 1.3, 2
+"""Of what simulations change in the log evidence of sets of one size: the standard deviation over
+ten subjects of the benchmark, and the degrees of freedom that this counts for."""
+
+EVIDENCES = 4000
+"""Draws of the log evidence of sets that were not simulated."""
+
 MOST_SAMPLED = 3
 """Sets whose posterior is sampled."""
 
@@ -308,16 +315,30 @@ class Critic:
             sets.append(one)
             if one.confirmed:
                 gains[one.members] = one.log_evidence - row["log_evidence"]
+        counted = _counted(sets, gains)
+        sd = _scatter(counted)
+        for size, like in sorted(counted.items()):
+            changes = ", ".join(f"{gain:+.1f}" for gain in like)
+            log.info("simulations changed log evidences of %d causes by %s", size, changes)
         for one in sets:
             if not one.confirmed:
-                one.log_evidence += _gain_of_like(one, sets, gains)
+                like = counted.get(len(one.members), [])
+                one.log_evidence += sum(like) / len(like) if like else 0.0
+                one.evidence_sd = sd
         return self._probabilities(searched, sets)
 
     def _probabilities(self, searched: Searched, sets: list[CauseSet], base: float = 0.0):
-        """base: log evidence of the base model, relative to that of the search."""
-        logs = [s.log_posterior for s in sets]
+        """In the mean over what simulations may say of the sets that have none: a set that is far
+        behind by its emulators is not impossible before it is simulated.
+
+        base: log evidence of the base model, relative to that of the search.
+        """
         rest = [base + searched.unlisted_prior, searched.unlisted + searched.unlisted_prior]
-        weights = torch.softmax(torch.tensor([*logs, *rest], dtype=torch.float64), 0).tolist()
+        logs = torch.tensor([*(s.log_posterior for s in sets), *rest], dtype=torch.float64)
+        sds = torch.tensor([*(s.evidence_sd for s in sets), 0.0, 0.0], dtype=torch.float64)
+        generator = torch.Generator().manual_seed(derive(self.seed, "evidence"))
+        noise = torch.randn((EVIDENCES, len(logs)), dtype=torch.float64, generator=generator)
+        weights = torch.softmax(logs + sds * noise, dim=1).mean(0).tolist()
         for one, weight in zip(sets, weights, strict=False):
             one.probability = weight
         return sorted(sets, key=lambda s: -s.probability), weights[-2], weights[-1]
@@ -485,17 +506,33 @@ def _of_each_size(ranked: Iterable[tuple[Member, ...]]) -> list[tuple[Member, ..
     return list(found.values())
 
 
-def _gain_of_like(one: CauseSet, sets: Sequence[CauseSet], gains: dict) -> float:
-    """What simulations would do to the log evidence of a set that has none: what they did in the
-    mean to those of as many causes, of which only those near the best one tell something. More
-    causes make up for what the emulators have wrong, and gain less.
+def _counted(sets: Sequence[CauseSet], gains: dict) -> dict[int, list[float]]:
+    """Number of causes -> what simulations did to the log evidence of sets of as many, of which
+    only those near the best one tell something. More causes make up for what the emulators have
+    wrong, and gain less.
 
     gains: log evidence with simulations less that without, of the sets that have them.
     """
-    like = [s for s in sets if s.members in gains and len(s.members) == len(one.members)]
-    limit = max((s.log_posterior for s in like), default=0.0) - LEADING_MARGIN
-    found = [gains[s.members] for s in like if s.log_posterior >= limit]
-    return sum(found) / len(found) if found else 0.0
+    sizes: dict[int, list[CauseSet]] = {}
+    for one in sets:
+        if one.members in gains:
+            sizes.setdefault(len(one.members), []).append(one)
+    found = {}
+    for size, like in sizes.items():
+        limit = max(s.log_posterior for s in like) - LEADING_MARGIN
+        found[size] = [gains[s.members] for s in like if s.log_posterior >= limit]
+    return found
+
+
+def _scatter(counted: dict[int, list[float]]) -> float:
+    """Standard deviation of what simulations do to the log evidence of sets of one size, about its
+    mean; with few of them mostly what it is in other hearts."""
+    squares, degrees = USUAL_DEGREES * USUAL_SCATTER**2, USUAL_DEGREES
+    for like in counted.values():
+        mean = sum(like) / len(like)
+        squares += sum((gain - mean) ** 2 for gain in like)
+        degrees += len(like) - 1
+    return math.sqrt(squares / degrees)
 
 
 def _row(at: Member, z: float, p: tuple[float, float], identified: Identified) -> dict:

@@ -12,7 +12,7 @@ from regional_lv.criticism import data_checks, words
 from regional_lv.criticism.posterior import gain_of
 from regional_lv.criticism.score import Misfit
 from regional_lv.criticism.separate import separating_measurement
-from regional_lv.criticism.verdict import CauseSet, Criticism, Sampled, Tested
+from regional_lv.criticism.verdict import PROBABILITY, CauseSet, Criticism, Sampled, Tested
 from regional_lv.emulators.base import Emulator
 from regional_lv.gaussian import Z95
 from regional_lv.measured import shortcomings
@@ -69,6 +69,7 @@ def findings_of(
         "noise": _noise(base, final),
         "remaining": None,
         "level": criticism.settings.level,
+        "least_probability": PROBABILITY,
         "critical_z": searched.critical_z,
         "least_p_value": 1 / (1 + criticism.settings.bootstrap),
         "ess": final.posterior.ess,
@@ -238,6 +239,9 @@ def _confirmation(criticism: Criticism) -> dict:
         "simulations": sum(s.simulations for s in criticism.sets),
         "simulations_of_best": best.simulations if best is not None else 0,
         "largest_difference_sd": best.difference_sd if best is not None else math.nan,
+        "probability_not_simulated": sum(
+            s.probability for s in criticism.sets if not s.simulations
+        ),
         "channels": channels,
     }
 

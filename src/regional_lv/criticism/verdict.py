@@ -131,8 +131,9 @@ class CauseSet:
     """One set of causes, fitted by itself.
 
     log_evidence: relative to the base model; of a set without simulations with what these changed
-    in others. correction: from its simulations, if there are any. draws: of its posterior, where it
-    is not sampled with all that a verdict needs.
+    in others. evidence_sd: how far simulations may still change it, 0 of a set that has some.
+    correction: from its simulations, if there are any. draws: of its posterior, where it is not
+    sampled with all that a verdict needs.
     """
 
     members: tuple[Member, ...]
@@ -144,6 +145,7 @@ class CauseSet:
     sampled: Sampled | None = None
     draws: Posterior | None = None
     misfit: score.Misfit | None = None
+    evidence_sd: float = 0.0
 
     @property
     def posterior(self) -> Posterior | None:

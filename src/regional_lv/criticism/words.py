@@ -139,7 +139,7 @@ def verdict(content: dict) -> list[str]:
                 f"Named: {estimated(name)}; probability {min(100 * h['probability'], 99.9):.1f} % "
                 "among all sets of listed causes"
             )
-            if h["component_probability"] < 0.95:
+            if h["component_probability"] < content["least_probability"]:
                 kind = "segment" if h["component"].isdigit() else "kind"
                 sentence += f", {100 * h['component_probability']:.0f} % of that for this {kind}"
             sentences.append(f"{sentence}.")
@@ -156,6 +156,7 @@ def verdict(content: dict) -> list[str]:
                 f"The best set also holds {_list(uncertain)}, which {verb} not certain enough to "
                 "be named."
             )
+        sentences += _not_simulated(content, bool(uncertain or content["groups"]))
         sentences += separating(content)
         sentences += _confirmed(content)
         sentences.append(gain(content["gain"]))
@@ -226,6 +227,17 @@ def _confirmed(content: dict) -> list[str]:
         f"Confirmed by {part['simulations_of_best']} simulations with all effects at once; "
         f"emulated and simulated differ by {number(part['largest_difference_sd'], 2)} sd of the "
         "noise at most, which was corrected."
+    ]
+
+
+def _not_simulated(content: dict, undecided: bool) -> list[str]:
+    """What is left to simulate where that may be why causes are not named."""
+    share = content["confirmation"]["probability_not_simulated"]
+    if not undecided or share < 1 - content["least_probability"]:
+        return []
+    return [
+        f"Sets that were not simulated have {100 * share:.0f} % of the probability: more rounds "
+        "(criticism.confirmation.rounds) may tell more."
     ]
 
 

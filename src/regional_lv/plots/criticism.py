@@ -114,9 +114,10 @@ def draw_causes(findings: dict, png: Path, csv: Path) -> None:
         f"{100 * findings['level']:g} % over the catalogue)"
     )
     right.barh(at, table["probability"], color=colours, height=0.65)
-    right.axvline(0.95, color=style.BLACK, linestyle="--", linewidth=0.8)
+    least = findings["least_probability"]
+    right.axvline(least, color=style.BLACK, linestyle="--", linewidth=0.8)
     right.set_xlim(0, 1.02)
-    right.set_xlabel("probability over all sets\n(dashed: 0.95)")
+    right.set_xlabel(f"probability over all sets\n(dashed: {least:g})")
     handles = [Patch(color=c, label=k) for k, c in kinds.items() if k in set(table["kind"])]
     fig.legend(handles=handles, loc="outside lower center", ncols=len(handles))
     style.save(fig, table.drop(columns=["size", "kind"]), png, csv)
