@@ -19,6 +19,7 @@ from regional_lv.criticism.designs import design_columns, design_rows, label
 from regional_lv.criticism.discrepancy import AMPLITUDES, unlisted_covariance
 from regional_lv.criticism.extended import ExtendedEmulator
 from regional_lv.criticism.fit import Fit, fit_best, fit_from_nothing
+from regional_lv.criticism.gains import Gains
 from regional_lv.criticism.identify import Identified, identify
 from regional_lv.criticism.linear import approximate, leave_out_linearly
 from regional_lv.criticism.model import Layout, Model
@@ -50,10 +51,6 @@ LEAST_PROBABILITY = 0.01
 WORTH_A_TRIAL = 30.0
 """Log posterior probability by which a set without one of the best set's causes may be behind and
 still be simulated before others."""
-
-USUAL_SCATTER, USUAL_DEGREES = 1.3, 2
-"""Of what simulations change in the log evidence of sets of one size: the standard deviation over
-ten subjects of the benchmark, and the degrees of freedom that this counts for."""
 
 EVIDENCES = 4000
 """Draws of the log evidence of sets that were not simulated."""
@@ -315,17 +312,30 @@ class Critic:
             sets.append(one)
             if one.confirmed:
                 gains[one.members] = one.log_evidence - row["log_evidence"]
-        counted = _counted(sets, gains)
-        sd = _scatter(counted)
-        for size, like in sorted(counted.items()):
-            changes = ", ".join(f"{gain:+.1f}" for gain in like)
-            log.info("simulations changed log evidences of %d causes by %s", size, changes)
-        for one in sets:
-            if not one.confirmed:
-                like = counted.get(len(one.members), [])
-                one.log_evidence += sum(like) / len(like) if like else 0.0
-                one.evidence_sd = sd
+        if gains:
+            self._expect(sets, [row["log_evidence"] for row in searched.sets], gains)
         return self._probabilities(searched, sets)
+
+    def _expect(self, sets: list[CauseSet], emulated: list[float], gains: dict) -> None:
+        """Give sets without simulations the log evidence that they would have with them.
+
+        emulated: log evidence of the sets by the emulators; gains: what simulations changed in it.
+        """
+        best = max(emulated)
+        known, unknown = (
+            [i for i, s in enumerate(sets) if s.confirmed == one] for one in (True, False)
+        )
+        behind = [value - best for value in emulated]
+        causes = [len(s.members) for s in sets]
+        changes = [gains[sets[i].members] for i in known]
+        found = Gains.fit([behind[i] for i in known], [causes[i] for i in known], changes)
+        for i, change in zip(known, changes, strict=True):
+            log.info("simulations change %s by %+.1f", label(sets[i].members), change)
+        others = [behind[i] for i in unknown], [causes[i] for i in unknown]
+        draws = found.draws(*others, EVIDENCES, derive(self.seed, "evidence"))
+        for i, expected, own in zip(unknown, found.expected(*others), draws.T, strict=True):
+            sets[i].log_evidence += float(expected)
+            sets[i].uncertain = torch.as_tensor(own)
 
     def _probabilities(self, searched: Searched, sets: list[CauseSet], base: float = 0.0):
         """In the mean over what simulations may say of the sets that have none: a set that is far
@@ -335,10 +345,10 @@ class Critic:
         """
         rest = [base + searched.unlisted_prior, searched.unlisted + searched.unlisted_prior]
         logs = torch.tensor([*(s.log_posterior for s in sets), *rest], dtype=torch.float64)
-        sds = torch.tensor([*(s.evidence_sd for s in sets), 0.0, 0.0], dtype=torch.float64)
-        generator = torch.Generator().manual_seed(derive(self.seed, "evidence"))
-        noise = torch.randn((EVIDENCES, len(logs)), dtype=torch.float64, generator=generator)
-        weights = torch.softmax(logs + sds * noise, dim=1).mean(0).tolist()
+        known = torch.zeros(EVIDENCES, dtype=torch.float64)
+        changes = [known if s.uncertain is None else s.uncertain for s in sets]
+        together = logs + torch.stack([*changes, known, known], dim=1)
+        weights = torch.softmax(together, dim=1).mean(0).tolist()
         for one, weight in zip(sets, weights, strict=False):
             one.probability = weight
         return sorted(sets, key=lambda s: -s.probability), weights[-2], weights[-1]
@@ -504,35 +514,6 @@ def _of_each_size(ranked: Iterable[tuple[Member, ...]]) -> list[tuple[Member, ..
     for members in ranked:
         found.setdefault(len(members), members)
     return list(found.values())
-
-
-def _counted(sets: Sequence[CauseSet], gains: dict) -> dict[int, list[float]]:
-    """Number of causes -> what simulations did to the log evidence of sets of as many, of which
-    only those near the best one tell something. More causes make up for what the emulators have
-    wrong, and gain less.
-
-    gains: log evidence with simulations less that without, of the sets that have them.
-    """
-    sizes: dict[int, list[CauseSet]] = {}
-    for one in sets:
-        if one.members in gains:
-            sizes.setdefault(len(one.members), []).append(one)
-    found = {}
-    for size, like in sizes.items():
-        limit = max(s.log_posterior for s in like) - LEADING_MARGIN
-        found[size] = [gains[s.members] for s in like if s.log_posterior >= limit]
-    return found
-
-
-def _scatter(counted: dict[int, list[float]]) -> float:
-    """Standard deviation of what simulations do to the log evidence of sets of one size, about its
-    mean; with few of them mostly what it is in other hearts."""
-    squares, degrees = USUAL_DEGREES * USUAL_SCATTER**2, USUAL_DEGREES
-    for like in counted.values():
-        mean = sum(like) / len(like)
-        squares += sum((gain - mean) ** 2 for gain in like)
-        degrees += len(like) - 1
-    return math.sqrt(squares / degrees)
 
 
 def _row(at: Member, z: float, p: tuple[float, float], identified: Identified) -> dict:

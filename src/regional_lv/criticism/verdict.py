@@ -131,9 +131,9 @@ class CauseSet:
     """One set of causes, fitted by itself.
 
     log_evidence: relative to the base model; of a set without simulations with what these changed
-    in others. evidence_sd: how far simulations may still change it, 0 of a set that has some.
-    correction: from its simulations, if there are any. draws: of its posterior, where it is not
-    sampled with all that a verdict needs.
+    in others. uncertain: draws (N,), about 0, of what simulations may change in that; None of a set
+    that has some. correction: from its simulations, if there are any. draws: of its posterior,
+    where it is not sampled with all that a verdict needs.
     """
 
     members: tuple[Member, ...]
@@ -145,7 +145,7 @@ class CauseSet:
     sampled: Sampled | None = None
     draws: Posterior | None = None
     misfit: score.Misfit | None = None
-    evidence_sd: float = 0.0
+    uncertain: torch.Tensor | None = None
 
     @property
     def posterior(self) -> Posterior | None:
