@@ -40,7 +40,9 @@ class Gains:
     degrees: float
 
     @classmethod
-    def fit(cls, emulated: Sequence[float], causes: Sequence[int], gain: Sequence[float]):
+    def fit(
+        cls, emulated: Sequence[float], causes: Sequence[int], gain: Sequence[float]
+    ) -> "Gains":
         """From n simulated sets: log evidence less that of the best set, both by the emulators,
         numbers of causes, and what simulations changed in the log evidence."""
         x, y = _columns(emulated, causes), np.asarray(gain, dtype=float)
