@@ -23,7 +23,8 @@ PRIOR_SD, PRIOR_DEGREES = 0.5, 1.0
 """Of the error: its standard deviation, and the degrees of freedom that this counts for. With this
 prior, what simulations changed in 105 sets of 14 subjects of the benchmark is predicted best, each
 from the others of its subject: the root mean square error is 1.9, instead of 2.8 by the mean of
-sets with as many causes and 3.1 by no change; 92 % lie in their 95 % intervals."""
+sets with as many causes and 3.1 by no change; 92 % lie in their 95 % intervals. It was chosen with
+these sets, among some 200 priors."""
 
 MEAN_CAUSES = 2.0
 """Number of causes about which the constant is meant."""
