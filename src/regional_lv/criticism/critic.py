@@ -302,40 +302,37 @@ class Critic:
     def _weighed(self, searched: Searched, simulations: pd.DataFrame | None):
         """The leading sets, corrected by what was simulated of them, with their probabilities, the
         most probable first; and the probabilities of the base model and of what is not listed."""
-        sets, gains, reference = [], {}, searched.base_evidence
+        sets, reference = [], searched.base_evidence
         for row in searched.sets:
             members, x = row["members"], torch.tensor(row["x"], dtype=torch.float64)
             correction = None
             if simulations is not None and len(simulations):
                 correction = correct(self._model(members), members, simulations)
-            one = self._fitted(members, x, row["log_prior"], reference, correction)
-            sets.append(one)
-            if one.confirmed:
-                gains[one.members] = one.log_evidence - row["log_evidence"]
-        if gains:
-            self._expect(sets, [row["log_evidence"] for row in searched.sets], gains)
+            sets.append(self._fitted(members, x, row["log_prior"], reference, correction))
+        self._expect(sets, [row["log_evidence"] for row in searched.sets])
         return self._probabilities(searched, sets)
 
-    def _expect(self, sets: list[CauseSet], emulated: list[float], gains: dict) -> None:
-        """Give sets without simulations the log evidence that they would have with them.
-
-        emulated: log evidence of the sets by the emulators; gains: what simulations changed in it.
-        """
+    def _expect(self, sets: list[CauseSet], emulated: list[float]) -> None:
+        """Give sets without simulations the log evidence that they would have with them, going by
+        those that have some. emulated: log evidence of all sets by the emulators."""
+        pairs = list(zip(sets, emulated, strict=True))
+        known = [(s, value) for s, value in pairs if s.confirmed]
+        unknown = [(s, value) for s, value in pairs if not s.confirmed]
+        if not known:
+            return
         best = max(emulated)
-        known, unknown = (
-            [i for i, s in enumerate(sets) if s.confirmed == one] for one in (True, False)
-        )
-        behind = [value - best for value in emulated]
-        causes = [len(s.members) for s in sets]
-        changes = [gains[sets[i].members] for i in known]
-        found = Gains.fit([behind[i] for i in known], [causes[i] for i in known], changes)
-        for i, change in zip(known, changes, strict=True):
-            log.info("simulations change %s by %+.1f", label(sets[i].members), change)
-        others = [behind[i] for i in unknown], [causes[i] for i in unknown]
-        draws = found.draws(*others, EVIDENCES, derive(self.seed, "evidence"))
-        for i, expected, own in zip(unknown, found.expected(*others), draws.T, strict=True):
-            sets[i].log_evidence += float(expected)
-            sets[i].uncertain = torch.as_tensor(own)
+
+        def traits(some):
+            return [value - best for _, value in some], [len(s.members) for s, _ in some]
+
+        changes = [s.log_evidence - value for s, value in known]
+        for (one, _), change in zip(known, changes, strict=True):
+            log.info("simulations change %s by %+.1f", label(one.members), change)
+        found, asked = Gains.fit(*traits(known), changes), traits(unknown)
+        draws = found.draws(*asked, EVIDENCES, derive(self.seed, "evidence"))
+        for (one, _), expected, own in zip(unknown, found.expected(*asked), draws.T, strict=True):
+            one.log_evidence += float(expected)
+            one.uncertain = torch.as_tensor(own)
 
     def _probabilities(self, searched: Searched, sets: list[CauseSet], base: float = 0.0):
         """In the mean over what simulations may say of the sets that have none: a set that is far

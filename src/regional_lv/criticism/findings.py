@@ -239,9 +239,7 @@ def _confirmation(criticism: Criticism) -> dict:
         "simulations": sum(s.simulations for s in criticism.sets),
         "simulations_of_best": best.simulations if best is not None else 0,
         "largest_difference_sd": best.difference_sd if best is not None else math.nan,
-        "probability_not_simulated": sum(
-            s.probability for s in criticism.sets if not s.simulations
-        ),
+        "probability_not_simulated": sum(s.probability for s in criticism.sets if not s.confirmed),
         "channels": channels,
     }
 
