@@ -322,7 +322,7 @@ class Critic:
             return
         best = max(emulated)
 
-        def traits(some):
+        def traits(some: list[tuple[CauseSet, float]]) -> tuple[list[float], list[int]]:
             return [value - best for _, value in some], [len(s.members) for s, _ in some]
 
         changes = [s.log_evidence - value for s, value in known]
