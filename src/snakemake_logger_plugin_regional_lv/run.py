@@ -8,8 +8,9 @@ from pathlib import Path
 from regional_lv.progress import duration
 
 TABLE = Path(__file__).with_name("stages.csv")
-"""rule -> the stage it belongs to, and the seconds that one of its jobs took in the quick study on
-one core; only their ratios matter, because what has finished tells how fast this run is."""
+"""rule -> the stage it belongs to, and the seconds that one of its jobs takes on one core: in the
+quick study, or in the paper's where that does not have the rule. What has finished tells how fast
+this run is, and how long its own jobs of a rule take."""
 
 UNKNOWN_SECONDS = 10.0
 """Of a job of a rule that is not in the table."""
@@ -38,6 +39,7 @@ class Run:
         self._cores, self._begun = max(1, cores), now
         self._started: dict[int, tuple[str, float]] = {}
         self._expected = self._taken = 0.0
+        self._finished: dict[str, list[float]] = {}
 
     @property
     def complete(self) -> bool:
@@ -55,6 +57,7 @@ class Run:
             rule, begun = self._started.pop(job)
             self._expected += self._typical(rule)
             self._taken += now - begun
+            self._finished.setdefault(rule, []).append(now - begun)
 
     def fail(self, job: int) -> None:
         """This job has ended with an error."""
@@ -65,18 +68,17 @@ class Run:
         self.done, self.total = done, total
 
     def left(self, now: float) -> float:
-        """Seconds that the rest will take: the table's, at the speed of this run so far."""
-        speed = (self._taken + TRUST) / (self._expected + TRUST)
+        """Seconds that the rest will take."""
         running = [
-            max(0.0, speed * self._typical(rule) - (now - begun))
+            max(0.0, self._estimate(rule, now) - (now - begun))
             for rule, begun in self._started.values()
         ]
         waiting = {rule: n for rule, n in self._to_come.items() if n > 0}
-        to_come = sum(n * self._typical(rule) for rule, n in waiting.items())
+        to_come = sum(n * self._estimate(rule, now) for rule, n in waiting.items())
         # Rules of jobs that began unannounced are still among them; their number is known.
         known, number = sum(waiting.values()), self.total - self.done - len(self._started)
         to_come *= min(1.0, max(0, number) / known) if known else 1.0
-        return max([(speed * to_come + sum(running)) / self._cores, *running])
+        return max([(to_come + sum(running)) / self._cores, *running])
 
     def line(self, now: float) -> str:
         """Such as `[2 min 10 s] 31 of 75 steps done, about 4 min left; now: simulations`."""
@@ -88,6 +90,15 @@ class Run:
         )
         left = f"about {_rounded(self.left(now))} left"
         return "; ".join([f"{head}, {left}", *([f"now: {', '.join(stages)}"] if stages else [])])
+
+    def _estimate(self, rule: str, now: float) -> float:
+        """Seconds of a job of this rule: the mean of those of this run and, as one more, the
+        table's at the speed of this run. Jobs under way count as soon as they are above it."""
+        speed = (self._taken + TRUST) / (self._expected + TRUST)
+        own = [*self._finished.get(rule, ()), speed * self._typical(rule)]
+        under_way = [now - begun for other, begun in self._started.values() if other == rule]
+        own += [seconds for seconds in under_way if seconds > sum(own) / len(own)]
+        return sum(own) / len(own)
 
     def _typical(self, rule: str) -> float:
         return self._seconds.get(rule, UNKNOWN_SECONDS)

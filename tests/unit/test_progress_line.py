@@ -25,6 +25,26 @@ def test_time_left_follows_the_speed_of_the_run():
     assert run.line(810.0).endswith("left; now: a rule")
 
 
+def test_a_rule_that_takes_long_does_not_make_the_others_long():
+    run = Run({"slow": 6, "quick": 100, "total": 106}, cores=1, now=0.0)
+    for job in range(3):
+        run.start(job, "slow", 300.0 * job)
+        run.finish(job, 300.0 * (job + 1))
+    for job in range(3, 53):
+        run.start(job, "quick", 900.0 + job)
+        run.finish(job, 901.0 + job)
+    run.count(53, 106)
+    assert run.left(1000.0) == pytest.approx(3 * 300.0 + 50 * 1.0, rel=0.25)
+
+
+def test_a_job_that_goes_on_is_not_taken_for_a_short_one():
+    run = Run({"slow": 4, "total": 4}, cores=1, now=0.0)
+    run.start(0, "slow", 0.0)
+    left = [run.left(now) for now in (10.0, 200.0, 400.0)]
+    assert left[0] < left[1] < left[2]
+    assert left[2] > 3 * 400.0 / 2  # the others of its kind take long too
+
+
 def test_a_checkpoint_adds_steps():
     run = Run({"a_rule": 1, "total": 1}, cores=1, now=0.0)
     run.count(1, 5)
