@@ -3,6 +3,7 @@
 import ast
 import json
 import re
+import shutil
 import tomllib
 from pathlib import Path
 
@@ -10,6 +11,8 @@ import pytest
 import yaml
 
 from regional_lv import config as study_config
+from regional_lv import data
+from regional_lv.criticism.hypotheses import __main__ as causes
 from regional_lv.schema.keys import describe
 from regional_lv.study import Study
 
@@ -67,10 +70,12 @@ def test_one_version():
     assert f"version {version}." in (ROOT / "docs" / "citing.md").read_text()
 
 
-def test_code_of_the_readme_is_a_study():
+def test_code_of_the_readme_is_a_study(tmp_path, monkeypatch):
+    shutil.copy(data.path("volunteer_segments.csv"), tmp_path / "segments.csv")
     code = re.search(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), flags=re.DOTALL)[1]
     calls = [node for node in ast.walk(ast.parse(code)) if isinstance(node, ast.Call)]
     made = next(call for call in calls if ast.unparse(call.func) == "Study")
+    monkeypatch.chdir(tmp_path)
     assert study_config.load(ast.literal_eval(made.args[0]))["design"]["natural"] == 120
     methods = {call.func.attr for call in calls if isinstance(call.func, ast.Attribute)}
     assert methods == {"make_heart", "simulate", "train", "infer"}
@@ -93,6 +98,10 @@ def test_notebook_is_stored_with_its_outputs():
     outputs = [output for cell in code for output in cell["outputs"]]
     assert not any(output["output_type"] == "error" for output in outputs)
     assert sum("image/png" in output.get("data", {}) for output in outputs) == 2
+
+
+def test_page_of_causes_is_the_catalogue():
+    assert (ROOT / "docs" / "causes.md").read_text() == causes.document(), "run `make format`"
 
 
 def test_page_of_the_papers_figures_is_complete():

@@ -9,6 +9,7 @@ from statsmodels.stats.weightstats import DescrStatsW
 
 from regional_lv.channels import Channels
 from regional_lv.criticism import data_checks, words
+from regional_lv.criticism.hypotheses import REGISTRY
 from regional_lv.criticism.posterior import gain_of
 from regional_lv.criticism.score import Misfit
 from regional_lv.criticism.separate import separating_measurement
@@ -326,4 +327,11 @@ def _limits(criticism: Criticism, channels: Channels) -> list[str]:
                 f"{test.name}: {100 * test.fraction_simulated:.0f} % of its simulations converged; "
                 "where the others lie, its effect is extrapolated"
             )
+    searched = {test.name for test in criticism.tests}
+    if others := [name for name in REGISTRY if name not in searched]:
+        limits.append(
+            f"{len(others)} of the catalogue's {len(REGISTRY)} causes were not searched, because "
+            "criticism.hypotheses does not name them or the study's model rules them out: "
+            f"{', '.join(others)}"
+        )
     return limits

@@ -137,7 +137,7 @@ def verdict(content: dict) -> list[str]:
             h = by_name[name]
             sentence = (
                 f"Named: {estimated(name)}; probability {min(100 * h['probability'], 99.9):.1f} % "
-                "among all sets of listed causes"
+                f"among all sets of the {len(by_name)} causes searched"
             )
             if h["component_probability"] < content["least_probability"]:
                 kind = "segment" if h["component"].isdigit() else "kind"

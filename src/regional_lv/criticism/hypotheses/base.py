@@ -229,7 +229,6 @@ class LayerHypothesis(ObservationHypothesis):
 
     in_depth = True
     path = ("observables", "layer")
-    parameter = "share of the wall that is not seen"
     unit = "1"
     base, low, high = 0.0, 0.0, 1.0
     nodes = (0.5, 1.0)

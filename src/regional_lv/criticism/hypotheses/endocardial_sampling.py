@@ -5,6 +5,7 @@ from regional_lv.criticism.hypotheses.base import LayerHypothesis, with_value
 
 class EndocardialSampling(LayerHypothesis):
     name = "endocardial_sampling"
+    parameter = "share of the wall, from the outside, that is not seen"
     description = (
         "Strain differs through the wall: filling stretches the endocardium about twice as much "
         "as the epicardium. Images sample the wall unevenly: tracked features lie on the "

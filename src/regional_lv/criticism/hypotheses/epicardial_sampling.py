@@ -5,6 +5,7 @@ from regional_lv.criticism.hypotheses.base import LayerHypothesis, with_value
 
 class EpicardialSampling(LayerHypothesis):
     name = "epicardial_sampling"
+    parameter = "share of the wall, from the inside, that is not seen"
     description = (
         "Strain differs through the wall: filling stretches the endocardium about twice as much "
         "as the epicardium. Where the endocardial border is lost among trabeculae and papillary "
