@@ -193,6 +193,15 @@ def test_some_outputs_are_those_of_all(extension, theta):
         ExtendedEmulator(KnownEmulator(), [extension.select(names)])
 
 
+def test_outputs_that_an_effect_leaves_alone(extension, theta):
+    """As of a subject whose volume alone was measured, and an effect on strains."""
+    other = extension.select(["radial_05"]).select(["volume_ml"])
+    psi, volume = torch.tensor(0.85, dtype=theta.dtype), base_outputs(theta)[:, :1]
+    found = other.difference(volume, theta, psi)
+    assert (found.mean == 0).all() and found.covariance.shape == (6, 1, 1)
+    assert (other.mean(volume, theta, psi) == 0).all()
+
+
 def test_the_report_tells_failures_and_errors(study, extension):
     report = json.loads((study / "extension.json").read_text())["components"][0]
     assert extension.fraction_simulated == report["fraction_simulated"] == pytest.approx(79 / 80)

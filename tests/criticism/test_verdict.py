@@ -12,6 +12,7 @@ import torch
 
 from regional_lv import aha
 from regional_lv.criticism.critic import EVIDENCES, Critic
+from regional_lv.criticism.designs import label
 from regional_lv.criticism.findings import write_findings
 from regional_lv.criticism.fit import fit_from_nothing
 from regional_lv.criticism.hypotheses.scales import Linear, Saturating
@@ -356,6 +357,38 @@ def test_what_simulations_do_to_a_set_is_expected_of_its_rivals():
     assert found["named"] == [] and answered(found) == {"basal_motion", name}
 
 
+def test_what_separates_two_causes_is_corrected_by_simulations():
+    """They do the same but in one channel; the emulator of one says that they differ elsewhere."""
+    true = basal()
+    twin = Extension(
+        Hypothesis("fibre_rotation", 0.0, 0.0, 2.0), true.pattern + pattern("radial", [17], 0.01)
+    )
+    wrong = Extension(twin.hypothesis, twin.pattern + pattern("circumferential", [9], 0.03))
+    given = inputs({"heart": with_effects((true, 1.0))}, [true, wrong], (), SETTINGS)
+    found = criticise(given, simulate([true, twin]))
+    assert [set(group) for group in found["groups"]] == [{"basal_motion", "fibre_rotation"}]
+    by_pair = {str(one["pair"]): one["channels"] for one in found["separating"]}
+    best, *others = by_pair["[['basal_motion'], ['fibre_rotation']]"]
+    assert best["output"] == "radial_17" and abs(best["difference_in_noise_sd"]) < 1
+    assert "circumferential_09" not in {channel["output"] for channel in others}
+
+
+def test_sets_that_cannot_be_simulated_do_not_keep_others_from_it():
+    """Two effects; simulations of one cause alone do not converge."""
+    extensions = [bias(), basal(), *scars()[:3]]
+    table = with_effects((basal(), 0.8), (bias(), 0.4))
+    critic = inputs({"heart": table}, extensions, (), replace(SETTINGS, sets=2)).critic()
+    searched = critic.search()
+    first = critic.plan(searched, None, 0)
+    tried = first["set"].unique()
+    made = simulate(extensions)(first)
+    made.loc[made["set"] == tried[1], list(OUTPUTS)] = np.nan
+    again = critic.plan(searched, made, 1)["set"].unique()
+    assert tried[0] == again[0] and tried[1] not in again
+    found = {s.members: s for s in critic._weighed(searched, made)[0]}
+    assert [label(m) for m, s in found.items() if s.failed] == [tried[1]]
+
+
 @pytest.mark.parametrize("simulated", [1, 2])
 def test_a_rival_is_refuted_by_its_own_simulations(simulated):
     """Both emulators are off in the same way. With simulations of both the rival is 40 times less
@@ -381,7 +414,7 @@ def test_evidence_that_is_not_known_is_averaged_over():
     for name, evidence, sd in (("first", 1.0, 0.0), ("second", -5.0, 3.0)):
         change = torch.as_tensor(sd * rng.standard_normal(EVIDENCES)) if sd else None
         sets.append(CauseSet(((name, ""),), None, None, evidence, -1.0, uncertain=change))
-    searched = SimpleNamespace(unlisted=-50.0, unlisted_prior=-50.0)
+    searched = SimpleNamespace(unlisted_approximated=-50.0, unlisted_prior=-50.0)
     found, *rest = Critic._probabilities(SimpleNamespace(), searched, sets)
     nodes, weights = np.polynomial.hermite_e.hermegauss(60)
     expected = weights @ (1 / (1 + np.exp(6 - 3 * nodes))) / weights.sum()
@@ -429,6 +462,17 @@ def test_the_best_set_is_one_that_fits(probabilities, p_values, best, tested):
     assert asked == list(p_values[:tested])
 
 
+def test_sets_beyond_the_first_few_are_sampled_where_none_of_those_fits():
+    sets = [CauseSet(((str(i), ""),), None, None, 0.0, 0.0, 0.2) for i in range(5)]
+    for one in sets[:3]:
+        one.sampled = 0.001
+    critic = SimpleNamespace(
+        _in_earnest=lambda model, fit, name: 0.5 if name == "4" else 0.002,
+        _misfit_of=lambda sampled, name: Misfit(sampled, {}, []),
+    )
+    assert Critic._best(critic, sets) is sets[4]
+
+
 def test_an_estimate_at_the_end_of_its_range_is_not_named():
     """The effect is twice what its range holds."""
     short = Extension(replace(basal().hypothesis, high=0.5), basal().pattern)
@@ -447,6 +491,21 @@ def test_outliers_of_single_channels_are_the_last_resort():
         table.loc[row, "value"] += sds * table.loc[row, "sd"]
     found = findings(table, [bias(), basal()])
     assert found["named"] == ["heavy_tails"]
+
+
+def test_heavy_tails_are_named_only_if_they_are_certain():
+    """One channel is off by a little more than noise is: the model as it is may be right."""
+    table = measured(ToyEmulator(), seed=1)
+    row = table["output"] == "circumferential_12"
+    table.loc[row, "value"] += 5.5 * table.loc[row, "sd"]
+    found = findings(table, [bias(), basal()])
+    assert found["misfit"]["detected"] and found["named"] == [] and not found["explained"]
+    (tails,) = [s for s in found["sets"] if s["causes"] == ["heavy_tails"]]
+    assert 0.2 < tails["probability"] < 0.95 and 0.05 < found["base_probability"] < 0.8
+    (row,) = [h for h in found["hypotheses"] if h["name"] == "heavy_tails"]
+    assert row["probability"] == pytest.approx(tails["probability"])
+    total = sum(s["probability"] for s in found["sets"]) + found["base_probability"]
+    assert total + found["unlisted_probability"] == pytest.approx(1, abs=1e-6)
 
 
 def lone_channels():
@@ -552,11 +611,48 @@ def test_a_smooth_departure_rivals_causes_where_noise_is_inferred():
     model = critic._model(())
     best = fit_from_nothing(model, 1)
     reference = float(log_evidence(model, best)[0])
-    sampled, laplace = (critic._unlisted(model, best, reference, s) for s in (True, False))
+    sampled, laplace = critic._unlisted(model, best, reference, True)
     assert sampled > laplace + 1.0
+    assert critic._unlisted(model, best, reference, False) == (laplace, laplace)
+
+
+def test_a_poor_posterior_does_not_change_the_evidence():
+    def sampled(evidence, poor):
+        return SimpleNamespace(posterior=SimpleNamespace(log_evidence=evidence, poor=poor))
+
+    searched = SimpleNamespace(base_evidence=100.0)
+    sets = [CauseSet(((str(i), ""),), None, None, 5.0, 0.0) for i in range(3)]
+    sets[0].sampled, sets[1].sampled = sampled(107.0, False), sampled(180.0, True)
+    base = Critic._by_sampling(None, searched, sets, sampled(101.0, False))
+    assert [s.log_evidence for s in sets] == [7.0, 7.0, 7.0] and base == 1.0
+    assert Critic._by_sampling(None, searched, sets[1:2], sampled(101.0, False)) is None
+
+
+def test_a_subject_without_strains(tmp_path):
+    table = measured(ToyEmulator(), seed=5).query("output == 'volume_ml'")
+    found = findings(table)
+    assert found["words"][0] == "There are too few channels to test the model."
+    assert found["base_probability"] is None and answered(found) == set()
+    write_findings(found, tmp_path / "findings.json")
+    figure, page = tmp_path / "residuals.png", tmp_path / "report.html"
+    write_report(tmp_path / "findings.json", page, figure, tmp_path / "residuals.csv")
+    assert figure.stat().st_size > 0 and "too few channels" in page.read_text()
 
 
 # -------------------------------------------------------------------------- several together
+
+
+def test_evidence_of_two_hearts_is_by_one_method():
+    """The base model has as many coordinates as are sampled at most, and every set has more."""
+    tables = {name: measured(ToyEmulator(), seed=i) for i, name in enumerate("ab")}
+    critic = inputs(tables, [bias(), basal()], [], SETTINGS).critic()
+    base = critic._model(())
+    best = fit_from_nothing(base, 1)
+    assert len(base.low) == 20
+    evidence = float(log_evidence(base, best)[0])
+    assert critic._draws(base, best, 1).log_evidence == pytest.approx(evidence)
+    sampled, laplace = critic._unlisted(base, best, evidence, True)
+    assert sampled == pytest.approx(laplace)
 
 
 def together(known: bool):

@@ -63,10 +63,33 @@ def test_what_was_not_simulated_is_not_confirmed():
 
 
 @pytest.mark.parametrize(
-    ("share", "undecided", "told"), [(0.12, True, True), (0.12, False, False), (0.04, True, False)]
+    ("share", "failed", "undecided", "told"),
+    [
+        (0.12, 0.0, True, ["12 % of the probability: more rounds"]),
+        (0.12, 0.0, False, ["12 % of the probability."]),
+        (0.04, 0.0, True, []),
+        (0.0, 0.3, True, ["did not converge have 30 %"]),
+    ],
 )
-def test_what_further_simulations_may_decide(share, undecided, told):
-    """Only where a cause is not named, and sets that were not simulated are probable enough."""
-    part = {"confirmation": {"probability_not_simulated": share}, "least_probability": 0.95}
-    text = words._not_simulated(part, undecided)
-    assert len(text) == told and all("12 %" in t and "rounds" in t for t in text)
+def test_what_no_simulations_stand_behind(share, failed, undecided, told):
+    """That more rounds may help is said only where a cause is not named."""
+    part = {"probability_not_simulated": share, "probability_failed": failed}
+    text = words._not_simulated({"confirmation": part, "least_probability": 0.95}, undecided)
+    assert len(text) == len(told) and all(a in b for a, b in zip(told, text, strict=True))
+
+
+@pytest.mark.parametrize(
+    ("best", "base", "unlisted", "others", "why"),
+    [
+        (0.5, 0.4, 0.1, 0.0, "fits, but has a probability of 0.50 only, the model as it is 0.40"),
+        (0.3, 0.1, 0.1, 0.5, "several sets do as well"),
+        (0.3, 0.6, 0.1, 0.0, "the model as it is remains"),
+        (0.2, 0.1, 0.7, 0.0, "a smooth departure of no listed shape fits better"),
+    ],
+)
+def test_why_no_cause_is_named_where_the_best_set_fits(best, base, unlisted, others, why):
+    sets = [{"causes": ["a"], "probability": best}, {"causes": ["b"], "probability": others}]
+    content = {"sets": sets, "best": ["a"], "base_probability": base, "acts_like": []}
+    content |= {"unlisted_probability": unlisted, "remaining": {"detected": False}}
+    assert why in words._why_not(content)
+    assert "no set was confirmed" in words._why_not(content | {"best": None})

@@ -287,7 +287,8 @@ def summarise(cases: pd.DataFrame) -> dict:
     """Rates with exact 95 % intervals (Clopper and Pearson 1934), by kind of subject.
 
     `found`: of subjects all of whose effects are `FAR` or more standard errors large given the
-    others, the share whose answer holds them all. `wrong_named`: a cause named that is absent, or a
+    others, the share whose answer holds them all. `effects_found`: of all effects of that size, the
+    share that is in the answer. `wrong_named`: a cause named that is absent, or a
     group of which none is present. `coverage`: of the 95 % intervals of causes in the answer.
     """
     hearts = cases.groupby("subject", sort=True)
@@ -304,7 +305,8 @@ def summarise(cases: pd.DataFrame) -> dict:
             far = own.filter(lambda rows: bool((rows["expected_z"] >= FAR).all()))
             groups = far.groupby("subject", sort=True)
             part["found"] = rate(groups["contains"].apply(lambda c: bool(c.astype(bool).all())))
-            part["effects_found"] = rate(far["contains"].astype(bool))
+            every = cases[(cases["kind"] == kind) & (cases["expected_z"] >= FAR)]
+            part["effects_found"] = rate(every["contains"].astype(bool))
         summary[kind] = part
     present = cases[cases["kind"].isin(("singles", "pairs", "triples"))]
     wrong = present.groupby("subject", sort=True)["wrong_named"].first()

@@ -122,15 +122,19 @@ def _second_moments(residuals: np.ndarray) -> np.ndarray:
     return rms[:, None] * OAS(assume_centered=True).fit(scaled).covariance_ * rms
 
 
-def correct(model, members: Sequence[tuple[str, str]], simulations: pd.DataFrame):
+def correct(
+    model, members: Sequence[tuple[str, str]], simulations: pd.DataFrame, emulator=None
+) -> Correction | None:
     """The `Correction` of one set from all simulations made of it; None if too few converged.
 
-    model: the set's, without a correction.
+    model: the set's. emulator: an `ExtendedEmulator` with the set's extensions and without a
+    correction, whose outputs are corrected; the model's if None.
     """
+    emulator = emulator or model.emulator
     own = simulations[simulations["set"] == label(members)]
     if own.empty:
         return None
-    subjects, outputs = model.observations.subjects, list(model.emulator.outputs)
+    subjects, outputs = model.observations.subjects, list(emulator.outputs)
     parameters = list(model.layout.parameters.names)
     # Rows of one draw belong together; numbers start anew in every round.
     own = own.assign(number=own.groupby("subject").cumcount())
@@ -139,7 +143,7 @@ def correct(model, members: Sequence[tuple[str, str]], simulations: pd.DataFrame
         return None
     good = good.assign(heart=good["subject"].map(subjects.index)).sort_values(["number", "heart"])
     shape = good["number"].nunique(), len(subjects)
-    scales = {e.hypothesis.name: e.hypothesis.scale for e in model.emulator.extensions}
+    scales = {e.hypothesis.name: e.hypothesis.scale for e in emulator.extensions}
     scaled = [
         [scales[name](value) for name, (value, _) in json.loads(text).items()]
         for text in good["effects"]
@@ -151,4 +155,4 @@ def correct(model, members: Sequence[tuple[str, str]], simulations: pd.DataFrame
     theta, simulated = (tensor(good[names].to_numpy()) for names in (parameters, outputs))
     by_output = np.stack([np.stack(good[slope_of(output)]) for output in outputs], axis=1)
     slopes = torch.as_tensor(by_output).reshape(*shape, *by_output.shape[1:])
-    return Correction.fit(model.emulator, theta, tensor(scaled), simulated, slopes)
+    return Correction.fit(emulator, theta, tensor(scaled), simulated, slopes)

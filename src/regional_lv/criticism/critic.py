@@ -28,6 +28,7 @@ from regional_lv.criticism.posterior import Posterior, laplace, leave_out, sampl
 from regional_lv.criticism.ratio import likelihood_ratios
 from regional_lv.criticism.search import Search, log_evidence, log_prior
 from regional_lv.criticism.verdict import (
+    PROBABILITY,
     CauseSet,
     Criticism,
     Member,
@@ -56,11 +57,11 @@ EVIDENCES = 4000
 """Draws of the log evidence of sets that were not simulated."""
 
 MOST_SAMPLED = 3
-"""Sets whose posterior is sampled."""
+"""Sets whose posterior is sampled for their evidence; more where none of them fits."""
 
 LARGEST_SAMPLED = 20
-"""Coordinates up to which posteriors are sampled; beyond, several hearts are too many at once and
-the Laplace approximation takes over."""
+"""Coordinates of the largest set up to which posteriors are sampled; beyond, several hearts are too
+many at once and the Laplace approximation takes over, for all sets alike."""
 
 
 class Critic:
@@ -96,7 +97,10 @@ class Critic:
             self.layout = Layout.inferred(subjects, emulator.parameters)
         else:
             self.layout = Layout.known(known_theta, emulator.parameters)
-        self.testable = int(observations.present.sum()) > len(self._model(()).low)
+        base = len(self._model(()).low)
+        largest = min(settings.largest_set, len({name for name, _ in self._extensions}))
+        self._sampling = base + largest <= LARGEST_SAMPLED
+        self.testable = int(observations.present.sum()) > base
 
     # --------------------------------------------------------------------------------- search
 
@@ -126,19 +130,22 @@ class Critic:
             misfit = score.Misfit(both, misfit.families, misfit.largest)
         detected = self.testable and misfit.p_value <= level
         tests, critical = self._tests(observed, null, usable, identified, tails)
-        sets, unlisted, prior, reference = [], -math.inf, -math.inf, math.nan
+        sets, searched, prior, reference = [], [], -math.inf, math.nan
+        unlisted = approximated = -math.inf
         if self.testable:
             reference = float(log_evidence(model, best)[0])
             searched = [at for at, found in identified.items() if found.relevant]
             sets, prior = self._sets(model, best, reference, searched, detected)
-            unlisted = self._unlisted(model, best, reference, detected)
+            unlisted, approximated = self._unlisted(model, best, reference, detected)
         log.info(
             "misfit p %.3f; sets: %s",
             misfit.p_value,
             "; ".join(f"{label(s['members'])} {s['log_evidence']:.1f}" for s in sets[:5]),
         )
-        x = best.x[0].tolist()
-        return Searched(x, reference, misfit, detected, tests, sets, unlisted, prior, critical)
+        return Searched(
+            *(best.x[0].tolist(), reference, misfit, detected, tests, sets),
+            *(len({name for name, _ in searched}), unlisted, approximated, prior, critical),
+        )
 
     def _tests(self, observed, null, usable, identified, tails) -> tuple[list[dict], float]:
         """What the scores say of every hypothesis, the most conspicuous first; and the score that
@@ -226,26 +233,29 @@ class Critic:
         sets.sort(key=lambda s: -s["log_evidence"] - s["log_prior"])
         return sets, log_prior(0, largest + 1, len(causes))
 
-    def _unlisted(self, model: Model, best: Fit, reference: float, sampled: bool) -> float:
-        """Log evidence, relative to the base model, of a discrepancy of unknown size.
-
-        sampled: whether by sampling, as that of sets on which something depends. Where the
-        discrepancy leaves nothing to an inferred noise, Laplace's approximation is off by far.
+    def _unlisted(
+        self, model: Model, best: Fit, reference: float, detected: bool
+    ) -> tuple[float, float]:
+        """Log evidence, relative to the base model, of a discrepancy of unknown size: by sampling,
+        as that of sets on which something depends, and by Laplace's approximation, as that of sets
+        that are not sampled. Where the discrepancy leaves nothing to an inferred noise, the two
+        differ by far.
         """
-        pattern, logs = unlisted_covariance(self.observations, self.emulator), []
+        pattern = unlisted_covariance(self.observations, self.emulator)
+        sampled, approximated = [], []
         for amplitude in AMPLITUDES:
             other = Model(
                 *(self.observations, model.emulator, self.layout),
                 discrepancy=amplitude**2 * pattern,
             )
             found = fit_best(other, best.x)
-            if sampled and len(other.low) <= LARGEST_SAMPLED:
-                seed = derive(self.seed, "unlisted", amplitude)
-                posterior = sample(other, *laplace(other, found), self.settings.draws, seed)
-                logs.append(posterior.log_evidence)
-            else:
-                logs.append(float(log_evidence(other, found)[0]))
-        return _mean_of_logs(logs) - reference
+            approximated.append(float(log_evidence(other, found)[0]))
+            if detected:
+                posterior = self._draws(other, found, derive(self.seed, "unlisted", amplitude))
+                evidence = approximated[-1] if posterior.poor else posterior.log_evidence
+                sampled.append(evidence)
+        approximate = _mean_of_logs(approximated) - reference
+        return _mean_of_logs(sampled) - reference if sampled else approximate, approximate
 
     def _model(self, members: Sequence[Member], tails=None, correction=None) -> Model:
         extensions = [self._extensions[at] for at in members]
@@ -293,7 +303,8 @@ class Critic:
         far = [s for s in unknown if s.members in smaller]
         rows: list[dict] = []
         order = {s.members: s for s in [best, *near, *likely, *far]}
-        for one in list(order.values())[: self.settings.sets]:
+        # Simulations that did not converge take long, and will hardly do so in another round.
+        for one in sorted(order.values(), key=lambda s: s.failed)[: self.settings.sets]:
             seed = derive(self.seed, "confirmation", turn, label(one.members))
             draws = approximate(one.model, one.fit, self.settings.simulations, seed).x
             rows += design_rows(one.members, one.model, draws)
@@ -303,12 +314,15 @@ class Critic:
         """The leading sets, corrected by what was simulated of them, with their probabilities, the
         most probable first; and the probabilities of the base model and of what is not listed."""
         sets, reference = [], searched.base_evidence
+        tried = set() if simulations is None else set(simulations["set"])
         for row in searched.sets:
             members, x = row["members"], torch.tensor(row["x"], dtype=torch.float64)
             correction = None
-            if simulations is not None and len(simulations):
+            if label(members) in tried:
                 correction = correct(self._model(members), members, simulations)
-            sets.append(self._fitted(members, x, row["log_prior"], reference, correction))
+            one = self._fitted(members, x, row["log_prior"], reference, correction)
+            one.failed = label(members) in tried and correction is None
+            sets.append(one)
         self._expect(sets, [row["log_evidence"] for row in searched.sets])
         return self._probabilities(searched, sets)
 
@@ -334,13 +348,20 @@ class Critic:
             one.log_evidence += float(expected)
             one.uncertain = torch.as_tensor(own)
 
-    def _probabilities(self, searched: Searched, sets: list[CauseSet], base: float = 0.0):
+    def _probabilities(
+        self, searched: Searched, sets: list[CauseSet], sampled_base: float | None = None
+    ):
         """In the mean over what simulations may say of the sets that have none: a set that is far
         behind by its emulators is not impossible before it is simulated.
 
-        base: log evidence of the base model, relative to that of the search.
+        sampled_base: log evidence of the base model, relative to that of the search, if evidence is
+        by sampling; None if it is by Laplace's approximation.
         """
-        rest = [base + searched.unlisted_prior, searched.unlisted + searched.unlisted_prior]
+        if sampled_base is None:
+            others = [0.0, searched.unlisted_approximated]
+        else:
+            others = [sampled_base, searched.unlisted]
+        rest = [evidence + searched.unlisted_prior for evidence in others]
         logs = torch.tensor([*(s.log_posterior for s in sets), *rest], dtype=torch.float64)
         known = torch.zeros(EVIDENCES, dtype=torch.float64)
         changes = [known if s.uncertain is None else s.uncertain for s in sets]
@@ -365,7 +386,7 @@ class Critic:
         if not self.testable:
             return Criticism(
                 *(self.observations, self.settings, base, searched, tests, []),
-                *(1.0, 0.0),
+                *(math.nan, math.nan),
             )
         sets, nothing, unlisted = self._weighed(searched, simulations)
         if not searched.detected:
@@ -374,39 +395,50 @@ class Critic:
             )
         confirmed = [s for s in sets if s.confirmed]
         likely = [s for s in confirmed if s.probability >= LEAST_PROBABILITY] or confirmed[:1]
-        shifts = []
         for one in likely[:MOST_SAMPLED]:
             one.sampled = self._in_earnest(one.model, one.fit, label(one.members))
-            evidence = one.sampled.posterior.log_evidence - searched.base_evidence
-            shifts.append(evidence - one.log_evidence)
-            one.log_evidence = evidence
-        for one in sets:
-            # What sampling finds and Laplace's approximation misses is much the same in all sets.
-            if one.sampled is None and shifts:
-                one.log_evidence += sum(shifts) / len(shifts)
-        of_base = base.posterior.log_evidence - searched.base_evidence if shifts else 0.0
+        of_base = self._by_sampling(searched, sets, base)
         sets, nothing, unlisted = self._probabilities(searched, sets, of_base)
         found = Criticism(
             *(self.observations, self.settings, base, searched, tests, sets, nothing, unlisted)
         )
+        found.simulations = simulations
+        found.best = self._best([s for s in sets if s.confirmed])
         self._sample_others(sets)
-        found.best = self._best([s for s in sets if s.sampled is not None])
-        self._last_resort(found)
+        self._last_resort(found, of_base)
         if found.best is not None and found.best.model.tails is None:
             found.name_causes(found.best)
         return found
 
-    def _best(self, sets: list[CauseSet]) -> CauseSet | None:
-        """Of sets whose posterior is sampled, the most probable one that fits; if none does that
-        could replace the first, the first."""
+    def _by_sampling(self, searched: Searched, sets: list[CauseSet], base: Sampled) -> float | None:
+        """Give all sets the log evidence by sampling, and return that of the base model; None where
+        no set has been sampled well, so that all evidence is by Laplace's approximation."""
+        found = {
+            s.members: s.sampled.posterior.log_evidence - searched.base_evidence - s.log_evidence
+            for s in sets
+            if s.sampled is not None and not s.sampled.posterior.poor
+        }
+        if not found:
+            return None
+        # What sampling finds and Laplace's approximation misses is much the same in all sets.
+        mean = sum(found.values()) / len(found)
         for one in sets:
-            if one.probability < sets[0].probability / 19:
+            one.log_evidence += found.get(one.members, mean)
+        if base.posterior.poor:
+            return mean
+        return base.posterior.log_evidence - searched.base_evidence
+
+    def _best(self, confirmed: list[CauseSet]) -> CauseSet | None:
+        """The most probable one that fits; if none does that could replace the first, the first."""
+        for one in confirmed:
+            if one.probability < confirmed[0].probability / 19:
                 break
-            if one.sampled is not None:
-                one.misfit = self._misfit_of(one.sampled, "best")
+            if one.sampled is None:
+                one.sampled = self._in_earnest(one.model, one.fit, label(one.members))
+            one.misfit = self._misfit_of(one.sampled, "best")
             if one.fits:
                 return one
-        return sets[0] if sets else None
+        return confirmed[0] if confirmed else None
 
     def _sample_others(self, sets: list[CauseSet]) -> None:
         """Draws of the other probable sets: what an estimate is depends on which causes are there
@@ -417,17 +449,17 @@ class Critic:
                 one.draws = self._draws(one.model, one.fit, seed)
 
     def _draws(self, model: Model, best: Fit, seed: int) -> Posterior:
-        if len(model.low) > LARGEST_SAMPLED:
+        if not self._sampling:
             return approximate(model, best, self.settings.draws, seed)
         return sample(model, *laplace(model, best), self.settings.draws, seed)
 
     def _in_earnest(self, model: Model, best: Fit, name: str) -> Sampled:
         seed, draws = derive(self.seed, "sampled", name), self.settings.draws
         posterior = self._draws(model, best, seed)
-        if len(model.low) > LARGEST_SAMPLED:
-            left_out = leave_out_linearly(model, best)
-        else:
+        if self._sampling:
             left_out = leave_out(posterior, draws, derive(seed, "left out"))
+        else:
+            left_out = leave_out_linearly(model, best)
         log.info(
             "%s: log evidence %.2f, %.0f effective draws, elpd %.2f, %.0f %% of folds sampled anew",
             name,
@@ -446,41 +478,41 @@ class Critic:
         )
         return score.judge_misfit(observed, null)
 
-    def _last_resort(self, found: Criticism) -> None:
-        """Heavy tails explain anything: they are taken only where neither a set of physical causes
-        nor a smooth departure does as well, and where few channels stand alone far off."""
-        searched = found.searched
+    def _last_resort(self, found: Criticism, of_base: float | None) -> None:
+        """Heavy tails explain anything: they are taken only where no set of physical causes fits,
+        where few channels stand alone far off, and where they are as certain, beside everything
+        else, as any cause that is named.
+
+        of_base: as of `_by_sampling`.
+        """
         # The tails are one coordinate more, and have to be sampled.
-        if found.adequate or len(found.base.model.low) >= LARGEST_SAMPLED:
+        if found.adequate or not self._sampling:
             return
-        rivals = [searched.unlisted + searched.unlisted_prior]
-        # Those that were not confirmed, too: their simulations may have failed.
-        rivals += [s.log_posterior for s in found.sets]
+        searched, base = found.searched, found.base
         testable = {t.name for t in found.tests if t.identified.identifiable}
-        causes = testable - {hypothesis.name for hypothesis in self.noises}
-        largest = min(self.settings.largest_set, len(causes))
-        single = log_prior(1, largest + 1, max(len(causes), 1))
         for hypothesis in self.noises:
             if hypothesis.name not in testable:
                 continue
-            model = self._model((), hypothesis)
-            model.settle(found.base.fit.x[0])
-            old = found.base.fit
+            model, old = self._model((), hypothesis), base.fit
+            model.settle(old.x[0])
             at = model.tail
             middle = (model.low[at] + model.high[at])[None] / 2
             x = torch.cat([old.x[0, :at], middle, old.x[0, at:]])[None]
             start = Fit(x, old.objective, old.residual, old.jacobian, old.whitening)
             sampled = self._in_earnest(model, start, hypothesis.name)
-            evidence = sampled.posterior.log_evidence - searched.base_evidence
             found.outliers = outliers.why_not(sampled)
-            if found.outliers or evidence + single < max(rivals) + math.log(19):
+            if found.outliers:
                 continue
-            tails = CauseSet(((hypothesis.name, ""),), model, start, evidence, single, 1.0, sampled)
-            for one in found.sets:
-                one.probability = 0.0
-            found.sets.insert(0, tails)
-            found.base_probability = found.unlisted_probability = 0.0
-            found.best, found.named = tails, [hypothesis.name]
+            evidence = sampled.posterior.log_evidence - base.posterior.log_evidence
+            prior = searched.unlisted_prior - math.log(max(searched.causes, 1))
+            members = ((hypothesis.name, ""),)
+            tails = CauseSet(members, model, start, evidence + (of_base or 0.0), prior)
+            tails.sampled = sampled
+            found.sets, found.base_probability, found.unlisted_probability = self._probabilities(
+                searched, [*found.sets, tails], of_base
+            )
+            if tails.probability >= PROBABILITY:
+                found.best, found.named = tails, [hypothesis.name]
 
     def _tested(self, row: dict) -> Tested:
         at = (row["name"], row["component"])

@@ -111,7 +111,8 @@ class Extension:
         chosen._scale = Scale(Channels.parse(chosen.outputs), self._scale.exponent)
         if self._emulator is not None:
             kept = [name for name in outputs if name in self._changing]
-            chosen._emulator = self._emulator.select(_node_names(kept, len(self.hypothesis.nodes)))
+            nodes = _node_names(kept, len(self.hypothesis.nodes))
+            chosen._emulator = self._emulator.select(nodes) if kept else None
             chosen._changing = kept
         return chosen
 

@@ -62,7 +62,7 @@ def findings_of(
         "confirmation": _confirmation(criticism),
         "separating": separating_measurement(
             rivals if criticism.groups else [],
-            *(emulator, extensions, criticism.settings.load_fractions),
+            *(emulator, extensions, criticism.settings.load_fractions, criticism.simulations),
         ),
         "best": None if criticism.best is None else list(criticism.best.names),
         "gain": _gain(base, final),
@@ -227,6 +227,7 @@ def _set(one: CauseSet, criticism: Criticism) -> dict:
 def _confirmation(criticism: Criticism) -> dict:
     """What stands behind the best set; with what was simulated of all."""
     best, channels = criticism.best, []
+    missing = [s for s in criticism.sets if not s.confirmed and s.model.tails is None]
     if best is not None and best.correction is not None:
         o, value, in_sds = criticism.observations, best.correction.value, best.difference_sds
         channels = [
@@ -240,7 +241,8 @@ def _confirmation(criticism: Criticism) -> dict:
         "simulations": sum(s.simulations for s in criticism.sets),
         "simulations_of_best": best.simulations if best is not None else 0,
         "largest_difference_sd": best.difference_sd if best is not None else math.nan,
-        "probability_not_simulated": sum(s.probability for s in criticism.sets if not s.confirmed),
+        "probability_not_simulated": sum(s.probability for s in missing if not s.failed),
+        "probability_failed": sum(s.probability for s in missing if s.failed),
         "channels": channels,
     }
 
@@ -320,6 +322,16 @@ def _limits(criticism: Criticism, channels: Channels) -> list[str]:
         limits.append(
             "the noise is inferred: a misfit spread evenly over a direction counts as noise, and "
             "the overall test of the size of residuals does not apply"
+        )
+    if len(o.subjects) > 1:
+        limits.append(
+            "a smooth departure of no listed shape is taken as another one in each heart: one that "
+            "is common to them has a larger probability than is stated"
+        )
+    if criticism.final.posterior.poor:
+        limits.append(
+            f"the posterior has {criticism.final.posterior.ess:.0f} effective draws only: "
+            "estimates and intervals are rough"
         )
     for test in criticism.tests:
         if test.fraction_simulated < 1:

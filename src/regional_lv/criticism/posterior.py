@@ -25,7 +25,8 @@ LARGEST_SD = 0.4
 """Of a proposal, as a share of the range: a uniform density has 0.29."""
 
 LEAST_ESS = 150.0
-"""Effective draws below which a fold is sampled by itself, and a posterior is called poor."""
+"""Effective draws below which a fold is sampled by itself, and the evidence of a posterior is not
+used."""
 
 LARGEST_SHAPE = 0.7
 """Of the Pareto distribution of a fold's largest weights: beyond it, means over them are unreliable
@@ -48,6 +49,11 @@ class Posterior:
     @property
     def weight(self) -> torch.Tensor:
         return self.log_weight.exp()
+
+    @property
+    def poor(self) -> bool:
+        """Whether the sampler has not found its way to the posterior."""
+        return self.ess < LEAST_ESS
 
     def quantile(self, values: torch.Tensor, levels) -> list[float]:
         """Weighted quantiles of one number per draw (N,)."""
@@ -297,5 +303,6 @@ def gain_of(before: LeftOut, after: LeftOut, posterior: Posterior) -> tuple[floa
         curvature = (q0 - q1) * noise[here]
         variance += float((slope.square() * noise[here]).sum())
         variance += float(0.5 * (curvature * curvature.mT).sum())
-    over_folds = float((len(difference) * difference.var()).sqrt())
+    spread = difference.var() if len(difference) > 1 else torch.tensor(math.nan)
+    over_folds = float((len(difference) * spread).sqrt())
     return float(difference.sum()), math.sqrt(max(variance, 0.0)), over_folds

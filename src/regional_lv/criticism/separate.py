@@ -2,9 +2,11 @@
 
 from collections.abc import Sequence
 
+import pandas as pd
 import torch
 
 from regional_lv.channels import Channels
+from regional_lv.criticism.confirmation import correct
 from regional_lv.criticism.extended import ExtendedEmulator
 from regional_lv.criticism.observations import noise_units
 from regional_lv.emulators.base import Emulator
@@ -13,7 +15,11 @@ MENTIONED = 3
 
 
 def separating_measurement(
-    rivals, emulator: Emulator, extensions, load_fractions: Sequence[float] = ()
+    rivals,
+    emulator: Emulator,
+    extensions,
+    load_fractions: Sequence[float] = (),
+    simulations: pd.DataFrame | None = None,
 ) -> list[dict]:
     """For every pair of `rivals` (sets of causes that were sampled): the channels, measured or not,
     in which their predictions differ most, in units of a good measurement's noise (`noise_units`).
@@ -22,7 +28,9 @@ def separating_measurement(
     load_fractions: shares of the end-diastolic pressure at which the heart could be imaged. All
     stresses scale, so that the emulators answer for them at another stiffness; a fraction at which
     they would have to extrapolate in theta is left out, and so are channels that the study observes
-    at lower loads anyway.
+    at lower loads anyway. simulations: of the confirmation, which correct the emulators here as
+    they do in the evidence; what they correct at the full load is taken in proportion at lower
+    ones.
     """
     by_place = {(e.hypothesis.name, e.component): e for e in extensions}
     channels = emulator.channels
@@ -32,6 +40,7 @@ def separating_measurement(
         model, draws = one.sampled.model, one.sampled.posterior
         found = [by_place[e.hypothesis.name, e.component] for e in model.emulator.extensions]
         full = ExtendedEmulator(emulator, found)
+        correction = None if simulations is None else correct(model, one.members, simulations, full)
         x = (draws.weight[:, None] * draws.x).sum(0)[None]
         theta, effects = model.theta(x), model.scaled_psi(x)
         at = {}
@@ -39,12 +48,16 @@ def separating_measurement(
             factor = torch.tensor([fraction], dtype=theta.dtype)
             there, others = full.under_load(theta, effects, factor)
             if fraction == 1.0 or bool((there <= emulator.upper).all()):
-                at[fraction] = full.mean(there, others)[0].mean(0)
-        predictions[one.names] = at
+                mean = full.mean(there, others)
+                if correction is not None:
+                    mean = mean + fraction * correction.mean(theta, effects)
+                at[fraction] = mean[0].mean(0)
+        predictions[one.members] = at
     names = list(predictions)
     return [
         {
-            "pair": [list(one), list(other)],
+            "pair": [[name for name, _ in members] for members in (one, other)],
+            "components": [[component for _, component in members] for members in (one, other)],
             "channels": _furthest(predictions, one, other, channels, unit),
         }
         for i, one in enumerate(names)

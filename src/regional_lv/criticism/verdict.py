@@ -4,6 +4,7 @@ import math
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field
 
+import pandas as pd
 import torch
 
 from regional_lv.criticism import score
@@ -90,8 +91,9 @@ class Searched:
     base_x: fit of the base model. base_evidence: its log evidence, to which all others are
     relative (a base model that misses by hundreds is fitted elsewhere by and by, and a second value
     would differ by as much). misfit: of it, over all tests. sets: members, fit and log prior
-    of the leading sets. unlisted: log evidence, relative to the base model, of a discrepancy that
-    no listed cause makes. critical_z: score that is significant over the catalogue.
+    of the leading sets. causes: how many were searched. unlisted: log evidence, relative to the
+    base model, of a discrepancy that no listed cause makes; unlisted_approximated: the same by
+    Laplace's approximation. critical_z: score that is significant over the catalogue.
     """
 
     base_x: list[float]
@@ -100,7 +102,9 @@ class Searched:
     detected: bool
     tests: list[dict]
     sets: list[dict]
+    causes: int
     unlisted: float
+    unlisted_approximated: float
     unlisted_prior: float
     critical_z: float
 
@@ -133,7 +137,8 @@ class CauseSet:
     log_evidence: relative to the base model; of a set without simulations with what these changed
     in others. uncertain: draws (N,), about 0, of what simulations may change in that; None of a set
     that has some. correction: from its simulations, if there are any. draws: of its posterior,
-    where it is not sampled with all that a verdict needs.
+    where it is not sampled with all that a verdict needs. failed: whether it was to be simulated,
+    and too few simulations converged.
     """
 
     members: tuple[Member, ...]
@@ -146,6 +151,7 @@ class CauseSet:
     draws: Posterior | None = None
     misfit: score.Misfit | None = None
     uncertain: torch.Tensor | None = None
+    failed: bool = False
 
     @property
     def posterior(self) -> Posterior | None:
@@ -231,7 +237,8 @@ class Criticism:
     """The verdict on one subject, or on several together.
 
     sets: the most probable first. best: the most probable one that is confirmed. base_probability,
-    unlisted_probability: that nothing is wrong, or what no listed cause makes.
+    unlisted_probability: that nothing is wrong, or what no listed cause makes; NaN where the data
+    are too few to tell. simulations: of the confirmation.
     """
 
     observations: Observations
@@ -247,6 +254,7 @@ class Criticism:
     named: list[str] = field(default_factory=list)
     groups: list[list[str]] = field(default_factory=list)
     acts_like: list[str] = field(default_factory=list)
+    simulations: pd.DataFrame | None = None
 
     @property
     def final(self) -> Sampled:

@@ -121,7 +121,8 @@ def verdict(content: dict) -> list[str]:
     sentences = [misfit(content["misfit"])]
     sentences += [f"{c['says'].capitalize()}." for c in content["data_checks"] if not c["passed"]]
     by_name = {h["name"]: h for h in content["hypotheses"]}
-    told = {*content["named"], *content["acts_like"]}.union(*content["groups"])
+    answer = {*content["named"], *content["acts_like"]}.union(*content["groups"])
+    told = answer | {*(content["best"] or ())}
 
     def of(name: str) -> str:
         return cause(name, by_name[name]["component"])
@@ -149,7 +150,7 @@ def verdict(content: dict) -> list[str]:
                 f"One of {_list([of(n) for n in group], 'or')} is present; the data cannot tell "
                 f"which. The most probable is {estimated(likeliest)}."
             )
-        uncertain = [of(name) for name in content["best"] if name not in told]
+        uncertain = [of(name) for name in content["best"] if name not in answer]
         if uncertain:
             verb = "is" if len(uncertain) == 1 else "are"
             sentences.append(
@@ -167,6 +168,7 @@ def verdict(content: dict) -> list[str]:
         if content["best"]:
             names = [of(n) for n in content["best"]]
             sentences.append(f"The best set is {_list(names)}; it is not named.")
+            sentences += _not_simulated(content, undecided=True)
             sentences.append(gain(content["gain"]))
     for name in content["acts_like"]:
         much = "but the data require more than its plausible range: it is not named."
@@ -181,35 +183,40 @@ def verdict(content: dict) -> list[str]:
 
 
 def _why_not(content: dict) -> str:
-    remaining = content["remaining"]
-    if content["unlisted_probability"] > 0.5:
-        return ": a smooth departure of no listed shape fits better than any set of causes"
+    remaining, nothing = content["remaining"], content["base_probability"]
+    unlisted = content["unlisted_probability"]
     if not content["sets"]:
         return ": there was none to try"
     if content["best"] is None:
         return ": no set was confirmed by simulation"
+    if unlisted > 0.5:
+        return ": a smooth departure of no listed shape fits better than any set of causes"
     if remaining is None:
         return ": there are too few channels to test the best set of them"
     if remaining["detected"]:
         return f" ({p_value(remaining['p_value'])} remains with the best set of them)"
-    if content["base_probability"] > 0.5:
+    if nothing > 0.5:
         return ": the model as it is remains the most probable"
     if content["acts_like"]:
         return ": an estimate is at the end of its plausible range"
+    best = next(s["probability"] for s in content["sets"] if s["causes"] == content["best"])
+    if 1 - best - nothing - unlisted < nothing + unlisted:
+        return (
+            f": the best set of them fits, but has a probability of {best:.2f} only, the model as "
+            f"it is {nothing:.2f}, and a smooth departure of no listed shape {unlisted:.2f}"
+        )
     return ": several sets do as well, and have too little in common"
 
 
 def separating(content: dict) -> list[str]:
     """Which measurement would tell apart the sets of causes that explain the data equally well."""
-    components = {h["name"]: h["component"] for h in content["hypotheses"]}
-
-    def of(name: str) -> str:
-        return cause(name, components[name])
-
     sentences = []
     for pair in content["separating"]:
         best = pair["channels"][0]
-        a, b = (_list([of(n) for n in names]) for names in pair["pair"])
+        a, b = (
+            _list([cause(*at) for at in zip(names, components, strict=True)])
+            for names, components in zip(pair["pair"], pair["components"], strict=True)
+        )
         gap = abs(best["difference_in_noise_sd"])
         sentences.append(
             f"{channel(best['output']).capitalize()}{at_load(best['load_fraction'])} would "
@@ -231,14 +238,21 @@ def _confirmed(content: dict) -> list[str]:
 
 
 def _not_simulated(content: dict, undecided: bool) -> list[str]:
-    """What is left to simulate where that may be why causes are not named."""
-    share = content["confirmation"]["probability_not_simulated"]
-    if not undecided or share < 1 - content["least_probability"]:
-        return []
-    return [
-        f"Sets that were not simulated have {100 * share:.0f} % of the probability: more rounds "
-        "(criticism.confirmation.rounds) may tell more."
-    ]
+    """What sets have of the probability that no simulation stands behind.
+
+    undecided: whether that may be why causes are not named.
+    """
+    part, least = content["confirmation"], 1 - content["least_probability"]
+    sentences = []
+    if (share := part["probability_not_simulated"]) >= least:
+        advice = ": more rounds (criticism.confirmation.rounds) may tell more" if undecided else ""
+        text = f"Sets that were not simulated have {100 * share:.0f} % of the probability{advice}."
+        sentences.append(text)
+    if (share := part["probability_failed"]) >= least:
+        sentences.append(
+            f"Sets whose simulations did not converge have {100 * share:.0f} % of the probability."
+        )
+    return sentences
 
 
 def _list(names: list[str], last: str = "and") -> str:

@@ -40,11 +40,12 @@ def draw_residuals(
     tables = {when: pd.DataFrame(step["channels"]) for when, step in steps.items()}
     whole = tables["before"]["segment"].isna()
     directions = list(dict.fromkeys(tables["before"].loc[~whole, "quantity"]))
-    fig = style.figure(2.9 * len(directions) + 0.9, 3.35 * len(steps) + 0.3)
-    axes = fig.subplots(len(steps), len(directions), squeeze=False)
+    columns = max(len(directions), 1)  # without any strain, there is only what stands below
+    fig = style.figure(2.9 * columns + 0.9, (3.35 if directions else 1.2) * len(steps) + 0.3)
+    axes = fig.subplots(len(steps), columns, squeeze=False)
     for row, (when, all_loads) in zip(axes, tables.items(), strict=True):
         table = all_loads[all_loads["load_fraction"] == all_loads["load_fraction"].max()]
-        for ax, direction in zip(row, directions, strict=True):
+        for ax, direction in zip(row, directions, strict=False):
             z = table[table["quantity"] == direction].groupby("segment")["z"].mean()
             values = z.reindex([s.number for s in aha.SEGMENTS]).to_numpy(float)
             labels = [f"{v:+z.1f}" if np.isfinite(v) else "" for v in values]
@@ -54,9 +55,15 @@ def draw_residuals(
             ax.set_title(f"{direction}\n{WHEN[when]}")
         means = table[table["segment"].isna()].groupby("quantity", sort=False)["z"].mean()
         text = "\n".join(f"{quantity}: {z:+z.1f} sd" for quantity, z in means.items())
-        row[0].text(-1.0, -1.12, text, va="top", fontsize=8)
-    bar = fig.colorbar(scale, ax=axes, shrink=0.6, extend="both")
-    bar.set_label("observed - predicted (sd of the prediction)")
+        if directions:
+            row[0].text(-1.0, -1.12, text, va="top", fontsize=8)
+        else:
+            row[0].set_axis_off()
+            row[0].set_title(f"{WHEN[when]}: observed - predicted", fontsize=9)
+            row[0].text(0.5, 0.8, text, va="top", ha="center", fontsize=9)
+    if directions:
+        bar = fig.colorbar(scale, ax=axes, shrink=0.6, extend="both")
+        bar.set_label("observed - predicted (sd of the prediction)")
     table = pd.concat([t.assign(when=when) for when, t in tables.items()])
     style.save(fig, table, png, csv)
 
