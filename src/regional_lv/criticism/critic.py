@@ -501,7 +501,7 @@ class Critic:
             start = Fit(x, old.objective, old.residual, old.jacobian, old.whitening)
             sampled = self._in_earnest(model, start, hypothesis.name)
             found.outliers = outliers.why_not(sampled)
-            if found.outliers:
+            if found.outliers or sampled.posterior.poor:
                 continue
             evidence = sampled.posterior.log_evidence - base.posterior.log_evidence
             prior = searched.unlisted_prior - math.log(max(searched.causes, 1))
