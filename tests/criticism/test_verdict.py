@@ -278,6 +278,7 @@ def test_nothing_is_named_that_was_not_simulated(injected):
     assert found["misfit"]["detected"] and not found["explained"]
     assert answered(found) == set()
     assert any("no set was confirmed" in s for s in found["words"])
+    assert any("By the emulators alone" in s and "basal motion" in s for s in found["words"])
 
 
 def test_simulations_correct_what_effects_do_to_each_other():

@@ -92,4 +92,3 @@ def test_why_no_cause_is_named_where_the_best_set_fits(best, base, unlisted, oth
     content = {"sets": sets, "best": ["a"], "base_probability": base, "acts_like": []}
     content |= {"unlisted_probability": unlisted, "remaining": {"detected": False}}
     assert why in words._why_not(content)
-    assert "no set was confirmed" in words._why_not(content | {"best": None})

@@ -162,7 +162,10 @@ def verdict(content: dict) -> list[str]:
         sentences += _confirmed(content)
         sentences.append(gain(content["gain"]))
     else:
-        sentences.append(f"No listed cause explains the misfit{_why_not(content)}.")
+        if content["sets"] and content["best"] is None:
+            sentences += _unconfirmed(content)
+        else:
+            sentences.append(f"No listed cause explains the misfit{_why_not(content)}.")
         if content["outliers"]:
             sentences.append(f"Nor do heavy tails of the noise: {content['outliers']}.")
         if content["best"]:
@@ -187,8 +190,6 @@ def _why_not(content: dict) -> str:
     unlisted = content["unlisted_probability"]
     if not content["sets"]:
         return ": there was none to try"
-    if content["best"] is None:
-        return ": no set was confirmed by simulation"
     if unlisted > 0.5:
         return ": a smooth departure of no listed shape fits better than any set of causes"
     if remaining is None:
@@ -206,6 +207,15 @@ def _why_not(content: dict) -> str:
             f"it is {nothing:.2f}, and a smooth departure of no listed shape {unlisted:.2f}"
         )
     return ": several sets do as well, and have too little in common"
+
+
+def _unconfirmed(content: dict) -> list[str]:
+    sentences = ["No cause is named: no set was confirmed by simulation."]
+    certain = [h for h in content["hypotheses"] if h["probability"] >= content["least_probability"]]
+    if certain:
+        names = _list([f"{cause(h['name'], h['component'])} {estimate(h)}" for h in certain])
+        sentences.append(f"By the emulators alone, these causes are certain: {names}.")
+    return [*sentences, *_not_simulated(content, undecided=True)]
 
 
 def separating(content: dict) -> list[str]:
