@@ -37,11 +37,10 @@ def separating_measurement(
     unit = torch.as_tensor(noise_units(channels, emulator.output_sd.numpy()))
     predictions = {}
     for one in rivals:
-        model, draws = one.sampled.model, one.sampled.posterior
+        model, x = one.sampled.model, one.sampled.fit.x
         found = [by_place[e.hypothesis.name, e.component] for e in model.emulator.extensions]
         full = ExtendedEmulator(emulator, found)
         correction = None if simulations is None else correct(model, one.members, simulations, full)
-        x = (draws.weight[:, None] * draws.x).sum(0)[None]
         theta, effects = model.theta(x), model.scaled_psi(x)
         at = {}
         for fraction in (1.0, *load_fractions):
