@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from regional_lv.criticism.discrepancy import unlisted_covariance
+from regional_lv.criticism.discrepancy import unlisted_covariance, unlisted_pattern
 from regional_lv.criticism.extended import ExtendedEmulator
 from regional_lv.criticism.fit import fit, fit_best, fit_from_nothing
 from regional_lv.criticism.linear import approximate, leave_out_linearly
@@ -14,8 +14,9 @@ from regional_lv.criticism.model import Layout, Model
 from regional_lv.criticism.observations import observe
 from regional_lv.criticism.posterior import gain_of, laplace, leave_out, sample
 from regional_lv.criticism.search import log_evidence as evidence_of_fit
+from regional_lv.criticism.together import Together
 from regional_lv.gaussian import LOG_2PI
-from tests.criticism.toy import PARAMETERS, ToyEmulator, bias, measured
+from tests.criticism.toy import PARAMETERS, THETA, ToyEmulator, bias, measured
 
 
 def log_evidence(model: Model, keep=None) -> float:
@@ -195,3 +196,54 @@ def test_the_same_seed_gives_the_same_draws(base):
     again = sample(model, *laplace(model, best), 1000, 2)
     assert torch.equal(again.x, posterior.x)
     assert again.log_evidence == posterior.log_evidence
+
+
+@pytest.fixture
+def three():
+    """Three hearts with a departure that no cause makes: the same one, or another one in each."""
+    emulator = ToyEmulator(bend=0.0)
+
+    def model(common: bool):
+        rng, tables = np.random.default_rng(3), {}
+        shape = np.linalg.cholesky(
+            unlisted_pattern(observe({"a": measured(emulator)}, emulator, 1.0), emulator).numpy()
+        )
+        departures = [shape @ rng.standard_normal(52) for _ in range(3)]
+        for i in range(3):
+            table = measured(emulator, seed=i)
+            table["value"] += 2 * departures[0 if common else i]
+            tables[f"heart{i}"] = table
+        o = observe(tables, emulator, 1.0)
+        layout = Layout.known(THETA.expand(3, -1), PARAMETERS)
+        return Model(o, ExtendedEmulator(emulator), layout)
+
+    return model
+
+
+def test_hearts_side_by_side_are_the_same_model(three):
+    model = three(common=False)
+    model.observations.present[1, 5] = False
+    best = fit_from_nothing(model, 1)
+    side_by_side = Together(model, torch.zeros(52, 52).double())
+    found = fit_best(side_by_side, best.x)
+    assert torch.allclose(found.x, best.x, atol=1e-6)
+    evidence = evidence_of_fit(model, best), evidence_of_fit(side_by_side, found)
+    assert torch.allclose(*evidence, atol=1e-6)
+    common = torch.eye(52).double()
+    covariance = Together(model, common).settle(best.x[0]).covariance(best.x)[0, 0]
+    assert covariance.shape == (156, 156)
+    assert covariance[3, 55] == 1 and covariance[3, 56] == 0 and covariance[5, 57] == 0
+
+
+@pytest.mark.parametrize("common", [True, False])
+def test_a_departure_that_hearts_share_is_told_from_one_of_each(three, common):
+    model = three(common)
+    best = fit_from_nothing(model, 1)
+    size = 4 * unlisted_pattern(model.observations, ToyEmulator())
+    of_each = 4 * unlisted_covariance(model.observations, ToyEmulator())
+    rivals = (
+        Together(model, size),
+        Model(model.observations, model.emulator, model.layout, discrepancy=of_each),
+    )
+    together, apart = (float(evidence_of_fit(r, fit_best(r, best.x))[0]) for r in rivals)
+    assert (together - apart > 20) == common and abs(together - apart) > 20

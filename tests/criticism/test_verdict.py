@@ -656,6 +656,23 @@ def test_evidence_of_two_hearts_is_by_one_method():
     assert sampled == pytest.approx(laplace)
 
 
+def test_a_departure_that_all_hearts_share_is_not_put_down_to_a_cause():
+    """A wave that resembles a cause, in every heart alike: a defect of the simulator. It is as
+    large as the noise: as another departure in each heart it would be next to impossible."""
+    emulator, rng = ToyEmulator(), np.random.default_rng(2)
+    thetas = torch.as_tensor(rng.uniform(0.6, 1.6, (4, 10)))
+    departure = 0.3 * basal().pattern.numpy() + 0.01 * np.sin(np.arange(52))
+    tables = {}
+    for i, theta in enumerate(thetas):
+        table = measured(emulator, seed=i, theta=theta)
+        tables[f"heart{i}"] = table.assign(value=table["value"] + departure)
+    extensions = [bias(), basal()]
+    found = criticise(inputs(tables, extensions, [], SETTINGS, thetas), simulate(extensions))
+    assert found["misfit"]["detected"] and answered(found) == set()
+    assert found["unlisted_probability"] > 0.95
+    assert not any("smooth departure" in text for text in found["limits"])
+
+
 def together(known: bool):
     emulator, rng = ToyEmulator(), np.random.default_rng(2)
     thetas = torch.as_tensor(rng.uniform(0.6, 1.6, (3, 10)))

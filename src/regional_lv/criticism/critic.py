@@ -16,7 +16,11 @@ import torch
 from regional_lv.criticism import outliers, score
 from regional_lv.criticism.confirmation import correct
 from regional_lv.criticism.designs import design_columns, design_rows, label
-from regional_lv.criticism.discrepancy import AMPLITUDES, unlisted_covariance
+from regional_lv.criticism.discrepancy import (
+    AMPLITUDES,
+    unlisted_covariance,
+    unlisted_pattern,
+)
 from regional_lv.criticism.extended import ExtendedEmulator
 from regional_lv.criticism.fit import Fit, fit_best, fit_from_nothing
 from regional_lv.criticism.gains import Gains
@@ -27,6 +31,7 @@ from regional_lv.criticism.observations import Observations
 from regional_lv.criticism.posterior import Posterior, laplace, leave_out, sample
 from regional_lv.criticism.ratio import likelihood_ratios
 from regional_lv.criticism.search import Search, log_evidence, log_prior
+from regional_lv.criticism.together import Together
 from regional_lv.criticism.verdict import (
     PROBABILITY,
     CauseSet,
@@ -239,9 +244,11 @@ class Critic:
         """Log evidence, relative to the base model, of a discrepancy of unknown size: by sampling,
         as that of sets on which something depends, and by Laplace's approximation, as that of sets
         that are not sampled. Where the discrepancy leaves nothing to an inferred noise, the two
-        differ by far.
+        differ by far. A discrepancy that is common to several hearts has the latter alone, and what
+        the two differ by where it is another one in each.
         """
         pattern = unlisted_covariance(self.observations, self.emulator)
+        everywhere = unlisted_pattern(self.observations, self.emulator)
         sampled, approximated = [], []
         for amplitude in AMPLITUDES:
             other = Model(
@@ -254,6 +261,13 @@ class Critic:
                 posterior = self._draws(other, found, derive(self.seed, "unlisted", amplitude))
                 evidence = approximated[-1] if posterior.poor else posterior.log_evidence
                 sampled.append(evidence)
+            if Together.possible(model):
+                hearts = Model(self.observations, model.emulator, self.layout)
+                common = Together(hearts, amplitude**2 * everywhere)
+                evidence = float(log_evidence(common, fit_best(common, best.x))[0])
+                if detected:
+                    sampled.append(evidence + sampled[-1] - approximated[-1])
+                approximated.append(evidence)
         approximate = _mean_of_logs(approximated) - reference
         return _mean_of_logs(sampled) - reference if sampled else approximate, approximate
 

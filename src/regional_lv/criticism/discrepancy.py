@@ -2,7 +2,8 @@
 
 A smooth departure of unknown size and shape (Kennedy and O'Hagan 2001, doi
 10.1111/1467-9868.00294): in equal parts common to a quantity, to its levels, to its walls, and each
-channel's own. Where it explains the data better than any set of causes, the catalogue lacks
+channel's own. Of several hearts, it is another one in each, or common to all, as a defect of the
+simulator is. Where it explains the data better than any set of causes, the catalogue lacks
 something.
 """
 
@@ -17,7 +18,15 @@ AMPLITUDES = (1.0, 2.0, 4.0, 8.0, 16.0)
 
 
 def unlisted_covariance(observations: Observations, emulator) -> torch.Tensor:
-    """(S, D, D) at an amplitude of one; zero where nothing was observed."""
+    """(S, D, D) at an amplitude of one, another one in each heart; zero where nothing was
+    observed."""
+    present = observations.present
+    pattern = unlisted_pattern(observations, emulator)
+    return torch.where(present[:, :, None] & present[:, None, :], pattern, 0.0)
+
+
+def unlisted_pattern(observations: Observations, emulator) -> torch.Tensor:
+    """(D, D) covariance of all channels at an amplitude of one."""
     channels = observations.channels
     unit = noise_units(channels, emulator.output_sd.numpy())
     quantity = np.array([channel.quantity for channel in channels])
@@ -33,6 +42,4 @@ def unlisted_covariance(observations: Observations, emulator) -> torch.Tensor:
         pattern = pattern + (same & (place[:, None] == place) & (place != ""))
     # A volume has no level, an apex no wall: each channel's own sd is the amplitude nevertheless.
     unit = unit / np.sqrt(pattern.diagonal())
-    covariance = torch.as_tensor(pattern * unit[:, None] * unit)
-    present = observations.present
-    return torch.where(present[:, :, None] & present[:, None, :], covariance, 0.0)
+    return torch.as_tensor(pattern * unit[:, None] * unit)

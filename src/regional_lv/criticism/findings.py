@@ -13,6 +13,7 @@ from regional_lv.criticism.hypotheses import REGISTRY
 from regional_lv.criticism.posterior import gain_of
 from regional_lv.criticism.score import Misfit
 from regional_lv.criticism.separate import separating_measurement
+from regional_lv.criticism.together import Together
 from regional_lv.criticism.verdict import PROBABILITY, CauseSet, Criticism, Sampled, Tested
 from regional_lv.emulators.base import Emulator
 from regional_lv.gaussian import Z95
@@ -323,7 +324,7 @@ def _limits(criticism: Criticism, channels: Channels) -> list[str]:
             "the noise is inferred: a misfit spread evenly over a direction counts as noise, and "
             "the overall test of the size of residuals does not apply"
         )
-    if len(o.subjects) > 1:
+    if len(o.subjects) > 1 and not Together.possible(criticism.base.model):
         limits.append(
             "a smooth departure of no listed shape is taken as another one in each heart: one that "
             "is common to them has a larger probability than is stated"
