@@ -50,7 +50,7 @@ def identify(model: Model, best: Fit, extension) -> Identified:
     if sd < LARGEST_SHARE * prior:
         why = (
             f"theta can absorb {100 * absorbed:.0f} % of its signature's information; the rest "
-            f"determines it to {unit * sd:.2g} {_unit(h)}".rstrip()
+            f"determines it to {unit * sd:.2g}{_unit(h)}"
         )
         return Identified(True, unit * sd, absorbed, why, True)
     where, likeness = _hiding_place(model, best, pattern[0])
@@ -61,14 +61,15 @@ def identify(model: Model, best: Fit, extension) -> Identified:
         why += ", so that the data cannot tell the two apart"
     else:
         why = (
-            f"the data would leave {unit * sd:.2g} {_unit(h)} of uncertainty, the plausible range "
+            f"the data would leave {unit * sd:.2g}{_unit(h)} of uncertainty, the plausible range "
             f"itself has an sd of {unit * prior:.2g}"
         )
     return Identified(False, unit * sd, absorbed, why, reach > sd)
 
 
 def _unit(hypothesis) -> str:
-    return "" if hypothesis.unit == "1" else hypothesis.unit
+    """As it follows a number."""
+    return "" if hypothesis.unit == "1" else f" {hypothesis.unit}"
 
 
 def _hiding_place(model: Model, best: Fit, pattern: torch.Tensor) -> tuple[str, float]:
