@@ -257,8 +257,8 @@ def _not_simulated(content: dict, undecided: bool) -> list[str]:
     if (share := part["probability_not_simulated"]) >= least:
         what = "tell more" if undecided else "change estimates"
         sentences.append(
-            f"Sets that were not simulated have {100 * share:.0f} % of the probability: more rounds "
-            f"(criticism.confirmation.rounds) may {what}."
+            f"Sets that were not simulated have {100 * share:.0f} % of the probability: more "
+            f"rounds (criticism.confirmation.rounds) may {what}."
         )
     if (share := part["probability_failed"]) >= least:
         sentences.append(
