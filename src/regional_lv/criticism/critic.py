@@ -247,13 +247,13 @@ class Critic:
         differ by far. A discrepancy that is common to several hearts has the latter alone, and what
         the two differ by where it is another one in each.
         """
-        pattern = unlisted_covariance(self.observations, self.emulator)
-        everywhere = unlisted_pattern(self.observations, self.emulator)
+        of_each = unlisted_covariance(self.observations, self.emulator)
+        of_all = unlisted_pattern(self.observations, self.emulator)
         sampled, approximated = [], []
         for amplitude in AMPLITUDES:
             other = Model(
                 *(self.observations, model.emulator, self.layout),
-                discrepancy=amplitude**2 * pattern,
+                discrepancy=amplitude**2 * of_each,
             )
             found = fit_best(other, best.x)
             approximated.append(float(log_evidence(other, found)[0]))
@@ -263,7 +263,7 @@ class Critic:
                 sampled.append(evidence)
             if Together.possible(model):
                 hearts = Model(self.observations, model.emulator, self.layout)
-                common = Together(hearts, amplitude**2 * everywhere)
+                common = Together(hearts, amplitude**2 * of_all)
                 evidence = float(log_evidence(common, fit_best(common, best.x))[0])
                 if detected:
                     sampled.append(evidence + sampled[-1] - approximated[-1])
