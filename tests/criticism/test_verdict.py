@@ -11,7 +11,7 @@ import pytest
 import torch
 
 from regional_lv import aha
-from regional_lv.criticism.critic import EVIDENCES, Critic
+from regional_lv.criticism.critic import EVIDENCES, Critic, _by_sampling
 from regional_lv.criticism.designs import label
 from regional_lv.criticism.findings import write_findings
 from regional_lv.criticism.fit import fit_from_nothing
@@ -624,9 +624,9 @@ def test_a_poor_posterior_does_not_change_the_evidence():
     searched = SimpleNamespace(base_evidence=100.0)
     sets = [CauseSet(((str(i), ""),), None, None, 5.0, 0.0) for i in range(3)]
     sets[0].sampled, sets[1].sampled = sampled(107.0, False), sampled(180.0, True)
-    base = Critic._by_sampling(None, searched, sets, sampled(101.0, False))
+    base = _by_sampling(searched, sets, sampled(101.0, False))
     assert [s.log_evidence for s in sets] == [7.0, 7.0, 7.0] and base == 1.0
-    assert Critic._by_sampling(None, searched, sets[1:2], sampled(101.0, False)) is None
+    assert _by_sampling(searched, sets[1:2], sampled(101.0, False)) is None
 
 
 def test_a_subject_without_strains(tmp_path):

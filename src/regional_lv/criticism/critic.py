@@ -249,27 +249,25 @@ class Critic:
         """
         of_each = unlisted_covariance(self.observations, self.emulator)
         of_all = unlisted_pattern(self.observations, self.emulator)
+        hearts = Model(self.observations, model.emulator, self.layout)
         sampled, approximated = [], []
         for amplitude in AMPLITUDES:
             other = Model(
                 *(self.observations, model.emulator, self.layout),
                 discrepancy=amplitude**2 * of_each,
             )
-            found = fit_best(other, best.x)
-            approximated.append(float(log_evidence(other, found)[0]))
+            found, missed = fit_best(other, best.x), 0.0
+            logs = [float(log_evidence(other, found)[0])]
             if detected:
                 posterior = self._draws(other, found, derive(self.seed, "unlisted", amplitude))
-                evidence = approximated[-1] if posterior.poor else posterior.log_evidence
-                sampled.append(evidence)
-            if Together.possible(model):
-                hearts = Model(self.observations, model.emulator, self.layout)
+                if not posterior.poor:
+                    missed = posterior.log_evidence - logs[0]
+            if Together.possible(hearts):
                 common = Together(hearts, amplitude**2 * of_all)
-                evidence = float(log_evidence(common, fit_best(common, best.x))[0])
-                if detected:
-                    sampled.append(evidence + sampled[-1] - approximated[-1])
-                approximated.append(evidence)
-        approximate = _mean_of_logs(approximated) - reference
-        return _mean_of_logs(sampled) - reference if sampled else approximate, approximate
+                logs.append(float(log_evidence(common, fit_best(common, best.x))[0]))
+            approximated += logs
+            sampled += [value + missed for value in logs]
+        return _mean_of_logs(sampled) - reference, _mean_of_logs(approximated) - reference
 
     def _model(self, members: Sequence[Member], tails=None, correction=None) -> Model:
         extensions = [self._extensions[at] for at in members]
@@ -411,36 +409,18 @@ class Critic:
         likely = [s for s in confirmed if s.probability >= LEAST_PROBABILITY] or confirmed[:1]
         for one in likely[:MOST_SAMPLED]:
             one.sampled = self._in_earnest(one.model, one.fit, label(one.members))
-        of_base = self._by_sampling(searched, sets, base)
+        of_base = _by_sampling(searched, sets, base)
         sets, nothing, unlisted = self._probabilities(searched, sets, of_base)
         found = Criticism(
-            *(self.observations, self.settings, base, searched, tests, sets, nothing, unlisted)
+            *(self.observations, self.settings, base, searched, tests, sets, nothing, unlisted),
+            simulations=simulations,
         )
-        found.simulations = simulations
         found.best = self._best([s for s in sets if s.confirmed])
         self._sample_others(sets)
         self._last_resort(found, of_base)
         if found.best is not None and found.best.model.tails is None:
             found.name_causes(found.best)
         return found
-
-    def _by_sampling(self, searched: Searched, sets: list[CauseSet], base: Sampled) -> float | None:
-        """Give all sets the log evidence by sampling, and return that of the base model; None where
-        no set has been sampled well, so that all evidence is by Laplace's approximation."""
-        found = {
-            s.members: s.sampled.posterior.log_evidence - searched.base_evidence - s.log_evidence
-            for s in sets
-            if s.sampled is not None and not s.sampled.posterior.poor
-        }
-        if not found:
-            return None
-        # What sampling finds and Laplace's approximation misses is much the same in all sets.
-        mean = sum(found.values()) / len(found)
-        for one in sets:
-            one.log_evidence += found.get(one.members, mean)
-        if base.posterior.poor:
-            return mean
-        return base.posterior.log_evidence - searched.base_evidence
 
     def _best(self, confirmed: list[CauseSet]) -> CauseSet | None:
         """The most probable one that fits; if none does that could replace the first, the first."""
@@ -519,9 +499,10 @@ class Critic:
                 continue
             evidence = sampled.posterior.log_evidence - base.posterior.log_evidence
             prior = searched.unlisted_prior - math.log(max(searched.causes, 1))
-            members = ((hypothesis.name, ""),)
-            tails = CauseSet(members, model, start, evidence + (of_base or 0.0), prior)
-            tails.sampled = sampled
+            tails = CauseSet(
+                *(((hypothesis.name, ""),), model, start, evidence + (of_base or 0.0), prior),
+                sampled=sampled,
+            )
             found.sets, found.base_probability, found.unlisted_probability = self._probabilities(
                 searched, [*found.sets, tails], of_base
             )
@@ -537,6 +518,25 @@ class Critic:
         return Tested(
             *(hypothesis, row["component"], row["z"], row["p_single"], row["p_value"], own, share)
         )
+
+
+def _by_sampling(searched: Searched, sets: list[CauseSet], base: Sampled) -> float | None:
+    """Give all sets the log evidence by sampling, and return that of the base model; None where no
+    set has been sampled well, so that all evidence is by Laplace's approximation."""
+    found = {
+        s.members: s.sampled.posterior.log_evidence - searched.base_evidence - s.log_evidence
+        for s in sets
+        if s.sampled is not None and not s.sampled.posterior.poor
+    }
+    if not found:
+        return None
+    # What sampling finds and Laplace's approximation misses is much the same in all sets.
+    mean = sum(found.values()) / len(found)
+    for one in sets:
+        one.log_evidence += found.get(one.members, mean)
+    if base.posterior.poor:
+        return mean
+    return base.posterior.log_evidence - searched.base_evidence
 
 
 def _without_each(

@@ -45,7 +45,7 @@ def draw_residuals(
     axes = fig.subplots(len(steps), columns, squeeze=False)
     for row, (when, all_loads) in zip(axes, tables.items(), strict=True):
         table = all_loads[all_loads["load_fraction"] == all_loads["load_fraction"].max()]
-        for ax, direction in zip(row, directions, strict=False):
+        for ax, direction in zip(row[: len(directions)], directions, strict=True):
             z = table[table["quantity"] == direction].groupby("segment")["z"].mean()
             values = z.reindex([s.number for s in aha.SEGMENTS]).to_numpy(float)
             labels = [f"{v:+z.1f}" if np.isfinite(v) else "" for v in values]
