@@ -170,6 +170,25 @@ def test_errors_that_channels_share_predict_each_other(base):
     assert (linear.sd < 0.8 * alone).any()
 
 
+def test_errors_that_channels_of_a_fold_share_stay_shared_when_it_is_left_out(base):
+    model, best, _ = base
+    o = model.observations
+    sd = model.noise_variance(best.x)[0, 0].sqrt()
+    shared = torch.zeros_like(model.covariance(best.x)[0])
+    for group in o.groups.values():
+        shared += torch.outer(group * sd, group * sd)
+    dense = Model(o, model.emulator, model.layout, discrepancy=9.0 * shared)
+    fitted = fit_best(dense, best.x)
+    posterior = sample(dense, *laplace(dense, fitted), 1000, 2)
+    linear, sampled = leave_out_linearly(dense, fitted), leave_out(posterior, 1000, 3)
+    largest = 0.0
+    for (_, exact), (_, estimate) in zip(linear.joint, sampled.joint, strict=True):
+        scale = exact.diagonal().sqrt().outer(exact.diagonal().sqrt())
+        assert torch.allclose(exact / scale, estimate / scale, atol=0.1)
+        largest = max(largest, float((exact / scale).fill_diagonal_(0.0).max()))
+    assert largest > 0.5
+
+
 def test_standard_error_of_the_gain_is_its_spread_over_measurements():
     """An effect of one size, measured again and again."""
     emulator, gains, errors = ToyEmulator(bend=0.0), [], []

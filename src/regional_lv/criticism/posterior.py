@@ -185,7 +185,7 @@ def left_out_errors(
     model: Model, residual: torch.Tensor, x: torch.Tensor, groups: list[torch.Tensor]
 ) -> list[tuple[torch.Tensor, torch.Tensor, torch.Tensor]]:
     """Of each group of channels (indices) given all others and the parameters, draw by draw: log
-    density (N,), error y - prediction (N, S, k) and variance (N or 1, S, k)."""
+    density (N,), error y - prediction (N, S, k) and its covariance (N or 1, S, k, k)."""
     present = model.observations.present
     if model.tails is not None:
         logs = torch.where(present, _student(model, residual, x), 0.0)
@@ -193,7 +193,10 @@ def left_out_errors(
         inflation = (nu / (nu - 2).clamp(min=0.2))[:, None, None]
         variance = model.error.diagonal(dim1=-2, dim2=-1) + model.noise_variance(x)
         variance = variance * inflation
-        return [(logs[..., g].sum((-2, -1)), residual[..., g], variance[..., g]) for g in groups]
+        return [
+            (logs[..., g].sum((-2, -1)), residual[..., g], variance[..., g].diag_embed())
+            for g in groups
+        ]
     shared = not model.observations.noise.groups
     parts = []
     for r, at in zip(residual.split(_ROWS), x.split(_ROWS), strict=True):
@@ -213,8 +216,7 @@ def _given_others(precision, pulled, present, group):
     distance = (error * pulled)[..., 0].sum((-2, -1))
     halves = factor.diagonal(dim1=-2, dim2=-1).log().sum((-2, -1))
     logs = halves - 0.5 * distance - 0.5 * LOG_2PI * int(present[:, group].sum())
-    variance = covariance.diagonal(dim1=-2, dim2=-1).expand(len(pulled), -1, -1)
-    return logs, error[..., 0], variance
+    return logs, error[..., 0], covariance.expand(len(pulled), -1, -1, -1)
 
 
 @dataclass(frozen=True)
@@ -245,7 +247,7 @@ def leave_out(posterior: Posterior, draws: int, seed: int) -> LeftOut:
     elpd, joint, repeated, least = [], [], 0, math.inf
     places = [torch.nonzero(mask)[:, 0] for mask in o.groups.values()]
     full = left_out_errors(model, posterior.residual, posterior.x, places)
-    for number, at, (logs, error, variance) in zip(o.groups, places, full, strict=True):
+    for number, at, (logs, error, each) in zip(o.groups, places, full, strict=True):
         smoothed, shape = az.psislw((posterior.log_weight - logs).numpy())
         log_w = torch.as_tensor(smoothed)
         ess = float(1 / log_w.exp().square().sum())
@@ -256,15 +258,16 @@ def leave_out(posterior: Posterior, draws: int, seed: int) -> LeftOut:
             )
             others = ~o.groups[number]
             found = sample(model, centre, 1.5 * scatter, draws, derive(seed, number), others)
-            ((logs, error, variance),) = left_out_errors(model, found.residual, found.x, [at])
+            ((logs, error, each),) = left_out_errors(model, found.residual, found.x, [at])
             log_w, ess = found.log_weight, found.ess
         least = min(least, ess)
         elpd.append(torch.logsumexp(log_w + logs, 0))
         here = o.present[:, at].flatten()
         flat = error.flatten(1)[:, here]
         centre, scatter = importance.moments(flat, log_w.exp())
-        within = log_w.exp() @ variance.flatten(1).expand(len(error), -1)[:, here]
-        covariance = scatter + torch.diag(within)
+        within = log_w.exp() @ each.flatten(1).expand(len(error), -1)
+        within = torch.block_diag(*within.unflatten(0, each.shape[1:]))
+        covariance = scatter + within[here][:, here]
         observed = o.y[:, at].flatten()[here]
         joint.append((observed - centre, covariance))
         put(mean, at, o.present, observed - centre)
