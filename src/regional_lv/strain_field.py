@@ -26,7 +26,8 @@ def map_strains(
         raise RuntimeError(f"the simulation at theta = 1 failed: {result.reason}")
     simulator = runner.solver.simulator
     moved = simulator.displacement(result.state.w)
-    field = strain_field(simulator.observer, moved)
+    dilation = simulator.wall_dilation(result.state.w)
+    field = strain_field(simulator.observer, moved, dilation)
     field.to_parquet(table, index=False)
     means = cell_means(field)
     write_mesh(
@@ -38,17 +39,20 @@ def map_strains(
     )
 
 
-def strain_field(observer: Observer, displacement: np.ndarray) -> pd.DataFrame:
-    """Strains at the Gauss points of every cell, those whose means over segments are observed.
+def strain_field(
+    observer: Observer, displacement: np.ndarray, dilation: float | np.ndarray | None = None
+) -> pd.DataFrame:
+    """Strains at the Gauss points of every cell, whose means over segments are observed (of the
+    whole wall, before a layer, turned segments or a scale of the strains).
 
-    displacement: (n, 3) mm at the mesh's nodes. Columns: cell and point (numbers, cells in the
+    displacement, dilation: as of `Observer.values`. Columns: cell and point (numbers, cells in the
     mesh's order, points with the last reference coordinate fastest), segment (AHA), volume_mm3 (of
     the wall in the reference state, what a segment mean weights with), circumferential, radial,
     longitudinal.
     """
     wall = observer.wall
     cells, count = len(wall.segment), wall.points_per_cell
-    strains = observer.point_motion(displacement).strains
+    strains = observer.point_motion(displacement, dilation).strains
     return pd.DataFrame(
         {
             "cell": np.repeat(np.arange(cells), count),

@@ -21,6 +21,7 @@ from regional_lv.mechanics.predictor import Predictor, save_predictors
 from regional_lv.parameters import Parameterisation
 from regional_lv.registry import temporary
 from regional_lv.simulations import make_simulator
+from regional_lv.strain_field import strain_field
 
 from .conftest import PRESSURE, THETA
 
@@ -197,6 +198,16 @@ def test_a_stiff_bulk_is_incompressible(small_mesh, physics, simulator, solved):
     # What leaves the wall is volume: it thins more than its area grows.
     radial = slice(18, 35)
     assert outputs[20.0][radial].mean() > outputs[1e7][radial].mean()
+    # The map of the strains is of the same wall (`compressible` is the soft one).
+    moved, allowed = compressible.displacement(state.w), compressible.wall_dilation(state.w)
+    field = strain_field(compressible.observer, moved, allowed)
+    means = (
+        field.assign(weighted=field["radial"] * field["volume_mm3"])
+        .groupby("segment")[["weighted", "volume_mm3"]]
+        .sum()
+    )
+    means = means["weighted"] / means["volume_mm3"]
+    np.testing.assert_allclose(means, outputs[20.0][radial], rtol=1e-9)
 
 
 def test_all_segments_stiffer_is_all_zones_stiffer(small_mesh, physics, simulator, solved):
@@ -317,6 +328,31 @@ def test_turning_by_a_sector_hands_the_strains_on():
     half = turned_membership(angle, cell, corner, segment, np.pi / 6).toarray()
     np.testing.assert_allclose(half.sum(axis=0), 1.0)
     np.testing.assert_allclose(half[0, :9], [0, 0, 0, 1, 1, 1, 1, 1, 1], atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "lines", [range(0, 361, 15), [0, 30, 60, 75, 90, 120, 150, 180, 240, 270, 300, 360]]
+)
+@pytest.mark.parametrize("degrees", [-7.5, 1.0, 2.0, 3.0, 5.0, 10.0, 15.0])
+def test_turned_means_of_a_smooth_field_are_its_integrals(lines, degrees):
+    """Of cos(angle) over the six turned segments of a level, wherever mesh lines lie."""
+    border = np.deg2rad(np.array(lines))
+    count = 4 * (len(border) - 1)
+    middle = (border[:-1] + border[1:]) / 2
+    corner = np.tile(np.stack([border[:-1], border[1:]] * 4, axis=1), (4, 1))
+    sector = middle // (np.pi / 3), 6 + middle // (np.pi / 3), 12 + middle // (np.pi / 2)
+    segment = np.concatenate([*sector, np.full(len(middle), 16)]).astype(int)
+    nodes, weights = np.polynomial.legendre.leggauss(3)
+    cell = np.repeat(np.arange(count), 3)
+    half = np.tile(np.diff(border) / 2, 4)
+    angle = np.tile(middle, 4)[cell] + np.tile(nodes, count) * half[cell]
+    weight = np.tile(weights, count) * half[cell]
+    turn = np.deg2rad(degrees)
+    share = turned_membership(angle, cell, corner, segment, turn).toarray()[:6] * weight
+    found = share @ np.cos(angle) / share.sum(axis=1)
+    first = np.arange(6) * np.pi / 3 + turn
+    exact = (np.sin(first + np.pi / 3) - np.sin(first)) / (np.pi / 3)
+    np.testing.assert_allclose(found, exact, atol=0.01 * abs(turn))
 
 
 # ------------------------------------------------------------------------ simulated at anchors

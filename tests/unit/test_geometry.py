@@ -313,6 +313,30 @@ def test_other_sector_borders_are_followed(rows, tmp_path):
     assert np.linalg.norm(mesh.points[:, :2], axis=1).min() == 0
 
 
+@pytest.mark.parametrize("slack", [-5e-7, -1e-10, -6e-14, 6e-14, 1e-10, 5e-7])
+@pytest.mark.parametrize("column", ["angle_from_deg", "angle_to_deg"])
+def test_round_off_between_sectors_changes_nothing(rows, column, slack, tmp_path):
+    """Each border in turn, one of which is the seam at 180 degrees, off as far as is accepted."""
+    rows.loc[:15, ["angle_from_deg", "angle_to_deg"]] += 30
+    exact = read_segments(save(rows, tmp_path))
+    assert {180, -180} & set(rows["angle_to_deg"]) and meshing._grid_angles(exact, 16).size == 16
+    for row in range(17):
+        changed = rows.copy()
+        changed[column] = changed[column].astype(float)
+        changed.loc[row, column] += slack
+        table = read_segments(save(changed, tmp_path))
+        np.testing.assert_allclose(
+            meshing._grid_angles(table, 16), meshing._grid_angles(exact, 16), atol=1e-5
+        )
+        for numbers in LEVELS.values():
+            level = table[table["aha_segment"].isin(numbers)]
+            gap = level["angle_from_deg"].to_numpy() - np.roll(level["angle_to_deg"], -1)
+            assert (gap % 360 == 0).all()
+    changed.loc[0, "angle_to_deg"] += slack
+    _, folder = make(tmp_path, save(changed, tmp_path))
+    assert (folder / "mesh.vtu").exists()
+
+
 # --- directions ------------------------------------------------------------------------------
 
 

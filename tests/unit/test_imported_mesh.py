@@ -191,6 +191,26 @@ def test_published_labels_become_aha_numbers(tmp_path):
         read_segment_tags(tmp_path / "tags.mat", np.arange(5))
 
 
+def test_base_that_is_flat_but_for_round_off(tmp_path, heart, imported, smoke_config):
+    """Its nodes are held and its rim is closed as if it were flat, and it is made so."""
+    points, cells, segment = heart
+    rough = points.copy()
+    on_base = points[:, 2] > -1e-6
+    rough[on_base, 2] = np.random.default_rng(1).uniform(-2e-2, 2e-2, on_base.sum())
+    found = import_mesh(save(tmp_path / "rough.vtu", rough, cells, segment))
+    np.testing.assert_allclose(found.points, imported.points)
+    found.points[on_base, 2] = rough[on_base, 2]
+    physics = physics_of(smoke_config)
+    held = [Simulator(mesh, physics) for mesh in (imported, found)]
+    assert [len(one.fixed) for one in held] == [len(held[0].fixed)] * 2
+    assert len(held[0].fixed) > 2 * len(imported.nodes_on(ENDOCARDIUM, BASE))
+    for one in held:
+        np.testing.assert_array_equal(
+            one.observer.cavity.nodes[one.observer.cavity.ring],
+            imported.nodes_on(ENDOCARDIUM, BASE),
+        )
+
+
 def test_unit_is_converted(tmp_path, heart, imported):
     points, cells, segment = heart
     mesh = import_mesh(save(tmp_path / "m.vtu", points / 1000, cells, segment), unit="m")

@@ -325,6 +325,13 @@ def test_pressures_are_fractions_of_the_studys(tmp_path):
         read_measured(file)
 
 
+def test_a_row_belongs_to_the_nearest_load(tmp_path):
+    near = Channels.of(load_fractions=[0.4995, 0.5, 0.5004])
+    rows = [f"{VOLUME},", "volume,,150,mL,0.5", "volume,,151,mL,0.5003", "volume,,149,mL,0.4994"]
+    table = read_measured(write(tmp_path, rows, f"{HEADER},load_fraction"), near)
+    assert table["load_fraction"].tolist() == [1, 0.5, 0.5004, 0.4995]
+
+
 def test_frames_may_differ_between_loads(tmp_path):
     rows = ["radial,1,0.4,1,15,1", "radial,2,0.3,1,15,1", "radial,1,0.2,1,7,0.5"]
     header = f"{HEADER},frame,load_fraction"

@@ -73,8 +73,10 @@ def test_other_fields_are_near(known, anchors):
 
 def test_the_compressed_predictor_says_the_same(known, anchors, tmp_path):
     predictor = Predictor.fit(*anchors, BLOCKS)
-    save_predictors({1.0: predictor}, tmp_path / "predictor.npz")
-    again = load_predictors(tmp_path / "predictor.npz")[1.0]
+    save_predictors({1.0: predictor, 1 / 3: predictor}, tmp_path / "predictor.npz")
+    loaded = load_predictors(tmp_path / "predictor.npz")
+    assert list(loaded) == [1.0, 1 / 3]
+    again = loaded[1.0]
     for theta in points(4, seed=4):
         np.testing.assert_allclose(again.field(theta), known.field(theta), rtol=0, atol=1e-3)
 

@@ -47,12 +47,28 @@ def lagrange(points, nodes=NODES):
     return value.prod(axis=-1), gradient
 
 
-def gauss(dimension, n=3):
+POINTS_PER_EDGE = 3
+"""Gauss points along each edge of a cell and of a facet, as many as the simulator integrates with.
+They are exact for the cavity's volume under a quadratic motion."""
+
+
+def gauss(dimension, n=POINTS_PER_EDGE):
     """Tensor Gauss points (n^d, d) and weights on [-1, 1]^d."""
     x, w = legendre.leggauss(n)
     grid = np.stack(np.meshgrid(*[x] * dimension, indexing="ij"), axis=-1).reshape(-1, dimension)
     weights = np.prod(np.stack(np.meshgrid(*[w] * dimension, indexing="ij"), -1), -1).ravel()
     return grid, weights
+
+
+def gauss_shares(first, last, n):
+    """What each of n Gauss points of [-1, 1] counts for in the integral from `first` to `last`,
+    (...), of the polynomial through the points: a multiple (n, ...) of its weight."""
+    x, w = legendre.leggauss(n)
+    basis = (np.poly1d(np.poly(np.delete(x, i))) for i in range(n))
+    integrals = [
+        np.polyint(p / (p(at) * weight)) for p, at, weight in zip(basis, x, w, strict=True)
+    ]
+    return np.stack([integral(last) - integral(first) for integral in integrals])
 
 
 def nodes_of(mesh):

@@ -29,7 +29,7 @@ MM_PER = {"mm": 1.0, "cm": 10.0, "m": 1000.0}
 UNIT_NAMES = {"mm": "millimetres", "cm": "centimetres", "m": "metres"}
 # Lengths (mm), base to epicardial apex, that a human left ventricle can have.
 PLAUSIBLE_LENGTH_MM = (30.0, 200.0)
-# The base is flat and at z = 0 to this share of the ventricle's length.
+# The base is flat and at z = 0 to this share of the ventricle's length; then it is put there.
 FLATNESS = 1e-3
 # Scaled Jacobians from here down are those of elements without volume.
 DEGENERATE = 1e-6
@@ -64,7 +64,8 @@ def import_mesh(mesh_path, segments_path=None, unit="mm"):
     )
     _check_axis(mesh_path, mesh)
     check_segment_places(mesh, origin)
-    endo, epi = (np.unique(facets[mesh.surface == s]) for s in (ENDOCARDIUM, EPICARDIUM))
+    points[mesh.nodes_on(BASE), 2] = 0.0
+    endo, epi = mesh.nodes_on(ENDOCARDIUM), mesh.nodes_on(EPICARDIUM)
     mesh.transmural = transmural_coordinate(mesh, endo, epi)
     apices = (points[nodes, 2].min() for nodes in (endo, epi))
     mesh.longitudinal = longitudinal_coordinate(points, mesh.transmural, *apices)
@@ -204,14 +205,14 @@ def _named_surfaces(path, mesh, named):
 def _check_axis(path, mesh):
     """The base in the plane z = 0, and the z axis inside the cavity."""
     length = np.ptp(mesh.points[:, 2])
-    base = mesh.points[np.unique(mesh.facets[mesh.surface == BASE])]
+    base = mesh.points[mesh.nodes_on(BASE)]
     off = base[np.abs(base[:, 2]).argmax(), 2]
     if abs(off) > FLATNESS * length or mesh.points[:, 2].max() > FLATNESS * length:
         raise InputError(
             f"{path}: a node of the base is at z = {off:g} mm; the base must be the plane z = 0 "
             "with the apex below: turn and move the mesh"
         )
-    rim = np.unique(mesh.facets[mesh.surface == ENDOCARDIUM])
+    rim = mesh.nodes_on(ENDOCARDIUM)
     rim = mesh.points[rim[mesh.points[rim, 2] > -FLATNESS * length]]
     angle = np.sort(np.arctan2(rim[:, 1], rim[:, 0]))
     if np.diff(angle, append=angle[0] + 2 * np.pi).max() > np.pi / 2:

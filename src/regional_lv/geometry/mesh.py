@@ -1,6 +1,7 @@
 """The mesh as the project passes it on, and its file."""
 
 from dataclasses import dataclass
+from functools import reduce
 
 import meshio
 import numpy as np
@@ -30,6 +31,11 @@ class Mesh:
     surface: np.ndarray
     transmural: np.ndarray
     longitudinal: np.ndarray
+
+    def nodes_on(self, *surfaces):
+        """Sorted numbers of the nodes that lie on all of these surfaces."""
+        on_each = (np.unique(self.facets[self.surface == s]) for s in surfaces)
+        return reduce(np.intersect1d, on_each)
 
 
 def read_mesh(vtu_path):

@@ -26,6 +26,10 @@ GMSH_TO_VTK = np.array(
 )
 
 
+SAME_LINE_DEG = 1e-3
+"""Sector borders that are no further apart are one mesh line."""
+
+
 def _grid_angles(table, n):
     """The n angles (degrees, increasing, from -180) of the mesh lines that run base to apex.
 
@@ -34,7 +38,9 @@ def _grid_angles(table, n):
     """
     sectors = table.iloc[:16]
     borders = np.concatenate([sectors["angle_from_deg"], sectors["angle_to_deg"]])
-    borders = np.unique(np.round((borders + 180) % 360 - 180, 6))
+    borders = np.unique(np.round(np.round(borders + 180, 6) % 360 - 180, 6))
+    # Levels whose borders differ by round-off share one line.
+    borders = borders[np.diff(borders, prepend=borders[-1] - 360) > SAME_LINE_DEG]
     gaps = np.diff(borders, append=borders[0] + 360)
     count = np.ones(len(gaps), dtype=int)
     for _ in range(n - len(gaps)):

@@ -21,6 +21,9 @@ COLUMNS = (
 # Segment averages that a human left ventricle, thin scar to gross dilatation, can have.
 PLAUSIBLE_MM = {"wall_thickness_mm": (2.0, 30.0), "endo_radius_mm": (3.0, 80.0)}
 
+ROUND_OFF_DEG = 1e-6
+"""Between a sector's border and its neighbour's, which is taken for the same."""
+
 MOST_TWIST_DEG = 50.0
 """Between the septa of two levels: one segment of 60 degrees is a mistake, twenty are a heart."""
 
@@ -72,6 +75,7 @@ def read_segments(path):
     _check_sizes(path, table)
     _check_levels(path, table)
     _check_sectors(path, table)
+    table["angle_to_deg"] = _closed(table)
     middle = (table["angle_from_deg"] + table["angle_to_deg"]) / 2
     check_septum(
         path,
@@ -152,7 +156,7 @@ def _check_sectors(path, table):
     """Sectors that tile each level, numbered clockwise seen from the base as the AHA does."""
     width = table["angle_to_deg"] - table["angle_from_deg"]
     for line, degrees in width.items():
-        if not 0 < degrees <= 360:
+        if not 0 < degrees <= 360 + ROUND_OFF_DEG:
             raise InputError(
                 f"{path}, line {line}: the sector is {degrees:g} degrees wide; angle_to_deg must "
                 "exceed angle_from_deg by at most 360 (write 165 to 255, not 165 to -105)"
@@ -163,7 +167,7 @@ def _check_sectors(path, table):
             rows.iterrows(), [*list(rows.iterrows())[1:], next(rows.iterrows())], strict=True
         ):
             gap = (row["angle_from_deg"] - following["angle_to_deg"] + 180) % 360 - 180
-            if abs(gap) > 1e-6:
+            if abs(gap) > ROUND_OFF_DEG:
                 raise InputError(
                     f"{path}, line {line}: the sector of segment {row['aha_segment']} begins at "
                     f"{row['angle_from_deg']:g} degrees but that of segment "
@@ -171,11 +175,22 @@ def _check_sectors(path, table):
                     f"{level} sectors must tile 360 degrees, numbered clockwise seen from the base"
                 )
         total = width[rows.index].sum()
-        if abs(total - 360) > 1e-6:
+        if abs(total - 360) > ROUND_OFF_DEG:
             raise InputError(
                 f"{path}, line {rows.index[0]}: the {level} sectors add up to {total:g} degrees; "
                 "they must tile 360"
             )
+
+
+def _closed(table):
+    """`angle_to_deg` without what round-off leaves between a sector and its neighbour."""
+    angle_to = table["angle_to_deg"].copy()
+    for numbers in LEVELS.values():
+        lines = table.index[table["aha_segment"].isin(numbers)]
+        for line, following in zip(lines, [*lines[1:], lines[0]], strict=True):
+            begin, end = table.loc[line, "angle_from_deg"], angle_to[following]
+            angle_to[following] = begin + 360 * np.round((end - begin) / 360)
+    return angle_to
 
 
 def check_septum(path, middle, remedy):

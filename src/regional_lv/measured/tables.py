@@ -244,8 +244,8 @@ def _load_fraction(
             + (", the study's loading.pressure_mmhg" if unit else "")
             + ": correct it, or leave it empty for end diastole",
         )
-    known = [load for load in (1.0, *loads) if abs(load - fraction) < SAME_LOAD]
-    return known[0] if known else round(fraction, 6)
+    nearest = min((1.0, *loads), key=lambda load: abs(load - fraction))
+    return nearest if abs(nearest - fraction) < SAME_LOAD else round(fraction, 6)
 
 
 def _number(path: str | Path, number: int, column: str, text: str) -> float:

@@ -119,7 +119,9 @@ _FIELDS = tuple(Predictor.__dataclass_fields__)
 
 def save_predictors(predictors: dict[float, Predictor], path: str | Path) -> None:
     """Write the predictors of all loads, by load fraction, to one file (npz)."""
-    arrays = {f"{k}@{load:g}": getattr(p, k) for load, p in predictors.items() for k in _FIELDS}
+    arrays = {
+        f"{k}@{float(load)!r}": getattr(p, k) for load, p in predictors.items() for k in _FIELDS
+    }
     np.savez(path, **arrays)
 
 

@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 
 from regional_lv.aha import SEGMENTS
 from regional_lv.channels import Channels
-from regional_lv.geometry.mesh import Mesh
+from regional_lv.geometry.mesh import BASE, Mesh
 from regional_lv.mechanics import dolfinx_api as api
 from regional_lv.mechanics.equilibrium import (
     Equilibrium,
@@ -89,7 +89,8 @@ class Simulator(Equilibrium):
         symmetric = held_axially and api.element_order(mesh.cells) == 2
         fixed, rotation = np.zeros(0, dtype=int), None
         if base is not None:
-            fixed, rotation = base.held(self.displacement_dofs, self.displacement_nodes)
+            at_base = mesh.nodes_on(BASE)
+            fixed, rotation = base.held(self._node_dofs[at_base], mesh.points[at_base])
         super().__init__(self.w, residual, tangent, fixed, rotation, symmetric)
 
     # ---------------------------------------------------------------- the weak form
@@ -208,14 +209,19 @@ class Simulator(Equilibrium):
         their derivatives (k, d) along fields `directions` (k, size), None without any."""
         channels = self._channels_at[fraction][1]
         moves = None if directions is None else self.displacement(directions)
-        dilation = dilation_moves = None
-        if self._pressure_at is not None:
-            dilation = 1 + self._compressibility * w[self._pressure_at]
-            if directions is not None:
-                dilation_moves = self._compressibility * directions[:, self._pressure_at]
+        dilation_moves = None
+        if self._pressure_at is not None and directions is not None:
+            dilation_moves = self._compressibility * directions[:, self._pressure_at]
         return self.observer.observe(
-            channels, self.displacement(w), dilation, moves, dilation_moves
+            channels, self.displacement(w), self.wall_dilation(w), moves, dilation_moves
         )
+
+    def wall_dilation(self, w: np.ndarray) -> float | np.ndarray:
+        """The change of volume that the wall allows in a solution `w`, as `Observer.values` takes
+        it: 1, or what the pressure makes of it at the corners (cells, 8) of a compressible wall."""
+        if self._pressure_at is None:
+            return 1.0
+        return 1 + self._compressibility * w[self._pressure_at]
 
     def places_of(self, fraction: float) -> np.ndarray:
         """Where in `channels` those at a load fraction stand."""

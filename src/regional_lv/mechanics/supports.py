@@ -156,23 +156,23 @@ class Base(Support):
     def held(self, dofs: np.ndarray, nodes: np.ndarray):
         """Held degrees of freedom, and the turned nodes (`equilibrium.Rotation`).
 
-        dofs (n, 3) and nodes (n, 3) mm of the displacement.
+        dofs (n, 3) of the displacement at the nodes (n, 3) mm of the base.
         """
         from regional_lv.mechanics.equilibrium import Rotation
 
-        on_base = np.flatnonzero(np.abs(nodes[:, 2] - nodes[:, 2].max()) < 1e-6)
-        angle = np.arctan2(nodes[on_base, 1], nodes[on_base, 0])
-        radial, around, axial = dofs[on_base].T
+        angle = np.arctan2(nodes[:, 1], nodes[:, 0])
+        radial, around, axial = dofs.T
         held = [
             d for c, d in zip(COMPONENTS, (radial, around, axial), strict=True) if self.holds(c)
         ]
         if math.isinf(self.compliance["circumferential"]):
-            # Equilibrium leaves the rotation about the long axis free, and no load turns: holding
-            # one node removes it without any reaction.
+            # Equilibrium leaves the rotation about the long axis free: one node is held. While the
+            # base stays in its plane no load turns the heart, and the node bears nothing; a warped
+            # base is turned a little (which node is held changes strains by less than 3e-4).
             held.append(around[:1])
         circle = None
         if self.holds("radial") and not self.holds("circumferential"):
-            circle = nodes[on_base, :2]
+            circle = nodes[:, :2]
         fixed = np.concatenate(held) if held else np.zeros(0, dtype=int)
         return fixed, Rotation(radial, around, angle, circle)
 

@@ -5,9 +5,9 @@ epicardium.
 """
 
 import numpy as np
-from numpy.polynomial import legendre
 
 from regional_lv.errors import InputError
+from regional_lv.geometry.elements import gauss, gauss_shares
 
 THINNEST = 1e-6
 """A window narrower than this is the surface (or the depth) itself."""
@@ -37,7 +37,7 @@ def window_weights(depth: np.ndarray, inner: float, outer: float, points: int) -
     cells, q = len(depth), points**3
     if inner == 0 and outer == 1:
         return np.ones((cells, q))
-    x, w = legendre.leggauss(points)
+    x = gauss(1, points)[0][:, 0]
     low, high, axis = _depths_of_columns(depth, x)
     weights = np.zeros((cells, points, points, points))
     # Reference coordinates, in [-1, 1], between which the window covers each column.
@@ -46,11 +46,7 @@ def window_weights(depth: np.ndarray, inner: float, outer: float, points: int) -
     begin = min(inner, 1 - width)
     first, last = (np.clip(2 * (edge - low) / span - 1, -1, 1) for edge in (begin, begin + width))
     first, last = np.minimum(first, last), np.maximum(first, last)
-    # Integrals of the Lagrange polynomials of the Gauss points, over their weights.
-    basis = [np.poly1d(np.poly(np.delete(x, i))) for i in range(points)]
-    for i, polynomial in enumerate(basis):
-        integral = np.polyint(polynomial / polynomial(x[i]))
-        share = (integral(last) - integral(first)) / w[i]
+    for i, share in enumerate(gauss_shares(first, last, points)):
         for along in range(3):
             mine = axis == along
             at: list[slice | int] = [slice(None)] * 3

@@ -13,8 +13,9 @@ class PointMotion:
     """Motion at M points of the wall; what is computed from it can be differentiated (torch).
 
     place (M, 3): the points in the unloaded state, mm. displacement (M, 3): mm.
-    deformation_gradient (M, 3, 3): F. dilation (M,) or 1: the change of volume that the wall allows
-    (its multiplier's, not the discrete det F). depth_gradient (M, 3): of the transmural coordinate.
+    deformation_gradient (M, 3, 3): F. dilation (M,) or a number: the change of volume that the wall
+    allows (its multiplier's, not the discrete det F), None if F is to be taken as it is.
+    depth_gradient (M, 3): of the transmural coordinate.
     """
 
     def __init__(
@@ -34,15 +35,17 @@ class PointMotion:
 
     @cached_property
     def back(self) -> torch.Tensor:
-        """F^-1 (M, 3, 3), which leads from the loaded to the unloaded state, of a wall whose
-        volume changes by the dilation at every point.
+        """F^-1 (M, 3, 3), which leads from the loaded to the unloaded state; with a dilation, that
+        of a wall whose volume changes by it at every point.
 
-        The discrete det F strays from it: with few elements through the wall they cannot thin as
-        they should at each depth. How the wall stretches along its surfaces is not affected, so
-        that the stretch along its normal is what is put right, from the other two.
+        The discrete det F of a solution strays from it: with few elements through the wall they
+        cannot thin as they should at each depth. How the wall stretches along its surfaces is not
+        affected, so that the stretch along its normal is what is put right, from the other two.
         """
         determinant = torch.linalg.det(self.deformation_gradient)[:, None, None]
         inverse = self._adjugate / determinant
+        if self.dilation is None:
+            return inverse
         normal = self.directions[1]
         along = torch.einsum("mij,mj,mk->mik", inverse, normal, normal)
         wanted = self.dilation

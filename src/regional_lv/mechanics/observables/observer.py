@@ -35,12 +35,16 @@ class Observer:
         self._scale = observed["scale"]
 
     def values(
-        self, channels: Sequence[Channel], displacement: np.ndarray, dilation=None
+        self,
+        channels: Sequence[Channel],
+        displacement: np.ndarray,
+        dilation: float | np.ndarray | None = None,
     ) -> np.ndarray:
         """Values (D,) of `channels`, whose load is that of the motion.
 
-        displacement: (n, 3) mm at the mesh's nodes. dilation: (cells, 8) at the corners of a
-        compressible wall, linear in each cell; None keeps its volume.
+        displacement: (n, 3) mm at the mesh's nodes. dilation: the change of volume that the wall
+        allows, one number or (cells, 8) at the corners, linear in each cell, which sets the stretch
+        across the wall (`PointMotion.back`); None takes the deformation gradient as it is.
         """
         return self.observe(channels, displacement, dilation)[0]
 
@@ -48,7 +52,7 @@ class Observer:
         self,
         channels: Sequence[Channel],
         displacement: np.ndarray,
-        dilation: np.ndarray | None = None,
+        dilation: float | np.ndarray | None = None,
         moves: np.ndarray | None = None,
         dilation_moves: np.ndarray | None = None,
     ) -> tuple[np.ndarray, np.ndarray | None]:
@@ -110,7 +114,7 @@ class Observer:
     def point_motion(
         self,
         displacement: np.ndarray,
-        dilation: np.ndarray | None = None,
+        dilation: float | np.ndarray | None = None,
         differentiable: bool = False,
     ) -> PointMotion:
         """The motion at the wall's points, for fields instead of averages; displacement and
@@ -118,13 +122,13 @@ class Observer:
         gradient = self.wall.gradients(displacement).swapaxes(1, 2)
         parts = [torch.as_tensor(self.wall.values(displacement))]
         parts.append(torch.as_tensor(np.eye(3) + gradient))
-        if dilation is not None:
+        if isinstance(dilation, np.ndarray):
             parts.append(torch.as_tensor(self.wall.corner_values(dilation[..., None])[:, 0]))
         for part in parts:
             part.requires_grad_(differentiable)
-        u, F, *volume = parts
-        kept = volume[0] if volume else 1.0
-        return PointMotion(self._place, u, F, kept, self._depth_gradient, self.measure)
+        u, F, *varying = parts
+        allowed = varying[0] if varying else dilation
+        return PointMotion(self._place, u, F, allowed, self._depth_gradient, self.measure)
 
     def _mean_slopes(self, point, densities, moves, dilation_moves) -> list[np.ndarray]:
         """Derivatives (k, 17) of the segments' means of each density, along the moves."""

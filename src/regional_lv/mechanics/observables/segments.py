@@ -4,10 +4,7 @@ import numpy as np
 from scipy import sparse
 
 from regional_lv import aha
-
-# Three Gauss points of [0, 1], and the intervals of which they are the means.
-GAUSS = 0.5 + np.array([-1, 0, 1]) * np.sqrt(0.15)
-INTERVALS = np.array([0, 5, 13, 18]) / 18
+from regional_lv.geometry.elements import POINTS_PER_EDGE, gauss, gauss_shares
 
 
 def membership(segment: np.ndarray, points: int) -> sparse.csr_matrix:
@@ -22,19 +19,18 @@ def turned_membership(angle, cell, corner_angle, segment, rotation: float) -> sp
     """Share (17, points) of each quadrature point that lies in each segment, borders turned.
 
     angle (points,) rad and cell (points,) of the points; corner_angle (cells, 8); segment (cells,)
-    number less one; rotation in rad. A point stands for the part of its cell's angular extent of
-    which it is the Gauss point, and counts with the share of it that a segment's turned arc covers:
-    the averages change continuously with the rotation, and at 0 they are the cells' if mesh lines
-    lie on the segments' borders. Segments keep their level, the apex (17) is one whole.
+    number less one; rotation in rad. Around the axis, the polynomial through a cell's Gauss points
+    is integrated over the part that a segment's turned arc covers, as `layer.window_weights` does
+    over the depth: the averages change smoothly with the rotation, and at 0 they are the cells' if
+    mesh lines lie on the segments' borders. Segments keep their level, the apex (17) is one whole.
     """
     centre = np.angle(np.exp(1j * corner_angle).mean(axis=1))
     extent = _wrapped(corner_angle - centre[:, None])
     low, high = extent.min(axis=1), extent.max(axis=1)
-    share = (_wrapped(angle - centre[cell]) - low[cell]) / (high - low)[cell]
-    which = np.abs(share[:, None] - GAUSS).argmin(axis=1)
-    width = (high - low)[cell] * np.diff(INTERVALS)[which]
-    middle = centre[cell] + low[cell]
-    middle += (high - low)[cell] * (INTERVALS[which] + INTERVALS[which + 1]) / 2
+    width = (high - low)[cell]
+    reference = 2 * (_wrapped(angle - centre[cell]) - low[cell]) / width - 1
+    which = np.abs(reference[:, None] - gauss(1, POINTS_PER_EDGE)[0].T).argmin(axis=1)
+    begin = centre[cell] + low[cell]
 
     table = np.zeros((len(aha.SEGMENTS), len(angle)))
     for numbers in aha.LEVELS.values():
@@ -47,10 +43,12 @@ def turned_membership(angle, cell, corner_angle, segment, rotation: float) -> sp
             at = np.angle(np.exp(1j * centre[own]).mean())
             first = (_wrapped(centre[own] - at) + low[own]).min()
             last = (_wrapped(centre[own] - at) + high[own]).max()
-            gap = _wrapped(middle[mine] - at - rotation)
+            # Reference coordinates, in [-1, 1], between which the arc covers the cell.
             half = width[mine] / 2
-            covered = np.minimum(gap + half, last) - np.maximum(gap - half, first)
-            table[number - 1, mine] = np.clip(covered / width[mine], 0.0, 1.0)
+            gap = _wrapped(begin[mine] + half - at - rotation)
+            edges = (np.clip((edge - gap) / half, -1, 1) for edge in (first, last))
+            shares = gauss_shares(*edges, POINTS_PER_EDGE)
+            table[number - 1, mine] = shares[which[mine], np.arange(mine.sum())]
     return sparse.csr_matrix(table / table.sum(axis=0))
 
 

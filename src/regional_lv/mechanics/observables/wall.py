@@ -7,19 +7,16 @@ import numpy as np
 from regional_lv import aha
 from regional_lv.geometry.elements import (
     NODES,
+    POINTS_PER_EDGE,
     QUAD_NODES,
     gauss,
     jacobians,
     lagrange,
     nodes_of,
 )
-from regional_lv.geometry.mesh import ENDOCARDIUM, Mesh
+from regional_lv.geometry.mesh import BASE, ENDOCARDIUM, Mesh
 from regional_lv.mechanics.observables.layer import window_weights
 from regional_lv.mechanics.observables.segments import membership, turned_membership
-
-POINTS_PER_EDGE = 3
-"""Gauss points along each edge of a cell and of a facet, as many as the simulator integrates with.
-They are exact for the cavity's volume under a quadratic motion."""
 
 
 class Wall:
@@ -103,14 +100,13 @@ class Cavity:
 
     def __init__(self, mesh: Mesh):
         self._facets = mesh.facets[mesh.surface == ENDOCARDIUM]
-        self.nodes = np.unique(self._facets)
+        self.nodes = mesh.nodes_on(ENDOCARDIUM)
         self._at = np.searchsorted(self.nodes, self._facets)
         self.reference = mesh.points[self.nodes]
         points, self._weights = gauss(2, POINTS_PER_EDGE)
         reference = QUAD_NODES[: self._facets.shape[1]]
         self._shape, self._slope = lagrange(points, reference)
-        base = self.reference[:, 2].max()
-        self.ring = np.flatnonzero(self.reference[:, 2] > base - 1e-6)
+        self.ring = np.searchsorted(self.nodes, mesh.nodes_on(ENDOCARDIUM, BASE))
         self.apex = int(self.reference[:, 2].argmin())
 
     def volume_and_gradient(self, displacement: np.ndarray) -> tuple[float, np.ndarray]:
