@@ -224,15 +224,31 @@ def test_a_covariance_without_factor_is_impossible_and_leaves_the_others_alone()
     assert torch.isfinite(gradient[[0, 2]]).all() and gradient[[0, 2]].abs().min() > 0
 
 
-def test_only_what_counts_as_exact_beside_inferred_noise_is_blurred():
+def test_outputs_that_are_exact_beside_noise():
     emulator = linear(0.3)
-    blurred = Likelihood(emulator, emulator.base, Noise.inferred(emulator, 0.7)).blurred(0.01)
-    assert blurred.noise.sd[0] == 0.01 * emulator.output_sd[0]
-    assert not blurred.noise.sd[1:].any()
+
+    def exact(noise, level=0.03):
+        return Likelihood(emulator, emulator.base, noise).exact_to(level).nonzero()[:, 0].tolist()
+
     stated = torch.full_like(emulator.output_sd, 0.2)
     for noise in (Noise.none(emulator), Noise.known(stated), Noise.shared(emulator, 0.3)):
-        likelihood = Likelihood(emulator, emulator.base, noise)
-        assert likelihood.blurred(0.01) is likelihood
+        assert exact(noise) == []
+    assert exact(Noise.inferred(emulator, 0.7)) == [0]
+    stated[0] = float("nan")
+    assert exact(Noise.known(stated)) == [0]
+    stated[:2] = 0.02 * emulator.output_sd[:2]
+    assert exact(Noise.known(stated)) == [0, 1]
+    assert exact(Noise.known(stated), 0.01) == []
+    assert exact(Noise.known(0.001 * stated)) == []
+
+
+def test_blurring_adds_noise_to_some_outputs():
+    emulator = linear(0.3)
+    likelihood = Likelihood(emulator, emulator.base, Noise.inferred(emulator, 0.7))
+    mask = torch.arange(len(emulator.base)) == 0
+    blurred = likelihood.blurred(0.01, mask)
+    assert blurred.noise.sd[0] == 0.01 * emulator.output_sd[0]
+    assert not blurred.noise.sd[1:].any()
 
 
 def test_one_unknown_scale_is_whitened_too():

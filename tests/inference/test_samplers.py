@@ -1,5 +1,6 @@
 """Both samplers against posteriors that are known, and against each other."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -7,6 +8,8 @@ import pytest
 import torch
 from scipy import stats
 
+from regional_lv.emulators import SeparablePrediction
+from regional_lv.errors import InputError
 from regional_lv.inference import by_importance, sampling
 from regional_lv.inference.approximation import approximate
 from regional_lv.inference.draws import Settings
@@ -15,7 +18,8 @@ from regional_lv.inference.sampling import SAMPLERS
 from regional_lv.inference.shell import Shell
 from regional_lv.inference.surrogate import Surrogate
 from regional_lv.inference.target import Target
-from tests.inference.test_likelihood import DIRECTIONS, linear
+from regional_lv.parameters import Parameterisation
+from tests.inference.test_likelihood import DIRECTIONS, LinearEmulator, linear
 
 NONE = torch.zeros(0, dtype=torch.float64)
 
@@ -131,6 +135,75 @@ def test_samplers_agree_where_the_bounds_cut_the_posterior(noise):
     np.testing.assert_allclose(a.std(0), b.std(0), rtol=0.2)
     if noise == "inferred":
         assert abs(sigma.mean() - expected.mean()) < 0.2 * expected.std()
+
+
+class Ridges(LinearEmulator):
+    """Linear in log theta: the first outputs are sums of log C_a and log C_b, mostly of one zone
+    each, and the others say a little of the differences."""
+
+    @classmethod
+    def of(cls, zones: int) -> "Ridges":
+        walls = {f"zone_{z + 1}": list(range(1 + z, 18, zones)) for z in range(zones)}
+        like = linear(1e-3)
+        like.parameters, like.__class__ = Parameterisation(walls), cls
+        rng = np.random.default_rng(3)
+        difference = np.kron(np.eye(zones), [1.0, -1.0])
+        slopes = 0.3 * rng.normal(size=(len(like.base), zones)) @ difference
+        share = np.full((zones, zones), 0.3) + 0.7 * np.eye(zones)
+        slopes[:zones] = np.kron(share, [1.0, 1.0])
+        like.slopes = torch.as_tensor(slopes)
+        like.matrix = 1e-6 * torch.eye(len(like.base), dtype=torch.float64)
+        return like
+
+    def _predict(self, theta):
+        mean = self.base + theta.log() @ self.slopes.T
+        return SeparablePrediction(mean, super()._predict(theta).variance, self.matrix)
+
+
+@pytest.mark.parametrize("zones", [1, 2])
+def test_along_the_ridges_of_exact_outputs_beside_known_noise(zones):
+    """One or two outputs without noise among noisy ones: against quadrature along the ridges. The
+    noise leaves their ends far apart."""
+    emulator = Ridges.of(zones)
+    truth = torch.tensor([0.9, 1.3, 1.1, 0.8][: 2 * zones], dtype=torch.float64)
+    rng = np.random.default_rng(5)
+    sd = 2.0 * emulator.output_sd
+    y = emulator.predict_mean(truth) + sd * torch.as_tensor(rng.normal(size=len(sd)))
+    y[:zones], sd[:zones] = emulator.predict_mean(truth)[:zones], float("nan")
+    likelihood = Likelihood(emulator, y, Noise.known(sd))
+
+    settings = {"warmup": 100, "draws": 500, "chains": 4, "rhat_max": 1.02, "ess_min": 400.0}
+    how = sampling.Sampling(settings, {"starts": 4, "iterations": 100}, 1, "test")
+    sampled = sampling.sample_cases([likelihood], ["ridge"], how, "importance")
+    assert sampled.samplers == ("importance",)
+    (draws,) = sampled.draws
+    assert draws.verdict(how.settings) == "passed"
+
+    # Sums of the logarithms are known; of the differences, theta's density is that of theta itself.
+    half = torch.linspace(-1.6, 1.6, 161, dtype=torch.float64)
+    apart = torch.cartesian_prod(*[half] * zones).reshape(-1, zones, 1)
+    x = truth.log().reshape(zones, 2).mean(1)[:, None] + apart * torch.tensor([1.0, -1.0])
+    theta = x.exp().flatten(1)
+    inside = ((theta >= emulator.lower) & (theta <= emulator.upper)).all(1)
+    residual = (y - emulator.predict_mean(theta))[:, zones:] / sd[zones:]
+    weight = torch.softmax(-0.5 * residual.square().sum(1) + torch.where(inside, 0, -math.inf), 0)
+    mean = weight @ theta
+    scatter = (weight @ (theta - mean).square()).sqrt()
+    assert scatter.min() > 0.2  # a hundred times as long as wide
+    found = draws.theta.reshape(-1, 2 * zones)
+    assert np.abs((found.mean(0) - mean.numpy()) / scatter.numpy()).max() < 0.15
+    np.testing.assert_allclose(found.std(0), scatter, rtol=0.1)
+
+
+def test_three_exact_outputs_beside_noise_are_refused():
+    emulator = Ridges.of(3)
+    truth = torch.ones(6, dtype=torch.float64)
+    sd = 2.0 * emulator.output_sd
+    sd[:3] = float("nan")
+    likelihood = Likelihood(emulator, emulator.predict_mean(truth), Noise.known(sd))
+    three = ", ".join(emulator.outputs[:3])
+    with pytest.raises(InputError, match=f"^{three}: 3 outputs .*; give the others an sd"):
+        Target.near(likelihood, truth, NONE).thin(truth)
 
 
 @pytest.mark.parametrize("sampler", SAMPLERS)

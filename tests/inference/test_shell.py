@@ -30,8 +30,9 @@ def posterior() -> tuple[Shell, torch.Tensor]:
     likelihood = Likelihood(emulator, y, Noise.inferred(emulator, 1.0))
     log_sigma = torch.full((len(likelihood.noise.groups),), -1.0, dtype=torch.float64)
     target = Target.near(likelihood, truth, log_sigma)
-    place = target.broadened(truth).gaussian(truth, log_sigma)
-    return flatten(likelihood, target.transform, *place, torch.Generator().manual_seed(1))
+    assert target.thin(truth) == [0]
+    place = target.blurred([0]).gaussian(truth, log_sigma)
+    return flatten(likelihood, 0, target.transform, *place, torch.Generator().manual_seed(1))
 
 
 def places(posterior, size: int, spread: float = 1.0) -> torch.Tensor:

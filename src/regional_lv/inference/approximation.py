@@ -92,11 +92,11 @@ def approximate(
     theta_map (P,), log_sigma_map (G,): its maximum. The first is about the Gaussian at the maximum,
     the second in coordinates that fit the draws of the first. Where the posterior is a thin shell
     these are of the density that is `blurred`, and the first to be handed out is of the density
-    itself, in the coordinates of a `Shell`.
+    itself, in the coordinates of a `Shell`, or of one within the other where there are several.
     """
     target = Target.near(likelihood, theta_map, log_sigma_map)
-    broad = target.broadened(theta_map)
-    thin = broad is not target
+    thin = target.thin(theta_map)
+    broad = target.blurred(thin)
     mode, scale = broad.gaussian(theta_map, log_sigma_map)
     student = Student(torch.zeros_like(mode), NARROW**2 * torch.eye(len(mode), dtype=mode.dtype))
     best = _explore(broad, mode + student.draw(PLACES, generator) @ scale.mT, generator)
@@ -108,10 +108,12 @@ def approximate(
     wide = Target(broad.likelihood, transform)
     kept = importance.resample(best.found.weight, PLACES, generator)
     best = _explore(wide, wide.unconstrain(theta[kept], log_sigma[kept]), generator)
-    if thin:
-        shell, thickness = flatten(likelihood, transform, *best.preconditioner(), generator)
-        flat = Target(likelihood, shell)
-        places = flat.unconstrain(*wide.constrain(best.places(generator)))
+    for at, output in enumerate(thin):
+        before = best.target
+        form = before.transform, *best.preconditioner()
+        shell, thickness = flatten(likelihood, output, *form, generator)
+        flat = Target(likelihood, shell).blurred(thin[at + 1 :])
+        places = flat.unconstrain(*before.constrain(best.places(generator)))
         across = likelihood.inputs - 1
         places[:, across] *= thickness / places[:, across].std()
         best = _explore(flat, places, generator)

@@ -202,21 +202,20 @@ class Likelihood:
         """The same observations with further noise of `level` training sd on every output."""
         return self._with_noise(level * self.emulator.output_sd)
 
-    @property
-    def exact(self) -> torch.Tensor:
-        """Outputs (D,) that count as exact beside others whose noise is inferred.
+    def exact_to(self, level: float) -> torch.Tensor:
+        """Outputs (D,) whose noise is known to be less than `level` training sd, beside others with
+        more or with unknown noise.
 
         The strains' noise leaves theta wide, and a volume known to a tenth of a mL makes a thin
         curved shell of it.
         """
-        inferred = sum(self.noise.groups.values(), torch.zeros_like(self.noise.sd)) > 0
-        return inferred.any() & ~inferred
+        noisy = (self.noise.units > 0).any(0)
+        noisy = noisy | (self.noise.sd >= level * self.emulator.output_sd)
+        return noisy.any() & ~noisy
 
-    def blurred(self, level: float) -> "Likelihood":
-        """With further noise of `level` training sd on `exact` outputs; the same likelihood if
-        there are none."""
-        exact = self.exact
-        return self._with_noise(level * self.emulator.output_sd * exact) if exact.any() else self
+    def blurred(self, level: float, outputs: torch.Tensor) -> "Likelihood":
+        """With further noise of `level` training sd on some `outputs` (a mask, D)."""
+        return self._with_noise(level * self.emulator.output_sd * outputs)
 
     def _with_noise(self, sd: torch.Tensor) -> "Likelihood":
         more = (self.noise.sd.square() + sd.square()).sqrt()

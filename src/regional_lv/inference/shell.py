@@ -42,7 +42,7 @@ class Shell:
     guess (F,): coefficients of a quadratic polynomial of y, where a is looked for first.
     """
 
-    transform: ThetaTransform
+    transform: "ThetaTransform | Shell"
     emulator: Emulator
     output: int
     value: torch.Tensor
@@ -130,17 +130,18 @@ class Shell:
 
 def flatten(
     likelihood: Likelihood,
-    transform: ThetaTransform,
+    output: int,
+    transform: "ThetaTransform | Shell",
     centre: torch.Tensor,
     scale: torch.Tensor,
     generator: torch.Generator,
 ) -> tuple[Shell, torch.Tensor]:
-    """The shell of the first `exact` output of `likelihood`, and how thick it is, one sd.
+    """The shell of an output of `likelihood`, and how thick it is, one sd.
 
     centre (P + G,), scale (P + G, P + G): where the posterior is and how wide, about (v, log
-    sigma), of a likelihood that is `blurred`.
+    sigma), of a likelihood with that output `blurred`.
     """
-    emulator, output = likelihood.emulator, int(likelihood.exact.nonzero()[0])
+    emulator = likelihood.emulator
     covariance = scale @ scale.T
     p = likelihood.inputs
     origin, spread = centre[:p], torch.linalg.cholesky(covariance[:p, :p])
