@@ -5,6 +5,7 @@ The schema has accepted each key by itself, and the defaults are filled in (`reg
 
 import difflib
 import itertools
+import math
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
@@ -36,6 +37,10 @@ RESERVED = {"train", "test", "holdout", "resimulated", "subjects"}
 
 PATHS = "give its path from the folder of the configuration, or from the one in which you start"
 """Where a path may count from."""
+
+WEIGHTED_SHARE = 0.6
+"""Of the draws, how many are effective at best: those that importance sampling keeps of weighted
+ones are two thirds (`inference.by_importance`), if all weights are the same."""
 
 KEPT = "an imported mesh that is kept cannot be made finer (geometry.imported.remesh)"
 
@@ -76,6 +81,7 @@ def cross_check(config: dict) -> Iterator[str]:
     solver = config["solver"]
     if solver["min_load_fraction"] > solver["first_load_fraction"]:
         yield "solver.min_load_fraction: exceeds solver.first_load_fraction; lower it"
+    yield from _check_draws(config)
     mistakes += _check_emulators(config["emulators"], config["evaluation"])
     mistakes += _complaints(material_from_config, config["material"])
     mistakes += _complaints(check_layer, *config["observables"]["layer"])
@@ -89,6 +95,21 @@ def cross_check(config: dict) -> Iterator[str]:
         yield from _check_model(
             config, Parameterisation.from_config(config), Channels.from_config(config)
         )
+
+
+def _check_draws(config: Mapping) -> Iterator[str]:
+    """As many draws as the convergence check can pass."""
+    least = config["nuts"]["ess_min"]
+    for section in ("nuts", "clinical"):
+        chains, draws = config[section]["chains"], config[section]["draws"]
+        reached = WEIGHTED_SHARE * chains * draws
+        if least > reached:
+            needed = math.ceil(least / WEIGHTED_SHARE / chains)
+            yield (
+                f"{section}.draws: {chains} chains of {draws} draws have up to {reached:.0f} "
+                f"effective ones, fewer than nuts.ess_min ({least:g}): no posterior would pass the "
+                f"convergence check; set {section}.draws to {needed} or more, or lower nuts.ess_min"
+            )
 
 
 def _complaints(make: Callable, *arguments) -> list[str]:

@@ -231,10 +231,19 @@ def label(name: str) -> str:
     return f"${parts[0]}_{{{parts[1]}}}$ {parts[2].replace('_', ' ')}"
 
 
+def repeated(theta: np.ndarray) -> tuple[int, int] | None:
+    """Numbers of the first two rows of theta (N, P) that are the same; None if there are none."""
+    _, first, which = np.unique(theta, axis=0, return_index=True, return_inverse=True)
+    later = np.flatnonzero(first[which.ravel()] != np.arange(len(theta)))
+    return (int(first[which.ravel()[later[0]]]), int(later[0])) if later.size else None
+
+
 def _check_zones(zones: dict[str, tuple[int, ...]]) -> None:
     owner: dict[int, str] = {}
     for zone, segments in zones.items():
         key = f"parameters.zones.{zone}"
+        if zone == "all":
+            raise InputError(f"{key}: stands for all zones in tables; give the zone another name")
         if not segments:
             raise InputError(f"{key}: holds no segment; give AHA segments (1 to 17) or remove it")
         for segment in segments:

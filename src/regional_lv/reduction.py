@@ -49,10 +49,10 @@ class Reduction:
                 f"reduction: {len(y)} rows, {int((~np.isfinite(y)).any(axis=1).sum())} of them not "
                 "finite; give at least two simulations that passed the screening"
             )
-        mean, sd = y.mean(axis=0), y.std(axis=0, ddof=1)
-        if (sd == 0).any():
+        mean, sd, span = y.mean(axis=0), y.std(axis=0, ddof=1), np.ptp(y, axis=0)
+        if (span == 0).any():
             raise InputError(
-                f"reduction: {channels.names[int(np.argmin(sd))]} has the same value in every "
+                f"reduction: {channels.names[int(np.argmin(span))]} has the same value in every "
                 "simulation; check the simulator"
             )
         volumes = channels.of_quantity(VOLUME)

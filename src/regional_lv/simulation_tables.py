@@ -11,7 +11,7 @@ from regional_lv import aha
 from regional_lv.channels import Channels
 from regional_lv.errors import InputError
 from regional_lv.input_files import reading
-from regional_lv.parameters import Parameterisation
+from regional_lv.parameters import Parameterisation, repeated
 from regional_lv.seeds import derive
 
 log = logging.getLogger(__name__)
@@ -56,6 +56,12 @@ def read_tables(
             f"[{at.lower:g}, {at.upper:g}] ({int(outside.any(axis=1).sum())} such rows); remove "
             "them, or set design.lower and design.upper (or parameters.bounds) to what was "
             "simulated"
+        )
+    twins = repeated(theta)
+    if twins is not None:
+        raise InputError(
+            f"{inputs}: rows {twins[0] + 1} and {twins[1] + 1} have the same parameters; keep each "
+            "simulation once (are files joined that share rows?)"
         )
     if SENSITIVITY in y:
         _check_sensitivities(outputs, y[SENSITIVITY], len(channels) * len(parameters))

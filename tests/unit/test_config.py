@@ -78,7 +78,7 @@ def test_loading_leaves_its_input_alone_and_repeats():
 def test_numbers_take_the_type_of_the_schema():
     whole, decimal = (
         config.load(changed("design.upper", 4)),
-        config.load(changed("nuts.draws", 80.0)),
+        config.load(changed("nuts.draws", 800.0)),
     )
     assert isinstance(whole["design"]["upper"], float)
     assert isinstance(decimal["nuts"]["draws"], int)

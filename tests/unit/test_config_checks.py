@@ -34,6 +34,13 @@ MISTAKES = [
         "parameters.zones: no zone holds segment 17",
         "add what is missing",
     ),
+    (
+        changed("parameters.zones", {"all": [1], "rest": list(range(2, 18))}),
+        "parameters.zones.all: stands for all zones",
+        "another name",
+    ),
+    (changed("nuts.draws", 300), "nuts.draws: 2 chains of 300 draws", "set nuts.draws to 334"),
+    (changed("clinical.draws", 50), "clinical.draws: ", "or lower nuts.ess_min"),
     (changed("parameters.zones", {"a": [*range(1, 19)]}), "18 is no AHA segment", "from 1 to 17"),
     (changed("parameters.zones", {"a": [], "b": [1]}), "zones.a: holds no segment", "remove it"),
     (changed("parameters.factors", ["C_c"]), "parameters.factors: C_c", "choose among C_a, C_b"),

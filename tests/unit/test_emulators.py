@@ -303,10 +303,17 @@ def test_refuses_what_it_cannot_learn_from(name):
         create(name).fit(theta[:, :9], y, slopes, **TOY)
     with pytest.raises(InputError, match="do not fit"):
         create(name).fit(theta, y[:, :4], slopes, **TOY)
+    joined = [np.concatenate([part, part[5:7]]) for part in (theta, y, slopes)]
+    with pytest.raises(InputError, match="rows 5 and 30 have the same theta"):
+        create(name).fit(*joined, **TOY)
+    still = theta.copy()
+    still[:, 3] = 1.0
+    with pytest.raises(InputError, match=f"{TOY['parameters'].names[3]} has one and the same"):
+        create(name).fit(still, y, slopes, **TOY)
     y[4, 2] = np.nan
     with pytest.raises(InputError, match="row 4"):
         create(name).fit(theta, y, slopes, **TOY)
-    y[:, 2] = 1.0
+    y[:, 2] = 0.1  # whose standard deviation round-off makes larger than zero
     with pytest.raises(InputError, match="radial_01"):
         create(name).fit(theta, y, slopes, **TOY)
 

@@ -102,6 +102,15 @@ def test_cases_of_which_all_hit_are_no_more_than_cases():
     assert clustered_interval(np.zeros((30, 10))) == pytest.approx(exact(0, 30))
 
 
+def test_one_case_is_one_trial_and_so_are_cases_that_are_alike():
+    one = np.array([[1.0] * 9 + [0.0]])
+    for cases in (1, 2):
+        hits, misses = 0.9 * cases, 0.1 * cases
+        low = stats.beta(hits, misses + 1).ppf(0.025)
+        high = stats.beta(hits + 1, misses).ppf(0.975)
+        assert clustered_interval(np.repeat(one, cases, axis=0)) == pytest.approx((low, high))
+
+
 def test_clustered_interval_covers():
     rng = np.random.default_rng(2)
     inside = 0
@@ -142,6 +151,16 @@ def test_every_reason_to_fail_is_named(chains):
     ):
         table, verdict = checked(chains, **weights)
         assert verdict == reason and not table["passed"].any()
+
+
+def test_what_is_no_number_passes_nothing(chains):
+    table, verdict = checked(chains, weighted_ess=np.nan)
+    assert verdict == "failed: ESS of the weights nan < 400" and not table["passed"].any()
+    still = chains.copy()
+    still[:, :, 1] = 2.0
+    table, verdict = checked(still)
+    assert verdict == "failed: b never moved"
+    assert table["passed"].tolist() == [True, False, True]
 
 
 def _recovered(cases: int) -> pd.DataFrame:

@@ -73,7 +73,7 @@ def test_sensitivities_come_along(tmp_path, simulations):
 
 
 def test_any_parameters_and_channels_by_name(tmp_path, simulations):
-    parameters = Parameterisation({"all": range(1, 18)}, bounds={"C_a": (0.1, 5), "C_b": (1, 2)})
+    parameters = Parameterisation({"wall": range(1, 18)}, bounds={"C_a": (0.1, 5), "C_b": (1, 2)})
     channels = Channels.of(["volume", "torsion"], load_fractions=[0.5])
     rng = np.random.default_rng(2)
     theta = pd.DataFrame(rng.uniform(1, 2, (ROWS, 2)), columns=list(parameters.names))
@@ -83,8 +83,12 @@ def test_any_parameters_and_channels_by_name(tmp_path, simulations):
     table = read_tables(*[tmp_path / "both.parquet"] * 2, parameters, channels)
     assert list(table) == ["sample", *parameters.names, *channels.names, "sensitivity"]
     np.testing.assert_allclose(table[list(channels.names)], y)
-    both.assign(C_b_all=3.0).to_parquet(tmp_path / "far.parquet")
-    with pytest.raises(InputError, match=r"row 1, C_b_all: 3 lies outside \[1, 2\]"):
+    twice = pd.concat([both, both.iloc[2:]])
+    twice.to_parquet(tmp_path / "twice.parquet")
+    with pytest.raises(InputError, match=rf"twice.parquet: rows 3 and {ROWS + 1} have the same"):
+        read_tables(*[tmp_path / "twice.parquet"] * 2, parameters, channels)
+    both.assign(C_b_wall=3.0).to_parquet(tmp_path / "far.parquet")
+    with pytest.raises(InputError, match=r"row 1, C_b_wall: 3 lies outside \[1, 2\]"):
         read_tables(*[tmp_path / "far.parquet"] * 2, parameters, channels)
     theta.to_csv(tmp_path / "x.csv", index=False, header=False)
     with pytest.raises(InputError, match=r"x\.csv: has no header, and the published order is that"):

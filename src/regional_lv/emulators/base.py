@@ -14,7 +14,7 @@ import torch
 
 from regional_lv.channels import Channels
 from regional_lv.errors import InputError
-from regional_lv.parameters import Parameterisation
+from regional_lv.parameters import Parameterisation, repeated
 from regional_lv.schema import load_schema
 
 FORMAT = 3
@@ -462,6 +462,19 @@ def _check_training_set(
         )
     if theta.min() <= 0:
         raise InputError("training set: a factor is not above zero; correct the design")
+    twins = repeated(theta)
+    if twins is not None:
+        raise InputError(
+            f"training set: rows {twins[0]} and {twins[1]} have the same theta; keep each "
+            "simulation once"
+        )
+    fixed = [p.name for p, column in zip(parameters, theta.T, strict=True) if np.ptp(column) == 0]
+    if fixed:
+        raise InputError(
+            f"training set: {', '.join(fixed)} has one and the same value in every simulation; "
+            "leave the factor out (parameters.factors), give its segments to another zone "
+            "(parameters.zones), or simulate other values of it"
+        )
     still = [name for name, column in zip(outputs, y.T, strict=True) if np.ptp(column) == 0]
     if still:
         raise InputError(

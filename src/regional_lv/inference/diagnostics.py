@@ -52,23 +52,29 @@ def check_convergence(
             "weighted_ess": weighted_ess,
         }
     )
+    # Of draws that are all the same neither is a number, and NaN passes no comparison.
     mixed = table["rhat"] <= rhat_max
     enough = {kind: table[f"ess_{kind}"] >= ess_min for kind in ("bulk", "tail")}
-    weighted = not pareto_k > PARETO_K and weighted_ess >= ess_min
+    even, sufficient = not pareto_k > PARETO_K, weighted_ess >= ess_min
     table["passed"] = mixed & enough["bulk"] & enough["tail"] & (table["divergences"] == 0)
-    table["passed"] &= weighted
+    table["passed"] &= even and sufficient
     reasons = []
-    if not mixed.all():
+    still = table.loc[table["rhat"].isna(), "parameter"].tolist()
+    if still:
+        reasons.append(f"{', '.join(still)} never moved")
+    if (table["rhat"] > rhat_max).any():
         reasons.append(f"R-hat {table['rhat'].max():.3f} > {rhat_max:g}")
-    for kind, is_enough in enough.items():
-        if not is_enough.all():
+    for kind in enough:
+        if (table[f"ess_{kind}"] < ess_min).any():
             reasons.append(f"{kind} ESS {table[f'ess_{kind}'].min():.0f} < {ess_min:g}")
     if diverging.any():
         reasons.append(f"{int(diverging.sum())} divergences")
-    if pareto_k > PARETO_K:
+    if not even:
         reasons.append(f"Pareto k {pareto_k:.2f} > {PARETO_K:g}")
-    if weighted_ess < ess_min:
+    if not sufficient:
         reasons.append(f"ESS of the weights {weighted_ess:.0f} < {ess_min:g}")
+    if not reasons and not table["passed"].all():
+        reasons.append("a diagnostic is no number")
     return table, "failed: " + "; ".join(reasons) if reasons else "passed"
 
 
@@ -178,10 +184,8 @@ def clustered_interval(hits: np.ndarray) -> tuple[float, float]:
     cases, each = hits.shape
     total, share = cases * each, float(hits.mean())
     spread = hits.mean(axis=1).var(ddof=1) / cases if cases > 1 else 0.0
-    effective: float = total
-    if share in (0, 1):
-        effective = cases  # nothing tells how alike the parameters of a case are
-    elif spread > 0:
+    effective: float = cases  # where nothing tells how alike the parameters of a case are
+    if spread > 0:
         effective = min(total, max(cases, share * (1 - share) / spread))
     return proportion_confint(share * effective, effective, method="beta")
 
