@@ -39,6 +39,10 @@ __all__ = ["REGISTRY", "Emulator", "Prediction", "SeparablePrediction", "create"
 
 log = logging.getLogger(__name__)
 
+FEW = 6
+"""Simulations for each parameter, below which emulators without sensitivities have intervals that
+are too narrow: of exact_gp with ten parameters they cover 88 % with 40 and 40 % with 12."""
+
 REGISTRY = Registry(
     "emulator",
     "emulators.names",
@@ -135,6 +139,12 @@ def train_emulator(
     started = time.monotonic()
     emulator = create(name, settings)
     slopes = read_sensitivities(train, *columns) if emulator.learns_from_sensitivities else None
+    few = FEW * len(parameters)
+    if slopes is None and len(theta) < few:
+        log.warning(
+            "%s: %d simulations for %d parameters: its intervals are too narrow; simulate %d",
+            *(name, len(theta), len(parameters), few),
+        )
     emulator.fit(
         *(theta, y, slopes),
         parameters=parameters,
