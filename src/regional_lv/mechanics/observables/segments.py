@@ -46,8 +46,8 @@ def turned_membership(angle, cell, corner_angle, segment, rotation: float) -> sp
             # Reference coordinates, in [-1, 1], between which the arc covers the cell.
             half = width[mine] / 2
             gap = _wrapped(begin[mine] + half - at - rotation)
-            edges = (np.clip((edge - gap) / half, -1, 1) for edge in (first, last))
-            shares = gauss_shares(*edges, POINTS_PER_EDGE)
+            begins, ends = (np.clip((edge - gap) / half, -1, 1) for edge in (first, last))
+            shares = gauss_shares(begins, ends, POINTS_PER_EDGE)
             table[number - 1, mine] = shares[which[mine], np.arange(mine.sum())]
     return sparse.csr_matrix(table / table.sum(axis=0))
 
