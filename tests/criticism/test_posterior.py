@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 
+from regional_lv.criticism.critic import Critic
 from regional_lv.criticism.discrepancy import unlisted_covariance, unlisted_pattern
 from regional_lv.criticism.extended import ExtendedEmulator
 from regional_lv.criticism.fit import fit, fit_best, fit_from_nothing
@@ -15,7 +16,9 @@ from regional_lv.criticism.observations import observe
 from regional_lv.criticism.posterior import gain_of, laplace, leave_out, sample
 from regional_lv.criticism.search import log_evidence as evidence_of_fit
 from regional_lv.criticism.together import Together
+from regional_lv.criticism.verdict import Settings
 from regional_lv.gaussian import LOG_2PI
+from regional_lv.inference.target import BLUR
 from tests.criticism.toy import PARAMETERS, THETA, ToyEmulator, bias, measured
 
 
@@ -266,3 +269,22 @@ def test_a_departure_that_hearts_share_is_told_from_one_of_each(three, common):
     )
     together, apart = (float(evidence_of_fit(r, fit_best(r, best.x))[0]) for r in rivals)
     assert (together - apart > 20) == common and abs(together - apart) > 20
+
+
+def test_a_volume_without_sd_does_not_cut_the_ends_of_the_posterior():
+    """Among strains that leave theta wide: as wide as in closed form, in every direction."""
+    emulator = ToyEmulator(bend=0.0)
+    table = measured(emulator, strain=0.005)
+    table.loc[table["quantity"] == "volume", "sd"] = math.nan
+    exact = observe({"a": table}, emulator, 1.0)
+    known = exact.blurred(emulator)
+    assert known.noise.sd[0, 0] == BLUR * emulator.output_sd[0]
+    assert torch.equal(known.noise.sd[:, 1:], exact.noise.sd[:, 1:])
+    again = observe({"a": measured(emulator, strain=0.005)}, emulator, 1.0)
+    assert torch.equal(again.blurred(emulator).noise.sd, again.noise.sd)
+    settings = Settings(99, 0.05, 200, 1, 1, 4, 1)
+    model = Critic(exact, emulator, [], [], settings, 1)._model(())
+    posterior = sample(model, *laplace(model, fit_from_nothing(model, 1)), 1000, 2)
+    _, _, covariance = log_evidence(model)
+    _, sd = posterior.moments(posterior.x)
+    assert torch.allclose(sd, covariance.diagonal().sqrt(), rtol=0.15)

@@ -228,7 +228,7 @@ def test_outputs_that_are_exact_beside_noise():
     emulator = linear(0.3)
 
     def exact(noise, level=0.03):
-        return Likelihood(emulator, emulator.base, noise).exact_to(level).nonzero()[:, 0].tolist()
+        return noise.exact_beside(level, emulator.output_sd).nonzero()[:, 0].tolist()
 
     stated = torch.full_like(emulator.output_sd, 0.2)
     for noise in (Noise.none(emulator), Noise.known(stated), Noise.shared(emulator, 0.3)):
@@ -236,10 +236,16 @@ def test_outputs_that_are_exact_beside_noise():
     assert exact(Noise.inferred(emulator, 0.7)) == [0]
     stated[0] = float("nan")
     assert exact(Noise.known(stated)) == [0]
-    stated[:2] = 0.02 * emulator.output_sd[:2]
+    stated[:2] = 0.009 * emulator.output_sd[:2]
     assert exact(Noise.known(stated)) == [0, 1]
-    assert exact(Noise.known(stated), 0.01) == []
+    assert exact(Noise.known(stated), 0.005) == []
     assert exact(Noise.known(0.001 * stated)) == []
+    # Noise of about the same size everywhere leaves nothing thin.
+    small = 0.02 * emulator.output_sd
+    small[5:] *= 2
+    assert exact(Noise.known(small)) == []
+    several = Noise(torch.stack([stated, small, torch.zeros_like(small)]))
+    assert several.exact_beside(0.03, emulator.output_sd).sum(1).tolist() == [2, 0, 0]
 
 
 def test_blurring_adds_noise_to_some_outputs():

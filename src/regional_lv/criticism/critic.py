@@ -93,9 +93,11 @@ class Critic:
         known_theta: torch.Tensor | None = None,
     ):
         outputs, subjects = observations.outputs, observations.subjects
+        self.emulator = emulator.select(outputs)
+        if known_theta is None:
+            observations = observations.blurred(self.emulator)
         self.observations, self.settings, self.seed = observations, settings, seed
         self.noises = list(noises)
-        self.emulator = emulator.select(outputs)
         chosen = [extension.select(outputs) for extension in extensions]
         self._extensions = {(e.hypothesis.name, e.component): e for e in chosen}
         if known_theta is None:

@@ -13,6 +13,7 @@ from regional_lv.channels import Channels, at_load
 from regional_lv.emulators.base import Emulator
 from regional_lv.errors import InputError
 from regional_lv.inference.likelihood import Noise
+from regional_lv.inference.target import BLUR
 
 REACHED = {"strain": 0.01, "volume": 1.0, "torsion": 0.01, "shortening": 0.005}
 """Noise that good tagged MRI reaches, by a quantity's `noise` and in its unit."""
@@ -47,6 +48,14 @@ class Observations:
     y: torch.Tensor
     present: torch.Tensor
     noise: Noise
+
+    def blurred(self, emulator: Emulator) -> "Observations":
+        """With noise of `BLUR` training sd, about 1 mL of volume, on outputs that have less beside
+        noisy ones: they would confine a posterior to a thin curved layer, whose ends importance
+        sampling does not reach."""
+        exact = self.noise.exact_beside(BLUR, emulator.output_sd)
+        sd = torch.where(exact, BLUR * emulator.output_sd, self.noise.sd)
+        return replace(self, noise=replace(self.noise, sd=sd))
 
     @cached_property
     def channels(self) -> Channels:

@@ -82,6 +82,19 @@ class Noise:
         """Whether there is any."""
         return bool(self.groups) or bool((self.sd > 0).any())
 
+    def exact_beside(self, level: float, output_sd: torch.Tensor) -> torch.Tensor:
+        """Outputs (..., D) whose noise is known to be less than `level` training sd, and than a
+        tenth of what others have; sd may be (..., D). Inferred noise counts as a training sd.
+
+        The strains' noise leaves theta wide, and a volume known to a tenth of a mL makes a thin
+        curved shell of it.
+        """
+        inferred = (self.units > 0).any(0)
+        scaled = torch.where(inferred, 1.0, self.sd / output_sd)
+        noisy = torch.where(scaled >= level, scaled, torch.nan)
+        typical = noisy.nanmedian(-1, keepdim=True).values
+        return (scaled < level) & (scaled < 0.1 * typical)
+
     @property
     def units(self) -> torch.Tensor:
         """Of all groups, (G, D)."""
@@ -201,17 +214,6 @@ class Likelihood:
     def tempered(self, level: float) -> "Likelihood":
         """The same observations with further noise of `level` training sd on every output."""
         return self._with_noise(level * self.emulator.output_sd)
-
-    def exact_to(self, level: float) -> torch.Tensor:
-        """Outputs (D,) whose noise is known to be less than `level` training sd, beside others with
-        more or with unknown noise.
-
-        The strains' noise leaves theta wide, and a volume known to a tenth of a mL makes a thin
-        curved shell of it.
-        """
-        noisy = (self.noise.units > 0).any(0)
-        noisy = noisy | (self.noise.sd >= level * self.emulator.output_sd)
-        return noisy.any() & ~noisy
 
     def blurred(self, level: float, outputs: torch.Tensor) -> "Likelihood":
         """With further noise of `level` training sd on some `outputs` (a mask, D)."""

@@ -52,7 +52,7 @@ class Target:
         Raises InputError if there are more than `MOST_SHELLS`.
         """
         likelihood = self.likelihood
-        exact = likelihood.exact_to(BLUR)
+        exact = likelihood.noise.exact_beside(BLUR, likelihood.emulator.output_sd)
         if not exact.any():
             return []
         with torch.no_grad():
