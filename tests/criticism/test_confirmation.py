@@ -65,6 +65,15 @@ def test_a_linear_difference_is_taken_away(n):
     assert found.covariance[0].diagonal().max() < 0.05**2
 
 
+def test_how_far_from_the_simulations_an_effect_is():
+    simulator = Simulator(1, slope=1.0)
+    theta, scaled = simulator.draws(8)
+    found = Correction.fit(Emulator(), theta, scaled, *simulator(theta, scaled))
+    mean, sd = scaled.mean(0), scaled.std(0)
+    expected = torch.tensor([[0.0, -5.0, 9.0][:K]], dtype=torch.float64)
+    assert torch.allclose(found.beyond(mean + expected * sd), expected)
+
+
 @pytest.mark.parametrize("n", [6, 30])
 def test_what_is_missed_in_many_channels_alike_is_correlated(n):
     alike, independent = [], []

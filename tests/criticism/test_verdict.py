@@ -290,6 +290,8 @@ def test_simulations_correct_what_effects_do_to_each_other():
     assert found["confirmation"]["largest_difference_sd"] == pytest.approx(2.0, abs=0.1)
     best = found["sets"][0]
     assert best["confirmed"] and best["misfit_p_value"] > 0.01
+    assert set(best["beyond_sd"]) == {"basal_motion", "radial_scale"}
+    assert max(map(abs, best["beyond_sd"].values())) < 10
     alone = findings(table, interaction=0.0)
     assert not alone["explained"] or set(alone["named"]) != {"basal_motion", "radial_scale"}
 

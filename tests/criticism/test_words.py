@@ -72,9 +72,17 @@ def test_what_was_not_simulated_is_not_confirmed():
     ],
 )
 def test_what_no_simulations_stand_behind(share, failed, undecided, told):
-    part = {"probability_not_simulated": share, "probability_failed": failed}
+    part = {"probability_not_simulated": share, "probability_failed": failed, "beyond_sd": {}}
     text = words._not_simulated({"confirmation": part, "least_probability": 0.95}, undecided)
     assert len(text) == bool(told) and all(piece in text[0] for piece in told)
+
+
+@pytest.mark.parametrize(("away", "told"), [(-12.3, "basal twist is 12 sd away"), (3.9, "")])
+def test_a_set_that_was_simulated_elsewhere(away, told):
+    part = {"probability_not_simulated": 0.0, "probability_failed": 0.0}
+    part["beyond_sd"] = {"basal_motion": 1.0, "basal_twist": away}
+    text = words._not_simulated({"confirmation": part, "least_probability": 0.95}, False)
+    assert len(text) == bool(told) and told in " ".join(text)
 
 
 @pytest.mark.parametrize(

@@ -34,7 +34,8 @@ class Correction:
 
     A linear function of log theta and psi on its scale: `centre` (S, P + k) and the value there (S,
     D), derivatives by_log_theta (S, D, P) and by_scaled (S, D, k), covariance (S, D, D) of what
-    remains. simulations: how many it was fitted to.
+    remains. spread: sds (S, k) of scaled psi over the simulations. simulations: how many it was
+    fitted to.
     """
 
     centre: torch.Tensor
@@ -42,7 +43,13 @@ class Correction:
     by_log_theta: torch.Tensor
     by_scaled: torch.Tensor
     covariance: torch.Tensor
+    spread: torch.Tensor
     simulations: int
+
+    def beyond(self, scaled: torch.Tensor) -> torch.Tensor:
+        """How far scaled psi (S, k) is from the mean of those that were simulated, in their sds."""
+        mean = self.centre[:, -scaled.shape[-1] :]
+        return (scaled - mean) / self.spread.clamp(min=LEAST_SPREAD)
 
     def mean(self, theta: torch.Tensor, scaled: torch.Tensor) -> torch.Tensor:
         """(..., S, D) at theta (..., S, P) and scaled psi (..., S, k)."""
@@ -81,6 +88,7 @@ class Correction:
             steeper.mean(0),
             torch.as_tensor(np.stack(by_scaled)),
             torch.as_tensor(np.stack(covariance)),
+            sd,
             len(outputs),
         )
 

@@ -222,6 +222,7 @@ def _set(one: CauseSet, criticism: Criticism) -> dict:
         "confirmed": one.confirmed,
         "simulations": one.simulations,
         "difference_sd": one.difference_sd,
+        "beyond_sd": one.beyond_sd,
     }
 
 
@@ -242,6 +243,7 @@ def _confirmation(criticism: Criticism) -> dict:
         "simulations": sum(s.simulations for s in criticism.sets),
         "simulations_of_best": best.simulations if best is not None else 0,
         "largest_difference_sd": best.difference_sd if best is not None else math.nan,
+        "beyond_sd": best.beyond_sd if best is not None else {},
         "probability_not_simulated": sum(s.probability for s in missing if not s.failed),
         "probability_failed": sum(s.probability for s in missing if s.failed),
         "channels": channels,

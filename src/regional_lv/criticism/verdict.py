@@ -206,6 +206,15 @@ class CauseSet:
         found = found[found.isfinite()]
         return float(found.max()) if len(found) else math.nan
 
+    @property
+    def beyond_sd(self) -> dict[str, float]:
+        """Cause -> how far its estimate is from the mean of those that were simulated, in their
+        sds; empty without simulations."""
+        if self.correction is None:
+            return {}
+        away = self.correction.beyond(self.model.scaled_psi(self.fit.x)[0])[0]
+        return dict(zip(self.names, away.tolist(), strict=True))
+
     def place(self, name: str) -> int:
         """Coordinate of a cause of the set among those of the model."""
         return self.model.psi.start + self.names.index(name)
