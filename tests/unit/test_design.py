@@ -51,14 +51,14 @@ def test_a_longer_design_begins_with_the_shorter_one():
 
 def test_bounds_may_differ_between_factors(tmp_path):
     bounds = {"C_a": (0.5, 2.0), "C_b": (0.1, 10.0)}
-    whole = Parameterisation({"all": range(1, 18)}, bounds=bounds)
+    whole = Parameterisation({"wall": range(1, 18)}, bounds=bounds)
     files = tmp_path / "train.parquet", tmp_path / "test.parquet"
     write_design(DESIGN, whole, 1, *files)
     train, test = map(pd.read_parquet, files)
-    assert list(train.columns) == ["sample", "scale", "C_a_all", "C_b_all"] == list(test.columns)
-    for name, (low, high) in {"C_a_all": bounds["C_a"], "C_b_all": bounds["C_b"]}.items():
+    assert list(train.columns) == ["sample", "scale", "C_a_wall", "C_b_wall"] == list(test.columns)
+    for name, (low, high) in {"C_a_wall": bounds["C_a"], "C_b_wall": bounds["C_b"]}.items():
         assert train[name].between(low, high).all()
         assert np.log(train[name]).max() - np.log(train[name]).min() > 0.9 * np.log(high / low)
     more = further_points(whole, 1, "more", 6, 2)
     assert more.shape == (8, 2) and (more > whole.lower).all() and (more < whole.upper).all()
-    assert not set(more[:, 0]) & set(train["C_a_all"])
+    assert not set(more[:, 0]) & set(train["C_a_wall"])

@@ -82,7 +82,7 @@ def test_a_missing_file_is_found(results):
     ("file", "change", "expected"),
     [
         ("tiny.yaml", {"seed": 8}, "seed was 7 when the study ran and is 8 now"),
-        ("base.yaml", {"nuts": {"draws": 11}}, "nuts.draws was 600 when the study ran and is 11"),
+        ("base.yaml", {"nuts": {"draws": 700}}, "nuts.draws was 600 when the study ran and is 700"),
         ("base.yaml", {"nuts": {"drwas": 11}}, "nuts.drwas: unknown key"),
         # What the command line set counts before the file.
         ("base.yaml", {"map": {"starts": 9}}, None),
