@@ -236,9 +236,9 @@ def test_outputs_that_are_exact_beside_noise():
     assert exact(Noise.inferred(emulator, 0.7)) == [0]
     stated[0] = float("nan")
     assert exact(Noise.known(stated)) == [0]
-    stated[:2] = 0.009 * emulator.output_sd[:2]
+    stated[:2] = 0.004 * emulator.output_sd[:2]
     assert exact(Noise.known(stated)) == [0, 1]
-    assert exact(Noise.known(stated), 0.005) == []
+    assert exact(Noise.known(stated), 0.003) == []
     assert exact(Noise.known(0.001 * stated)) == []
     # Noise of about the same size everywhere leaves nothing thin.
     small = 0.02 * emulator.output_sd

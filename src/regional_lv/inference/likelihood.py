@@ -11,6 +11,10 @@ from regional_lv.emulators.base import Emulator, Prediction, SeparablePrediction
 from regional_lv.gaussian import LOG_2PI
 from regional_lv.reduction import VOLUME
 
+CONTRAST = 30
+"""By how much an output has to be better known than the others to count as exact. A volume known to
+1 mL beside strains known to 0.01 does not: samplers reach the ends of such a posterior."""
+
 
 @dataclass(frozen=True)
 class Noise:
@@ -83,8 +87,9 @@ class Noise:
         return bool(self.groups) or bool((self.sd > 0).any())
 
     def exact_beside(self, level: float, output_sd: torch.Tensor) -> torch.Tensor:
-        """Outputs (..., D) whose noise is known to be less than `level` training sd, and than a
-        tenth of what others have; sd may be (..., D). Inferred noise counts as a training sd.
+        """Outputs (..., D) whose noise is known to be less than `level` training sd, and far less
+        than what others have (`CONTRAST`); sd may be (..., D). Inferred noise counts as a training
+        sd.
 
         The strains' noise leaves theta wide, and a volume known to a tenth of a mL makes a thin
         curved shell of it.
@@ -93,7 +98,7 @@ class Noise:
         scaled = torch.where(inferred, 1.0, self.sd / output_sd)
         noisy = torch.where(scaled >= level, scaled, torch.nan)
         typical = noisy.nanmedian(-1, keepdim=True).values
-        return (scaled < level) & (scaled < 0.1 * typical)
+        return (scaled < level) & (scaled < typical / CONTRAST)
 
     @property
     def units(self) -> torch.Tensor:
