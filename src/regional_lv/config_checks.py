@@ -39,8 +39,8 @@ PATHS = "give its path from the folder of the configuration, or from the one in 
 """Where a path may count from."""
 
 WEIGHTED_SHARE = 0.6
-"""Of the draws, how many are effective at best: those that importance sampling keeps of weighted
-ones are two thirds (`inference.by_importance`), if all weights are the same."""
+"""Of the draws, how many may be asked to be effective. Importance sampling reaches two thirds if
+all weights are the same (`inference.by_importance`), and they never quite are."""
 
 KEPT = "an imported mesh that is kept cannot be made finer (geometry.imported.remesh)"
 

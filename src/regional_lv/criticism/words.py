@@ -252,7 +252,8 @@ def _confirmed(content: dict) -> list[str]:
 
 
 def _not_simulated(content: dict, undecided: bool) -> list[str]:
-    """What sets have of the probability that no simulation stands behind.
+    """What sets have of the probability that no simulation stands behind, and whether those of the
+    best set are at its estimates.
 
     undecided: whether that may be why causes are not named.
     """
