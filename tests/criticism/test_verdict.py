@@ -319,6 +319,50 @@ def test_a_cause_that_the_emulators_have_wrong_gets_its_simulations():
     assert row["interval95"][0] < 1.0 < row["interval95"][1]
 
 
+@pytest.fixture(scope="module")
+def simulated_elsewhere():
+    """The emulator has twice the effect, so that its estimate is half of the truth, and the first
+    round's simulations are all about that: what is planned and simulated in two rounds."""
+    true = basal()
+    badly = Extension(true.hypothesis, 2 * true.pattern)
+    table = with_effects((true, 1.0))
+    critic = inputs({"heart": table}, [badly], (), replace(SETTINGS, rounds=1)).critic()
+    searched, made = critic.search(), []
+    for turn in range(critic.settings.turns):
+        planned = critic.plan(searched, pd.concat(made) if made else None, turn)
+        made.append(simulate([true])(planned))
+    return critic, searched, made
+
+
+def test_what_was_simulated_elsewhere_is_simulated_again(simulated_elsewhere):
+    _, _, (first, again) = simulated_elsewhere
+    assert len(again) == SETTINGS.simulations
+    values = [
+        [json.loads(text)["basal_motion"][0] for text in made["effects"]] for made in (first, again)
+    ]
+    assert np.allclose(values[0], 0.5, atol=0.15) and np.allclose(values[1], 1.0, atol=0.15)
+
+
+def test_a_set_is_confirmed_about_its_estimates_only(simulated_elsewhere):
+    critic, searched, (first, again) = simulated_elsewhere
+    before = critic.conclude(searched, first)
+    (one,) = [s for s in before.sets if s.names == ("basal_motion",)]
+    assert one.simulations == SETTINGS.simulations and one.elsewhere and not one.confirmed
+    assert before.named == [] and before.best is not one
+    after = critic.conclude(searched, pd.concat([first, again]))
+    (one,) = [s for s in after.sets if s.names == ("basal_motion",)]
+    assert one.simulations == 2 * SETTINGS.simulations and one.confirmed
+    assert after.named == ["basal_motion"] and after.explained
+
+
+def test_the_last_round_has_nothing_to_do_where_all_was_simulated_in_place(injected):
+    critic = inputs({"heart": injected}, catalogue(), (), SETTINGS).critic()
+    searched = critic.search()
+    made = simulate(catalogue())(critic.plan(searched, None, 0))
+    assert len(critic.plan(searched, made, 1)) > 0
+    assert len(critic.plan(searched, made, SETTINGS.rounds)) == 0
+
+
 def test_the_best_set_of_every_smaller_size_gets_its_simulations():
     """One cause whose emulator is off, beside two pairs of others that do what it does: neither the
     best set's own parts nor the best sets without one of them are the truth."""

@@ -63,26 +63,20 @@ def test_what_was_not_simulated_is_not_confirmed():
 
 
 @pytest.mark.parametrize(
-    ("share", "failed", "undecided", "told"),
+    ("share", "failed", "elsewhere", "undecided", "told"),
     [
-        (0.12, 0.0, True, ["simulated have 12 % of the probability: more rounds", "tell more."]),
-        (0.12, 0.0, False, ["simulated have 12 % of the probability: more rounds", "estimates."]),
-        (0.04, 0.0, True, []),
-        (0.0, 0.3, True, ["did not converge have 30 %"]),
+        (0.12, 0, 0, True, ["simulated have 12 % of the probability: more rounds", "tell more."]),
+        (0.12, 0, 0, False, ["simulated have 12 % of the probability: more rounds", "estimates."]),
+        (0.04, 0, 0.04, True, []),
+        (0.0, 0.3, 0, True, ["did not converge have 30 %"]),
+        (0.0, 0, 0.4, True, ["far from their estimates have 40 %", "may tell more."]),
     ],
 )
-def test_what_no_simulations_stand_behind(share, failed, undecided, told):
-    part = {"probability_not_simulated": share, "probability_failed": failed, "beyond_sd": {}}
+def test_what_no_simulations_stand_behind(share, failed, elsewhere, undecided, told):
+    part = {"probability_not_simulated": share, "probability_failed": failed}
+    part["probability_elsewhere"] = elsewhere
     text = words._not_simulated({"confirmation": part, "least_probability": 0.95}, undecided)
     assert len(text) == bool(told) and all(piece in text[0] for piece in told)
-
-
-@pytest.mark.parametrize(("away", "told"), [(-12.3, "basal twist is 12 sd away"), (3.9, "")])
-def test_a_set_that_was_simulated_elsewhere(away, told):
-    part = {"probability_not_simulated": 0.0, "probability_failed": 0.0}
-    part["beyond_sd"] = {"basal_motion": 1.0, "basal_twist": away}
-    text = words._not_simulated({"confirmation": part, "least_probability": 0.95}, False)
-    assert len(text) == bool(told) and told in " ".join(text)
 
 
 @pytest.mark.parametrize(

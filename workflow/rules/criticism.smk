@@ -19,7 +19,8 @@ BENCHMARK_BATCHES = batches(HEARTS, config["criticism"]["benchmark"]["subjects_p
 INJECTED_MESH = f"{R}/geometry/{'finer/' if meshes_anew(config) else ''}mesh.vtu"
 # Jobs that share the simulations of one round: all that follows waits for them.
 CONFIRMED_IN = 2
-TURNS = range(CRITICISM["confirmation"]["rounds"])
+# The last one simulates again what was simulated elsewhere (`Settings.turns`).
+TURNS = range(CRITICISM["confirmation"]["rounds"] + 1)
 STEP = {
     "settings": CRITICISM,
     "strain_exponent": config["observables"]["strain_exponent"],

@@ -27,6 +27,10 @@ PENALTIES = np.logspace(-2, 4, 13)
 LEAST_SPREAD = 1e-9
 """Of a coordinate over the draws, below which it counts as constant."""
 
+LEAST_STEP = 0.01
+"""Share of the range of psi that counts as one sd of the simulated values at least: over less than
+that nothing is extrapolated, however close together they are."""
+
 
 @dataclass(frozen=True)
 class Correction:
@@ -46,10 +50,13 @@ class Correction:
     spread: torch.Tensor
     simulations: int
 
-    def beyond(self, scaled: torch.Tensor) -> torch.Tensor:
-        """How far scaled psi (S, k) is from the mean of those that were simulated, in their sds."""
+    def beyond(self, scaled: torch.Tensor, width: torch.Tensor) -> torch.Tensor:
+        """How far scaled psi (S, k) is from the mean of those that were simulated, in their sds.
+
+        width: (k,) of the ranges.
+        """
         mean = self.centre[:, -scaled.shape[-1] :]
-        return (scaled - mean) / self.spread.clamp(min=LEAST_SPREAD)
+        return (scaled - mean) / torch.maximum(self.spread, LEAST_STEP * width)
 
     def mean(self, theta: torch.Tensor, scaled: torch.Tensor) -> torch.Tensor:
         """(..., S, D) at theta (..., S, P) and scaled psi (..., S, k)."""

@@ -296,7 +296,26 @@ class Critic:
         columns = design_columns(self.emulator.parameters.names)
         if not (searched.detected and searched.sets):
             return pd.DataFrame(columns=columns)
-        best, *others = self._weighed(searched, simulations)[0]
+        sets = self._weighed(searched, simulations)[0]
+        likely = [s for s in sets if s.probability >= LEAST_PROBABILITY]
+        if turn < self.settings.rounds:
+            chosen = self._rivals(sets, likely)
+        else:
+            chosen = [s for s in likely if s.elsewhere]
+        rows: list[dict] = []
+        for one in chosen[: self.settings.sets]:
+            seed = derive(self.seed, "confirmation", turn, label(one.members))
+            draws = approximate(one.model, one.fit, self.settings.simulations, seed).x
+            rows += design_rows(one.members, one.model, draws)
+        return pd.DataFrame(rows, columns=columns)
+
+    @staticmethod
+    def _rivals(sets: list[CauseSet], likely: list[CauseSet]) -> list[CauseSet]:
+        """What is worth a simulation in a round, the best set first.
+
+        sets: the most probable one first. likely: those of them that are probable.
+        """
+        best, *others = sets
         # What single effects do to each other, or what an emulator misses of a large one, may pass
         # for one more cause, so that sets with fewer are simulated: the best one's own and the
         # most probable of each size. And no cause is named because the emulators have the sets
@@ -313,16 +332,10 @@ class Critic:
         limit = best.log_posterior - WORTH_A_TRIAL
         unknown = [s for s in others if s.members in rivals and not s.confirmed]
         near = [s for s in unknown if s.log_posterior >= limit]
-        likely = [s for s in others if s.probability >= LEAST_PROBABILITY]
         far = [s for s in unknown if s.members in smaller]
-        rows: list[dict] = []
         order = {s.members: s for s in [best, *near, *likely, *far]}
         # Simulations that did not converge take long, and will hardly do so in another round.
-        for one in sorted(order.values(), key=lambda s: s.failed)[: self.settings.sets]:
-            seed = derive(self.seed, "confirmation", turn, label(one.members))
-            draws = approximate(one.model, one.fit, self.settings.simulations, seed).x
-            rows += design_rows(one.members, one.model, draws)
-        return pd.DataFrame(rows, columns=columns)
+        return sorted(order.values(), key=lambda s: s.failed)
 
     def _weighed(self, searched: Searched, simulations: pd.DataFrame | None):
         """The leading sets, corrected by what was simulated of them, with their probabilities, the
@@ -344,8 +357,9 @@ class Critic:
         """Give sets without simulations the log evidence that they would have with them, going by
         those that have some. emulated: log evidence of all sets by the emulators."""
         pairs = list(zip(sets, emulated, strict=True))
-        known = [(s, value) for s, value in pairs if s.confirmed]
-        unknown = [(s, value) for s, value in pairs if not s.confirmed]
+        simulated = [(s, value) for s, value in pairs if s.correction is not None]
+        known = [(s, value) for s, value in simulated if s.confirmed] or simulated
+        unknown = [(s, value) for s, value in pairs if s.correction is None]
         if not known:
             return
         best = max(emulated)

@@ -229,7 +229,11 @@ def _set(one: CauseSet, criticism: Criticism) -> dict:
 def _confirmation(criticism: Criticism) -> dict:
     """What stands behind the best set; with what was simulated of all."""
     best, channels = criticism.best, []
-    missing = [s for s in criticism.sets if not s.confirmed and s.model.tails is None]
+
+    def total(holds) -> float:
+        physical = (s for s in criticism.sets if s.model.tails is None)
+        return sum(s.probability for s in physical if holds(s))
+
     if best is not None and best.correction is not None:
         o, value, in_sds = criticism.observations, best.correction.value, best.difference_sds
         channels = [
@@ -243,9 +247,9 @@ def _confirmation(criticism: Criticism) -> dict:
         "simulations": sum(s.simulations for s in criticism.sets),
         "simulations_of_best": best.simulations if best is not None else 0,
         "largest_difference_sd": best.difference_sd if best is not None else math.nan,
-        "beyond_sd": best.beyond_sd if best is not None else {},
-        "probability_not_simulated": sum(s.probability for s in missing if not s.failed),
-        "probability_failed": sum(s.probability for s in missing if s.failed),
+        "probability_not_simulated": total(lambda s: s.correction is None and not s.failed),
+        "probability_elsewhere": total(lambda s: s.elsewhere),
+        "probability_failed": total(lambda s: s.failed),
         "channels": channels,
     }
 

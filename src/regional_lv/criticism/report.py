@@ -7,6 +7,7 @@ from pathlib import Path
 import jinja2
 
 from regional_lv.criticism import words
+from regional_lv.criticism.verdict import FARTHEST
 from regional_lv.plots import criticism as figures
 
 PAGE = """<!doctype html>
@@ -55,8 +56,8 @@ at the top, septum on the left.</p>
 <td class="n">{% if s.elpd_gain is not none %}{{ "%.1f"|format(s.elpd_gain) }} &plusmn;
 {{ "%.1f"|format(s.elpd_gain_se) }}{% else %}-{% endif %}</td>
 <td class="n">{{ "%.3f"|format(s.misfit_p_value) if s.misfit_p_value is not none else "-" }}</td>
-<td class="n">{% if s.confirmed %}{{ s.simulations }}, {{ number(s.difference_sd, 2) }} sd
-{% else %}-{% endif %}</td></tr>{% endfor %}
+<td class="n">{% if s.simulations %}{{ s.simulations }}, {{ number(s.difference_sd, 2) }} sd
+{% if not s.confirmed %}, elsewhere{% endif %}{% else %}-{% endif %}</td></tr>{% endfor %}
 <tr><td><i>the model as it is</i></td><td class="n">{{ "%.3f"|format(f.base_probability) }}</td>
 <td class="n">0</td><td></td><td></td><td></td></tr>
 <tr><td><i>a smooth discrepancy that no listed cause explains</i></td>
@@ -66,7 +67,9 @@ at the top, septum on the left.</p>
 <p class="small">Log evidence: against the model as it is. Gain: log predictive density of every
 segment (and the volume) given all others; its standard error is over repeated measurements of the
 same heart. Simulated: simulations with all effects of the set at once, and the largest difference
-between simulated and emulated channels, which was corrected.</p>{% endif %}
+between simulated and emulated channels, which was corrected; elsewhere if
+an estimate is more than {{ "%.0f"|format(farthest) }} standard deviations from those that were
+simulated, so that the correction is extrapolated and the set not confirmed.</p>{% endif %}
 <h2>Causes one by one</h2>
 <img alt="Scores and probabilities of causes" src="{{ images.causes }}">
 <table><tr><th>cause</th><th>p</th><th>estimate</th><th>probability</th>
@@ -136,6 +139,7 @@ def write_report(
         cause=words.cause,
         estimate=words.estimate,
         number=words.number,
+        farthest=FARTHEST,
         changed=f"By more than one posterior sd: {changed}." if changed else "",
         colour="#009E73" if quiet else "#D55E00",
     )

@@ -146,7 +146,7 @@ def criticise(inputs: Inputs, simulate: Callable[[pd.DataFrame], pd.DataFrame] |
     critic = inputs.critic()
     searched = critic.search()
     made: list[pd.DataFrame] = []
-    while simulate and len(made) < inputs.settings.rounds:
+    while simulate and len(made) < inputs.settings.turns:
         design = critic.plan(searched, _together(made), len(made))
         if design.empty:
             break
