@@ -7,7 +7,7 @@ and decides.
 
 import logging
 import math
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict
 
 import pandas as pd
@@ -30,9 +30,11 @@ from regional_lv.criticism.model import Layout, Model
 from regional_lv.criticism.observations import Observations
 from regional_lv.criticism.posterior import Posterior, laplace, leave_out, sample
 from regional_lv.criticism.ratio import likelihood_ratios
+from regional_lv.criticism.rivals import elsewhere, of_each_size, rivals, without_each
 from regional_lv.criticism.search import Search, log_evidence, log_prior
 from regional_lv.criticism.together import Together
 from regional_lv.criticism.verdict import (
+    LEAST_PROBABILITY,
     PROBABILITY,
     CauseSet,
     Criticism,
@@ -50,13 +52,6 @@ log = logging.getLogger(__name__)
 LEADERS, LEADING_MARGIN = 24, 10.0
 """Sets that are fitted with the covariance of their own emulators: at most so many, and only those
 whose log posterior probability comes so near to the best one's."""
-
-LEAST_PROBABILITY = 0.01
-"""Of a set that is simulated, or sampled."""
-
-WORTH_A_TRIAL = 30.0
-"""Log posterior probability by which a set without one of the best set's causes may be behind and
-still be simulated before others."""
 
 EVIDENCES = 4000
 """Draws of the log evidence of sets that were not simulated."""
@@ -218,7 +213,7 @@ class Critic:
             # What a larger set is for is seen beside the smaller ones that it holds.
             for whole in ranked[:MOST_SAMPLED]:
                 leading += [m for m in named if set(m) < set(whole)]
-            leading += [*_without_each(ranked[0], ranked), *_of_each_size(ranked)]
+            leading += [*without_each(ranked[0], ranked), *of_each_size(ranked)]
             if not detected:
                 leading = ranked
         else:
@@ -297,45 +292,13 @@ class Critic:
         if not (searched.detected and searched.sets):
             return pd.DataFrame(columns=columns)
         sets = self._weighed(searched, simulations)[0]
-        likely = [s for s in sets if s.probability >= LEAST_PROBABILITY]
-        if turn < self.settings.rounds:
-            chosen = self._rivals(sets, likely)
-        else:
-            chosen = [s for s in likely if s.elsewhere]
+        chosen = rivals(sets) if turn < self.settings.rounds else elsewhere(sets)
         rows: list[dict] = []
         for one in chosen[: self.settings.sets]:
             seed = derive(self.seed, "confirmation", turn, label(one.members))
             draws = approximate(one.model, one.fit, self.settings.simulations, seed).x
             rows += design_rows(one.members, one.model, draws)
         return pd.DataFrame(rows, columns=columns)
-
-    @staticmethod
-    def _rivals(sets: list[CauseSet], likely: list[CauseSet]) -> list[CauseSet]:
-        """What is worth a simulation in a round, the best set first.
-
-        sets: the most probable one first. likely: those of them that are probable.
-        """
-        best, *others = sets
-        # What single effects do to each other, or what an emulator misses of a large one, may pass
-        # for one more cause, so that sets with fewer are simulated: the best one's own and the
-        # most probable of each size. And no cause is named because the emulators have the sets
-        # without it wrong. Those of these rivals that were not simulated come first, the nearest
-        # before the others.
-        by_members = {s.members: s for s in others}
-        fewer = len(best.members) - 1
-        smaller = [m for m in by_members if set(m) < set(best.members) and len(m) == fewer]
-        rivals = {
-            *smaller,
-            *_without_each(best.members, by_members),
-            *_of_each_size(m for m in by_members if len(m) <= fewer),
-        }
-        limit = best.log_posterior - WORTH_A_TRIAL
-        unknown = [s for s in others if s.members in rivals and not s.confirmed]
-        near = [s for s in unknown if s.log_posterior >= limit]
-        far = [s for s in unknown if s.members in smaller]
-        order = {s.members: s for s in [best, *near, *likely, *far]}
-        # Simulations that did not converge take long, and will hardly do so in another round.
-        return sorted(order.values(), key=lambda s: s.failed)
 
     def _weighed(self, searched: Searched, simulations: pd.DataFrame | None):
         """The leading sets, corrected by what was simulated of them, with their probabilities, the
@@ -553,26 +516,6 @@ def _by_sampling(searched: Searched, sets: list[CauseSet], base: Sampled) -> flo
     if base.posterior.poor:
         return mean
     return base.posterior.log_evidence - searched.base_evidence
-
-
-def _without_each(
-    whole: Sequence[Member], ranked: Collection[tuple[Member, ...]]
-) -> list[tuple[Member, ...]]:
-    """Of `ranked` sets, the first without each of the causes of `whole`."""
-    found = []
-    for name, _ in whole:
-        first = next((members for members in ranked if name not in dict(members)), None)
-        if first is not None:
-            found.append(first)
-    return found
-
-
-def _of_each_size(ranked: Iterable[tuple[Member, ...]]) -> list[tuple[Member, ...]]:
-    """Of `ranked` sets, the first of each size."""
-    found: dict[int, tuple[Member, ...]] = {}
-    for members in ranked:
-        found.setdefault(len(members), members)
-    return list(found.values())
 
 
 def _row(at: Member, z: float, p: tuple[float, float], identified: Identified) -> dict:
