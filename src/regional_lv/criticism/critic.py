@@ -360,7 +360,9 @@ class Critic:
         weights = torch.softmax(together, dim=1).mean(0).tolist()
         for one, weight in zip(sets, weights, strict=False):
             one.probability = weight
-        return sorted(sets, key=lambda s: -s.probability), weights[-2], weights[-1]
+        # Probabilities next to nothing are all the same.
+        sets = sorted(sets, key=lambda s: (-s.probability, -s.log_posterior))
+        return sets, weights[-2], weights[-1]
 
     def _base(self, searched: Searched) -> tuple[Model, Fit]:
         """The base model and its fit."""

@@ -39,9 +39,14 @@ def rivals(sets: Sequence[CauseSet]) -> list[CauseSet]:
 
 
 def elsewhere(sets: Sequence[CauseSet]) -> list[CauseSet]:
-    """What the last round simulates: probable sets whose simulations were far from their
-    estimates."""
-    return [s for s in sets if s.elsewhere and s.probability >= LEAST_PROBABILITY]
+    """What the last round simulates: sets whose simulations were far from their estimates, and that
+    are probable or come before all that are confirmed. sets: the most probable one first."""
+    first = next((i for i, s in enumerate(sets) if s.confirmed), len(sets))
+    return [
+        s
+        for i, s in enumerate(sets)
+        if s.elsewhere and (i < first or s.probability >= LEAST_PROBABILITY)
+    ]
 
 
 def without_each(
