@@ -56,8 +56,8 @@ at the top, septum on the left.</p>
 <td class="n">{% if s.elpd_gain is not none %}{{ "%.1f"|format(s.elpd_gain) }} &plusmn;
 {{ "%.1f"|format(s.elpd_gain_se) }}{% else %}-{% endif %}</td>
 <td class="n">{{ "%.3f"|format(s.misfit_p_value) if s.misfit_p_value is not none else "-" }}</td>
-<td class="n">{% if s.simulations %}{{ s.simulations }}, {{ number(s.difference_sd, 2) }} sd
-{% if not s.confirmed %}, elsewhere{% endif %}{% else %}-{% endif %}</td></tr>{% endfor %}
+<td class="n">{% if s.simulations %}{{ s.simulations }}, {{ number(s.difference_sd, 2) }} sd{{
+"" if s.confirmed else ", elsewhere" }}{% else %}-{% endif %}</td></tr>{% endfor %}
 <tr><td><i>the model as it is</i></td><td class="n">{{ "%.3f"|format(f.base_probability) }}</td>
 <td class="n">0</td><td></td><td></td><td></td></tr>
 <tr><td><i>a smooth discrepancy that no listed cause explains</i></td>
@@ -67,9 +67,9 @@ at the top, septum on the left.</p>
 <p class="small">Log evidence: against the model as it is. Gain: log predictive density of every
 segment (and the volume) given all others; its standard error is over repeated measurements of the
 same heart. Simulated: simulations with all effects of the set at once, and the largest difference
-between simulated and emulated channels, which was corrected; elsewhere if
-an estimate is more than {{ "%.0f"|format(farthest) }} standard deviations from those that were
-simulated, so that the correction is extrapolated and the set not confirmed.</p>{% endif %}
+between simulated and emulated channels, which was corrected; elsewhere: an estimate is more than
+{{ "%.0f"|format(farthest) }} standard deviations from those that were simulated, so that the
+correction is extrapolated and the set not confirmed.</p>{% endif %}
 <h2>Causes one by one</h2>
 <img alt="Scores and probabilities of causes" src="{{ images.causes }}">
 <table><tr><th>cause</th><th>p</th><th>estimate</th><th>probability</th>
