@@ -42,11 +42,21 @@ def solve_baseline(mesh: str | Path, physics: dict, start: str | Path, summary: 
     The middle is the geometric mean of the bounds of every parameter. All anchors start from
     `start` (npz): theta (P,), and by load `w@<load>` (size,) and its `tangents@<load>` (P, size).
     summary (JSON): unknowns, Newton steps, mean dilation and the observables at theta = 1.
+
+    Raises InputError for a ventricle that cannot be inflated: all simulations would fail.
     """
     simulator = make_simulator(mesh, physics)
     solver, effort = Solver(simulator, physics["solver"]), Effort()
     theta = simulator.parameters.middle
-    solutions, arrays = solver.inflate_all(theta, effort), {"theta": theta}
+    arrays = {"theta": theta}
+    try:
+        solutions = solver.inflate_all(theta, effort)
+    except NotConverged as error:
+        raise InputError(
+            f"{mesh}: this ventricle cannot be inflated with the middle of the parameters' range "
+            f"({error}); check the units of its geometry and `loading.pressure_mmhg`, or try a "
+            "coarser `mesh`"
+        ) from error
     for load, found in solutions.items():
         assert found.tangents is not None
         arrays |= {f"w@{load:g}": found.state.w, f"tangents@{load:g}": found.tangents}

@@ -33,6 +33,13 @@ def made(small_mesh, physics, tmp_path_factory):
     return folder
 
 
+def test_a_ventricle_that_cannot_be_inflated_is_said_so(small_mesh, physics, tmp_path):
+    one_step = physics["solver"] | {"min_load_fraction": 0.5, "first_load_fraction": 0.5}
+    given = physics | {"solver": one_step | {"max_newton_steps": 1}}
+    with pytest.raises(InputError, match=r"mesh.vtu: this ventricle cannot be inflated .*units"):
+        solve_baseline(small_mesh, given, tmp_path / "start.npz", tmp_path / "baseline.json")
+
+
 def test_a_batch_without_an_anchor_says_so(made, small_mesh, physics):
     """At a pressure that no step can bring to an end."""
     solver = physics["solver"] | {"min_load_fraction": 0.5, "first_load_fraction": 0.5}
