@@ -48,22 +48,21 @@ def solve_baseline(mesh: str | Path, physics: dict, start: str | Path, summary: 
     simulator = make_simulator(mesh, physics)
     solver, effort = Solver(simulator, physics["solver"]), Effort()
     theta = simulator.parameters.middle
-    arrays = {"theta": theta}
     try:
         solutions = solver.inflate_all(theta, effort)
+        reference = Runner(solver, known_from(solutions, simulator)).run(np.ones(len(theta)))
+        if reference.state is None or reference.observables is None:
+            raise NotConverged(f"at theta = 1: {reference.reason}")
     except NotConverged as error:
         raise InputError(
-            f"{mesh}: this ventricle cannot be inflated with the middle of the parameters' range "
-            f"({error}); check the units of its geometry and `loading.pressure_mmhg`, or try a "
-            "coarser `mesh`"
+            f"{mesh}: this ventricle cannot be inflated ({error}); check the units of its geometry "
+            "and `loading.pressure_mmhg`, or try a coarser `mesh`"
         ) from error
+    arrays = {"theta": theta}
     for load, found in solutions.items():
         assert found.tangents is not None
         arrays |= {f"w@{load:g}": found.state.w, f"tangents@{load:g}": found.tangents}
     np.savez_compressed(start, **arrays)
-    reference = Runner(solver, known_from(solutions, simulator)).run(np.ones(len(theta)))
-    if reference.state is None or reference.observables is None:
-        raise NotConverged(f"at theta = 1: {reference.reason}")
     values = dict(zip(simulator.channels.names, reference.observables.tolist(), strict=True))
     content = {
         "unknowns": simulator.size,
