@@ -21,8 +21,8 @@ from regional_lv import config as study_config
 from regional_lv.channels import Channels
 from regional_lv.design import make_design
 from regional_lv.emulators import Emulator, load, train_emulator
-from regional_lv.errors import InputError
 from regional_lv.geometry.from_config import make_heart
+from regional_lv.geometry.mesh_config import finer
 from regional_lv.inference.sampling import sample_subject
 from regional_lv.mechanics.predictor import fit_predictor
 from regional_lv.parameters import Parameterisation
@@ -31,6 +31,8 @@ from regional_lv.screening import screen_simulations
 from regional_lv.seeds import derive
 from regional_lv.simulations import make_runner, simulate_batch, solve_anchors, solve_baseline
 from regional_lv.subjects import simulate_subject
+
+PREDICTOR = "mechanics/predictor.npz"
 
 
 class Study:
@@ -79,7 +81,7 @@ class Study:
         count = min(self.config["simulations"]["anchors"], len(design))
         solved = anchors.with_suffix(".parquet")
         solve_anchors(mesh, start, points, physics, count, 1, "0000", anchors, solved)
-        predictor = self._file("mechanics/predictor.npz")
+        predictor = self._file(PREDICTOR)
         fit_predictor([anchors], physics, predictor)
         batch = self._file("simulations/train/batch-0000.parquet")
         given = (mesh, predictor, points, physics, len(design), "0000", "train", batch)
@@ -104,7 +106,7 @@ class Study:
         runner = make_runner(
             self._file("geometry/mesh.vtu"),
             self.physics,
-            self._file("mechanics/predictor.npz"),
+            self._file(PREDICTOR),
             sensitivities=False,
         )
         result = runner.run(self.parameters.vector(theta))
@@ -156,20 +158,19 @@ class Study:
         """Simulate the entry `name` of `synthetic_subjects`, with its noise; the measured file."""
         entry, seed = self.config["synthetic_subjects"][name], self.config["seed"]
         if entry["mesh"] == "finer":
-            raise InputError(
-                f"synthetic_subjects.{name}.mesh: a heart on the finer mesh is made by the "
-                f"workflow (snakemake results/{self.config['study']}/measured/{name}.csv); set it "
-                "to study"
-            )
+            config = self.config | {"mesh": finer(self.config["mesh"])}
+            mesh, predictor = make_heart(config, self.folder / "geometry" / "finer"), None
+        else:
+            mesh, predictor = (self._file(f) for f in ("geometry/mesh.vtu", PREDICTOR))
         measured = self._file(f"measured/{name}.csv")
         simulate_subject(
             name,
             entry,
-            self._file("geometry/mesh.vtu"),
+            mesh,
             self.physics,
             seed=derive(seed, "subject", name) if entry["seed"] is None else entry["seed"],
             measured=measured,
             truth=self._file(f"truth/{name}.json"),
-            predictor=self._file("mechanics/predictor.npz"),
+            predictor=predictor,
         )
         return measured

@@ -9,6 +9,7 @@ import gc
 import json
 
 import numpy as np
+import pandas as pd
 import pytest
 import yaml
 
@@ -20,6 +21,7 @@ from regional_lv.criticism.study import Inputs, criticise, split
 from regional_lv.criticism.verdict import Settings
 from regional_lv.measured import synthetic_subject
 from regional_lv.physics import physics_of
+from regional_lv.study import Study
 from tests.workflow.project import copy_project, run
 
 THETA = {
@@ -154,6 +156,14 @@ def check(found, effects):
 
 def test_a_pair_goes_through_the_rules(results):
     check(findings(results, "moving_base"), HEARTS["moving_base"])
+
+
+def test_a_session_simulates_the_same_subject(project, results, tmp_path, monkeypatch):
+    """`Study.measure` makes the finer mesh as the rules do."""
+    monkeypatch.chdir(project)
+    measured = Study("config/smoke.yaml", tmp_path).measure("moving_base")
+    by_rules = pd.read_csv(results / "measured" / "moving_base.csv", comment="#")
+    pd.testing.assert_frame_equal(pd.read_csv(measured, comment="#"), by_rules, rtol=1e-9)
 
 
 def test_pressure_is_never_found(results):
