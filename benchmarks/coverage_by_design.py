@@ -17,7 +17,8 @@ import pandas as pd
 import torch
 from scipy import stats
 
-from regional_lv.emulators import create, load, read_simulations
+from regional_lv.emulators import create, load
+from regional_lv.emulators.training import read_simulations
 from regional_lv.inference.likelihood import Likelihood, Noise
 
 CALIBRATIONS = ("variance_factor", "variance_trend", "student")

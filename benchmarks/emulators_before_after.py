@@ -46,6 +46,7 @@ def measure(arguments: argparse.Namespace, folder: Path) -> None:
 
     from regional_lv import config, dependencies, emulators
     from regional_lv.channels import Channels
+    from regional_lv.emulators import training
     from regional_lv.inference.sampling import sample_set_batch
     from regional_lv.inference.summaries import TABLES, summarise_posteriors
     from regional_lv.parameters import Parameterisation
@@ -62,14 +63,14 @@ def measure(arguments: argparse.Namespace, folder: Path) -> None:
 
     timed(
         "fit",
-        emulators.train_emulator,
+        training.train_emulator,
         *(name, study["emulators"][name], arguments.train),
         *(Parameterisation.from_config(study), Channels.from_config(study)),
         *(seed, file, folder / "fit.json"),
     )
     local = name.startswith(LOCAL)
     emulator = emulators.load(file)
-    theta, y, samples = emulators.read_simulations(
+    theta, y, samples = training.read_simulations(
         arguments.test, emulator.parameters, emulator.outputs
     )
     tests = arguments.local_tests if local else len(y)

@@ -46,8 +46,8 @@ from torch.utils.data import DataLoader, TensorDataset
 
 from regional_lv import config as study_config
 from regional_lv.channels import Channels
-from regional_lv.emulators import read_simulations
 from regional_lv.emulators.reduced import ReducedEmulator
+from regional_lv.emulators.training import read_simulations
 from regional_lv.estimates.least_squares import find_least_squares
 from regional_lv.parameters import Parameterisation
 

@@ -14,6 +14,7 @@ from regional_lv.channels import Channels
 from regional_lv.criticism.hypotheses import REGISTRY
 from regional_lv.criticism.hypotheses.base import psi_and_component
 from regional_lv.data import VOLUNTEER
+from regional_lv.emulators import REGISTRY as EMULATORS
 from regional_lv.errors import InputError
 from regional_lv.mechanics.loads import LOADS
 from regional_lv.mechanics.materials import material_from_config
@@ -191,15 +192,8 @@ def _check_emulators(emulators: dict, evaluation: bool) -> Iterator[str]:
     """Names that no emulator has, and choices among those that are not fitted."""
     section = section_schema("emulators")
     own = {"names", "shortlist", "final"}
-    known = [name for name in section["properties"] if name not in own]
+    known = list(EMULATORS)
     names, shortlist = emulators["names"], emulators["shortlist"]
-    asked = {*names, *(shortlist["names"] or ()), *shortlist["also"], *emulators} - own
-    asked |= {emulators["final"]} - {"auto"}
-    if not asked <= {*known}:
-        # Emulators bring torch in, which takes seconds: only to find those of plugins.
-        from regional_lv.emulators import REGISTRY as emulator_registry
-
-        known = list(emulator_registry)
     yield from _check_names("emulators.names", names, known)
     yield from _check_names("emulators.shortlist.also", shortlist["also"], known)
     for name in emulators:

@@ -1,8 +1,10 @@
-"""Which files of the library a step depends on, read off their import statements."""
+"""Which files of the library a step depends on, read off their import statements, and off what a
+registry imports later (`registry.Later`)."""
 
 import ast
 import hashlib
 import os
+import re
 from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
@@ -10,6 +12,8 @@ from pathlib import Path
 from regional_lv.manifest import checksum
 
 PACKAGE = "regional_lv"
+
+_LATER = re.compile(rf"{PACKAGE}\.([\w.]+):\w+")
 
 _checksum = cache(checksum)  # most rules share most files
 
@@ -51,8 +55,12 @@ def _file(source: Path, name: str) -> Path | None:
 @cache  # most rules share most of the library, and parsing it was half of every dry run
 def _imports(source: Path, path: Path) -> set[str]:
     found = set()
-    nodes = ast.walk(ast.parse(path.read_text()))
-    for node in (node for node in nodes if isinstance(node, ast.ImportFrom)):
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Constant) and isinstance(node.value, str):
+            if later := _LATER.fullmatch(node.value):
+                found.add(later[1])
+        if not isinstance(node, ast.ImportFrom):
+            continue
         module = node.module or ""
         if module.split(".")[0] == PACKAGE:
             inside = module.removeprefix(PACKAGE).lstrip(".")

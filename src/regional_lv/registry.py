@@ -12,11 +12,13 @@ group `regional_lv`.
 
 import contextlib
 import difflib
+import importlib
 import importlib.metadata
 import importlib.util
 import os
 import sys
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
 from regional_lv.errors import InputError
@@ -31,6 +33,21 @@ GROUP = "regional_lv"
 _registries: list["Registry"] = []
 
 
+@dataclass(frozen=True)
+class Later:
+    """In place of a thing of the package: imported when it is first asked for.
+
+    where: `<module>:<attribute>`.
+    """
+
+    name: str
+    where: str
+
+    def thing(self):
+        module, _, attribute = self.where.partition(":")
+        return getattr(importlib.import_module(module), attribute)
+
+
 class Registry(Mapping):
     """Name -> thing, where every thing has an attribute `name`.
 
@@ -38,7 +55,7 @@ class Registry(Mapping):
     ----------
     kind: what they are, for messages ("material law").
     key: key of the configuration that chooses among them, for messages.
-    items: those of the package, in order.
+    items: those of the package, in order; `Later` for what takes seconds to import.
 
     Raises InputError for a name that is not there.
     """
@@ -57,6 +74,11 @@ class Registry(Mapping):
         return item
 
     def __getitem__(self, name: str):
+        item = self.entry(name)
+        return item.thing() if isinstance(item, Later) else item
+
+    def entry(self, name: str):
+        """What is registered: the thing, or what stands for it until it is asked for."""
         load_plugins()
         if name not in self._items:
             close = difflib.get_close_matches(str(name), self._items, n=1)

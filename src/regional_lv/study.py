@@ -20,7 +20,9 @@ import pandas as pd
 from regional_lv import config as study_config
 from regional_lv.channels import Channels
 from regional_lv.design import make_design
-from regional_lv.emulators import Emulator, load, train_emulator
+from regional_lv.emulators import load
+from regional_lv.emulators.base import Emulator
+from regional_lv.emulators.training import train_emulator
 from regional_lv.geometry.from_config import make_heart
 from regional_lv.geometry.mesh_config import finer
 from regional_lv.inference.sampling import sample_subject

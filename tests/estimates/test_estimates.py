@@ -8,6 +8,7 @@ import pytest
 import torch
 
 from regional_lv import emulators
+from regional_lv.emulators.training import train_emulator
 from regional_lv.estimates import least_squares, reference
 from regional_lv.estimates.check import first_cases
 from regional_lv.estimates.efficiency import measure_efficiency
@@ -58,9 +59,7 @@ def folder(tmp_path_factory):
     }
     for name, own in settings.items():
         files = folder / f"{name}.pt", folder / f"{name}.json"
-        emulators.train_emulator(
-            name, own, folder / "train.parquet", PARAMETERS, CHANNELS, 1, *files
-        )
+        train_emulator(name, own, folder / "train.parquet", PARAMETERS, CHANNELS, 1, *files)
     return folder
 
 

@@ -8,6 +8,7 @@ import torch
 
 from regional_lv import emulators
 from regional_lv.channels import Channels
+from regional_lv.emulators.training import train_emulator
 from regional_lv.errors import InputError
 from regional_lv.estimates.least_squares import find_least_squares
 from regional_lv.inference import sampling
@@ -63,9 +64,7 @@ def study(request, tmp_path_factory):
     scenario.to_parquet(folder / "scenario.parquet")
     files = folder / "e.pt", folder / "fit.json"
     settings = {"iterations": 40}
-    emulators.train_emulator(
-        "exact_gp", settings, folder / "train.parquet", parameters, CHANNELS, 1, *files
-    )
+    train_emulator("exact_gp", settings, folder / "train.parquet", parameters, CHANNELS, 1, *files)
     return parameters, folder
 
 

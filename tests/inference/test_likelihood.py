@@ -8,7 +8,7 @@ import pytest
 import torch
 from scipy import stats
 
-from regional_lv.emulators import Emulator, Prediction, SeparablePrediction
+from regional_lv.emulators.base import Emulator, Prediction, SeparablePrediction
 from regional_lv.inference.likelihood import Likelihood, Noise, inflate
 from regional_lv.parameters import Parameterisation
 

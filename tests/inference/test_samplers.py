@@ -8,7 +8,7 @@ import pytest
 import torch
 from scipy import stats
 
-from regional_lv.emulators import SeparablePrediction
+from regional_lv.emulators.base import SeparablePrediction
 from regional_lv.errors import InputError
 from regional_lv.inference import by_importance, sampling
 from regional_lv.inference.approximation import approximate

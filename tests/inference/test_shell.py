@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 import torch
 
-from regional_lv.emulators import SeparablePrediction
+from regional_lv.emulators.base import SeparablePrediction
 from regional_lv.inference.likelihood import Likelihood, Noise
 from regional_lv.inference.shell import Shell, flatten
 from regional_lv.inference.target import Target

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from regional_lv.emulators import SeparablePrediction
+from regional_lv.emulators.base import SeparablePrediction
 from regional_lv.inference.approximation import count_places
 from regional_lv.inference.likelihood import Likelihood, Noise
 from regional_lv.inference.surrogate import Surrogate, fit_surrogate

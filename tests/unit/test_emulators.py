@@ -36,6 +36,7 @@ from regional_lv.emulators.shared_kernel import (
     choose_kernel,
     projected_precision,
 )
+from regional_lv.emulators.training import predict_test_set, train_emulator
 from regional_lv.errors import InputError
 from regional_lv.parameters import Parameterisation
 from regional_lv.registry import temporary
@@ -185,7 +186,7 @@ def test_gradients_against_finite_differences(emulator):
 
 def test_jacobian_is_that_of_autograd(emulator):
     theta = torch.as_tensor(points(4, 7)).reshape(2, 2, 10)
-    own, expected = emulator.jacobian(theta), emulators.Emulator.jacobian(emulator, theta)
+    own, expected = emulator.jacobian(theta), Emulator.jacobian(emulator, theta)
     for a, b in zip(own, expected, strict=True):
         # Small entries are differences of large numbers.
         largest = 0.0 if b is None else float(b.abs().max())
@@ -224,7 +225,7 @@ def test_network_without_its_error_has_the_same_mean():
 
 
 def test_architecture_is_said(fitted):
-    kind = fitted.architecture
+    kind = emulators.architecture_of(fitted.name)
     assert kind.training_scope == ("local" if fitted.name.startswith("local") else "global")
     assert kind.output_structure in ("single-output", "multi-output") and kind.label
 
@@ -258,7 +259,7 @@ def test_local_for_some_outputs(fitted):
     index = [NAMES.index(name) for name in names]
     observed, whole = toy(MIDDLE[0])[index], fitted
     part = fitted.select(names).localise(observed)
-    if fitted.architecture.training_scope == "local":
+    if emulators.architecture_of(fitted.name).training_scope == "local":
         y = toy(points(ROWS, 1))[:, index]
         distance = ((y - observed) / y.std(0)).square().sum(1)
         nearest = distance.argsort()[: SMALL["neighbours"]].sort().values
@@ -782,8 +783,8 @@ def test_workflow_functions(name, tmp_path):
     train, test = table(tmp_path / "train.parquet", 60, 19), table(tmp_path / "test", 8, 20)
     files = [tmp_path / f for f in ("e.pt", "fit.json", "predictions.parquet", "errors.csv")]
     settings = create(name).settings | ({"neighbours": 50} if name == "local_mgp" else {})
-    emulators.train_emulator(name, settings, train, PARAMETERS, CHANNELS, 1, *files[:2])
-    emulators.predict_test_set(files[0], test, *files[2:])
+    train_emulator(name, settings, train, PARAMETERS, CHANNELS, 1, *files[:2])
+    predict_test_set(files[0], test, *files[2:])
     assert json.loads(files[1].read_text())["emulator"] == name
     assert len(pd.read_parquet(files[2])) == 8 * 52
     errors = pd.read_csv(files[3])
@@ -797,14 +798,14 @@ def test_tables_that_cannot_be_used(tmp_path):
     columns = PARAMETERS, CHANNELS
     whole.drop(columns="radial_03").to_parquet(files[0])
     with pytest.raises(InputError, match="radial_03"):
-        emulators.train_emulator("exact_gp", {}, files[0], *columns, 1, *files[1:])
+        train_emulator("exact_gp", {}, files[0], *columns, 1, *files[1:])
     whole.drop(columns="sensitivity").to_parquet(files[0])
     with pytest.raises(InputError, match="no column sensitivity"):
-        emulators.train_emulator("gradient_gp", {}, files[0], *columns, 1, *files[1:])
+        train_emulator("gradient_gp", {}, files[0], *columns, 1, *files[1:])
     whole.at[3, "sensitivity"] = []
     whole.to_parquet(files[0])
     with pytest.raises(InputError, match="row 3 has 0"):
-        emulators.train_emulator("gradient_gp", {}, files[0], *columns, 1, *files[1:])
+        train_emulator("gradient_gp", {}, files[0], *columns, 1, *files[1:])
 
 
 @pytest.mark.parametrize("name", ["exact_gp", "gradient_gp"])
@@ -873,7 +874,7 @@ def test_any_zones_factors_bounds_and_channels(name, parameters, tmp_path):
     local = loaded.localise(truth[0])
     own, expected = (
         local.jacobian(torch.as_tensor(at[:2])),
-        emulators.Emulator.jacobian(local, torch.as_tensor(at[:2])),
+        Emulator.jacobian(local, torch.as_tensor(at[:2])),
     )
     torch.testing.assert_close(own[0], expected[0], rtol=1e-7, atol=1e-9)
     with pytest.raises(InputError, match=f"simulate at least {len(parameters) + 2} "):

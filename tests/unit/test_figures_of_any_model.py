@@ -28,11 +28,11 @@ from regional_lv.plots import (
     roc,
     sampler_agreement,
     sbc,
-    scenarios,
     strain_field,
     style,
     traces,
     uncertainty,
+    verdicts,
     zone_correlations,
     zones,
 )
@@ -258,7 +258,7 @@ def test_scenario_figures(parameters, tmp_path, paths):
         recovered(tmp_path / "global.csv", parameters, "global"),
     ]
     labels = ["local", "global"]
-    table = scenarios.read_sets(files, labels, parameters)
+    table = verdicts.read_sets(files, labels, parameters)
     assert set(table["quantity"]) == set(parameters.factors)
     assert set(table["of"]) == set(parameters.zones)
     bullseye_map.draw(files, labels, "stiffened", "Stiffening", parameters, *paths)

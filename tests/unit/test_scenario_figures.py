@@ -26,6 +26,7 @@ from regional_lv.plots import (
     strain_field,
     style,
     uncertainty,
+    verdicts,
     zone_correlations,
 )
 from regional_lv.tables import posteriors, subjects, writing
@@ -100,7 +101,7 @@ def local_sets(tmp_path):
 def test_sets_know_their_stiffened_zone(tmp_path):
     local = recovered(tmp_path / "a.csv", 2.0)
     everywhere = recovered(tmp_path / "b.csv", 1.7, kind="global")
-    table = scenarios.read_sets([local, everywhere], ["a", "b"], PARAMETERS)
+    table = verdicts.read_sets([local, everywhere], ["a", "b"], PARAMETERS)
     share = table.groupby("set")["stiffened"].mean()
     assert share["a"] == pytest.approx(0.2) and share["b"] == 1.0
     stiff = table[(table["set"] == "a") & table["stiffened"]]
@@ -121,7 +122,7 @@ def test_bullseye_map(local_sets, paths, zones, truth, titles):
 
 def test_rmse_is_that_of_the_map(tmp_path):
     recovered(tmp_path / "a.csv", 2.0)
-    table = scenarios.read_sets([tmp_path / "a.csv"], ["a"], PARAMETERS)
+    table = verdicts.read_sets([tmp_path / "a.csv"], ["a"], PARAMETERS)
     table["map"] = table["truth"] + 0.3
     assert bullseye_map.summarise(table)["rmse"].to_numpy() == pytest.approx(0.3)
 

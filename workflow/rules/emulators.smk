@@ -16,7 +16,7 @@ rule train_emulator:
     priority: FIRST
     threads: 1
     params:
-        call="emulators:train_emulator",
+        call="emulators.training:train_emulator",
         name=lambda wildcards: EMULATORS[wildcards.emulator][0],
         settings=lambda wildcards: EMULATORS[wildcards.emulator][1],
         parameters=PARAMETER_SPEC,
@@ -39,6 +39,6 @@ rule predict_test_set:
         set=any_of(SCORED),
     threads: 1
     params:
-        call="emulators:predict_test_set",
+        call="emulators.training:predict_test_set",
     script:
         "../scripts/call.py"

@@ -7,7 +7,6 @@ from pathlib import Path
 import jinja2
 
 from regional_lv.criticism import words
-from regional_lv.criticism.verdict import FARTHEST
 from regional_lv.plots import criticism as figures
 
 PAGE = """<!doctype html>
@@ -139,7 +138,7 @@ def write_report(
         cause=words.cause,
         estimate=words.estimate,
         number=words.number,
-        farthest=FARTHEST,
+        farthest=words.FARTHEST,
         changed=f"By more than one posterior sd: {changed}." if changed else "",
         colour="#009E73" if quiet else "#D55E00",
     )

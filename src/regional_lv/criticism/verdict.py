@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass, field
 import pandas as pd
 import torch
 
-from regional_lv.criticism import score
+from regional_lv.criticism import score, words
 from regional_lv.criticism.confirmation import Correction
 from regional_lv.criticism.fit import Fit, white
 from regional_lv.criticism.hypotheses import Hypothesis
@@ -29,11 +29,6 @@ explains nothing, whatever it gains. Larger sets were chosen among more, and fit
 REFUTED = ADEQUATE / 2
 """The same for a set that estimates leave out. A right set is rejected now and then; the one that
 stands in for it as the best has other estimates, and is less probable."""
-
-FARTHEST = 4.0
-"""How far an estimate may be from those that were simulated, in their sds, for their correction to
-be taken as it is. Of the best sets of 31 subjects of the benchmark 28 are within 1.4, one at 3.2,
-the others at 5.7 and 17."""
 
 LARGEST_GROUP = 5
 """Causes of which one is present, at most: a larger group is not informative."""
@@ -236,7 +231,7 @@ class CauseSet:
     def elsewhere(self) -> bool:
         """Whether its simulations are so far from its estimates that their correction is
         extrapolated there."""
-        return any(abs(away) > FARTHEST for away in self.beyond_sd.values())
+        return any(abs(away) > words.FARTHEST for away in self.beyond_sd.values())
 
     def place(self, name: str) -> int:
         """Coordinate of a cause of the set among those of the model."""

@@ -7,12 +7,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import ClassVar, NamedTuple
+from typing import ClassVar
 
 import numpy as np
 import torch
 
 from regional_lv.channels import Channels
+from regional_lv.emulators.architecture import Architecture
 from regional_lv.errors import InputError
 from regional_lv.parameters import Parameterisation, repeated
 from regional_lv.schema import load_schema
@@ -112,16 +113,6 @@ class TrainingSet:
     slopes: torch.Tensor | None = None
 
 
-class Architecture(NamedTuple):
-    """What kind of emulator it is, in the words of the paper's Table 1."""
-
-    label: str
-    base_method: str
-    training_scope: str
-    output_structure: str
-    deep_component: str = "none"
-
-
 class Emulator(ABC):
     """A statistical surrogate of the simulator.
 
@@ -130,8 +121,9 @@ class Emulator(ABC):
     parameters, `output_mean` and `output_sd` (D,) of the training outputs in natural units, and
     `info`, what the fit has to say about itself.
 
-    A new emulator is one file with a subclass that says its `name` and `architecture`, and one
-    entry in `emulators.REGISTRY`, which a plugin may make as well (`emulators.REGISTRY.add`). Its
+    A new emulator is one file with a subclass that says its `name`, and one entry in
+    `emulators.REGISTRY` that says its architecture. A plugin's class says its `architecture` itself
+    and is added by `emulators.REGISTRY.add`. Its
     settings and their defaults are those of the configuration's schema, section
     `emulators.<name>`; one that has no section there, such as a plugin's, names them with their
     defaults in the class attribute `defaults`, to which those of its base classes are added. It has

@@ -9,7 +9,6 @@ from gpytorch.utils.memoize import clear_cache_hook
 from gpytorch.variational import MeanFieldVariationalDistribution, VariationalStrategy
 from torch.nn.utils.parametrize import register_parametrization
 
-from regional_lv.emulators.base import Architecture
 from regional_lv.emulators.optimise import fit
 from regional_lv.emulators.shared_kernel import subset
 from regional_lv.emulators.variational import BOUNDS, JITTER, SparseGP, VariationalGP, scaled
@@ -122,9 +121,6 @@ class DGP(VariationalGP):
     """
 
     name = "dgp"
-    architecture = Architecture(
-        "DGP", "variational GP", "global", "multi-output", "variational GP layers"
-    )
     mixed = False
 
     def _fit_scores(self, x, z, seed):

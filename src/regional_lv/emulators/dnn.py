@@ -5,7 +5,7 @@ import copy
 import torch
 
 from regional_lv.emulators import networks
-from regional_lv.emulators.base import Architecture, SeparablePrediction
+from regional_lv.emulators.base import SeparablePrediction
 from regional_lv.emulators.reduced import ReducedEmulator
 
 
@@ -20,7 +20,6 @@ class DNN(ReducedEmulator):
     """
 
     name = "dnn"
-    architecture = Architecture("DNN", "network", "global", "multi-output", "feed-forward network")
     _KEYS = ("error_sd",)
 
     def _fit_scores(self, x, z, seed):

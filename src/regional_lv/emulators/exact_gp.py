@@ -12,7 +12,6 @@ from functools import cached_property
 import torch
 
 from regional_lv.emulators.base import (
-    Architecture,
     Emulator,
     Prediction,
     SeparablePrediction,
@@ -70,7 +69,6 @@ class ExactGP(Emulator):
     """
 
     name = "exact_gp"
-    architecture = Architecture("Exact GP", "GP", "global", "multi-output")
 
     # ------------------------------------------------------------------------------- fitting
 

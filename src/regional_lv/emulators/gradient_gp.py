@@ -7,7 +7,7 @@ import torch
 from gpytorch.constraints import GreaterThan
 
 from regional_lv.derivative_kernel import covariance_with_gradients, covariance_with_values
-from regional_lv.emulators.base import Architecture, TrainingSet
+from regional_lv.emulators.base import TrainingSet
 from regional_lv.emulators.exact_gp import ExactGP
 from regional_lv.emulators.kernels import BlockRQKernel, BlockRQKernelGrad
 from regional_lv.emulators.optimise import fit
@@ -100,7 +100,6 @@ class GradientGP(ExactGP):
     """
 
     name = "gradient_gp"
-    architecture = Architecture("Gradient GP", "GP", "global", "multi-output")
     learns_from_sensitivities = True
 
     def _learn_hyperparameters(self, training: TrainingSet, seed: int) -> dict:

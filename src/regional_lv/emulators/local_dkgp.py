@@ -1,6 +1,5 @@
 """L.DKGP: a deep-kernel GP for each reduced output by itself, on the nearest simulations."""
 
-from regional_lv.emulators.base import Architecture
 from regional_lv.emulators.local import LocalGP
 
 
@@ -11,5 +10,4 @@ class LocalDeepKernelGP(LocalGP):
     """
 
     name = "local_dkgp"
-    architecture = Architecture("L.DKGP", "GP", "local", "single-output", "deep kernel")
     joint = False

@@ -1,6 +1,5 @@
 """L.DKMGP: one deep-kernel GP for all reduced outputs (ICM), trained on the nearest simulations."""
 
-from regional_lv.emulators.base import Architecture
 from regional_lv.emulators.local import LocalGP
 
 
@@ -11,5 +10,4 @@ class LocalDeepKernelMultiGP(LocalGP):
     """
 
     name = "local_dkmgp"
-    architecture = Architecture("L.DKMGP", "GP", "local", "multi-output", "deep kernel")
     joint = True

@@ -1,6 +1,5 @@
 """L.GP: one GP for each reduced output by itself, trained on the nearest simulations."""
 
-from regional_lv.emulators.base import Architecture
 from regional_lv.emulators.local import LocalGP
 
 
@@ -8,5 +7,4 @@ class LocalSingleGP(LocalGP):
     """L.GP of the paper. Settings: neighbours, kernel, iterations of a local fit."""
 
     name = "local_gp"
-    architecture = Architecture("L.GP", "GP", "local", "single-output")
     joint = False

@@ -1,6 +1,5 @@
 """L.MGP: one GP for all reduced outputs (ICM), trained on the nearest simulations."""
 
-from regional_lv.emulators.base import Architecture
 from regional_lv.emulators.local import LocalGP
 
 
@@ -8,5 +7,4 @@ class LocalMultiGP(LocalGP):
     """L.MGP of the paper. Settings: neighbours, kernel, iterations of a local fit."""
 
     name = "local_mgp"
-    architecture = Architecture("L.MGP", "GP", "local", "multi-output")
     joint = True

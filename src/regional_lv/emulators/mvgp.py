@@ -1,6 +1,5 @@
 """MVGP: sparse variational GP for all reduced outputs, linear model of coregionalisation."""
 
-from regional_lv.emulators.base import Architecture
 from regional_lv.emulators.variational import VariationalGP
 
 
@@ -8,5 +7,4 @@ class MVGP(VariationalGP):
     """MVGP of the paper. Settings: those of VGP, and latents (processes that are mixed)."""
 
     name = "mvgp"
-    architecture = Architecture("MVGP", "variational GP", "global", "multi-output")
     mixed = True

@@ -1,6 +1,5 @@
 """VGP: an independent sparse variational GP for each reduced output."""
 
-from regional_lv.emulators.base import Architecture
 from regional_lv.emulators.variational import VariationalGP
 
 
@@ -8,5 +7,4 @@ class VGP(VariationalGP):
     """VGP of the paper. Settings: inducing, kernel, iterations, hyperparameter_rows."""
 
     name = "vgp"
-    architecture = Architecture("VGP", "variational GP", "global", "single-output")
     mixed = False

@@ -9,6 +9,7 @@ import torch
 
 from regional_lv import emulators
 from regional_lv.channels import Channels
+from regional_lv.emulators.training import read_sensitivities, read_simulations
 from regional_lv.gaussian import Z95
 from regional_lv.inference.likelihood import Likelihood, Noise
 from regional_lv.inference.point import find_map
@@ -43,10 +44,10 @@ def measure_efficiency(
     training_seconds.
     """
     columns, settings = (parameters, channels.names), settings | {"input_transform": transform}
-    theta, y, _ = emulators.read_simulations(train, *columns)
-    at, truth, _ = emulators.read_simulations(test, *columns)
+    theta, y, _ = read_simulations(train, *columns)
+    at, truth, _ = read_simulations(test, *columns)
     learns = emulators.REGISTRY[emulator].learns_from_sensitivities
-    slopes = emulators.read_sensitivities(train, *columns) if learns else None
+    slopes = read_sensitivities(train, *columns) if learns else None
     order = np.random.default_rng(derive(seed, "efficiency")).permutation(len(theta))
     most = min(len(theta), most_with_sensitivities) if learns else len(theta)
     sizes = sorted({size for size in sizes if size < most} | {most})

@@ -14,6 +14,8 @@ import torch
 
 from regional_lv import emulators
 from regional_lv.emulators.base import Emulator
+from regional_lv.emulators.training import read_simulations
+from regional_lv.estimates import ESTIMATORS
 from regional_lv.estimates.least_squares import find_least_squares
 from regional_lv.inference.likelihood import Likelihood, Noise
 from regional_lv.inference.point import find_map
@@ -23,8 +25,6 @@ from regional_lv.seeds import derive
 log = logging.getLogger(__name__)
 
 Result = TypeVar("Result")
-
-ESTIMATORS = ("least_squares", "weighted")
 
 TIMING_REPEATS = 20
 TIMING_BATCH = 100
@@ -56,7 +56,7 @@ def estimate_parameters(
     """
     emulator = emulators.load(emulator_file)
     parameters = list(emulator.parameters.names)
-    theta, y, samples = emulators.read_simulations(test, emulator.parameters, emulator.outputs)
+    theta, y, samples = read_simulations(test, emulator.parameters, emulator.outputs)
     name, done, tables = emulator.name, 0, []
     progress = Progress(f"{name}: point estimates", len(samples))
     started = time.monotonic()
@@ -121,7 +121,7 @@ def measure_cost(emulator_file: str | Path, test: str | Path, cost: str | Path) 
     file_mb: size of the emulator's file.
     """
     emulator = emulators.load(emulator_file)
-    theta, y, _ = emulators.read_simulations(test, emulator.parameters, emulator.outputs)
+    theta, y, _ = read_simulations(test, emulator.parameters, emulator.outputs)
     at, observed = torch.as_tensor(theta[:1]), torch.as_tensor(y[0])
     localise, local = _milliseconds(lambda: emulator.localise(observed), repeats=3)
     likelihood = Likelihood(local, observed, Noise.none(local))

@@ -13,7 +13,7 @@ from statsmodels.stats.multitest import multipletests
 
 from regional_lv.channels import Channels
 from regional_lv.emulators import label_of
-from regional_lv.estimates.estimate import ESTIMATORS
+from regional_lv.estimates import ESTIMATORS
 from regional_lv.gaussian import Z95
 
 log = logging.getLogger(__name__)

@@ -14,6 +14,7 @@ import torch
 
 from regional_lv import emulators
 from regional_lv.channels import Channels
+from regional_lv.emulators.training import read_simulations
 from regional_lv.estimates.check import first_cases, write_checked
 from regional_lv.parameters import Parameterisation
 from regional_lv.seeds import derive
@@ -30,7 +31,7 @@ def fit_reference(
 ) -> None:
     """Fit the exact GP on log inputs to screened tables, all together; write it."""
     columns = parameters, channels.names
-    parts = [emulators.read_simulations(path, *columns)[:2] for path in screened]
+    parts = [read_simulations(path, *columns)[:2] for path in screened]
     theta, y = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
     emulator = emulators.create("exact_gp", {"input_transform": "log", "calibration": "none"})
     emulator.fit(

@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 from functools import reduce
 
-import meshio
 import numpy as np
 
 from regional_lv.errors import InputError
@@ -40,6 +39,8 @@ class Mesh:
 
 def read_mesh(vtu_path):
     """Read a mesh that `write_mesh` wrote (.vtu)."""
+    import meshio  # here: the configuration is checked without it
+
     raw = meshio.read(vtu_path)
     kinds = [block.type for block in raw.cells]
     pair = next((pair for pair in KINDS.values() if sorted(kinds) == list(pair)), None)
@@ -67,6 +68,8 @@ def write_mesh(mesh, vtu_path, point_data, cell_data=None, zones=None):
     which are NaN on the facets. `zones`, AHA segments by name, adds the field `zone`, numbered from
     1 in their order.
     """
+    import meshio
+
     solid, skin = len(mesh.cells), len(mesh.facets)
     none = [np.zeros(k, dtype=np.int32) for k in (solid, skin)]
     meshio.Mesh(

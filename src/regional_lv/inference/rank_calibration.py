@@ -15,6 +15,7 @@ from scipy import stats
 from statsmodels.stats.multitest import multipletests
 
 from regional_lv import emulators
+from regional_lv.emulators.training import read_simulations
 from regional_lv.inference.likelihood import Likelihood
 from regional_lv.inference.sampling import Sampled, Sampling, error_model, sample_cases
 from regional_lv.seeds import derive
@@ -48,9 +49,7 @@ def calibrate_chain(
     others.
     """
     emulator, noise = error_model(emulators.load(emulator_file))
-    known, outputs, _ = emulators.read_simulations(
-        simulations, emulator.parameters, emulator.outputs
-    )
+    known, outputs, _ = read_simulations(simulations, emulator.parameters, emulator.outputs)
     generator = torch.Generator().manual_seed(derive(seed, "calibration"))
     uniform = torch.rand(cases, len(emulator.lower), generator=generator, dtype=torch.float64)
     theta = emulator.lower + (emulator.upper - emulator.lower) * uniform

@@ -10,6 +10,7 @@ import torch
 
 from regional_lv import emulators
 from regional_lv.channels import Channel
+from regional_lv.emulators.training import read_simulations
 from regional_lv.gaussian import Z95
 from regional_lv.seeds import derive
 
@@ -57,9 +58,9 @@ def compare_resimulated(
     """
     emulator = emulators.load(emulator_file)
     model = emulator.parameters, emulator.outputs
-    theta, truth, _ = emulators.read_simulations(simulations, *model)
+    theta, truth, _ = read_simulations(simulations, *model)
     labels = pd.read_parquet(simulations, columns=["case", "draw"])
-    _, observed, cases = emulators.read_simulations(test, *model)
+    _, observed, cases = read_simulations(test, *model)
     places = {case: i for i, case in enumerate(cases)}
     tables = []
     for case, rows in labels.groupby("case", sort=False):

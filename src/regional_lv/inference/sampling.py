@@ -16,6 +16,7 @@ import xarray as xr
 from regional_lv import emulators
 from regional_lv.channels import Channels
 from regional_lv.emulators.base import Emulator
+from regional_lv.emulators.training import read_simulations
 from regional_lv.errors import InputError
 from regional_lv.inference.by_importance import sample_by_importance
 from regional_lv.inference.diagnostics import diagnose
@@ -151,9 +152,7 @@ def sample_set_batch(
     point: section `map` of the config. Raises InputError if there are fewer rows than batches.
     """
     emulator = emulators.load(emulator_file)
-    theta, y, samples = emulators.read_simulations(
-        simulations, emulator.parameters, emulator.outputs
-    )
+    theta, y, samples = read_simulations(simulations, emulator.parameters, emulator.outputs)
     count, number = min(cases, len(samples)), int(batch)
     chosen = slice(number * count // batches, (number + 1) * count // batches)
     if chosen.start == chosen.stop:

@@ -8,7 +8,7 @@ import pandas as pd
 from matplotlib.colors import Normalize
 
 from regional_lv.parameters import Parameterisation
-from regional_lv.plots import bullseye, scenarios, style
+from regional_lv.plots import bullseye, scenarios, style, verdicts
 
 ZONES_SHOWN = {"stiffened": "stiffened zones", "baseline": "zones left at baseline"}
 
@@ -29,7 +29,7 @@ def draw(
     zones of a case count. The numbers under a MAP are its root mean square error. The table: set,
     quantity, zone, cases, truth, map (means), rmse, failed (posteriors, of the convergence check).
     """
-    table = scenarios.read_sets(recoveries, labels, parameters)
+    table = verdicts.read_sets(recoveries, labels, parameters)
     chosen = table[table["stiffened"] == (zones == "stiffened")]
     summary = summarise(chosen)
     norm = Normalize(*_limits(summary))
@@ -51,7 +51,7 @@ def draw(
         ax.text(-0.08, 0.5, what, transform=ax.transAxes, rotation=90, ha="center", va="center")
     fig.colorbar(scale, ax=list(axes.ravel()), label="mean stiffness factor", shrink=0.8)
     head = f"{title}, {ZONES_SHOWN[zones]}: mean over cases, ± RMSE of the MAP"
-    style.suptitle(fig, head, scenarios.warning(table))
+    style.suptitle(fig, head, verdicts.warning_of_sets(table))
     style.save(fig, summary, png, csv)
 
 

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import Collection
 
 from regional_lv.parameters import Parameterisation
-from regional_lv.plots import scenarios, style
+from regional_lv.plots import style, verdicts
 
 SCALE = {"vmin": -1, "vmax": 1, "cmap": "PuOr"}
 """Orange-brown negative, purple positive, as in the paper."""
@@ -41,7 +41,7 @@ def draw(
         ax.axvline(border, color=style.BLACK, linewidth=0.8)
     fig.colorbar(image, ax=ax, label="posterior correlation", shrink=0.8)
     cases = joined["cases"].max()
-    warning = scenarios.warning(scenarios.read_sets([recovery], [label], parameters))
+    warning = verdicts.warning_of_sets(verdicts.read_sets([recovery], [label], parameters))
     style.suptitle(
         fig, f"Posterior correlations, {label}: mean ± standard error, {cases} cases", warning
     )

@@ -9,7 +9,7 @@ import seaborn
 from matplotlib.patches import Patch
 
 from regional_lv.parameters import Parameterisation
-from regional_lv.plots import scenarios, style
+from regional_lv.plots import scenarios, style, verdicts
 
 GROUPS = {
     "all parameters": style.GREY,
@@ -37,8 +37,8 @@ def draw(
     fig = style.figure(11.0, 4.8)
     axes = scenarios.panels(fig, 1, 2)[0]  # noise widens the intervals by two decades
     for ax, noise, paths in zip(axes, scenarios.NOISE, (recoveries, noisy), strict=True):
-        table = scenarios.read_sets(paths, labels, parameters)
-        warnings.append(scenarios.warning(table))
+        table = verdicts.read_sets(paths, labels, parameters)
+        warnings.append(verdicts.warning_of_sets(table))
         tables.append(_groups(table).assign(noise=noise))
         seaborn.boxplot(
             tables[-1],
@@ -78,7 +78,7 @@ def _prior_width(parameters: Parameterisation) -> str:
 
 
 def _groups(table: pd.DataFrame) -> pd.DataFrame:
-    """Rows of `scenarios.read_sets` once for each of GROUPS that they belong to: `parameters`."""
+    """Rows of `verdicts.read_sets` once for each of GROUPS that they belong to: `parameters`."""
     of = np.where(table["stiffened"], "of the stiffened zone", "of the other zones")
     return pd.concat([table.assign(parameters="all parameters"), table.assign(parameters=of)])
 

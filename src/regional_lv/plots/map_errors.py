@@ -9,7 +9,7 @@ import seaborn
 from matplotlib.lines import Line2D
 
 from regional_lv.parameters import Parameterisation
-from regional_lv.plots import bullseye, scenarios, style
+from regional_lv.plots import bullseye, scenarios, style, verdicts
 from regional_lv.plots.bullseye_map import summarise
 
 
@@ -30,8 +30,8 @@ def draw(
     """
     parts, warnings = [], []
     for noise, paths in zip(scenarios.NOISE, (recoveries, noisy), strict=True):
-        table = scenarios.read_sets(paths, labels, parameters)
-        warnings.append(scenarios.warning(table))
+        table = verdicts.read_sets(paths, labels, parameters)
+        warnings.append(verdicts.warning_of_sets(table))
         for stiffened, group in table.groupby("stiffened"):
             parts.append(summarise(group).assign(noise=noise, stiffened=stiffened))
     summary = pd.concat(parts, ignore_index=True)

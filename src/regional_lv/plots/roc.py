@@ -8,7 +8,7 @@ import pandas as pd
 import seaborn
 
 from regional_lv.parameters import Parameterisation
-from regional_lv.plots import scenarios, style
+from regional_lv.plots import scenarios, style, verdicts
 
 LINES = ("-", "--", "-.")
 """Of the factors, in their order; what combines them is dotted."""
@@ -52,7 +52,7 @@ def draw(
         ax.set_xlabel("false positive rate\n(baseline zones called stiff)")
     for ax in axes[:, 0]:
         ax.set_ylabel("true positive rate\n(stiffened zones called stiff)")
-    warning = scenarios.warning(scenarios.read_sets(recoveries, 2 * list(labels), parameters))
+    warning = verdicts.warning_of_sets(verdicts.read_sets(recoveries, 2 * list(labels), parameters))
     style.suptitle(fig, "Classification of stiffened zones by posterior probability", warning)
     style.save(fig, pd.concat(parts, ignore_index=True), png, csv)
 

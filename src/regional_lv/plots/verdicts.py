@@ -8,6 +8,7 @@ from pathlib import Path
 import pandas as pd
 
 from regional_lv.errors import InputError
+from regional_lv.parameters import Parameterisation
 
 
 def verdict_of(diagnostics: str | Path, case: str) -> str:
@@ -64,3 +65,31 @@ def warning_of(failed: int, cases: int, drawn: str = "") -> str:
         return ""
     how = f" ({drawn})" if drawn else ""
     return f"{failed} OF {cases} POSTERIORS FAILED THEIR CONVERGENCE CHECK{how}"
+
+
+def read_sets(
+    recoveries: Sequence[Path], labels: Sequence[str], parameters: Parameterisation
+) -> pd.DataFrame:
+    """The rows of several `recovery.csv` (cases x parameters) with what scenarios add to them.
+
+    Added columns: set (its label), quantity (the factor), of (zone of the parameter), stiffened
+    (whether that zone is the stiffened one; of global stiffening every zone is), failed.
+    """
+    factor, zone = ({p.name: getattr(p, what) for p in parameters} for what in ("factor", "zone"))
+    tables = []
+    for path, label in zip(recoveries, labels, strict=True):
+        table = pd.read_csv(path, dtype={"case": str})
+        table.insert(0, "set", label)
+        table.insert(0, "file", str(path))
+        table["quantity"] = table["parameter"].map(factor)
+        table["of"] = table["parameter"].map(zone)
+        table["stiffened"] = (table["zone"] == table["of"]) | (table["zone"] == "all")
+        table["failed"] = table["verdict"] != "passed"
+        tables.append(table)
+    return pd.concat(tables, ignore_index=True)
+
+
+def warning_of_sets(table: pd.DataFrame) -> str:
+    """Of a table of `read_sets`: the sentence about posteriors that failed, or nothing."""
+    cases = table.groupby(["file", "case"])["failed"].first()
+    return warning_of(int(cases.sum()), len(cases))

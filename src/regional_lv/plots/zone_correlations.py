@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from regional_lv.parameters import Parameterisation
-from regional_lv.plots import bullseye, scenarios, style
+from regional_lv.plots import bullseye, scenarios, style, verdicts
 from regional_lv.plots.correlations import matrix, read
 
 
@@ -35,6 +35,6 @@ def draw(
     for ax in axes[1:]:
         ax.set_yticklabels([])
     fig.colorbar(image, ax=list(axes), label="posterior correlation", shrink=0.75)
-    warning = scenarios.warning(scenarios.read_sets(recoveries, labels, parameters))
+    warning = verdicts.warning_of_sets(verdicts.read_sets(recoveries, labels, parameters))
     style.suptitle(fig, title, warning)
     style.save(fig, joined, png, csv)

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from regional_lv.emulators import REGISTRY, label_of
+from regional_lv.emulators import architecture_of, label_of
 from regional_lv.tables.writing import written
 
 HOLDOUT_COLUMNS = (
@@ -26,7 +26,7 @@ def architectures(fits: list[Path]) -> pd.DataFrame:
     rows = []
     for path in fits:
         fit = json.loads(Path(path).read_text())
-        settings, kind = fit["settings"], REGISTRY[fit["emulator"]].architecture
+        settings, kind = fit["settings"], architecture_of(fit["emulator"])
         kernel = fit.get("kernel", settings.get("kernel", "rq" if "alpha" in fit else ""))
         rows.append(
             kind._asdict()

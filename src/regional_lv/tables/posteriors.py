@@ -7,8 +7,7 @@ import numpy as np
 import pandas as pd
 
 from regional_lv.parameters import Parameterisation
-from regional_lv.plots.scenarios import read_sets
-from regional_lv.plots.verdicts import by_emulator, by_posteriors, by_set
+from regional_lv.plots.verdicts import by_emulator, by_posteriors, by_set, read_sets
 from regional_lv.tables.writing import written
 
 
