@@ -4,7 +4,8 @@
 # make published  the statistical half on the paper's own simulations, no simulator needed
 # make smoke    every step once
 # make hidden-effects   effects injected into synthetic hearts, criticised blind, and the score
-# make test     lint, format, workflow lint, the documentation without warnings, all tests
+# make test     lint, format, workflow lint, the documentation without warnings, tests of every kind
+# make test-all   the same with all tests
 # make test-fuzz    thousands of damaged inputs of each kind (EXAMPLES=2000)
 # make env      the environment (the targets above make it themselves)
 # make test-wheel   installation from wheels and the physics tests in a bare Debian 13 (as root)
@@ -20,7 +21,7 @@ SHELL := bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DEFAULT_GOAL := help
 .PHONY: help env quick study paper published smoke hidden-effects
-.PHONY: test test-faults test-fuzz test-slurm test-wheel
+.PHONY: test test-all test-faults test-fuzz test-slurm test-wheel
 .PHONY: bench-simulator lint format docs docs-notebook
 
 CORES ?= 2
@@ -58,10 +59,11 @@ smoke: env
 hidden-effects: env
 	snakemake --cores "$$CORES" hidden_effects --configfile config/hidden_effects.yaml
 
-test:
+test: DEPTH := not test_all
+test test-all:
 	@envs/install.sh test
 	@$(MAKE) --no-print-directory --jobs 2 --output-sync lint docs
-	pytest -n "$$CORES" --dist loadfile --no-loadscope-reorder
+	pytest -n "$$CORES" --dist loadfile --no-loadscope-reorder -m "$(DEPTH)"
 
 EXAMPLES ?= 2000
 test-fuzz: env

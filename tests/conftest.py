@@ -5,8 +5,15 @@ from pathlib import Path
 import pytest
 
 from regional_lv import config as study_config
+from tests.durations import DEEP, Durations
+from tests.small import Small, small
 
 ROOT = Path(__file__).parents[1]
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    config.addinivalue_line("markers", f"{DEEP}(why): only `make test-all` runs it")
+    config.pluginmanager.register(Durations(config))
 
 
 @pytest.fixture(scope="session")
@@ -17,6 +24,12 @@ def root() -> Path:
 @pytest.fixture(scope="session")
 def smoke_config() -> dict:
     return study_config.load(ROOT / "config" / "smoke.yaml")
+
+
+@pytest.fixture(scope="session")
+def small_study(root, tmp_path_factory) -> Small:
+    """A study up to its screening (`tests/small.py`); tests work in copies of it."""
+    return small(root, tmp_path_factory)
 
 
 @pytest.fixture(scope="session")

@@ -1,8 +1,8 @@
 """The whole way on a coarse heart: hide effects with the simulator on a finer mesh, find them.
 
-One small study is made by the workflow, with extensions of six causes that solve the problem anew
-and of three that observe it otherwise; two hearts go through the rules, the others through the same
-functions.
+On the simulations of the small study (`tests/small.py`). Four hearts go through the rules: a pair
+of causes, a single one, none, and one that is not in the catalogue; others, with more causes in the
+catalogue, through the same functions.
 """
 
 import gc
@@ -11,7 +11,6 @@ import json
 import numpy as np
 import pandas as pd
 import pytest
-import yaml
 
 from regional_lv import config as study_config
 from regional_lv import emulators
@@ -22,7 +21,8 @@ from regional_lv.criticism.verdict import Settings
 from regional_lv.measured import synthetic_subject
 from regional_lv.physics import physics_of
 from regional_lv.study import Study
-from tests.workflow.project import copy_project, run
+from tests.small import edit_config
+from tests.workflow.project import run
 
 THETA = {
     **{"C_a_anterior": 1.0, "C_b_anterior": 1.0, "C_a_inferior": 1.1, "C_b_inferior": 0.9},
@@ -40,40 +40,45 @@ HEARTS = {
 }
 """Pairs and single effects; of each pair the first version named one, or heavy tails."""
 
-STUDY = {
-    "study": "smoke",
-    "mesh": {"circumferential": 16, "basal": 2, "mid": 1, "apical": 1, "apex": 1, "transmural": 1},
-    "design": {"natural": 48, "log": 16, "test": 4, "lower": 0.4, "upper": 3.0},
-    "simulations": {"batch_size": 32, "anchors": 16},
-    "emulators": {"names": ["gradient_gp"], "final": "gradient_gp"},
-    "criticism": {
-        "hypotheses": [
-            *("end_diastolic_pressure", "fibre_rotation", "basal_motion", "septal_load"),
-            *("anisotropy", "wall_thickness", "epicardial_support", "strain_measure"),
-            *("radial_scale", "mixed_frames", "heavy_tails"),
-        ],
-        "bootstrap": 199,
-        "draws": 800,
-        "largest_set": 3,
-        "confirmation": {"sets": 3, "simulations": 6, "rounds": 2},
-    },
-    "subjects": {"moving_base": {"source": "synthetic"}, "healthy": {"source": "synthetic"}},
-    "synthetic_subjects": {
-        "moving_base": {
-            **{"theta": THETA, "effects": HEARTS["moving_base"], "noise": NOISE},
-            **{"mesh": "finer", "seed": 11},
-        },
-        "healthy": {"theta": THETA, "noise": NOISE, "mesh": "finer", "seed": 12},
-    },
+SCAR = {"focal_scar": {"segment": 8, "multiplier": 4.0}}
+"""What the catalogue of this study does not have."""
+
+CRITICISM = {
+    "hypotheses": [
+        *("end_diastolic_pressure", "fibre_rotation", "basal_motion", "septal_load"),
+        *("strain_measure", "radial_scale", "mixed_frames", "heavy_tails"),
+    ],
+    "bootstrap": 199,
+    "draws": 800,
+    "largest_set": 3,
+    "confirmation": {"sets": 3, "simulations": 6, "rounds": 1},
+}
+
+MORE_CAUSES = ["anisotropy", "wall_thickness", "epicardial_support"]
+
+SUBJECTS = {
+    "moving_base": {"effects": HEARTS["moving_base"], "seed": 11},
+    "septum": {"effects": HEARTS["septum"], "seed": 13},
+    "healthy": {"seed": 12},
+    "scarred": {"effects": SCAR, "seed": 13},
 }
 
 
+def hide(config: dict) -> None:
+    """Make the small study one of these subjects."""
+    config["emulators"] |= {"names": ["gradient_gp"], "final": "gradient_gp"}
+    config["criticism"] = CRITICISM
+    config["subjects"] = {name: {"source": "synthetic"} for name in SUBJECTS}
+    same = {"theta": THETA, "noise": NOISE, "mesh": "finer"}
+    config["synthetic_subjects"] = {name: same | own for name, own in SUBJECTS.items()}
+
+
 @pytest.fixture(scope="module")
-def project(root, tmp_path_factory):
-    project = copy_project(root, tmp_path_factory.mktemp("hidden") / "project")
-    (project / "config" / "smoke.yaml").write_text(yaml.safe_dump(STUDY))
-    run(project, "--cores", "2", "criticism")
-    return project
+def project(small_study, tmp_path_factory):
+    copy = small_study.copy(tmp_path_factory.mktemp("hidden") / "project").project
+    edit_config(copy, hide)
+    run(copy, "--cores", "2", "criticism")
+    return copy
 
 
 @pytest.fixture(scope="module")
@@ -104,13 +109,14 @@ def plant(results, physics):
 
 
 @pytest.fixture(scope="module")
-def examine(results, physics):
-    """The findings of a measured table, with a catalogue that may lack causes."""
+def examine(project, results, physics):
+    """The findings of a measured table, with more causes, in a catalogue that may lack some."""
+    edit_config(project, lambda config: config["criticism"]["hypotheses"].extend(MORE_CAUSES))
+    run(project, "--cores", "2", "extensions")
     files = sorted((results / "criticism" / "extensions").glob("*.pt"))
     emulator = emulators.load(results / "emulators" / "gradient_gp.pt")
     shorter = {"level": 0.05, "load_fractions": [], "bootstrap": 119}
-    shorter |= {"confirmation": {"sets": 3, "simulations": 6, "rounds": 1}}
-    settings = Settings.from_config(STUDY["criticism"] | shorter)
+    settings = Settings.from_config(CRITICISM | shorter)
     mesh, predictor = results / "geometry" / "mesh.vtu", results / "mechanics" / "predictor.npz"
     ventricles = Ventricles(mesh, physics, predictor)
     gc.freeze()  # as a job does
@@ -154,10 +160,12 @@ def check(found, effects):
     assert found["gain"]["rmse_after"] < found["gain"]["rmse_before"]
 
 
-def test_a_pair_goes_through_the_rules(results):
-    check(findings(results, "moving_base"), HEARTS["moving_base"])
+@pytest.mark.parametrize("subject", ["moving_base", "septum"])
+def test_hidden_effects_are_found_through_the_rules(results, subject):
+    check(findings(results, subject), HEARTS[subject])
 
 
+@pytest.mark.test_all("a mesh and a simulation, both made by the rules in other tests")
 def test_a_session_simulates_the_same_subject(project, results, tmp_path, monkeypatch):
     """`Study.measure` makes the finer mesh as the rules do."""
     monkeypatch.chdir(project)
@@ -178,40 +186,47 @@ def test_nothing_is_found_in_the_heart_without_effects(results):
     assert answered(found) == set() and not found["misfit"]["detected"]
 
 
+def test_what_is_not_in_the_catalogue_is_not_explained_away(results):
+    found = findings(results, "scarred")
+    assert found["misfit"]["detected"]
+    assert found["named"] == []
+    assert any("No listed cause explains the misfit" in s for s in found["words"])
+
+
 def test_pages_are_there(results):
-    for subject in ("moving_base", "healthy"):
+    for subject in SUBJECTS:
         page = (results / "criticism" / subject / "report.html").read_text()
         assert "data:image/png;base64," in page
 
 
+MORE = pytest.mark.test_all("more of what goes through the rules; half a minute each")
+
+
+@MORE
 @pytest.mark.parametrize(
     ("heart", "share"),
-    [("supported", 1.0), ("septum", 1.0), ("thin", 0.5)],  # theta imitates most of a thinner wall
+    [("supported", 1.0), ("thin", 0.5)],  # theta imitates most of a thinner wall
 )
 def test_planted_effects_are_found(plant, examine, heart, share):
     noise = {name: share * sd for name, sd in NOISE.items()}
     check(examine(plant(HEARTS[heart], noise=noise)), HEARTS[heart])
 
 
+@MORE
 def test_a_removed_effect_is_not_found(plant, examine):
     """The same noise without one of two effects."""
     found = examine(plant({"basal_motion": 6.0}, seed=11))
     assert "basal_motion" in answered(found) and "fibre_rotation" not in found["named"]
 
 
-def test_what_is_not_in_the_catalogue_is_not_explained_away(plant, examine):
-    found = examine(plant({"focal_scar": {"segment": 8, "multiplier": 4.0}}))
-    assert found["misfit"]["detected"]
-    assert found["named"] == []
-    assert any("No listed cause explains the misfit" in s for s in found["words"])
-
-
+@MORE
 def test_without_the_cause_in_the_catalogue(plant, examine):
     found = examine(plant(HEARTS["septum"]), without=["septal_load"])
     assert found["misfit"]["detected"]
     assert found["named"] == []
 
 
+@MORE
 def test_shuffled_channels_are_not_explained(plant, examine):
     table, rng = plant(HEARTS["septum"]), np.random.default_rng(0)
     for _, rows in table.groupby("quantity"):

@@ -24,9 +24,13 @@ from tests.inference.test_likelihood import DIRECTIONS, LinearEmulator, linear
 NONE = torch.zeros(0, dtype=torch.float64)
 
 
-@pytest.fixture(params=SAMPLERS)
-def sample(request):
-    return SAMPLERS[request.param]
+DEEP = pytest.mark.test_all("long chains; `make test` has those of a Gaussian posterior")
+
+EITHER = pytest.mark.parametrize("sampler", SAMPLERS)
+MOSTLY = pytest.mark.parametrize(
+    "sampler", [pytest.param(name, marks=DEEP if name == "nuts" else []) for name in SAMPLERS]
+)
+"""NUTS in `make test-all` only."""
 
 
 def observed(spread: float, truth: float, noise: str = "none", freedom: float = np.inf):
@@ -52,10 +56,11 @@ def flat(draws) -> tuple[np.ndarray, np.ndarray]:
     return tuple(x.reshape(count, x.shape[-1]) for x in (draws.theta, draws.sigma))
 
 
-def test_gaussian_posterior(sample):
+@EITHER
+def test_gaussian_posterior(sampler):
     emulator, truth, likelihood = observed(0.02, 2.0)
     settings = Settings(warmup=100, draws=500)
-    draws = sample(likelihood, truth, NONE, settings, 7)
+    draws = SAMPLERS[sampler](likelihood, truth, NONE, settings, 7)
     assert draws.verdict(settings) == "passed"
     expected = torch.linalg.inv(precision(emulator)).numpy()
     sd = np.sqrt(expected.diagonal())
@@ -69,7 +74,8 @@ def test_gaussian_posterior(sample):
     )
 
 
-def test_errors_with_a_t_tell_their_size(sample):
+@MOSTLY
+def test_errors_with_a_t_tell_their_size(sampler):
     """Given the errors that no theta explains, a linear emulator's posterior is a t with a scale of
     their size (Ding 2016, doi 10.1080/00031305.2016.1164756)."""
     emulator, truth, likelihood = observed(0.01, 2.0, freedom=6.0)
@@ -80,7 +86,9 @@ def test_errors_with_a_t_tell_their_size(sample):
     # Of no theta, and of four times the usual size.
     error = 4.0 * (error - basis @ (basis.T @ error))
     settings = Settings(warmup=100, draws=500)
-    draws = sample(likelihood.at(likelihood.y + factor @ error), truth, NONE, settings, 3)
+    draws = SAMPLERS[sampler](
+        likelihood.at(likelihood.y + factor @ error), truth, NONE, settings, 3
+    )
     assert draws.verdict(settings) == "passed"
     freedom = 6.0 + outputs - 10
     scale = ((6.0 + error.square().sum()) / freedom).sqrt()
@@ -92,7 +100,8 @@ def test_errors_with_a_t_tell_their_size(sample):
     np.testing.assert_allclose(theta.std(0), expected, rtol=0.1)
 
 
-def test_noise_scale_and_uniform_prior(sample):
+@MOSTLY
+def test_noise_scale_and_uniform_prior(sampler):
     """Means that do not depend on theta: theta keeps its prior, sigma has a posterior on a grid."""
     emulator = linear(1e-4)
     emulator.slopes = torch.zeros_like(emulator.slopes)
@@ -103,7 +112,7 @@ def test_noise_scale_and_uniform_prior(sample):
     start = torch.full((3,), -0.5, dtype=torch.float64)
     likelihood = Likelihood(emulator, y, Noise.inferred(emulator, 0.6))
     settings = Settings(warmup=100, draws=600)
-    draws = sample(likelihood, middle, start, settings, 8)
+    draws = SAMPLERS[sampler](likelihood, middle, start, settings, 8)
     assert draws.verdict(settings) == "passed"
     theta, sigma = flat(draws)
     assert np.abs(theta.mean(0) - 2.55).max() < 0.15
@@ -121,6 +130,7 @@ def test_noise_scale_and_uniform_prior(sample):
         assert sigma[:, i].std() == pytest.approx(sd, rel=0.12)
 
 
+@DEEP
 @pytest.mark.parametrize("noise", ["known", "inferred"])
 def test_samplers_agree_where_the_bounds_cut_the_posterior(noise):
     _, truth, likelihood = observed(0.2, 4.8, noise)
@@ -206,7 +216,7 @@ def test_three_exact_outputs_beside_noise_are_refused():
         Target.near(likelihood, truth, NONE).thin(truth)
 
 
-@pytest.mark.parametrize("sampler", SAMPLERS)
+@MOSTLY
 def test_along_the_shell_of_an_exact_volume(sampler):
     """Inferred noise leaves theta wide; an output that has none makes a thin curved shell of it.
 
@@ -307,10 +317,11 @@ def test_an_exact_surrogate_is_checked_at_some_draws(monkeypatch):
     torch.testing.assert_close(*(w @ position for w in weights), rtol=0.0, atol=1e-3)
 
 
-def test_same_seed_same_draws(sample):
+@EITHER
+def test_same_seed_same_draws(sampler):
     _, truth, likelihood = observed(0.02, 2.0)
     first, again, other = (
-        sample(likelihood, truth, NONE, Settings(warmup=5, draws=20), seed).theta
+        SAMPLERS[sampler](likelihood, truth, NONE, Settings(warmup=5, draws=20), seed).theta
         for seed in (7, 7, 8)
     )
     np.testing.assert_array_equal(first, again)

@@ -15,7 +15,8 @@ def copy_project(root: Path, target: Path) -> Path:
     for part in PARTS:
         source = root / part
         if source.is_dir():
-            shutil.copytree(source, target / part, ignore=shutil.ignore_patterns("__pycache__"))
+            # Compiled modules too, or jobs compile them; not those that are being written.
+            shutil.copytree(source, target / part, ignore=shutil.ignore_patterns("*.pyc.*"))
         else:
             target.mkdir(parents=True, exist_ok=True)
             shutil.copy2(source, target / part)

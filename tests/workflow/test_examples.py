@@ -19,14 +19,16 @@ SMOKE = EXAMPLES.parent / "smoke.yaml"
 SUBJECT = "synthetic_lateral"
 
 # Example, emulator, training simulations, parameters and channels that it has.
-CASES = [
-    ("whole", "gradient_gp", 12, 2, 52),
-    ("segments", "gradient_gp", 36, 34, 52),
-    ("guccione", "gradient_gp", 16, 10, 52),
-    ("three_loads", "gradient_gp", 16, 10, 156),
-    ("torsion", "exact_gp", 24, 10, 55),
-    ("plugin", "exact_gp", 70, 10, 53),
-]
+CASES = {
+    "whole": ("gradient_gp", 12, 2, 52),
+    "segments": ("gradient_gp", 36, 34, 52),
+    "guccione": ("gradient_gp", 16, 10, 52),
+    "three_loads": ("gradient_gp", 16, 10, 156),
+    "torsion": ("exact_gp", 24, 10, 55),
+    "plugin": ("exact_gp", 70, 10, 53),
+}
+
+DEEP = pytest.mark.test_all("a study of its own; `three_loads` and `plugin` go the same way")
 
 
 @pytest.fixture(autouse=True)
@@ -56,7 +58,11 @@ def example(name: str, simulations: int) -> dict:
 
 
 @pytest.mark.parametrize(
-    "name, emulator, simulations, parameters, channels", CASES, ids=[case[0] for case in CASES]
+    ("name", "emulator", "simulations", "parameters", "channels"),
+    [
+        pytest.param(name, *case, marks=[] if name in ("three_loads", "plugin") else DEEP, id=name)
+        for name, case in CASES.items()
+    ],
 )
 def test_example(root, tmp_path, monkeypatch, name, emulator, simulations, parameters, channels):
     """Every simulation converges, its numbers are of the size and the names that the example asks

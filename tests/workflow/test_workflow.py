@@ -1,31 +1,29 @@
 """The workflow, run as users run it: the smoke study from mesh to report, then edits and reruns.
 
-One copy of the project is run with two cores, killed on its way and finished; it serves all tests.
-`tests/faults` compares a killed run with an undisturbed one, table by table.
+A copy of the small study, which was killed on its way (`tests/small.py`), is finished with two
+cores and serves all tests. `tests/faults` compares a killed run with an undisturbed one, table by
+table.
 """
 
 import json
-import os
 import re
 import shutil
-import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
-from typing import NamedTuple
 
+import matplotlib.image
+import numpy as np
 import pandas as pd
 import pytest
 import yaml
 
 from regional_lv import data
 from regional_lv.manifest import checksum
+from tests.small import Small, edit_config
 from tests.workflow.lint import findings
-from tests.workflow.project import copy_project, run, start
+from tests.workflow.project import copy_project, run
 from tests.workflow.same import assert_same, tables
-
-BATCHES = "results/smoke/simulations/train"
 
 REMADE = {
     "criticism/synthetic_lateral/findings.json": ["criticism/synthetic_lateral/**/*"],
@@ -46,42 +44,15 @@ def planned(project: Path) -> set[str]:
     return set(re.findall(r"^(?:local)?(?:rule|checkpoint) (\w+):", output, flags=re.MULTILINE))
 
 
-def edit_config(project: Path, change) -> None:
-    path = project / "config" / "smoke.yaml"
-    config = yaml.safe_load(path.read_text())
-    change(config)
-    path.write_text(yaml.safe_dump(config))
-
-
-class Killed(NamedTuple):
-    """A copy whose study was killed; a batch of simulations that it had finished, and when."""
-
-    project: Path
-    batch: Path
-    finished_ns: int
-
-
 @pytest.fixture(scope="module")
-def killed(root, tmp_path_factory) -> Killed:
-    """A copy in which the smoke study was started with two cores and killed."""
-    project = copy_project(root, tmp_path_factory.mktemp("study") / "project")
-    process = start(project, "--cores", "2")
-    deadline = time.monotonic() + 600
-    while len(written := list((project / BATCHES).glob("*.parquet"))) < 3:
-        assert time.monotonic() < deadline and process.poll() is None, f"{BATCHES}: {written}"
-        time.sleep(0.2)
-    # With two jobs at a time, that of the first batch has ended when the third is written.
-    first = min(written, key=lambda p: p.stat().st_mtime_ns)
-    finished_ns = first.stat().st_mtime_ns
-    os.killpg(process.pid, signal.SIGKILL)
-    process.wait()
-    return Killed(project, first, finished_ns)
+def killed(small_study, tmp_path_factory) -> Small:
+    """A copy of the small study, of which the simulations are there."""
+    return small_study.copy(tmp_path_factory.mktemp("study") / "project")
 
 
 @pytest.fixture(scope="module")
 def study(killed) -> Path:
     """The same copy, finished with two cores."""
-    run(killed.project, "--unlock")
     run(killed.project, "--cores", "2")
     return killed.project
 
@@ -112,6 +83,29 @@ SIMULATING = {
 }
 
 
+SHOWN = {
+    "zones": ("segment", 17),
+    "strain_field": ("direction", 3),
+    "design": ("scale", 2),
+    "explained_variance": ("component", 52),
+    "parity": ("output", 52),
+    "recovery": ("case", 2),
+    "uncertainty": ("emulator", 2),
+    "emulator_traces": ("parameter", 2),
+    "emulator_traces_all": ("parameter", 10),
+    "sbc": ("parameter", 11),
+    "resimulation": ("draw", 2),
+    "bullseye_local": ("zone", 5),
+    "bullseye_baseline-noisy": ("zone", 5),
+    "map_errors": ("noise", 2),
+    "roc": ("zone", 6),
+    "hpd_widths": ("noise", 2),
+    "zone_correlations": ("zone_1", 5),
+    "correlations/local_3_0-noisy": ("parameter_2", 10),
+}
+"""Of figures, a column of the data beside them and how many values it has."""
+
+
 # Some draws of the posteriors go through the simulator again.
 UNTOUCHED_BY_POSTERIORS = (SIMULATING - {"simulate_batch"}) | {"train_emulator", "fit_reduction"}
 
@@ -119,14 +113,11 @@ UNTOUCHED_BY_POSTERIORS = (SIMULATING - {"simulate_batch"}) | {"train_emulator",
 def test_everything_is_made(study):
     results = study / "results" / "smoke"
     config = yaml.safe_load((study / "config" / "smoke.yaml").read_text())
-    for figure in (
-        *("zones", "strain_field", "design", "explained_variance", "parity", "recovery"),
-        *("uncertainty", "emulator_traces", "emulator_traces_all", "sbc", "resimulation"),
-        *("bullseye_local", "bullseye_baseline-noisy", "map_errors", "roc", "hpd_widths"),
-        *("zone_correlations", "correlations/local_3_0-noisy"),
-    ):
-        assert (results / "figures" / f"{figure}.png").stat().st_size > 10_000
-        assert (results / "figures" / f"{figure}.csv").stat().st_size > 0
+    for figure, (column, values) in SHOWN.items():
+        data = pd.read_csv(results / "figures" / f"{figure}.csv")
+        assert data[column].nunique() == values, figure
+        picture = matplotlib.image.imread(results / "figures" / f"{figure}.png")
+        assert np.ptp(picture[..., :3], axis=(0, 1)).min() > 0.5, f"{figure} is blank"
     kept = pd.read_parquet(results / "screening" / "train.parquet")
     assert len(kept) == config["design"]["natural"] + config["design"]["log"]
     assert kept["sensitivity"].map(len).eq(520).all()
@@ -240,39 +231,44 @@ def test_plugin_counts_as_code_of_every_step(editable):
     plugin.unlink()
 
 
-def test_typo_in_the_config_names_key_and_remedy(editable):
-    edit_config(editable, lambda c: c["nuts"].update(drwas=10))
-    output = run(editable, "--cores", "1", "--dry-run", check=False)
-    assert "drwas" in output and "draws" in output
-    assert "Traceback" not in output
-
-
-def test_bad_geometry_table_stops_before_anything_runs(editable):
+def in_cm() -> str:
     table = pd.read_csv(data.path("volunteer_segments.csv"))
-    table["wall_thickness_mm"] /= 10
-    table.to_csv(editable / "in_cm.csv", index=False)
-    edit_config(editable, lambda c: c.update(geometry={"segments": "in_cm.csv"}))
-    output = run(editable, "--cores", "1", "--dry-run", check=False)
-    assert "in_cm.csv" in output and "cm" in output
-    assert "wall_thickness_mm" in output
+    return table.assign(wall_thickness_mm=table["wall_thickness_mm"] / 10).to_csv(index=False)
 
 
-def test_bad_measured_file_stops_before_anything_runs(editable):
-    path = editable / "patient.csv"
-    path.write_text(
-        "quantity,segment,value,unit\nvolume,,150,mL\ncircumferential,1,-0.16,1\n"
-        "circumferential,1,-0.17,1\n"
-    )
-    edit_config(
-        editable,
-        lambda c: c.update(subjects={"patient": {"source": "file", "measured": "patient.csv"}}),
-    )
+WRONG = {
+    "typo": ({"nuts": {"drwas": 10}}, {}, "nuts: unknown key 'drwas'.*draws"),
+    "centimetres": (
+        {"geometry": {"segments": "in_cm.csv"}},
+        {"in_cm.csv": in_cm()},
+        r"in_cm\.csv.*wall_thickness_mm.*cm",
+    ),
+    "duplicate": (
+        {"subjects": {"patient": {"source": "file", "measured": "patient.csv"}}},
+        {
+            "patient.csv": "quantity,segment,value,unit\nvolume,,150,mL\n"
+            "circumferential,1,-0.16,1\ncircumferential,1,-0.17,1\n"
+        },
+        r"patient\.csv: line 4",
+    ),
+}
+"""A section of the configuration, files beside it, and what is said."""
+
+
+@pytest.mark.parametrize("wrong", WRONG)
+def test_bad_input_stops_before_anything_runs(editable, wrong):
+    section, files, says = WRONG[wrong]
+    for name, content in files.items():
+        (editable / name).write_text(content)
+    (name, own), *_ = section.items()
+    edit_config(editable, lambda c: c.update({name: c.get(name, {}) | own}))
     output = run(editable, "--cores", "1", "--dry-run", check=False)
-    assert "patient.csv" in output and "4" in output
+    assert re.search(says, output, flags=re.DOTALL) and "Traceback" not in output
 
 
 def test_what_a_killed_run_had_finished_is_kept(study, killed):
-    assert killed.batch.stat().st_mtime_ns == killed.finished_ns, f"{killed.batch} was made again"
+    batch = study / killed.batch
+    assert batch.stat().st_mtime_ns == killed.finished_ns, f"{batch} was made again"
 
 
 @pytest.mark.parametrize("target", REMADE)

@@ -144,7 +144,7 @@ def measured_of(row: pd.Series) -> pd.DataFrame:
     return synthetic_subject(values, channels, noise, np.zeros(len(channels)))
 
 
-def _rows(content: dict, seconds: float) -> list[dict]:
+def _rows(content: Mapping, seconds: float) -> list[dict]:
     common = {
         "subject": content["subject"],
         "named": json.dumps(content["named"]),

@@ -1,6 +1,5 @@
 """The model with the named causes switched on: a study of its own, and what it changes."""
 
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -8,6 +7,7 @@ import pandas as pd
 import yaml
 
 from regional_lv.channels import Channel, Channels
+from regional_lv.criticism.contract import Findings, read_findings
 from regional_lv.criticism.hypotheses import REGISTRY, asked
 from regional_lv.criticism.hypotheses.base import NoiseHypothesis, with_value
 from regional_lv.criticism.study import read_known_theta
@@ -37,7 +37,7 @@ def write_extended(
     complete. Of causes that say at which load a channel was observed, the measured files change;
     all others change keys of the simulator. Raises InputError if nothing is named.
     """
-    content = json.loads(Path(findings).read_text())
+    content = read_findings(findings)
     if not content["named"]:
         raise InputError(
             f"{findings}: no cause is named, so that there is nothing to extend; read its `words`"
@@ -113,7 +113,7 @@ def write_extended(
     Path(extended).write_text(first + yaml.safe_dump(study, sort_keys=False))
 
 
-def _references(physics: Mapping, content: Mapping) -> dict[str, float]:
+def _references(physics: Mapping, content: Findings) -> dict[str, float]:
     """References of the material's factors, times the common factors that were estimated."""
     references = dict(material_from_config(physics["material"]).references)
     for row in content["theta"]:
@@ -138,7 +138,7 @@ def compare_extended(
     Misfit, error and coverage of each segment's prediction by the others, log predictive density,
     inferred noise, what is named, and every parameter with its sd.
     """
-    both = [json.loads(Path(path).read_text()) for path in (before, after)]
+    both: list[Mapping] = [read_findings(path) for path in (before, after)]
     rows = [("misfit p-value", *(s["misfit"]["p_value"] for s in both))]
     rows += [("named", *(" + ".join(s["named"]) for s in both))]
     rows += [

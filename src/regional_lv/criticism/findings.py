@@ -3,12 +3,14 @@
 import json
 import math
 from pathlib import Path
+from typing import cast
 
 import torch
 from statsmodels.stats.weightstats import DescrStatsW
 
 from regional_lv.channels import Channels
-from regional_lv.criticism import data_checks, words
+from regional_lv.criticism import contract, data_checks, words
+from regional_lv.criticism.contract import Findings
 from regional_lv.criticism.hypotheses import REGISTRY
 from regional_lv.criticism.posterior import gain_of
 from regional_lv.criticism.score import Misfit
@@ -34,7 +36,7 @@ def findings_of(
     extensions,
     tables,
     strain_exponent: float = 2.0,
-) -> dict:
+) -> Findings:
     """The findings of one subject (or several together, called `subject`), ready for JSON.
 
     emulator, extensions: for all outputs, to find what measurement would tell causes apart.
@@ -42,7 +44,7 @@ def findings_of(
     """
     base, final, searched = criticism.base, criticism.final, criticism.searched
     rivals = [s for s in criticism.sets if s.sampled is not None]
-    content = {
+    content: Findings = {
         "subject": subject,
         "subjects": list(criticism.observations.subjects),
         "misfit": _misfit(base, searched.misfit, searched.detected),
@@ -81,15 +83,16 @@ def findings_of(
             for text in shortcomings(table, len(emulator.parameters))
         ]
         + _limits(criticism, emulator.channels),
+        "words": [],
     }
     if criticism.best is not None and criticism.best.misfit is not None:
         content["remaining"] = _misfit(final, criticism.best.misfit, not criticism.adequate)
-    content = _plain(content)
+    content = cast(Findings, _plain(content))
     content["words"] = words.verdict(content)
     return content
 
 
-def write_findings(content: dict, path: str | Path) -> None:
+def write_findings(content: Findings, path: str | Path) -> None:
     """As JSON; what is no number becomes null."""
     Path(path).parent.mkdir(parents=True, exist_ok=True)
     Path(path).write_text(json.dumps(content, indent=1, allow_nan=False) + "\n")
@@ -108,9 +111,9 @@ def _plain(value):
 # ------------------------------------------------------------------------------------ parts
 
 
-def _misfit(sampled: Sampled, misfit: Misfit, detected: bool) -> dict:
+def _misfit(sampled: Sampled, misfit: Misfit, detected: bool) -> contract.Misfit:
     o, left_out = sampled.model.observations, sampled.left_out
-    channels = []
+    channels: list[contract.Channel] = []
     for i, subject in enumerate(o.subjects):
         for j, channel in enumerate(o.channels):
             if not o.present[i, j]:
@@ -141,7 +144,7 @@ def _misfit(sampled: Sampled, misfit: Misfit, detected: bool) -> dict:
     }
 
 
-def _hypothesis(test: Tested, criticism: Criticism) -> dict:
+def _hypothesis(test: Tested, criticism: Criticism) -> contract.Cause:
     """Estimate and interval are over all probable sets that hold the cause, as probable as they
     are, without those that data refute where the best one fits; of a cause in none of them, one
     step from the base value along its score."""
@@ -204,7 +207,7 @@ def _pooled(sets, name: str, scale) -> tuple[torch.Tensor, torch.Tensor]:
     return torch.cat(values), torch.cat(weights)
 
 
-def _set(one: CauseSet, criticism: Criticism) -> dict:
+def _set(one: CauseSet, criticism: Criticism) -> contract.Set:
     gain: tuple[float | None, ...] = (None, None, None)
     if one.sampled is not None:
         gain = gain_of(criticism.base.left_out, one.sampled.left_out, one.sampled.posterior)
@@ -226,9 +229,10 @@ def _set(one: CauseSet, criticism: Criticism) -> dict:
     }
 
 
-def _confirmation(criticism: Criticism) -> dict:
+def _confirmation(criticism: Criticism) -> contract.Confirmation:
     """What stands behind the best set; with what was simulated of all."""
-    best, channels = criticism.best, []
+    best = criticism.best
+    channels: list[contract.Difference] = []
 
     def total(holds) -> float:
         physical = (s for s in criticism.sets if s.model.tails is None)
@@ -237,8 +241,12 @@ def _confirmation(criticism: Criticism) -> dict:
     if best is not None and best.correction is not None:
         o, value, in_sds = criticism.observations, best.correction.value, best.difference_sds
         channels = [
-            {"subject": subject, "output": channel.name, "difference": float(value[i, j])}
-            | {"difference_sd": float(in_sds[i, j])}
+            {
+                "subject": subject,
+                "output": channel.name,
+                "difference": float(value[i, j]),
+                "difference_sd": float(in_sds[i, j]),
+            }
             for i, subject in enumerate(o.subjects)
             for j, channel in enumerate(o.channels)
             if o.present[i, j]
@@ -254,7 +262,9 @@ def _confirmation(criticism: Criticism) -> dict:
     }
 
 
-def _density(weighted, values: torch.Tensor, weight: torch.Tensor, low: float, high: float) -> dict:
+def _density(
+    weighted, values: torch.Tensor, weight: torch.Tensor, low: float, high: float
+) -> contract.Histogram:
     """Histogram of `values` (N,), over the part of the range that holds nearly all of the mass."""
     first, last = weighted.quantile([0.0005, 0.9995], return_pandas=False).tolist()
     pad = 0.1 * (last - first) + 1e-9
@@ -264,7 +274,7 @@ def _density(weighted, values: torch.Tensor, weight: torch.Tensor, low: float, h
     return {"edges": edges.tolist(), "density": density.tolist()}
 
 
-def _gain(before: Sampled, after: Sampled) -> dict:
+def _gain(before: Sampled, after: Sampled) -> contract.Gain:
     elpd, se, over_folds = gain_of(before.left_out, after.left_out, after.posterior)
     o = before.model.observations
     kinds = {"rmse": o.channels.is_strain, "rmse_volume_ml": o.channels.of_quantity("volume")}
@@ -278,12 +288,12 @@ def _gain(before: Sampled, after: Sampled) -> dict:
             found[f"{key}_{when}"] = value
         inside = (error.abs() <= Z95 * model.left_out.sd)[o.present]
         found[f"coverage_{when}"] = float(inside.double().mean())
-    return found
+    return cast(contract.Gain, found)
 
 
-def _theta(before: Sampled, after: Sampled) -> list[dict]:
+def _theta(before: Sampled, after: Sampled) -> list[contract.Moved]:
     """Posterior mean and sd of what moves theta, before and after; factors, not logarithms."""
-    rows = []
+    rows: list[contract.Moved] = []
     names = before.model.layout.names
     (m0, s0), (m1, s1) = (
         s.posterior.moments(s.posterior.x[:, : len(names)].exp()) for s in (before, after)
@@ -300,9 +310,9 @@ def _theta(before: Sampled, after: Sampled) -> list[dict]:
     return rows
 
 
-def _noise(before: Sampled, after: Sampled) -> list[dict]:
+def _noise(before: Sampled, after: Sampled) -> list[contract.Noise]:
     """Inferred noise scales per quantity (in training sd), medians before and after."""
-    rows = []
+    rows: list[contract.Noise] = []
     for i, quantity in enumerate(before.model.observations.noise.groups):
         values = [
             s.posterior.quantile(s.posterior.x[:, s.model.first_sigma + i].exp(), [0.5])[0]

@@ -1,12 +1,12 @@
 """The criticism of one subject as one self-contained HTML page."""
 
 import base64
-import json
 from pathlib import Path
 
 import jinja2
 
 from regional_lv.criticism import words
+from regional_lv.criticism.contract import read_findings
 from regional_lv.plots import criticism as figures
 
 PAGE = """<!doctype html>
@@ -117,7 +117,7 @@ def write_report(
     findings: findings.json. It has every number of the page. residuals, table: figure (PNG)
     of the residuals and its data (CSV); the other figures and their data are written beside them.
     """
-    content, folder = json.loads(Path(findings).read_text()), Path(residuals).parent
+    content, folder = read_findings(findings), Path(residuals).parent
     folder.mkdir(parents=True, exist_ok=True)
     drawn = {}
     for name in ("residuals", "causes", "parameters", "theta"):

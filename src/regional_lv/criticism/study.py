@@ -9,6 +9,7 @@ from pathlib import Path
 import pandas as pd
 import torch
 
+from regional_lv.criticism.contract import Findings
 from regional_lv.criticism.critic import Critic
 from regional_lv.criticism.designs import read_simulated
 from regional_lv.criticism.discretisation import load_emulator
@@ -49,7 +50,7 @@ class Inputs:
             *(self.settings, self.seed, self.known_theta),
         )
 
-    def findings(self, criticism: Criticism) -> dict:
+    def findings(self, criticism: Criticism) -> Findings:
         return findings_of(
             *(self.name, criticism, self.emulator, self.extensions, self.tables),
             self.strain_exponent,
@@ -137,7 +138,7 @@ def conclude_criticism(
         log.info("%s", sentence)
 
 
-def criticise(inputs: Inputs, simulate: Callable[[pd.DataFrame], pd.DataFrame] | None) -> dict:
+def criticise(inputs: Inputs, simulate: Callable[[pd.DataFrame], pd.DataFrame] | None) -> Findings:
     """The findings, all steps at once.
 
     simulate: makes the outputs of a design, as `injection.simulate_design` does; without it nothing

@@ -2,6 +2,7 @@
 
 from regional_lv import aha
 from regional_lv.channels import Channel
+from regional_lv.criticism.contract import Cause, Findings, Gain, Misfit
 from regional_lv.quantities import QUANTITIES
 
 FARTHEST = 4.0
@@ -52,7 +53,7 @@ def p_value(p: float) -> str:
     return f"p = {p:.3f}" if p >= 0.0095 else f"p = {p:.2g}"
 
 
-def estimate(hypothesis: dict) -> str:
+def estimate(hypothesis: Cause) -> str:
     """Estimate with its interval and unit."""
     unit = "" if hypothesis["unit"] == "1" else f" {hypothesis['unit']}"
     low, high = hypothesis["interval95"]
@@ -62,7 +63,7 @@ def estimate(hypothesis: dict) -> str:
     )
 
 
-def misfit(part: dict) -> str:
+def misfit(part: Misfit) -> str:
     """One or two sentences: whether the model misses the data, where, which way."""
     p = p_value(part["p_value"])
     if not part["families"]:
@@ -104,7 +105,7 @@ def _plural(what: str) -> str:
     return f"{what} {'strains' if is_strain else 'values'}"
 
 
-def gain(part: dict) -> str:
+def gain(part: Gain) -> str:
     text = (
         f"Predicting each segment from all others gains {part['elpd']:.1f} +- "
         f"{part['elpd_se']:.1f} in log density"
@@ -121,7 +122,7 @@ def gain(part: dict) -> str:
     return text
 
 
-def verdict(content: dict) -> list[str]:
+def verdict(content: Findings) -> list[str]:
     """The verdict in sentences, from the findings."""
     sentences = [misfit(content["misfit"])]
     sentences += [f"{c['says'].capitalize()}." for c in content["data_checks"] if not c["passed"]]
@@ -146,7 +147,7 @@ def verdict(content: dict) -> list[str]:
                 f"among all sets of the {len(by_name)} causes searched"
             )
             if h["component_probability"] < content["least_probability"]:
-                kind = "segment" if h["component"].isdigit() else "kind"
+                kind = "segment" if (h["component"] or "").isdigit() else "kind"
                 sentence += f", {100 * h['component_probability']:.0f} % of that for this {kind}"
             sentences.append(f"{sentence}.")
         for group in content["groups"]:
@@ -155,7 +156,7 @@ def verdict(content: dict) -> list[str]:
                 f"One of {_list([of(n) for n in group], 'or')} is present; the data cannot tell "
                 f"which. The most probable is {estimated(likeliest)}."
             )
-        uncertain = [of(name) for name in content["best"] if name not in answer]
+        uncertain = [of(name) for name in content["best"] or () if name not in answer]
         if uncertain:
             verb = "is" if len(uncertain) == 1 else "are"
             sentences.append(
@@ -190,7 +191,7 @@ def verdict(content: dict) -> list[str]:
     return sentences
 
 
-def _why_not(content: dict) -> str:
+def _why_not(content: Findings) -> str:
     remaining, nothing = content["remaining"], content["base_probability"]
     unlisted = content["unlisted_probability"]
     if not content["sets"]:
@@ -214,7 +215,7 @@ def _why_not(content: dict) -> str:
     return ": several sets do as well, and have too little in common"
 
 
-def _unconfirmed(content: dict) -> list[str]:
+def _unconfirmed(content: Findings) -> list[str]:
     sentences = ["No cause is named: no set was confirmed by simulation."]
     certain = [h for h in content["hypotheses"] if h["probability"] >= content["least_probability"]]
     if certain:
@@ -223,7 +224,7 @@ def _unconfirmed(content: dict) -> list[str]:
     return [*sentences, *_not_simulated(content, undecided=True)]
 
 
-def separating(content: dict) -> list[str]:
+def separating(content: Findings) -> list[str]:
     """Which measurement would tell apart the sets of causes that explain the data equally well."""
     sentences = []
     for pair in content["separating"]:
@@ -241,7 +242,7 @@ def separating(content: dict) -> list[str]:
     return sentences
 
 
-def _confirmed(content: dict) -> list[str]:
+def _confirmed(content: Findings) -> list[str]:
     part = content["confirmation"]
     if not part["simulations"] or part["largest_difference_sd"] is None:
         return []
@@ -252,7 +253,7 @@ def _confirmed(content: dict) -> list[str]:
     ]
 
 
-def _not_simulated(content: dict, undecided: bool) -> list[str]:
+def _not_simulated(content: Findings, undecided: bool) -> list[str]:
     """What sets have of the probability that no simulation stands behind, or none about their
     estimates.
 

@@ -15,6 +15,7 @@ from scipy import stats
 from regional_lv import aha, seth_hill
 from regional_lv.channels import Channel, Channels
 from regional_lv.criticism import words
+from regional_lv.criticism.contract import read_findings
 from regional_lv.criticism.report import embedded
 from regional_lv.emulators import label_of
 from regional_lv.inference.classification import stiffness
@@ -87,7 +88,7 @@ def make_page(
     """
     table = read_measured(measured, strain_exponent=None)
     drawn, data = read(posterior, diagnostics), az.from_netcdf(posterior)
-    content = json.loads(Path(findings).read_text()) if findings else None
+    content = read_findings(findings) if findings else None
     separating = words.separating(content) if content else []
     rows = stiffness_of(drawn, parameters)
     medians = {row["name"]: row["median"] for row in rows}

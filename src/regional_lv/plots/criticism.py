@@ -11,6 +11,7 @@ from matplotlib.patches import Patch
 
 from regional_lv import aha
 from regional_lv.criticism import words
+from regional_lv.criticism.contract import Findings
 from regional_lv.parameters import Parameterisation
 from regional_lv.plots import bullseye, style
 
@@ -25,7 +26,7 @@ WHEN = {"before": "the model as it is", "after": "with the best set of causes"}
 
 @style.context
 def draw_residuals(
-    findings: dict, png: Path, csv: Path, parameters: Parameterisation | None = None
+    findings: Findings, png: Path, csv: Path, parameters: Parameterisation | None = None
 ) -> None:
     """Bullseyes of the leave-one-segment-out residuals, before and after what was found.
 
@@ -34,9 +35,9 @@ def draw_residuals(
     zones are outlined, if given. The table, of all loads: when, output, quantity, segment,
     load_fraction, z, observed, predicted, sd (subject by subject).
     """
-    steps = {"before": findings["misfit"], "after": findings["remaining"]}
-    if findings["remaining"] is None:
-        steps.pop("after")
+    steps = {"before": findings["misfit"]}
+    if findings["remaining"] is not None:
+        steps["after"] = findings["remaining"]
     tables = {when: pd.DataFrame(step["channels"]) for when, step in steps.items()}
     whole = tables["before"]["segment"].isna()
     directions = list(dict.fromkeys(tables["before"].loc[~whole, "quantity"]))
@@ -69,7 +70,7 @@ def draw_residuals(
 
 
 @style.context
-def draw_causes(findings: dict, png: Path, csv: Path) -> None:
+def draw_causes(findings: Findings, png: Path, csv: Path) -> None:
     """All causes: score against the base model on the left, probability over all sets of causes on
     the right. p-values at the smallest that the bootstrap can give are marked with "<=".
     """
@@ -131,20 +132,20 @@ def draw_causes(findings: dict, png: Path, csv: Path) -> None:
 
 
 @style.context
-def draw_parameters(findings: dict, png: Path, csv: Path) -> bool:
+def draw_parameters(findings: Findings, png: Path, csv: Path) -> bool:
     """Posterior densities of the parameters of the most probable causes that were sampled.
 
     Returns whether there was anything to draw.
     """
-    fitted = [h for h in findings["hypotheses"] if h["posterior"]]
-    fitted = sorted(fitted, key=lambda h: -h["probability"])[:SHOWN_CAUSES]
+    likely = sorted(findings["hypotheses"], key=lambda h: -h["probability"])
+    fitted = [(h, h["posterior"]) for h in likely if h["posterior"]][:SHOWN_CAUSES]
     if not fitted:
         return False
     fig = style.figure(max(2.6 * len(fitted) + 0.4, 6.0), 3.1)
     axes = fig.subplots(1, len(fitted), squeeze=False)[0]
     rows, labels = [], {}
-    for ax, h in zip(axes, fitted, strict=True):
-        edges, density = (np.array(h["posterior"][k]) for k in ("edges", "density"))
+    for ax, (h, posterior) in zip(axes, fitted, strict=True):
+        edges, density = np.array(posterior["edges"]), np.array(posterior["density"])
         ax.stairs(density, edges, fill=True, color=style.SKY)
         for bound in h["interval95"]:
             labels["95 % interval"] = ax.axvline(
@@ -174,7 +175,7 @@ def draw_parameters(findings: dict, png: Path, csv: Path) -> bool:
 
 
 @style.context
-def draw_theta(findings: dict, png: Path, csv: Path) -> None:
+def draw_theta(findings: Findings, png: Path, csv: Path) -> None:
     """Stiffness factors before and after: posterior mean and two standard deviations."""
     table = pd.DataFrame(
         [

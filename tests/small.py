@@ -1,0 +1,85 @@
+"""One small study, made once for the whole run of the tests and copied by those that need one.
+
+It is the smoke study on a design that criticism can work with. It is killed on its way and goes on
+to the end of the screening; what follows is for those that copy it.
+"""
+
+import json
+import os
+import shutil
+import signal
+import time
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+import yaml
+from filelock import FileLock
+
+from tests.workflow.project import copy_project, run, start
+
+RESULTS = Path("results/smoke")
+BATCHES = RESULTS / "simulations/train"
+
+DESIGN = {
+    "mesh": {"circumferential": 16, "basal": 2, "mid": 1, "apical": 1, "apex": 1, "transmural": 1},
+    "design": {"natural": 48, "log": 16, "test": 4, "lower": 0.4, "upper": 3.0},
+    "simulations": {"batch_size": 16, "anchors": 16},
+}
+"""Of the small study, in place of the smoke study's own."""
+
+
+class Small(NamedTuple):
+    """A project whose small study has been screened; a batch of simulations that was finished when
+    its first run was killed, and when that was."""
+
+    project: Path
+    batch: Path
+    finished_ns: int
+
+    def copy(self, folder: Path) -> "Small":
+        """The same in another folder, times included: nothing is out of date in it."""
+        shutil.copytree(self.project, folder, symlinks=True)
+        return self._replace(project=folder)
+
+
+def small(root: Path, factory: pytest.TempPathFactory) -> Small:
+    """The study, made by the worker that needs it first."""
+    shared = factory.getbasetemp()
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        shared = shared.parent
+    project, note = shared / "small", shared / "small.json"
+    with FileLock(shared / "small.lock"):
+        if not note.exists():
+            shutil.rmtree(project, ignore_errors=True)
+            note.write_text(json.dumps(_make(root, project)))
+    batch, finished_ns = json.loads(note.read_text())
+    return Small(project, Path(batch), finished_ns)
+
+
+def edit_config(project: Path, change) -> dict:
+    """Apply `change` to the smoke study's configuration; returns that."""
+    path = project / "config" / "smoke.yaml"
+    config = yaml.safe_load(path.read_text())
+    change(config)
+    path.write_text(yaml.safe_dump(config))
+    return config
+
+
+def _make(root: Path, project: Path) -> tuple[str, int]:
+    copy_project(root, project)
+    edit_config(project, lambda config: config.update(DESIGN))
+    process = start(project, "--cores", "2")
+    deadline = time.monotonic() + 600
+    while len(written := list((project / BATCHES).glob("*.parquet"))) < 3:
+        assert time.monotonic() < deadline and process.poll() is None, f"{BATCHES}: {written}"
+        time.sleep(0.2)
+    # With two jobs at a time, that of the first batch has ended when the third is written.
+    first = min(written, key=lambda path: path.stat().st_mtime_ns)
+    finished_ns = first.stat().st_mtime_ns
+    os.killpg(process.pid, signal.SIGKILL)
+    process.wait()
+    run(project, "--unlock")
+    screened = (f"{RESULTS}/screening/{name}.parquet" for name in ("train", "test"))
+    run(project, "--cores", "2", *screened, f"{RESULTS}/mechanics/predictor.npz")
+    return str(first.relative_to(project)), finished_ns
