@@ -157,7 +157,13 @@ def test_noisy_sets_leave_out_what_has_no_noise():
     assert (noisy[:, np.invert(torsion)] != 1).all()
 
 
-@pytest.mark.parametrize("sampler", ["importance", "nuts"])
+@pytest.mark.parametrize(
+    "sampler",
+    [
+        "importance",
+        pytest.param("nuts", marks=pytest.mark.test_all("long chains; the workflow has some")),
+    ],
+)
 def test_subject_with_torsion_and_two_loads(study, sampler, tmp_path):
     """Strains and torsion without sd: a noise scale for each, at both loads the same."""
     parameters, folder = study

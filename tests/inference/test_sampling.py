@@ -92,7 +92,13 @@ def test_noisy_scenario(study):
     assert (spread / exact).mean() > 1.2  # the toy's are wide already: the box bounds both
 
 
-@pytest.mark.parametrize("sampler", ["importance", "nuts"])
+@pytest.mark.parametrize(
+    "sampler",
+    [
+        "importance",
+        pytest.param("nuts", marks=pytest.mark.test_all("long chains; the workflow has some")),
+    ],
+)
 @pytest.mark.parametrize("measured", ["subject.csv", "with_sd.csv"])
 def test_subject(study, measured, sampler):
     files = study / f"{measured}.nc", study / f"{measured}.diagnostics.csv"

@@ -94,7 +94,16 @@ def fit(name: str, theta=None, y=None, **settings):
     return create(name, **settings).fit(theta, y, toy_slopes(theta), seed=3, **TOY)
 
 
-@pytest.fixture(scope="module", params=sorted(emulators.REGISTRY))
+DEEP = pytest.mark.test_all("local_gp and local_dkmgp go through the same code")
+
+
+@pytest.fixture(
+    scope="module",
+    params=[
+        pytest.param(name, marks=DEEP if name in ("local_mgp", "local_dkgp") else [])
+        for name in sorted(emulators.REGISTRY)
+    ],
+)
 def fitted(request):
     """As it comes out of `fit`."""
     return fit(request.param)

@@ -28,7 +28,7 @@ CASES = {
     "plugin": ("exact_gp", 70, 10, 53),
 }
 
-DEEP = pytest.mark.test_all("a study of its own; `three_loads` and `plugin` go the same way")
+DEEP = pytest.mark.test_all("a study of its own; `plugin` goes the same way")
 
 
 @pytest.fixture(autouse=True)
@@ -60,7 +60,7 @@ def example(name: str, simulations: int) -> dict:
 @pytest.mark.parametrize(
     ("name", "emulator", "simulations", "parameters", "channels"),
     [
-        pytest.param(name, *case, marks=[] if name in ("three_loads", "plugin") else DEEP, id=name)
+        pytest.param(name, *case, marks=[] if name == "plugin" else DEEP, id=name)
         for name, case in CASES.items()
     ],
 )
