@@ -60,6 +60,7 @@ hidden-effects: env
 	snakemake --cores "$$CORES" hidden_effects --configfile config/hidden_effects.yaml
 
 test: DEPTH := not test_all
+test-all: DEPTH :=
 test test-all:
 	@envs/install.sh test
 	@$(MAKE) --no-print-directory --jobs 2 --output-sync lint docs

@@ -18,7 +18,7 @@ from regional_lv import emulators
 from regional_lv.channels import Channels
 from regional_lv.derivative_kernel import joint_covariance
 from regional_lv.emulators import exact_gp, optimise
-from regional_lv.emulators.base import Architecture, Emulator
+from regional_lv.emulators.base import Architecture, Emulator, SeparablePrediction
 from regional_lv.emulators.exact_gp import ExactGP, leave_one_out, shrinkage_of
 from regional_lv.emulators.kernels import KERNELS, make_kernel, weighted_slopes
 from regional_lv.emulators.networks import build
@@ -216,7 +216,7 @@ def test_gradient_of_the_mean_alone_and_of_a_prediction_with_another_variance(em
         for mean in (emulator.predict(theta).mean, emulator.predict_mean(theta))
     ]
     torch.testing.assert_close(*slopes)
-    if isinstance(emulator.predict(theta), emulators.SeparablePrediction):
+    if isinstance(emulator.predict(theta), SeparablePrediction):
         variance = torch.full((4,), 0.3, dtype=theta.dtype)
         other = emulator.with_variance(theta, variance)
         torch.testing.assert_close(other.mean, emulator.predict(theta).mean)

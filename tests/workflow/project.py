@@ -1,5 +1,6 @@
 """A copy of the project, and Snakemake run in it on the smoke study."""
 
+import os
 import shutil
 import subprocess
 import sys
@@ -27,6 +28,11 @@ def command(*arguments: str) -> list[str]:
     return [sys.executable, "-m", "snakemake", "--configfile", "config/smoke.yaml", *arguments]
 
 
+def environment(project: Path) -> dict[str, str]:
+    """In which the copy's own library is imported, and not the one that is installed."""
+    return os.environ | {"PYTHONPATH": str(project / "src")}
+
+
 def attempt(
     project: Path, *arguments: str, before: Sequence[str] = (), timeout: float = 1200
 ) -> tuple[str, int]:
@@ -34,6 +40,7 @@ def attempt(
     done = subprocess.run(
         [*before, *command(*arguments)],
         cwd=project,
+        env=environment(project),
         capture_output=True,
         text=True,
         timeout=timeout,
@@ -54,6 +61,7 @@ def start(project: Path, *arguments: str, stderr: int = subprocess.DEVNULL) -> s
     return subprocess.Popen(
         command(*arguments),
         cwd=project,
+        env=environment(project),
         start_new_session=True,
         stdout=subprocess.DEVNULL,
         stderr=stderr,

@@ -96,7 +96,7 @@ SHOWN = {
     "emulator_traces": ("parameter", 2),
     "emulator_traces_all": ("parameter", 10),
     "sbc": ("parameter", 11),
-    "resimulation": ("draw", 2),
+    "resimulation": ("case", 2),
     "bullseye_local": ("zone", 5),
     "bullseye_baseline-noisy": ("zone", 5),
     "map_errors": ("noise", 2),
@@ -235,11 +235,11 @@ def in_cm() -> str:
 
 
 WRONG = {
-    "typo": ({"nuts": {"drwas": 10}}, {}, "nuts: unknown key 'drwas'.*draws"),
+    "typo": ({"nuts": {"drwas": 10}}, {}, "nuts.drwas: unknown key; did you mean `nuts.draws`"),
     "centimetres": (
         {"geometry": {"segments": "in_cm.csv"}},
         {"in_cm.csv": in_cm()},
-        r"in_cm\.csv.*wall_thickness_mm.*cm",
+        r"in_cm\.csv: column wall_thickness_mm looks like cm; multiply by 10",
     ),
     "duplicate": (
         {"subjects": {"patient": {"source": "file", "measured": "patient.csv"}}},
@@ -247,7 +247,7 @@ WRONG = {
             "patient.csv": "quantity,segment,value,unit\nvolume,,150,mL\n"
             "circumferential,1,-0.16,1\ncircumferential,1,-0.17,1\n"
         },
-        r"patient\.csv: line 4",
+        r"patient\.csv, line 4: circumferential_01 is in line 3 already",
     ),
 }
 """A section of the configuration, files beside it, and what is said."""
