@@ -20,7 +20,7 @@ import pandas as pd
 
 from regional_lv import aha, seth_hill
 from regional_lv.channels import Channel, Channels
-from regional_lv.csv_lines import error_at, read_lines
+from regional_lv.csv_lines import error_at, number_in, read_lines
 from regional_lv.measured.tables import (
     MeasuredWarning,
     check_values,
@@ -164,11 +164,8 @@ def _check_length(path: str | Path, name: str, rows: list[tuple[int, dict]]) -> 
 
 
 def _number(path: str | Path, line: int, name: str, text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = np.nan
-    if not np.isfinite(value):
+    value = number_in(text)
+    if np.isnan(value):
         raise error_at(path, line, f"column `{name}`: `{text}` is not a number; give one")
     return value
 

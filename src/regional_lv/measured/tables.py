@@ -20,7 +20,7 @@ import pandas as pd
 
 from regional_lv import aha, seth_hill
 from regional_lv.channels import Channel, Channels
-from regional_lv.csv_lines import CsvLines, error_at, read_lines
+from regional_lv.csv_lines import CsvLines, error_at, number_in, read_lines
 from regional_lv.parameters import Parameterisation
 from regional_lv.quantities import NOWHERE, QUANTITIES, SEGMENT_PLACES, Quantity
 
@@ -195,10 +195,7 @@ def _place(path: str | Path, number: int, kind: type[Quantity], text: str) -> st
             raise error_at(path, number, f"the {kind.name} has segment `{text}`; leave it empty")
         return ""
     if kind.places == SEGMENT_PLACES:
-        try:
-            segment = float(text)
-        except ValueError:
-            segment = math.nan
+        segment = number_in(text)
         if segment not in range(1, len(aha.SEGMENTS) + 1):
             raise error_at(
                 path, number, f"segment `{text}` is not an AHA segment; use its number, 1 to 17"
@@ -249,20 +246,13 @@ def _load_fraction(
 
 
 def _number(path: str | Path, number: int, column: str, text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        if not text:
+    value = number_in(text)
+    if math.isnan(value):
+        if text.lower().lstrip("+-") in ("", "nan", "inf", "infinity"):
             remedy = "give a number, or remove the row if the channel was not measured"
         else:
             remedy = "write decimals with a point" if "," in text else "give a number"
-        raise error_at(path, number, f"{column} `{text}` is not a number; {remedy}") from None
-    if not math.isfinite(value):
-        raise error_at(
-            path,
-            number,
-            f"{column} `{text}` is not finite; remove the row if the channel was not measured",
-        )
+        raise error_at(path, number, f"{column} `{text}` is not a number; {remedy}")
     return value
 
 
