@@ -391,6 +391,13 @@ def test_unusual_values_cause_a_warning(table, change, expected):
     assert any(expected in line for line in warnings_of(change(table))), warnings_of(change(table))
 
 
+def test_the_measure_of_curves_is_known(table):
+    few = table.assign(value=table["value"].where(table["quantity"] != "radial", 0.02))
+    found = " ".join(data_warnings(few, CHANNELS, 10, 2.0, 105.0, 123.0, converted=True))
+    assert "check frame and unit" in found and "cannot be those of a wall" in found
+    assert "measure" not in found and "nominal" not in found
+
+
 @pytest.mark.parametrize(("without", "other"), [("volume", "strains"), ("strains", "volume")])
 def test_only_the_sd_that_is_missing_is_asked_for(table, without, other):
     volume = table["quantity"] == "volume"

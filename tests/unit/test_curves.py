@@ -150,15 +150,71 @@ def test_frames_are_counted_where_only_times_are_given(write):
     np.testing.assert_array_equal(by_time["value"], by_frame["value"])
 
 
-def test_cycle_that_begins_at_end_systole(write):
-    def rotate(table):
-        rolled = pd.concat([table[END_SYSTOLE:], table[:END_SYSTOLE]])
-        return rolled.assign(frame=table["frame"].to_numpy())
+def beginning_at(first: int, keep=slice(None), beats: int = 1):
+    """A file that begins with the frame `first` (from 0) of the cycle, of so many beats, of which
+    it holds the rows `keep`."""
 
-    subject = write(END_SYSTOLE, change=rotate)
-    subject |= {"frame": "earliest_diastole", "end_diastole_frame": FRAMES - END_SYSTOLE + 1}
-    value = read_curve_subject(subject).table["value"][1:4]
-    np.testing.assert_allclose(value, looking_back(), rtol=1e-9)
+    def change(table):
+        rolled = pd.concat([table[first:], table[:first]] * beats, ignore_index=True)
+        return rolled.assign(frame=range(1, len(rolled) + 1))[keep]
+
+    return change
+
+
+@pytest.mark.parametrize("first", range(FRAMES))
+@pytest.mark.parametrize("reference", [0, END_SYSTOLE])
+def test_cycle_that_begins_with_any_frame(write, reference, first):
+    """Filling may wrap around the end of the file; the frames are those of the cycle."""
+    end_diastole, filling = -first % FRAMES, (FIRST_FILLING - first) % FRAMES
+    subject = write(reference, change=beginning_at(first))
+    subject["frame"] = "earliest_diastole"
+    subject["end_diastole_frame"] = end_diastole + 1
+    curves, back, table = read_curve_subject(subject)
+    np.testing.assert_allclose(table["value"][1:4], looking_back(), rtol=1e-9)
+    assert (back.unloaded, back.end_diastole) == (filling, end_diastole)
+    assert back.doubts(curves.frames) == []
+    # The same frame by its number, and end diastole where all curves are zero.
+    subject["frame"] = filling + 1
+    subject["end_diastole_frame"] = None if reference == 0 else end_diastole + 1
+    curves, again, named = read_curve_subject(subject)
+    pd.testing.assert_frame_equal(named, table)
+    assert again.end_diastole == end_diastole and again.doubts(curves.frames) == []
+    # A frame in which the muscle is at work is doubted wherever the file begins.
+    subject["frame"] = (END_SYSTOLE - 2 - first) % FRAMES + 1
+    curves, back, _ = read_curve_subject(subject)
+    (doubt,) = back.doubts(curves.frames)
+    assert "is no later than the greatest contraction" in doubt
+
+
+@pytest.mark.parametrize(
+    ("change", "end_diastole", "unloaded"),
+    [
+        # Late diastole is missing, at the end of the file or before it.
+        (beginning_at(0, slice(0, 12)), 1, 11),
+        (beginning_at(FRAMES - 2, slice(0, 14)), 3, 13),
+        # So is a part of systole.
+        (beginning_at(8, slice(0, 18)), 13, 3),
+        # The first frames are the systole of the beat before.
+        (beginning_at(3, slice(0, 26), beats=2), 18, 8),
+        (beginning_at(5, slice(0, 25), beats=2), 16, 6),
+    ],
+)
+def test_a_part_of_the_cycle_is_enough_where_the_ventricle_begins_to_fill(
+    write, change, end_diastole, unloaded
+):
+    subject = write(change=change)
+    subject |= {"frame": "earliest_diastole", "end_diastole_frame": end_diastole}
+    curves, back, table = read_curve_subject(subject)
+    assert curves.frames[back.unloaded] == unloaded and back.doubts(curves.frames) == []
+    np.testing.assert_allclose(table["value"][1:4], looking_back(), rtol=1e-9)
+
+
+def test_a_ventricle_that_is_larger_than_at_end_diastole_is_doubted(write):
+    """Curves of end systole do not say where end diastole is."""
+    subject = write(END_SYSTOLE, change=beginning_at(13)) | {"frame": "earliest_diastole"}
+    curves, back, _ = read_curve_subject(subject)
+    (doubt,) = back.doubts(curves.frames)
+    assert doubt.startswith("in frame 8 the ventricle is larger than in frame 1, taken as end dias")
 
 
 def test_names_of_columns_may_be_written_in_other_ways_and_comments_are_allowed(write):
@@ -235,6 +291,12 @@ MISTAKES = {
         lambda t: t[:9],
         {"frame": "earliest_diastole"},
         "end in frame 9, before the ventricle fills",
+    ),
+    "filling is missing": (
+        {},
+        beginning_at(FRAMES - 2, slice(0, 11)),
+        {"frame": "earliest_diastole"},
+        "frame (11, 97 % of the greatest contraction) and the first (1, 2 %) those are missing",
     ),
     "end systole called end diastole": (
         {"reference": END_SYSTOLE},

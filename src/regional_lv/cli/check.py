@@ -104,7 +104,8 @@ def inspect(path: Path, config: dict) -> None:
         file = subject["curves" if subject["source"] == "curves" else "measured"]
         told = f"{len(table)} of {len(channels)} channels, {file}{measured[name].told}"
         click.echo(f"{name}: {told}")
-        lines = data_warnings(table, channels, len(parameters), exponent, cavity, wall)
+        known = (len(parameters), exponent, cavity, wall, subject["source"] == "curves")
+        lines = data_warnings(table, channels, *known)
         found += [f"{name}: {line}" for line in (*measured[name].doubts, *lines)]
     if all(subject["source"] == "synthetic" for subject in config["subjects"].values()):
         found.append(

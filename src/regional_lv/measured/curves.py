@@ -7,6 +7,9 @@ it is the strain of the stretch l = length(unloaded) / length(end diastole). Cur
 end diastole give l at the unloaded frame; for any other reference the stretches of the two frames
 are divided. Green's strain (l^2 - 1) / 2 of the line is the component of (F^-T F^-1 - I) / 2 along
 its direction at end diastole.
+
+A file may begin anywhere in the cycle: frames are compared in their order from end diastole on, and
+the first frame of the file follows the last.
 """
 
 import re
@@ -52,6 +55,12 @@ what is usual there. In the published cine no value is off by more than 0.18 of 
 
 AT_REFERENCE = 0.1
 """A curve is at its reference where it is within this share of its range from zero."""
+ALL_ZERO = 1e-3
+"""In the frame of reference itself all curves are within this share of the largest strain."""
+
+LARGEST_STEP = 2.0
+"""Between the last and the first frame of a file the contraction changes by at most so many times
+its largest step from frame to frame; otherwise frames are missing there."""
 
 _NAME = re.compile(rf"({'|'.join(DIRECTIONS)})[ _-]*0*(\d+)", re.IGNORECASE)
 
@@ -72,29 +81,42 @@ STILL_CONTRACTED = 0.95
 
 class LookingBack(NamedTuple):
     """Stretches (D,) l = length(unloaded) / length(end diastole), the rows of both frames and of
-    the greatest contraction, and the share of this contraction that is left when unloaded."""
+    the greatest contraction, the share of this contraction that is left when unloaded, and the row
+    of the largest ventricle with the share by which it is beyond end diastole."""
 
     stretches: np.ndarray
     unloaded: int
     end_diastole: int
     end_systole: int
     contraction_left: float
+    largest: int = 0
+    beyond: float = 0.0
 
     def doubts(self, frames: Sequence) -> list[str]:
-        """What is odd about the frames (labels `frames`), in sentences."""
+        """What is odd about the frames (labels `frames`, of all rows), in sentences."""
         unloaded, systole = frames[self.unloaded], frames[self.end_systole]
-        if self.unloaded <= self.end_systole:
-            return [
+        found = []
+        if self.beyond > AT_REFERENCE:
+            found.append(
+                f"in frame {frames[self.largest]} the ventricle is larger than in frame "
+                f"{frames[self.end_diastole]}, taken as end diastole, by {100 * self.beyond:.0f} % "
+                "of the greatest contraction: name the frame of end diastole (end_diastole_frame)"
+            )
+        after = [
+            (row - self.end_diastole) % len(frames) for row in (self.unloaded, self.end_systole)
+        ]
+        if after[0] <= after[1]:
+            found.append(
                 f"frame {unloaded} is no later than the greatest contraction (frame {systole}): "
                 "the muscle is active there, where the simulation needs it relaxed; take a frame "
                 "of early diastole, and mind whether frames count from 0 or 1"
-            ]
-        if self.contraction_left > STILL_CONTRACTED:
-            return [
+            )
+        elif self.contraction_left > STILL_CONTRACTED:
+            found.append(
                 f"in frame {unloaded} {100 * self.contraction_left:.0f} % of the greatest "
                 "contraction is left: relaxation may not be complete; take a later frame"
-            ]
-        return []
+            )
+        return found
 
 
 def read_curves(path: str | Path, unit: str) -> Curves:
@@ -254,7 +276,8 @@ def look_back(
     frame: number of the unloaded frame, or `earliest_diastole`: the first one after the greatest
         contraction in which a tenth (`FILLING`) of it is gone. The contraction is the mean over all
         curves of the logarithm of the stretch, shortening and thickening counted positive.
-    end_diastole_frame: number of the frame of end diastole; the first one if None.
+    end_diastole_frame: number of the frame of end diastole. None: with the reference
+        `end_diastole` the one in which all curves are zero, otherwise the first one.
 
     Raises
     ------
@@ -271,10 +294,14 @@ def look_back(
         )
     stretches = np.sqrt(base) if measure == "green" else base
     signs = np.array([channel.kind.sign for channel in curves.channels])
-    end_diastole = 0 if end_diastole_frame is None else _row(path, curves, end_diastole_frame)
+    contraction = signs * np.log(stretches)
+    if end_diastole_frame is not None:
+        end_diastole = _row(path, curves, end_diastole_frame)
+    else:
+        at_rest = reference == "end_diastole"
+        end_diastole = _zero_row(curves.strains, contraction.mean(1)) if at_rest else 0
     where = f"frame {curves.frames[end_diastole]} (end diastole)"
     line = curves.lines[end_diastole]
-    contraction = signs * np.log(stretches)
     for quantity in dict.fromkeys(channel.quantity for channel in curves.channels):
         own = [channel.quantity == quantity for channel in curves.channels]
         mean = contraction[:, own].mean(1)
@@ -304,12 +331,12 @@ def look_back(
             )
     stretches = stretches / stretches[end_diastole]
     contraction = (signs * np.log(stretches)).mean(1)
-    end_systole = int(contraction.argmax())
+    end_systole, largest = int(contraction.argmax()), int(contraction.argmin())
     if frame == EARLIEST_DIASTOLE:
-        unloaded = _first_filling(path, curves, contraction)
+        unloaded = _first_filling(path, curves, contraction, end_diastole)
     else:
         unloaded = _row(path, curves, frame)
-    left = contraction[unloaded] / contraction[end_systole]
+    left, beyond = contraction[[unloaded, largest]] / contraction[end_systole]
     if left < AT_REFERENCE:
         raise error_at(
             path,
@@ -318,7 +345,20 @@ def look_back(
             f"unloaded frame lies soon after frame {curves.frames[end_systole]}, the greatest "
             f"contraction: choose one there, or {EARLIEST_DIASTOLE}",
         )
-    return LookingBack(stretches[unloaded], unloaded, end_diastole, end_systole, float(left))
+    rows = (unloaded, end_diastole, end_systole)
+    return LookingBack(stretches[unloaded], *rows, float(left), largest, float(-beyond))
+
+
+def _zero_row(strains: np.ndarray, contraction: np.ndarray) -> int:
+    """The row of end diastole of curves (T, D) that refer to it: the last of those in sequence in
+    which all are zero, or the first row if there is none that the ventricle contracts from.
+
+    contraction (T,): mean over the curves, at zero where these are.
+    """
+    size = np.abs(strains).max(1)
+    zero = size <= ALL_ZERO * size.max()
+    last = zero & ~np.roll(zero, -1)
+    return int(last.argmax()) if contraction.max() > -contraction.min() else 0
 
 
 def _row(path: str | Path, curves: Curves, frame: int) -> int:
@@ -332,17 +372,39 @@ def _row(path: str | Path, curves: Curves, frame: int) -> int:
     return curves.frames.index(frame)
 
 
-def _first_filling(path: str | Path, curves: Curves, contraction: np.ndarray) -> int:
-    end_systole = int(contraction.argmax())
-    fills = contraction[end_systole:] <= (1 - FILLING) * contraction[end_systole]
-    if not fills.any():
-        raise error_at(
-            path,
-            None,
-            f"the curves end in frame {curves.frames[-1]}, before the ventricle fills; export the "
-            "whole cycle, or give the number of the unloaded frame (frame)",
+def _first_filling(
+    path: str | Path, curves: Curves, contraction: np.ndarray, end_diastole: int
+) -> int:
+    """The first row after the greatest contraction in which a share `FILLING` of it is gone.
+
+    contraction (T,): from the row of end diastole on, by row.
+    """
+    rows, end_systole = len(contraction), int(contraction.argmax())
+    full = (1 - FILLING) * contraction[end_systole]
+    fills = contraction <= full
+    # Of the rows behind the greatest contraction, up to the end of the file or to end diastole.
+    end = end_diastole if end_systole < end_diastole else rows
+    if fills[end_systole:end].any():
+        return end_systole + int(fills[end_systole:end].argmax())
+    complaint = f"the curves end in frame {curves.frames[end - 1]}, before the ventricle fills"
+    if end == rows and end_diastole > 0:
+        # The cycle goes on at the beginning of the file, which may be contracted still or again.
+        first = int(contraction[:end_diastole].argmax())
+        if contraction[first] > full:
+            return first + int(fills[first : end_diastole + 1].argmax())
+        if contraction[-1] - contraction[0] <= LARGEST_STEP * np.abs(np.diff(contraction)).max():
+            return 0
+        shares = 100 * contraction[[-1, 0]] / contraction[end_systole]
+        complaint = (
+            f"between the last frame ({curves.frames[-1]}, {shares[0]:.0f} % of the greatest "
+            f"contraction) and the first ({curves.frames[0]}, {shares[1]:.0f} %) those are missing "
+            "in which the ventricle begins to fill"
         )
-    return end_systole + int(fills.argmax())
+    raise error_at(
+        path,
+        None,
+        f"{complaint}; export the whole cycle, or give the number of the unloaded frame (frame)",
+    )
 
 
 class CurveSubject(NamedTuple):
