@@ -64,6 +64,7 @@ def write(tmp_path):
             "reference": "end_diastole" if reference == 0 else "end_systole",
             "frame": FIRST_FILLING + 1,
             "end_diastole_frame": None,
+            "segments": 17,
             "volume_ml": 180.0,
             "sd": {"strain": 0.02, "volume": None},
         }
@@ -217,6 +218,35 @@ def test_a_ventricle_that_is_larger_than_at_end_diastole_is_doubted(write):
     assert doubt.startswith("in frame 8 the ventricle is larger than in frame 1, taken as end dias")
 
 
+@pytest.mark.parametrize("reference", [0, END_SYSTOLE])
+def test_six_apical_walls_become_the_four_segments_of_the_aha(write, reference):
+    """Each has the mean stretch of the walls in its sector, whatever the reference."""
+    walls = {13: 0.0, 14: 0.3, 15: 0.6, 16: 0.9, 17: 0.5, 18: 0.2}
+
+    def six_walls(table):
+        # Walls that are at end systole later or earlier shorten more or less.
+        for wall, more in walls.items():
+            length = (1 + table["circumferential_03"] / 100) ** (1 + more)
+            table[f"circumferential_{wall}"] = 100 * (length - 1)
+        return table.drop(columns=[c for c in table if c.endswith("_16") and "circ" not in c])
+
+    subject = write(reference, change=six_walls) | {"segments": 18}
+    table = read_curve_subject(subject, strain_exponent=1.0).table.set_index("output")
+    names = [f"circumferential_{segment}" for segment in (13, 14, 15, 16)]
+    assert {n for n in table.index if "circ" in n} == {"circumferential_03", *names}
+    single = STRETCHES[FIRST_FILLING, 0]
+    l13, l14, l15, l16, l17, l18 = (single ** (1 + more) for more in walls.values())
+    expected = [
+        (4 * l13 + l14 + l18) / 6,
+        (l14 + l15) / 2,
+        (4 * l16 + l15 + l17) / 6,
+        (l17 + l18) / 2,
+    ]
+    np.testing.assert_allclose(table.loc[names, "value"], np.array(expected) - 1, rtol=1e-9)
+    np.testing.assert_allclose(table.loc[names, "sd"], 0.02 / np.sqrt(2), rtol=1e-12)
+    assert table.loc["circumferential_03", "sd"] == 0.02
+
+
 def test_names_of_columns_may_be_written_in_other_ways_and_comments_are_allowed(write):
     subject = write()
     with open(subject["curves"]) as file:
@@ -274,7 +304,25 @@ MISTAKES = {
         {},
         "line 1: column `Ecc_01` is not known",
     ),
-    "segment 18": ({}, lambda t: t.assign(radial_18=0), {}, "no AHA segment 18; use 1 to 17"),
+    "segment 18": (
+        {},
+        lambda t: t.assign(radial_18=0),
+        {},
+        "line 1: column `radial_18`: segment 18: that is the 18-segment model (six apical",
+    ),
+    "segment 20": ({}, lambda t: t.assign(radial_20=0), {}, "no segment 20 in the models that are"),
+    "segment 17 of 16": (
+        {},
+        lambda t: t.assign(radial_17=0),
+        {"segments": 16},
+        "the model of 16 segments has no segment 17; set `segments` to",
+    ),
+    "18 segments called so": (
+        {},
+        None,
+        {"segments": 18},
+        "the subject says segments: 18, and there is no segment 18; add it, or remove `segments`",
+    ),
     "same twice": ({}, lambda t: t.assign(radial_3=0), {}, "radial_03 occurs twice"),
     "no clock": ({}, lambda t: t.drop(columns="frame"), {}, "no column `frame` nor `time`"),
     "unsorted": ({}, setting("frame", 1, 4), {}, "line 6: frame 1 does not follow 4; sort"),

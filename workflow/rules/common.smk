@@ -119,7 +119,9 @@ NOISE_INFERRED = [
     or (
         source == "file"
         and not states_noise(
-            config["subjects"][name]["measured"], config["loading"]["pressure_mmhg"]
+            config["subjects"][name]["measured"],
+            config["loading"]["pressure_mmhg"],
+            config["subjects"][name]["segments"],
         )
     )
     or (source == "curves" and config["subjects"][name]["sd"]["strain"] is None)

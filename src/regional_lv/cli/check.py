@@ -296,7 +296,8 @@ def _read(name: str, config: dict, channels) -> Measured:
             # What a file lacks is reported with the other warnings.
             warnings.simplefilter("ignore")
             pressure = config["loading"]["pressure_mmhg"]
-            table = read_measured(subject["measured"], channels, pressure, exponent)
+            how = (channels, pressure, exponent, subject["segments"])
+            table = read_measured(subject["measured"], *how)
         return Measured(table, "", [])
     curves, back, table = read_curve_subject(subject, channels, exponent)
     start, end, systole = (

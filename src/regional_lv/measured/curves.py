@@ -21,9 +21,10 @@ from typing import Final, Literal, NamedTuple
 import numpy as np
 import pandas as pd
 
-from regional_lv import aha, seth_hill
+from regional_lv import seth_hill
 from regional_lv.channels import Channel, Channels
 from regional_lv.csv_lines import error_at, number_in, read_lines
+from regional_lv.measured.segment_models import check_segment, to_aha
 from regional_lv.measured.tables import (
     MeasuredWarning,
     check_values,
@@ -66,8 +67,8 @@ _NAME = re.compile(rf"({'|'.join(DIRECTIONS)})[ _-]*0*(\d+)", re.IGNORECASE)
 
 
 class Curves(NamedTuple):
-    """Strain curves: numbers of the frames (T,), their lines in the file, the channels (D) and the
-    strains (T, D) as fractions."""
+    """Strain curves: numbers of the frames (T,), their lines in the file, the channels (D) with the
+    segments that the file counts, and the strains (T, D) as fractions."""
 
     frames: list[int]
     lines: list[int]
@@ -119,11 +120,12 @@ class LookingBack(NamedTuple):
         return found
 
 
-def read_curves(path: str | Path, unit: str) -> Curves:
+def read_curves(path: str | Path, unit: str, segments: int = 17) -> Curves:
     """Read and check a file of curves.
 
-    unit: `percent` or `fraction`. Without a column `frame`, frames are counted from 1. Raises
-    InputError that names the file, the line or column, and the remedy.
+    unit: `percent` or `fraction`. segments: how many the model has whose segments the columns count
+    (`segment_models`). Without a column `frame`, frames are counted from 1. Raises InputError that
+    names the file, the line or column, and the remedy.
     """
     header, columns, rows = read_lines(path)
     clocks = [name for name in columns if name.lower() in CLOCKS]
@@ -134,7 +136,7 @@ def read_curves(path: str | Path, unit: str) -> Curves:
             "no column `frame` nor `time`; the first column has to say which frame a row is (save "
             "the file with commas between the fields)",
         )
-    named = {name: _channel(path, header, name) for name in columns if name not in clocks}
+    named = {name: _channel(path, header, name, segments) for name in columns if name not in clocks}
     channels = list(named.values())
     if not channels:
         raise error_at(path, header, f"no curves; {_NAMES}")
@@ -158,16 +160,13 @@ _NAMES = (
 )
 
 
-def _channel(path: str | Path, header: int, name: str) -> Channel:
+def _channel(path: str | Path, header: int, name: str, segments: int) -> Channel:
     found = _NAME.fullmatch(name)
     if not found:
         raise error_at(path, header, f"column `{name}` is not known; {_NAMES}")
-    direction, segment = found[1].lower(), int(found[2])
-    if not 1 <= segment <= len(aha.SEGMENTS):
-        raise error_at(
-            path, header, f"column `{name}`: there is no AHA segment {segment}; use 1 to 17"
-        )
-    return Channel(direction, f"{segment:02d}")
+    where = f"column `{name}`"
+    segment = check_segment(path, header, where, int(found[2]), segments)
+    return Channel(found[1].lower(), f"{segment:02d}")
 
 
 def _check_length(path: str | Path, name: str, rows: list[tuple[int, dict]]) -> None:
@@ -422,24 +421,28 @@ def read_curve_subject(
     """Read a subject whose `source` is `curves`.
 
     subject: the entry of the configuration (`curves`, `unit`, `reference`, `measure`, `frame`,
-    `end_diastole_frame`, `volume_ml`, `sd`). channels: what the study observes; if given, nothing
-    else may be in the file. strain_exponent: n of the strains (l^n - 1) / n that it observes.
+    `end_diastole_frame`, `segments`, `volume_ml`, `sd`). channels: what the study observes; if
+    given, nothing else may be in the file. strain_exponent: n of the strains (l^n - 1) / n that it
+    observes.
 
     Raises InputError that names the file, the line or column, and the remedy.
     """
     path = subject["curves"]
-    curves = read_curves(path, subject["unit"])
-    for channel in curves.channels:
-        if channels is not None and channel not in channels:
+    curves = read_curves(path, subject["unit"], subject["segments"])
+    back = look_back(path, curves, *(subject[key] for key in HOW))
+    table = make_table(curves.channels, back.stretches)
+    table["sd"] = np.nan if subject["sd"]["strain"] is None else subject["sd"]["strain"]
+    # Of stretches from end diastole, so that curves of either reference have the same mean.
+    table = to_aha(path, table, subject["segments"])
+    table["value"] = seth_hill.strain(table["value"].to_numpy(), strain_exponent)
+    for name in table["output"] if channels is not None else ():
+        if name not in channels.names:
             raise error_at(
                 path,
                 None,
-                f"{channel.name} is no channel that the study observes; add it to "
+                f"{name} is no channel that the study observes; add it to "
                 "observables.quantities (observables.places), or remove the column",
             )
-    back = look_back(path, curves, *(subject[key] for key in HOW))
-    table = make_table(curves.channels, seth_hill.strain(back.stretches, strain_exponent))
-    table["sd"] = np.nan if subject["sd"]["strain"] is None else subject["sd"]["strain"]
     check_values(path, table, curves.lines[back.unloaded], strain_exponent)
     if subject["volume_ml"] is not None:
         volume = make_table([Channel("volume")], np.array([subject["volume_ml"]]))
