@@ -64,7 +64,6 @@ def write(tmp_path):
             "reference": "end_diastole" if reference == 0 else "end_systole",
             "frame": FIRST_FILLING + 1,
             "end_diastole_frame": None,
-            "segments": 17,
             "volume_ml": 180.0,
             "sd": {"strain": 0.02, "volume": None},
         }

@@ -84,9 +84,10 @@ MISTAKES = [
     (
         changed("emulators.exact_gp.nugget", "1e-8"),
         "exact_gp.nugget",
-        "write it as 1e-8, without quotes",
+        "write it as 1e-08, without quotes",
     ),
     (changed("seed", "1_000"), "seed: '1_000' is not a whole number", "write it as 1000,"),
+    (changed("geometry.endo_apex_z_mm", "\u221274.5"), "endo_apex_z_mm", "write it as -74.5,"),
     (changed("loading.pressure_mmhg", "1:30"), "pressure_mmhg: '1:30'", "give the number alone"),
     (changed("subjects.anna", {"source": "curves", "volume_ml": "150"}), "ml: '150'", "as 150,"),
     (changed("evaluation", "no"), "evaluation: 'no' is not true or false", "give that instead"),

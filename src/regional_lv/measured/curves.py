@@ -421,22 +421,23 @@ def read_curve_subject(
     """Read a subject whose `source` is `curves`.
 
     subject: the entry of the configuration (`curves`, `unit`, `reference`, `measure`, `frame`,
-    `end_diastole_frame`, `segments`, `volume_ml`, `sd`). channels: what the study observes; if
-    given, nothing else may be in the file. strain_exponent: n of the strains (l^n - 1) / n that it
+    `end_diastole_frame`, `volume_ml`, `sd`, and `segments` if not 17). channels: what the study
+    observes; if given, nothing else may be in the file. strain_exponent: n of the strains (l^n - 1) / n that it
     observes.
 
     Raises InputError that names the file, the line or column, and the remedy.
     """
     path = subject["curves"]
-    curves = read_curves(path, subject["unit"], subject["segments"])
+    segments = subject.get("segments", 17)
+    curves = read_curves(path, subject["unit"], segments)
     back = look_back(path, curves, *(subject[key] for key in HOW))
     table = make_table(curves.channels, back.stretches)
     table["sd"] = np.nan if subject["sd"]["strain"] is None else subject["sd"]["strain"]
     # Of stretches from end diastole, so that curves of either reference have the same mean.
-    table = to_aha(path, table, subject["segments"])
+    table = to_aha(path, table, segments)
     table["value"] = seth_hill.strain(table["value"].to_numpy(), strain_exponent)
-    for name in table["output"] if channels is not None else ():
-        if name not in channels.names:
+    for name in table["output"]:
+        if channels is not None and name not in channels.names:
             raise error_at(
                 path,
                 None,

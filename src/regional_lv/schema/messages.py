@@ -1,12 +1,13 @@
 """What to say of a configuration that the schema refuses: which key is wrong, and the remedy."""
 
 import difflib
+import math
 import re
 from collections.abc import Iterator
 
 import jsonschema
 
-from regional_lv import yaml_core
+from regional_lv.csv_lines import number_in
 from regional_lv.schema import load_schema
 from regional_lv.schema.keys import choice_text, describe, key_path, section_schema
 
@@ -146,12 +147,12 @@ def _type_name(types: str | list[str]) -> str:
 
 
 def _number_hint(value, types: str | list[str]) -> str:
-    """Numbers in quotes are text, and so are those with `_` between digits."""
+    """Numbers in quotes are text, and so are those with `_` or signs of typography."""
     if not isinstance(value, str) or not {"number", "integer"} & set(
         [types] if isinstance(types, str) else types
     ):
         return "; give that instead"
-    bare = value.strip().replace("_", "")
-    if type(yaml_core.value_of(bare)) in (int, float):
-        return f"; write it as {bare}, without quotes"
-    return "; give the number alone, without a unit and with a decimal point"
+    number = number_in(value.replace("_", ""))
+    if math.isnan(number):
+        return "; give the number alone, without a unit and with a decimal point"
+    return f"; write it as {number:.15g}, without quotes"
