@@ -422,8 +422,8 @@ def read_curve_subject(
 
     subject: the entry of the configuration (`curves`, `unit`, `reference`, `measure`, `frame`,
     `end_diastole_frame`, `volume_ml`, `sd`, and `segments` if not 17). channels: what the study
-    observes; if given, nothing else may be in the file. strain_exponent: n of the strains (l^n - 1) / n that it
-    observes.
+    observes; if given, nothing else may be in the file. strain_exponent: n of the strains
+    (l^n - 1) / n that it observes.
 
     Raises InputError that names the file, the line or column, and the remedy.
     """
