@@ -186,6 +186,21 @@ def test_cycle_that_begins_with_any_frame(write, reference, first):
     assert "is no later than the greatest contraction" in doubt
 
 
+@pytest.mark.parametrize("first", [1, 5, FRAMES - 3])
+def test_numbers_of_frames_may_go_around(write, first):
+    """Rows from end diastole on, with the numbers that the frames have in the cine."""
+    numbers = np.roll(np.arange(1, FRAMES + 1), -first)
+    subject = write(change=lambda table: table.assign(frame=numbers))
+    chosen, found = (
+        read_curve_subject(subject | {"frame": frame})
+        for frame in (int(numbers[FIRST_FILLING]), "earliest_diastole")
+    )
+    pd.testing.assert_frame_equal(chosen.table, found.table)
+    np.testing.assert_allclose(found.table["value"][1:4], looking_back(), rtol=1e-9)
+    with pytest.raises(InputError, match="does not follow"):
+        read_curve_subject(write(change=lambda t: t.assign(time=numbers).drop(columns="frame")))
+
+
 @pytest.mark.parametrize(
     ("change", "end_diastole", "unloaded"),
     [
@@ -325,6 +340,12 @@ MISTAKES = {
     "same twice": ({}, lambda t: t.assign(radial_3=0), {}, "radial_03 occurs twice"),
     "no clock": ({}, lambda t: t.drop(columns="frame"), {}, "no column `frame` nor `time`"),
     "unsorted": ({}, setting("frame", 1, 4), {}, "line 6: frame 1 does not follow 4; sort"),
+    "twice around": (
+        {},
+        lambda t: t.assign(frame=[*range(9, 15), *range(5, 12), *range(1, 8)]),
+        {},
+        "line 8: frame 5 does not follow 14; sort",
+    ),
     "two frames": ({}, lambda t: t[:2], {}, "export the whole cycle"),
     "missing frame": ({}, None, {"frame": 40}, "there is no frame 40; the frames go from 1 to 20"),
     "end diastole": (

@@ -192,13 +192,15 @@ def _number(path: str | Path, line: int, name: str, text: str) -> float:
 
 
 def _frames(path: str | Path, clock: str, rows: list[tuple[int, dict]]) -> list[int]:
-    """Numbers of the frames: those of the column `frame`, or counted from 1."""
+    """Numbers of the frames: those of the column `frame`, or counted from 1. Numbers of a cine may
+    go on from its last frame to its first."""
     times = [_number(path, line, clock, row[clock]) for line, row in rows]
-    for (line, _), before, after in zip(rows[1:], times, times[1:], strict=False):
-        if after <= before:
-            raise error_at(
-                path, line, f"{clock} {after:g} does not follow {before:g}; sort the frames"
-            )
+    pairs = zip(rows[1:], times, times[1:], strict=False)
+    back = [(line, before, after) for (line, _), before, after in pairs if after <= before]
+    around = clock.lower() == "frame" and len(back) == 1 and times[-1] < times[0]
+    if back and not around:
+        line, before, after = back[0]
+        raise error_at(path, line, f"{clock} {after:g} does not follow {before:g}; sort the frames")
     if clock.lower() != "frame":
         return list(range(1, len(rows) + 1))
     for (line, _), frame in zip(rows, times, strict=True):
@@ -365,8 +367,8 @@ def _row(path: str | Path, curves: Curves, frame: int) -> int:
         raise error_at(
             path,
             None,
-            f"there is no frame {frame}; the frames go from {curves.frames[0]} to "
-            f"{curves.frames[-1]}",
+            f"there is no frame {frame}; the frames go from {min(curves.frames)} to "
+            f"{max(curves.frames)}",
         )
     return curves.frames.index(frame)
 
