@@ -13,7 +13,6 @@ import time
 from pathlib import Path
 
 import numpy as np
-import yaml
 
 from regional_lv import config as study_config
 from regional_lv.design import further_points
@@ -68,7 +67,7 @@ def main(paths: list[Path]) -> None:
     """Measure and print; later files of the configuration replace sections of earlier ones."""
     merged = {}
     for path in paths:
-        merged |= yaml.safe_load(path.read_text())
+        merged |= study_config.read(path)
     config = study_config.load(merged)
     folder = Path("results") / config["study"]
     framed = physics_of(config)

@@ -13,8 +13,8 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-import yaml
 
+from regional_lv import config as study_config
 from regional_lv.channels import DEFAULT_QUANTITIES, Channels
 from regional_lv.measured import read_measured, synthetic_subject, write_measured
 from regional_lv.parameters import label
@@ -108,7 +108,7 @@ def draw(table: pd.DataFrame, png: Path) -> None:
 @style.context
 def main(target: Path, folder: Path) -> None:
     """Simulate what is missing, infer, write."""
-    config = yaml.safe_load(Path("config/study.yaml").read_text()) | CHANGES
+    config = study_config.read("config/study.yaml") | CHANGES
     config["study"], config["design"] = "channels", config["design"] | DESIGN
     config["efficiency"] = {"sizes": [60], "most_with_sensitivities": 100}
     study = Study(config, folder)

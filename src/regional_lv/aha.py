@@ -48,6 +48,28 @@ WALLS = {
 }
 """Segments of the walls from base to apex; the apex (17) belongs to none."""
 
+SIX_WALLS = range(13, 19)
+"""Apical segments of the 18-segment model of echocardiography, which has six walls at every level,
+numbered as those of the mid level, and no apex (Lang 2015, doi 10.1016/j.echo.2014.10.003)."""
+
+
+def _apical_shares() -> dict[int, dict[int, float]]:
+    four, six = LEVELS["apical"], SIX_WALLS
+    width, width_six = 360 / len(four), 360 / len(six)
+    # Both begin with the anterior wall, whose middle is at one angle at all levels.
+    turn = np.arange(len(four))[:, None] * width - np.arange(len(six)) * width_six
+    apart = np.abs((turn + 180) % 360 - 180)
+    common = np.clip((width + width_six) / 2 - apart, 0, min(width, width_six))
+    return {
+        segment: {wall: float(share) for wall, share in zip(six, row / width, strict=True) if share}
+        for segment, row in zip(four, common, strict=True)
+    }
+
+
+APICAL_SHARES = _apical_shares()
+"""By apical AHA segment, the walls of the 18-segment model that it consists of, and the share of
+its sector of 90 degrees that each of their sectors of 60 degrees has; the shares add up to one."""
+
 published_to_aha = np.array([s.published_order - 1 for s in SEGMENTS])
 """`published[..., published_to_aha]` puts 17 values in published order into AHA order."""
 

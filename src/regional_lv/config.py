@@ -7,17 +7,19 @@ schema cannot say (what fits together, and what is registered) is checked by
 """
 
 import copy
+import functools
 import math
 import os
 import reprlib
 import statistics
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 import jsonschema
 import yaml
 
+from regional_lv import yaml_core
 from regional_lv.config_checks import check_effects, cross_check, meshes_anew, table_sizes
 from regional_lv.errors import InputError
 from regional_lv.input_files import read_text, reading
@@ -44,7 +46,7 @@ def load(
 
     Parameters
     ----------
-    config: path of a YAML file, or what such a file holds (as Snakemake hands it over).
+    config: path of a YAML file, or what such files hold (`gather`).
     source: name of the configuration in messages, for a mapping; a path names itself.
     folders: where the files were that the mapping comes from; of a path, its own.
 
@@ -79,8 +81,8 @@ def load(
     except InputError as error:
         _raise(source, [str(error)])
     complete = _complete(schema, given)
-    if "subjects" not in given and not complete["evaluation"]:
-        del complete["subjects"]["volunteer"]
+    if "subjects" not in given:
+        complete["subjects"] = _default_subjects(complete)
     _complete_by_registries(complete)
     _complete_holdout(complete)
     if "synthetic_subjects" not in given:
@@ -103,7 +105,7 @@ def read(path: str | Path) -> dict:
     text = read_text(path, most_mb=1)
     with reading(path, "correct what the parser names"):
         try:
-            content = _Loader(text).get_single_data()
+            content = yaml_core.parse(text)
         except yaml.YAMLError as error:
             raise InputError(
                 f"{path}: not valid YAML; correct what the parser names: {str(error)[:1000]}"
@@ -113,22 +115,34 @@ def read(path: str | Path) -> dict:
     return content
 
 
-class _Loader(yaml.SafeLoader):
-    """Refuses a key that occurs twice, of which YAML takes the last one without a word."""
+def gather(files: Iterable[str | Path], given: Mapping) -> dict:
+    """The keys of several files, of which the last one counts first, and on top of them those of
+    the command line, as Snakemake hands them over (`given`). Raises InputError.
 
-    def construct_mapping(self, node, deep=False):
-        lines: dict[str, int] = {}
-        for key, _ in node.value:
-            name = str(key.value)
-            if name in lines:
-                there = f"`{name}` is in line {lines[name]} already; remove one of both"
-                raise yaml.constructor.ConstructorError(None, None, there, key.start_mark)
-            lines[name] = key.start_mark.line + 1
-        return super().construct_mapping(node, deep)
+    Sections are joined, other values replaced. Snakemake's own reading of the files is not used: it
+    follows YAML 1.1 (`yaml_core`), and keeps numbers inside a section of the command line as text.
+    """
+    return functools.reduce(_merged, [*map(read, files), {k: _typed(v) for k, v in given.items()}])
+
+
+def _merged(below: dict, above: dict) -> dict:
+    both = dict(below)
+    for key, value in above.items():
+        joins = isinstance(value, dict) and isinstance(below.get(key), dict)
+        both[key] = _merged(below[key], value) if joins else value
+    return both
+
+
+def _typed(value):
+    if isinstance(value, Mapping):
+        return {key: _typed(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [_typed(item) for item in value]
+    return yaml_core.value_of(value) if isinstance(value, str) else value
 
 
 def _usable(source: str, config: dict) -> dict:
-    """A copy whose keys are text: YAML reads keys such as 1 or no as something else.
+    """A copy whose keys are text, as they are in a file; what Python hands over may have others.
 
     Raises InputError for what no key of a study may hold: other things than text, finite numbers of
     64 bits, lists and sections, text of several lines, and more than a study can have, such as
@@ -230,6 +244,17 @@ def _complete(schema: dict, value):
     if isinstance(value, float) and value.is_integer():
         return int(value)
     return value
+
+
+def _default_subjects(complete: dict) -> dict:
+    """Those of a study that names none: its synthetic ones, and the default's volunteer in a study
+    with evaluation."""
+    entry = entry_schema(section_schema("subjects"), "")
+    own = {
+        name: _complete(entry, {"source": "synthetic"}) for name in complete["synthetic_subjects"]
+    }
+    default = complete["subjects"]
+    return own | ({"volunteer": default["volunteer"]} if complete["evaluation"] else {})
 
 
 def _complete_by_registries(config: dict) -> None:

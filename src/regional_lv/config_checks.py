@@ -529,6 +529,8 @@ def _check_subject(key: str, subject: dict, name: str, synthetic: dict) -> Itera
         for part, value in own.items():
             if value is not None:
                 yield f"{key}.{part}: only `source: curves` has it; remove one of the two"
+    if source not in ("file", "curves") and subject["segments"] != 17:
+        yield f"{key}.segments: only `source: file` or `curves` has it; remove one of the two"
     of_frame = {"earliest_diastole": ["curves"], "extrema": ["published_volunteer"]}
     have = of_frame.get(subject["frame"], ["curves", "published_volunteer"])
     if subject["frame"] is not None and source not in have:
@@ -560,7 +562,7 @@ def _check_observed(key: str, subject: dict, config: dict, channels: Channels) -
             for complaint in _complaints(
                 read_measured,
                 *(subject["measured"], channels, config["loading"]["pressure_mmhg"]),
-                config["observables"]["strain_exponent"],
+                *(config["observables"]["strain_exponent"], subject["segments"]),
             ):
                 yield f"{key}.measured: {complaint}"
     if subject["source"] == "curves" and all(subject.get(name) is not None for name in CURVES):

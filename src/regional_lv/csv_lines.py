@@ -5,6 +5,8 @@ Empty lines and lines that begin with # say nothing; lines are numbered as in th
 
 import csv
 import difflib
+import math
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -26,6 +28,33 @@ def error_at(path: str | Path, line: int | None, complaint: str) -> InputError:
     """What is wrong in a file, and where."""
     where = f"{path}, line {line}" if line else f"{path}"
     return InputError(f"{where}: {complaint}")
+
+
+_ASCII = {
+    # Hyphens and dashes that word processors and statistics software set for a minus sign.
+    **dict.fromkeys(map(ord, "\u2010\u2011\u2012\u2013\u2212\ufe63\uff0d"), "-"),
+    **dict.fromkeys(map(ord, "\ufe62\uff0b"), "+"),
+    ord("\uff0e"): ".",
+}
+_FIXED_SPACE = r"[^\S \t]"
+"""Spaces that no keyboard types: non-breaking, thin, of a digit's width, and others."""
+_SPACES = re.compile(rf"(?<=[-+])\s+|(?<=\d){_FIXED_SPACE}(?=\d{{3}}(?!\d))")
+"""What may stand behind a sign, and between groups of three digits."""
+
+
+def number_in(text: str) -> float:
+    """The number that a field holds; NaN if it holds none, or no finite one.
+
+    Minus signs and spaces of typography are read as what they are (`−1 234.5` is -1234.5 with a
+    thin or non-breaking space), and so are digits of full width.
+    """
+    plain = _SPACES.sub("", text.strip().translate(_ASCII))
+    try:
+        # Python takes 1_0 for ten.
+        value = math.nan if "_" in plain else float(plain)
+    except ValueError:
+        return math.nan
+    return value if math.isfinite(value) else math.nan
 
 
 def _without_empty_ends(parsed: list[tuple[int, list[str]]]) -> list[tuple[int, list[str]]]:

@@ -54,6 +54,12 @@ def test_another_measure_shows_and_is_named():
     assert "logarithmic" in found["says"] and " Green" not in found["says"]
 
 
+def test_of_strains_of_a_known_measure_no_other_one_is_asked_for():
+    found = of(check(strains(0.0, shear=0.0), 2.0, converted=True), "volume_preserving")
+    assert not found["passed"] and "the directions of the columns" in found["says"]
+    assert "logarithmic" not in found["says"] and "measure" not in found["says"]
+
+
 def test_logarithmic_strains_that_add_up_to_nothing_hide_no_other_segment():
     table = strains(0.0, shear=0.02, dilation=1.1)
     for quantity, value in (("circumferential", -0.15), ("radial", 0.3), ("longitudinal", -0.15)):

@@ -1,6 +1,7 @@
 """Names and orders: an exchange of segments would go through the whole study unseen."""
 
 import numpy as np
+import pytest
 
 from regional_lv import aha
 from regional_lv.channels import Channels
@@ -53,6 +54,18 @@ def test_outputs_from_the_published_table_keep_volume_and_directions():
     assert converted[0] == 0
     assert converted[outputs.index("circumferential_01")] == 3  # basal anterior is third
     assert converted[outputs.index("radial_17")] == 1 + 17 + 16
+
+
+def test_six_apical_walls_lie_in_the_four_sectors_of_the_aha():
+    """By counting degrees: the anterior wall's middle is at 90 in all levels."""
+    degrees = np.arange(0.5, 360)
+    four = 13 + ((degrees - 45) // 90).astype(int) % 4
+    six = 13 + ((degrees - 60) // 60).astype(int) % 6
+    counted = {
+        segment: {wall: (six[four == segment] == wall).mean() for wall in set(six[four == segment])}
+        for segment in range(13, 17)
+    }
+    assert {s: pytest.approx(shares) for s, shares in counted.items()} == aha.APICAL_SHARES
 
 
 def test_derived_seeds_depend_on_every_name():

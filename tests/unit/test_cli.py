@@ -17,6 +17,7 @@ from regional_lv.aha import WALLS
 from regional_lv.channels import Channels
 from regional_lv.cli import main
 from regional_lv.cli.check import _own_words, _uneven, _unusual
+from regional_lv.cli.scale import heart_lines, origin, subject_lines
 from regional_lv.geometry.table import read_segments
 from regional_lv.manifest import NAME, write_manifest
 from regional_lv.measured import curves, read_measured
@@ -231,6 +232,13 @@ def test_check_of_a_filled_folder_from_elsewhere(call, filled, monkeypatch, tmp_
     assert code == 0, lines
     found = "\n".join(lines)
     assert "patient: 51 of 52 channels" in found
+    # What sets the scale of the answer, and where it comes from.
+    config, file = "../hearts/anna/config.yaml", "../hearts/anna/measured.csv"
+    assert f"end-diastolic pressure: 8 mmHg (loading.pressure_mmhg, {config})" in lines
+    (unloaded,) = [line for line in lines if line.startswith("unloaded heart: cavity ")]
+    assert re.search(r"cavity 10\d\.\d mL, wall 1\d\d\.\d mL \(\S+segments\.csv\)$", unloaded)
+    assert f"patient: volume 180 mL (column value, {file}), sd 2 mL (column sd, {file})" in lines
+    assert f"patient: sd of the strains 0.02 (strains as fractions; column sd, {file})" in lines
     assert "warning: patient: not measured: longitudinal 17" in found
     assert "still is the example" in found and "the folder is" not in found
     picture = imread(folder / "check.png")
@@ -267,6 +275,41 @@ def test_curves_are_checked_and_the_frame_is_reported(call, filled, monkeypatch)
     assert "anna: 5 of 52 channels, hearts/anna/curves.csv; from frame 1, end" in found
     assert "back to frame 4" in found
     assert "no sd of the strains" in found
+    config, key = "hearts/anna/config.yaml", "subjects.anna"
+    for line in (
+        f"unloaded frame 4, by earliest_diastole ({key}.frame, {config}); end-diastolic frame 1 "
+        f"({key}.end_diastole_frame, default); engineering strain ({key}.measure, default)",
+        f"volume 180 mL ({key}.volume_ml, {config}), taken as exact ({key}.sd.volume, default)",
+        f"sd of the strains not given: the noise is inferred ({key}.sd.strain, default)",
+    ):
+        assert f"anna: {line}" in lines
+
+
+def test_a_value_comes_from_the_file_that_counts_first(table, tmp_path):
+    above, below = tmp_path / "mine.yaml", tmp_path / "quick.yaml"
+    layers = [
+        (above, {"loading": {"pressure_mmhg": None}, "subjects": {"anna": {"frame": 3}}}),
+        (below, {"loading": {"pressure_mmhg": 9}, "subjects": None}),
+    ]
+    assert origin(layers, "loading", "pressure_mmhg") == f"loading.pressure_mmhg, {below}"
+    assert origin(layers, "subjects", "anna", "frame") == f"subjects.anna.frame, {above}"
+    assert origin(layers, "subjects", "anna", "measure") == "subjects.anna.measure, default"
+    config = {"loading": {"pressure_mmhg": 9.0}}
+    pressure, unloaded = heart_lines(config, layers, 98.76, 120.0, "a.stl and b.stl")
+    assert pressure == f"end-diastolic pressure: 9 mmHg (loading.pressure_mmhg, {below})"
+    assert unloaded == "unloaded heart: cavity 98.8 mL, wall 120.0 mL (a.stl and b.stl)"
+    # A table with a second load, the user's frames, and strains of which one has another sd.
+    at_half = table[:1].assign(load_fraction=0.5, value=150.0)
+    both = pd.concat([table, at_half]).assign(frame="7")
+    both.loc[both["output"] == "radial_03", "sd"] = 0.05
+    subject = {"source": "file", "measured": "m.csv"}
+    assert list(subject_lines("anna", subject, layers, both, {})) == [
+        "frame 7 (column frame, m.csv)",
+        "volume 180 mL (column value, m.csv), sd 2 mL (column sd, m.csv)",
+        "volume at 50 % of the load 150 mL (column value, m.csv), sd 2 mL (column sd, m.csv)",
+        "sd of circumferential 0.02, radial 0.02 to 0.05, longitudinal 0.02 (strains as fractions; "
+        "column sd, m.csv)",
+    ]
 
 
 MISTAKES = {
@@ -389,6 +432,13 @@ def test_the_template_causes_no_warning(table):
 )
 def test_unusual_values_cause_a_warning(table, change, expected):
     assert any(expected in line for line in warnings_of(change(table))), warnings_of(change(table))
+
+
+def test_the_measure_of_curves_is_known(table):
+    few = table.assign(value=table["value"].where(table["quantity"] != "radial", 0.02))
+    found = " ".join(data_warnings(few, CHANNELS, 10, 2.0, 105.0, 123.0, converted=True))
+    assert "check frame and unit" in found and "cannot be those of a wall" in found
+    assert "measure" not in found and "nominal" not in found
 
 
 @pytest.mark.parametrize(("without", "other"), [("volume", "strains"), ("strains", "volume")])

@@ -65,6 +65,22 @@ def test_subjects_of_ones_own_replace_those_of_the_quick_study():
     assert set(config.load(quick | own)["subjects"]) == {"anna"}
 
 
+@pytest.mark.parametrize("evaluation", [True, False])
+@pytest.mark.parametrize("names", [[], ["anna"], ["anna", "synthetic_hidden"]])
+def test_synthetic_subjects_of_ones_own_need_no_default_ones(names, evaluation):
+    theta = dict.fromkeys(PARAMETERS.names, 1.5)
+    own = {"synthetic_subjects": {name: {"theta": theta} for name in names}}
+    given = {"study": "mine", "evaluation": evaluation, "emulators": {"final": "gradient_gp"}}
+    loaded = config.load(given | own)
+    assert list(loaded["subjects"]) == [*names, *["volunteer"] * evaluation]
+    assert list(loaded["synthetic_subjects"]) == names
+    assert all(loaded["synthetic_subjects"][name]["theta"] == theta for name in names)
+    assert config.load(loaded) == loaded
+    # Subjects that are named are those, and one that has no entry is missed.
+    with pytest.raises(InputError, match=r"subjects\.bert: synthetic_subjects has no entry bert"):
+        config.load(given | own | {"subjects": {"bert": {"source": "synthetic"}}})
+
+
 def test_loading_leaves_its_input_alone_and_repeats():
     given = {"study": "mine", "design": {"natural": 8}}
     before = copy.deepcopy(given)

@@ -120,6 +120,16 @@ MISTAKES = [
         "remove one of the two",
     ),
     (
+        changed("subjects.anna", {"source": "published_volunteer", "segments": 18}),
+        "subjects.anna.segments",
+        "remove one of the two",
+    ),
+    (
+        changed("subjects.anna", {"source": "file", "measured": "x.csv", "segments": 20}),
+        "subjects.anna.segments: 20 is not offered",
+        "choose one of 16, 17, 18",
+    ),
+    (
         changed("subjects.anna", {"source": "published_volunteer", "slices": [1, 3, 5]}),
         "subjects.anna.slices",
         "add `frame",

@@ -150,15 +150,115 @@ def test_frames_are_counted_where_only_times_are_given(write):
     np.testing.assert_array_equal(by_time["value"], by_frame["value"])
 
 
-def test_cycle_that_begins_at_end_systole(write):
-    def rotate(table):
-        rolled = pd.concat([table[END_SYSTOLE:], table[:END_SYSTOLE]])
-        return rolled.assign(frame=table["frame"].to_numpy())
+def beginning_at(first: int, keep=slice(None), beats: int = 1):
+    """A file that begins with the frame `first` (from 0) of the cycle, of so many beats, of which
+    it holds the rows `keep`."""
 
-    subject = write(END_SYSTOLE, change=rotate)
-    subject |= {"frame": "earliest_diastole", "end_diastole_frame": FRAMES - END_SYSTOLE + 1}
-    value = read_curve_subject(subject).table["value"][1:4]
-    np.testing.assert_allclose(value, looking_back(), rtol=1e-9)
+    def change(table):
+        rolled = pd.concat([table[first:], table[:first]] * beats, ignore_index=True)
+        return rolled.assign(frame=range(1, len(rolled) + 1))[keep]
+
+    return change
+
+
+@pytest.mark.parametrize("first", range(FRAMES))
+@pytest.mark.parametrize("reference", [0, END_SYSTOLE])
+def test_cycle_that_begins_with_any_frame(write, reference, first):
+    """Filling may wrap around the end of the file; the frames are those of the cycle."""
+    end_diastole, filling = -first % FRAMES, (FIRST_FILLING - first) % FRAMES
+    subject = write(reference, change=beginning_at(first))
+    subject["frame"] = "earliest_diastole"
+    subject["end_diastole_frame"] = end_diastole + 1
+    curves, back, table = read_curve_subject(subject)
+    np.testing.assert_allclose(table["value"][1:4], looking_back(), rtol=1e-9)
+    assert (back.unloaded, back.end_diastole) == (filling, end_diastole)
+    assert back.doubts(curves.frames) == []
+    # The same frame by its number, and end diastole where all curves are zero.
+    subject["frame"] = filling + 1
+    subject["end_diastole_frame"] = None if reference == 0 else end_diastole + 1
+    curves, again, named = read_curve_subject(subject)
+    pd.testing.assert_frame_equal(named, table)
+    assert again.end_diastole == end_diastole and again.doubts(curves.frames) == []
+    # A frame in which the muscle is at work is doubted wherever the file begins.
+    subject["frame"] = (END_SYSTOLE - 2 - first) % FRAMES + 1
+    curves, back, _ = read_curve_subject(subject)
+    (doubt,) = back.doubts(curves.frames)
+    assert "is no later than the greatest contraction" in doubt
+
+
+@pytest.mark.parametrize("first", [1, 5, FRAMES - 3])
+def test_numbers_of_frames_may_go_around(write, first):
+    """Rows from end diastole on, with the numbers that the frames have in the cine."""
+    numbers = np.roll(np.arange(1, FRAMES + 1), -first)
+    subject = write(change=lambda table: table.assign(frame=numbers))
+    chosen, found = (
+        read_curve_subject(subject | {"frame": frame})
+        for frame in (int(numbers[FIRST_FILLING]), "earliest_diastole")
+    )
+    pd.testing.assert_frame_equal(chosen.table, found.table)
+    np.testing.assert_allclose(found.table["value"][1:4], looking_back(), rtol=1e-9)
+    with pytest.raises(InputError, match="does not follow"):
+        read_curve_subject(write(change=lambda t: t.assign(time=numbers).drop(columns="frame")))
+
+
+@pytest.mark.parametrize(
+    ("change", "end_diastole", "unloaded"),
+    [
+        # Late diastole is missing, at the end of the file or before it.
+        (beginning_at(0, slice(0, 12)), 1, 11),
+        (beginning_at(FRAMES - 2, slice(0, 14)), 3, 13),
+        # So is a part of systole.
+        (beginning_at(8, slice(0, 18)), 13, 3),
+        # The first frames are the systole of the beat before.
+        (beginning_at(3, slice(0, 26), beats=2), 18, 8),
+        (beginning_at(5, slice(0, 25), beats=2), 16, 6),
+    ],
+)
+def test_a_part_of_the_cycle_is_enough_where_the_ventricle_begins_to_fill(
+    write, change, end_diastole, unloaded
+):
+    subject = write(change=change)
+    subject |= {"frame": "earliest_diastole", "end_diastole_frame": end_diastole}
+    curves, back, table = read_curve_subject(subject)
+    assert curves.frames[back.unloaded] == unloaded and back.doubts(curves.frames) == []
+    np.testing.assert_allclose(table["value"][1:4], looking_back(), rtol=1e-9)
+
+
+def test_a_ventricle_that_is_larger_than_at_end_diastole_is_doubted(write):
+    """Curves of end systole do not say where end diastole is."""
+    subject = write(END_SYSTOLE, change=beginning_at(13)) | {"frame": "earliest_diastole"}
+    curves, back, _ = read_curve_subject(subject)
+    (doubt,) = back.doubts(curves.frames)
+    assert doubt.startswith("in frame 8 the ventricle is larger than in frame 1, taken as end dias")
+
+
+@pytest.mark.parametrize("reference", [0, END_SYSTOLE])
+def test_six_apical_walls_become_the_four_segments_of_the_aha(write, reference):
+    """Each has the mean stretch of the walls in its sector, whatever the reference."""
+    walls = {13: 0.0, 14: 0.3, 15: 0.6, 16: 0.9, 17: 0.5, 18: 0.2}
+
+    def six_walls(table):
+        # Walls that are at end systole later or earlier shorten more or less.
+        for wall, more in walls.items():
+            length = (1 + table["circumferential_03"] / 100) ** (1 + more)
+            table[f"circumferential_{wall}"] = 100 * (length - 1)
+        return table.drop(columns=[c for c in table if c.endswith("_16") and "circ" not in c])
+
+    subject = write(reference, change=six_walls) | {"segments": 18}
+    table = read_curve_subject(subject, strain_exponent=1.0).table.set_index("output")
+    names = [f"circumferential_{segment}" for segment in (13, 14, 15, 16)]
+    assert {n for n in table.index if "circ" in n} == {"circumferential_03", *names}
+    single = STRETCHES[FIRST_FILLING, 0]
+    l13, l14, l15, l16, l17, l18 = (single ** (1 + more) for more in walls.values())
+    expected = [
+        (4 * l13 + l14 + l18) / 6,
+        (l14 + l15) / 2,
+        (4 * l16 + l15 + l17) / 6,
+        (l17 + l18) / 2,
+    ]
+    np.testing.assert_allclose(table.loc[names, "value"], np.array(expected) - 1, rtol=1e-9)
+    np.testing.assert_allclose(table.loc[names, "sd"], 0.02 / np.sqrt(2), rtol=1e-12)
+    assert table.loc["circumferential_03", "sd"] == 0.02
 
 
 def test_names_of_columns_may_be_written_in_other_ways_and_comments_are_allowed(write):
@@ -218,10 +318,34 @@ MISTAKES = {
         {},
         "line 1: column `Ecc_01` is not known",
     ),
-    "segment 18": ({}, lambda t: t.assign(radial_18=0), {}, "no AHA segment 18; use 1 to 17"),
+    "segment 18": (
+        {},
+        lambda t: t.assign(radial_18=0),
+        {},
+        "line 1: column `radial_18`: segment 18: that is the 18-segment model (six apical",
+    ),
+    "segment 20": ({}, lambda t: t.assign(radial_20=0), {}, "no segment 20 in the models that are"),
+    "segment 17 of 16": (
+        {},
+        lambda t: t.assign(radial_17=0),
+        {"segments": 16},
+        "the model of 16 segments has no segment 17; set `segments` to",
+    ),
+    "18 segments called so": (
+        {},
+        None,
+        {"segments": 18},
+        "the subject says segments: 18, and there is no segment 18; add it, or remove `segments`",
+    ),
     "same twice": ({}, lambda t: t.assign(radial_3=0), {}, "radial_03 occurs twice"),
     "no clock": ({}, lambda t: t.drop(columns="frame"), {}, "no column `frame` nor `time`"),
     "unsorted": ({}, setting("frame", 1, 4), {}, "line 6: frame 1 does not follow 4; sort"),
+    "twice around": (
+        {},
+        lambda t: t.assign(frame=[*range(9, 15), *range(5, 12), *range(1, 8)]),
+        {},
+        "line 8: frame 5 does not follow 14; sort",
+    ),
     "two frames": ({}, lambda t: t[:2], {}, "export the whole cycle"),
     "missing frame": ({}, None, {"frame": 40}, "there is no frame 40; the frames go from 1 to 20"),
     "end diastole": (
@@ -235,6 +359,12 @@ MISTAKES = {
         lambda t: t[:9],
         {"frame": "earliest_diastole"},
         "end in frame 9, before the ventricle fills",
+    ),
+    "filling is missing": (
+        {},
+        beginning_at(FRAMES - 2, slice(0, 11)),
+        {"frame": "earliest_diastole"},
+        "frame (11, 97 % of the greatest contraction) and the first (1, 2 %) those are missing",
     ),
     "end systole called end diastole": (
         {"reference": END_SYSTOLE},

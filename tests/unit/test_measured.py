@@ -111,7 +111,8 @@ MISTAKES = {
     "volume in litres by value": (["volume,,0.18,mL", *strains()], 2, "looks like litres; give mL"),
     "volume of an elephant": (["volume,,5000,mL", *strains()], 2, "check value and unit"),
     "volume with a segment": (["volume,1,180,mL", *strains()], 2, "leave it empty"),
-    "segment 18": ([*GOOD, "radial,18,0.4,1"], 51, "use its number, 1 to 17"),
+    "segment 18": ([*GOOD, "radial,18,0.4,1"], 51, "add `segments: 18` to the subject"),
+    "segment 19": ([*GOOD, "radial,19,0.4,1"], 51, "export one of them"),
     "segment 0": ([*GOOD, "radial,0,0.4,1"], 51, "use its number, 1 to 17"),
     "segment by name": ([*GOOD, "radial,apex,0.4,1"], 51, "use its number, 1 to 17"),
     "strain without segment": ([*GOOD, "radial,,0.4,1"], 51, "use its number, 1 to 17"),
@@ -361,6 +362,58 @@ def test_quantities_that_the_study_does_not_observe(tmp_path):
     file = write(tmp_path, [VOLUME, "torsion,basal-apical,0.1,deg/mm"])
     with pytest.raises(InputError, match=r"add torsion to observables\.quantities"):
         read_measured(file, CHANNELS)
+
+
+def six_walls(segments=range(1, 19)) -> list[str]:
+    """Rows of the 18-segment model in percent with sd: of wall s the radial strain is 20 + s %."""
+    return [f"radial,{s},{20 + s},%,{s / 10}" for s in segments]
+
+
+def test_six_apical_walls_become_the_four_segments_of_the_aha(tmp_path):
+    half = [f"{row},0.5" for row in six_walls(range(13, 19))]
+    rows = ["volume,,180,mL,2,", *(f"{row}," for row in six_walls()), *half]
+    file = write(tmp_path, rows, f"{HEADER},sd,load_fraction")
+    channels = Channels.of(load_fractions=[0.5])
+    table = read_measured(file, channels, segments=18)
+    names = [f"radial_{segment:02d}" for segment in range(1, 17)]
+    at_half = [f"radial_{segment}@0.5" for segment in range(13, 17)]
+    assert table["output"].tolist() == ["volume_ml", *names, *at_half]
+    assert table["segment"].tolist()[1:] == [*range(1, 17), *range(13, 17)]
+    values = table.set_index("output")["value"]
+    apical = [33 + (1 + 5) / 6, 34.5, 36 + (1 - 1) / 6, 37.5]
+    np.testing.assert_allclose(values[names[12:]], np.array(apical) / 100, rtol=1e-12)
+    np.testing.assert_allclose(values[at_half], np.array(apical) / 100, rtol=1e-12)
+    sd = table.set_index("output")["sd"]
+    np.testing.assert_allclose(sd["radial_13"], np.sqrt((4 * 1.3) ** 2 + 1.4**2 + 1.8**2) / 600)
+    np.testing.assert_allclose(sd["radial_16"], np.hypot(1.7, 1.8) / 200)
+    assert states_noise(file, segments=18)
+    # What was written inside the project has the AHA's segments.
+    write_measured(table, tmp_path / "again.csv")
+    pd.testing.assert_frame_equal(read_measured(tmp_path / "again.csv", channels), table)
+
+
+def test_an_apical_segment_without_all_of_its_walls_is_not_measured(tmp_path):
+    rows = ["volume,,180,mL,2", *six_walls([*range(1, 14), 16, 17, 18])]
+    table = read_measured(write(tmp_path, rows, f"{HEADER},sd"), segments=18)
+    assert table["segment"].tolist()[1:] == [*range(1, 13), 16]
+
+
+@pytest.mark.parametrize(
+    ("segments", "rows", "remedy"),
+    [
+        (18, strains("radial", 0.4, segments=range(1, 18)), "remove `segments` if these are"),
+        (18, strains("radial", 0.4, segments=range(1, 20)), "no segment 19 in the models"),
+        (16, strains("radial", 0.4, segments=range(1, 19)), "many the file counts, 17 or 18"),
+    ],
+)
+def test_segments_of_another_model_are_refused(tmp_path, segments, rows, remedy):
+    with pytest.raises(InputError, match=remedy):
+        read_measured(write(tmp_path, [VOLUME, *rows]), segments=segments)
+
+
+def test_sixteen_segments_are_the_aha_s_without_the_apex(tmp_path):
+    file = write(tmp_path, GOOD)
+    pd.testing.assert_frame_equal(read_measured(file, segments=16), read_measured(file))
 
 
 def test_limits_are_those_of_the_strain_measure(tmp_path):

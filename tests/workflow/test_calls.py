@@ -1,4 +1,5 @@
-"""Every rule calls a function that there is, with the names of its arguments."""
+"""Every rule calls a function that there is, with the names of its arguments; and the numbers that
+rules see are those of the configuration."""
 
 import os
 import subprocess
@@ -37,14 +38,13 @@ for step in workflow.rules:
 """
 
 
-@pytest.mark.parametrize("study", ["smoke", "published", "published_heart"])
-def test_rules_and_functions_agree(root, tmp_path, study):
-    (tmp_path / "Snakefile").write_text(CHECK.format(root=root))
-    done = subprocess.run(
+def listed(tmp_path, snakefile: str, *arguments) -> subprocess.CompletedProcess:
+    """Snakemake that lists the rules of `snakefile`, which may print."""
+    (tmp_path / "Snakefile").write_text(snakefile)
+    return subprocess.run(
         [
             *(sys.executable, "-m", "snakemake", "--dry-run", "--list-rules"),
-            *("--snakefile", tmp_path / "Snakefile", "--directory", tmp_path),
-            *("--configfile", root / "config" / f"{study}.yaml"),
+            *("--snakefile", tmp_path / "Snakefile", "--directory", tmp_path, *arguments),
         ],
         capture_output=True,
         text=True,
@@ -52,6 +52,37 @@ def test_rules_and_functions_agree(root, tmp_path, study):
         # Spares asking the network for the published volunteer.
         env=os.environ | {"REGIONAL_LV_REPOSITORY_ANSWERS": "yes"},
     )
+
+
+@pytest.mark.parametrize(
+    ("pressure", "given", "expected"),
+    [
+        ("012", (), "SEES 12.0 700 2 2026"),
+        ("0o14", ("--config", "seed=7", "nuts={chains: 03}"), "SEES 12.0 700 3 7"),
+        ("1:30", (), "mine.yaml: loading.pressure_mmhg: '1:30' is not a number; give the number"),
+        ("1_0", (), "mine.yaml: loading.pressure_mmhg: '1_0' is not a number; write it as 10,"),
+    ],
+)
+def test_rules_see_numbers_as_they_are_written(root, tmp_path, pressure, given, expected):
+    """Snakemake's own parser takes 012 for ten, 1:30 for ninety and 1_0 for ten."""
+    text = f"study: mine\nloading: {{pressure_mmhg: {pressure}}}\nnuts: {{draws: 0700}}\n"
+    (tmp_path / "mine.yaml").write_text(text)
+    keys = (("loading", "pressure_mmhg"), ("nuts", "draws"), ("nuts", "chains"))
+    seen = [f'config["{section}"]["{key}"]' for section, key in keys]
+    files = (root / "config" / "quick.yaml", tmp_path / "mine.yaml")
+    done = listed(
+        tmp_path,
+        f'include: "{root}/Snakefile"\nprint("SEES", {", ".join(seen)}, config["seed"])\n',
+        *("--configfile", *files, *given),
+    )
+    assert expected in done.stdout + done.stderr
+    assert "Traceback" not in done.stdout + done.stderr
+
+
+@pytest.mark.parametrize("study", ["smoke", "published", "published_heart"])
+def test_rules_and_functions_agree(root, tmp_path, study):
+    file = root / "config" / f"{study}.yaml"
+    done = listed(tmp_path, CHECK.format(root=root), "--configfile", file)
     lines = done.stdout.splitlines()
     assert done.returncode == 0, done.stdout + done.stderr
     assert not [line for line in lines if line.startswith("WRONG")], "\n".join(lines)

@@ -53,15 +53,16 @@ from regional_lv.seeds import derive  # noqa: E402
 # Of several configurations the last one counts first, for the paths in them too; those that were
 # named count before the workflow's own.
 CONFIG_FILES = [os.path.relpath(file) for file in workflow.overwrite_configfiles]
-CONFIG_FILES = [
-    *(file for file in map(os.path.relpath, workflow.configfiles) if file not in CONFIG_FILES),
-    *CONFIG_FILES,
-]
+if not workflow.config_settings.replace_workflow_config:
+    CONFIG_FILES = [
+        *(file for file in map(os.path.relpath, workflow.configfiles) if file not in CONFIG_FILES),
+        *CONFIG_FILES,
+    ]
 try:
-    for file in CONFIG_FILES:
-        study_config.read(file)  # Snakemake takes the last one of a key that occurs twice
+    # Read anew: to Snakemake's parser 012 is ten, and of a key that occurs twice it takes the last.
+    given = study_config.gather(CONFIG_FILES, workflow.config_settings.config)
     folders = [Path(file).parent for file in reversed(CONFIG_FILES)]
-    config.update(study_config.load(config, folders=folders))
+    config.update(study_config.load(given, ", ".join(CONFIG_FILES), folders))
 except InputError as error:
     raise WorkflowError(str(error))
 
@@ -118,7 +119,9 @@ NOISE_INFERRED = [
     or (
         source == "file"
         and not states_noise(
-            config["subjects"][name]["measured"], config["loading"]["pressure_mmhg"]
+            config["subjects"][name]["measured"],
+            config["loading"]["pressure_mmhg"],
+            config["subjects"][name]["segments"],
         )
     )
     or (source == "curves" and config["subjects"][name]["sd"]["strain"] is None)

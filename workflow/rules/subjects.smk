@@ -79,6 +79,7 @@ rule import_measured:
         channels=OUTPUTS,
         parameters=PARAMETER_SPEC,
         pressure_mmhg=config["loading"]["pressure_mmhg"],
+        segments=lambda wildcards: config["subjects"][wildcards.subject]["segments"],
         strain_exponent=config["observables"]["strain_exponent"],
     script:
         "../scripts/call.py"

@@ -17,6 +17,7 @@ from regional_lv import config as study_config
 from regional_lv import manifest
 from regional_lv.aha import LEVELS
 from regional_lv.cli.folder import CONFIG, Mistakes, config_file, load
+from regional_lv.cli.scale import heart_lines, subject_lines
 from regional_lv.data import VOLUNTEER
 from regional_lv.errors import InputError
 from regional_lv.geometry.table import read_segments
@@ -47,9 +48,9 @@ def check(name: str) -> None:
     inspect(path, load(path))
 
 
-def inspect(path: Path, config: dict) -> None:
-    """Check the heart and the measured values of a loaded configuration, print warnings, and draw
-    them beside `path`.
+def inspect(path: Path, config: dict, base: Path | None = None) -> None:
+    """Check the heart and the measured values of a loaded configuration, print what sets the scale
+    of the answer and warnings, and draw them beside `path`. base: what `path` went on top of.
 
     Raises Mistakes for a geometry that cannot be meshed, volumes that it cannot have, and results
     that are another configuration's.
@@ -65,7 +66,8 @@ def inspect(path: Path, config: dict) -> None:
 
     # Without a display VTK says so, and draws all the same.
     vtkLogger.SetStderrVerbosity(vtkLogger.VERBOSITY_OFF)
-    own = study_config.read(path)
+    layers = [(file, study_config.read(file)) for file in (path, base) if file]
+    own = layers[0][1]
     _check_given(path, config, own)
     _check_results(path, config["study"])
     parameters, channels = Parameterisation.from_config(config), Channels.from_config(config)
@@ -83,7 +85,8 @@ def inspect(path: Path, config: dict) -> None:
             raise Mistakes(str(error)) from None
         summary = json.loads((Path(folder) / "summary.json").read_text())
         cavity, wall = summary["cavity_volume_ml"], summary["wall_volume_ml"]
-        click.echo(f"unloaded heart: cavity {cavity:.1f} mL, wall {wall:.1f} mL")
+        for line in heart_lines(config, layers, cavity, wall, _geometry(config)):
+            click.echo(line)
         segments = pd.read_csv(Path(folder) / "segments.csv", index_col="aha_segment")
         found += _uneven(segments)
         found += _unusual(segments["thickness_mm"].median(), cavity)
@@ -103,8 +106,10 @@ def inspect(path: Path, config: dict) -> None:
         subject = config["subjects"][name]
         file = subject["curves" if subject["source"] == "curves" else "measured"]
         told = f"{len(table)} of {len(channels)} channels, {file}{measured[name].told}"
-        click.echo(f"{name}: {told}")
-        lines = data_warnings(table, channels, len(parameters), exponent, cavity, wall)
+        for line in (told, *subject_lines(name, subject, layers, table, measured[name].frames)):
+            click.echo(f"{name}: {line}")
+        known = (len(parameters), exponent, cavity, wall, subject["source"] == "curves")
+        lines = data_warnings(table, channels, *known)
         found += [f"{name}: {line}" for line in (*measured[name].doubts, *lines)]
     if all(subject["source"] == "synthetic" for subject in config["subjects"].values()):
         found.append(
@@ -278,9 +283,11 @@ def _own(config: dict) -> list[str]:
 
 
 class Measured(NamedTuple):
-    """A measured table, which frames it is between, and what is odd about these."""
+    """A measured table, which frames of curves it is between, by the key that asks for each and in
+    words, and what is odd about these."""
 
     table: pd.DataFrame
+    frames: dict[str, int]
     told: str
     doubts: list[str]
 
@@ -295,8 +302,9 @@ def _read(name: str, config: dict, channels) -> Measured:
             # What a file lacks is reported with the other warnings.
             warnings.simplefilter("ignore")
             pressure = config["loading"]["pressure_mmhg"]
-            table = read_measured(subject["measured"], channels, pressure, exponent)
-        return Measured(table, "", [])
+            how = (channels, pressure, exponent, subject["segments"])
+            table = read_measured(subject["measured"], *how)
+        return Measured(table, {}, "", [])
     curves, back, table = read_curve_subject(subject, channels, exponent)
     start, end, systole = (
         curves.frames[row] for row in (back.end_diastole, back.unloaded, back.end_systole)
@@ -305,7 +313,8 @@ def _read(name: str, config: dict, channels) -> Measured:
         f"; from frame {start}, end diastole, back to frame {end}, taken as unloaded, where "
         f"{100 * back.contraction_left:.0f} % of the greatest contraction (frame {systole}) is left"
     )
-    return Measured(table, told, [*spikes(curves), *back.doubts(curves.frames)])
+    frames = {"frame": end, "end_diastole_frame": start}
+    return Measured(table, frames, told, [*spikes(curves), *back.doubts(curves.frames)])
 
 
 def _geometry(config: dict) -> str:

@@ -33,23 +33,12 @@ def config_file(name: str) -> Path:
 
 def load(path: Path, base: Path | None = None) -> dict:
     """The configuration `path`, on top of `base` if that is given, checked and completed."""
+    files = [base, path] if base else [path]
     try:
-        own = study_config.read(path)
-        if base is None:
-            return study_config.load(path)
-        below = study_config.read(base)
-        return study_config.load(merged(below, own), str(path), [path.parent, base.parent])
+        given = study_config.gather(files, {})
+        return study_config.load(given, str(path), [file.parent for file in reversed(files)])
     except InputError as error:
         raise Mistakes(str(error)) from None
-
-
-def merged(below: dict, above: dict) -> dict:
-    """What Snakemake makes of two configurations: sections are joined, other values replaced."""
-    both = dict(below)
-    for key, value in above.items():
-        joins = isinstance(value, dict) and isinstance(below.get(key), dict)
-        both[key] = merged(below[key], value) if joins else value
-    return both
 
 
 def checkout(given: str | None) -> Path:

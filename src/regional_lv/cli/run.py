@@ -49,7 +49,7 @@ def run(name: str, cores: int, study: str, workflow: str | None, dry_run: bool) 
     if importlib.util.find_spec("snakemake") is None:
         raise Mistakes("snakemake is not installed; `pip install 'regional-lv[workflow]'`")
     config = load(path, base)
-    inspect(path, config)
+    inspect(path, config, base)
     command = [sys.executable, "-m", "snakemake", "--snakefile", str(project / "Snakefile")]
     command += ["--cores", str(cores), "--configfile", str(base), str(path)]
     # Each job is a process of its own; libraries that take all cores in each slow them down.

@@ -1,7 +1,6 @@
 """`regional-lv verify`: whether the results of a study are still what the study wrote."""
 
 import contextlib
-import functools
 import json
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -9,7 +8,7 @@ from pathlib import Path
 import click
 
 from regional_lv import config as study_config
-from regional_lv.cli.folder import Mistakes, merged
+from regional_lv.cli.folder import Mistakes
 from regional_lv.errors import InputError
 from regional_lv.input_files import reason_of
 from regional_lv.manifest import checksum, read_manifest, versions
@@ -78,8 +77,7 @@ def _configuration(folder: Path, manifest: Mapping, given: tuple[str, ...]) -> I
             return
         source = ", ".join(map(str, files))
         try:
-            contents = map(study_config.read, files)
-            content: dict = functools.reduce(merged, [*contents, manifest["overrides"]], {})
+            content = study_config.gather(files, manifest["overrides"])
             folders = [file.parent for file in reversed(files)]
             now = study_config.load(content, source, folders)
         except InputError as error:

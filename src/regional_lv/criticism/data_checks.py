@@ -12,14 +12,15 @@ LEVEL = 0.01
 """Of each check, over all its segments or channels."""
 
 
-def check(table: pd.DataFrame, exponent: float) -> list[dict]:
+def check(table: pd.DataFrame, exponent: float, converted: bool = False) -> list[dict]:
     """All checks of a measured table (as `read_measured` returns it).
 
-    exponent: n of the strains, (l^n - 1) / n. Each check is `name`, `passed` and a sentence,
-    `says`; one that the table has no channels for is left out.
+    exponent: n of the strains, (l^n - 1) / n. converted: whether they were converted to it from
+    another measure, which is known. Each check is `name`, `passed` and a sentence, `says`; one that
+    the table has no channels for is left out.
     """
     strains = table[table["quantity"].isin(("circumferential", "radial", "longitudinal"))]
-    checks = [_stretch(strains, exponent), _volume(strains, exponent), _loads(table)]
+    checks = [_stretch(strains, exponent), _volume(strains, exponent, converted), _loads(table)]
     return [found for found in checks if found]
 
 
@@ -33,7 +34,7 @@ def _stretch(strains: pd.DataFrame, exponent: float) -> dict | None:
     return _result("possible_stretch", not bad, says, "every strain belongs to a stretch")
 
 
-def _volume(strains: pd.DataFrame, exponent: float) -> dict | None:
+def _volume(strains: pd.DataFrame, exponent: float, converted: bool) -> dict | None:
     """Of a wall that keeps its volume, the product of the three 1 + n E is at least one.
 
     These are the diagonal of U^n, whose determinant is one (Hadamard's inequality); means over a
@@ -56,18 +57,20 @@ def _volume(strains: pd.DataFrame, exponent: float) -> dict | None:
     bad = [place for place, z in zip(places, low, strict=True) if z > limit]
     together = float(low.sum() / math.sqrt(len(low)))
     passed = not bad and together <= stats.norm.isf(LEVEL)
-    able = [
-        name
-        for n, name in seth_hill.MEASURES.items()
-        if (z := _below(values.to_numpy(), sd.to_numpy(), n)).max() <= limit
-        and z.sum() / math.sqrt(len(z)) <= stats.norm.isf(LEVEL)
-    ]
     where = f"segments {', '.join(bad)}" if bad else "all segments together"
-    says = (
-        f"the three strains of {where} cannot be those of a wall that keeps its volume, with the "
-        f"exponent {exponent:g}; "
-        + (f"as {' or '.join(able)} strains they can" if able else "nor with any common measure")
-    )
+    says = f"the three strains of {where} cannot be those of a wall that keeps its volume"
+    if converted:
+        says += "; check the directions of the columns, the frames and the sd"
+    else:
+        able = [
+            name
+            for n, name in seth_hill.MEASURES.items()
+            if (z := _below(values.to_numpy(), sd.to_numpy(), n)).max() <= limit
+            and z.sum() / math.sqrt(len(z)) <= stats.norm.isf(LEVEL)
+        ]
+        says += f", with the exponent {exponent:g}; " + (
+            f"as {' or '.join(able)} strains they can" if able else "nor with any common measure"
+        )
     return _result(
         "volume_preserving", passed, says, "the strains allow a wall that keeps its volume"
     )

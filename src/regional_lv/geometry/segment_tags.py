@@ -8,7 +8,7 @@ import numpy as np
 from scipy.io import loadmat
 
 from regional_lv import aha
-from regional_lv.csv_lines import error_at, read_lines
+from regional_lv.csv_lines import error_at, number_in, read_lines
 from regional_lv.errors import InputError
 from regional_lv.geometry.summary import cell_volumes
 from regional_lv.geometry.table import check_septum
@@ -49,10 +49,7 @@ def read_segment_tags(path, numbers):
 
 def _whole(path, line, column, text):
     """A whole number that a mesh can have."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = np.nan
+    value = number_in(text)
     if not (abs(value) < 2**31 and value.is_integer()):
         raise error_at(path, line, f"{column} is {text}; give a whole number")
     return int(value)

@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 
 from regional_lv.aha import LEVELS, SEGMENTS, WALLS
-from regional_lv.csv_lines import read_lines
+from regional_lv.csv_lines import number_in, read_lines
 from regional_lv.data import segment_table
 from regional_lv.errors import InputError
 
@@ -42,8 +42,8 @@ def read_segments(path):
     # A row is named by its line in the file.
     table = pd.DataFrame([row for _, row in lines], [n for n, _ in lines], columns)
     for column in [c for c in COLUMNS if c != "name"]:
-        numbers = pd.to_numeric(table[column], errors="coerce")
-        for line in table.index[~np.isfinite(numbers)]:
+        numbers = table[column].map(number_in)
+        for line in table.index[numbers.isna()]:
             raise InputError(
                 f"{path}, line {line}: {column} is {table.at[line, column] or 'empty'}; give a "
                 "finite number"

@@ -7,6 +7,9 @@ it is the strain of the stretch l = length(unloaded) / length(end diastole). Cur
 end diastole give l at the unloaded frame; for any other reference the stretches of the two frames
 are divided. Green's strain (l^2 - 1) / 2 of the line is the component of (F^-T F^-1 - I) / 2 along
 its direction at end diastole.
+
+A file may begin anywhere in the cycle: frames are compared in their order from end diastole on, and
+the first frame of the file follows the last.
 """
 
 import re
@@ -18,9 +21,10 @@ from typing import Final, Literal, NamedTuple
 import numpy as np
 import pandas as pd
 
-from regional_lv import aha, seth_hill
+from regional_lv import seth_hill
 from regional_lv.channels import Channel, Channels
-from regional_lv.csv_lines import error_at, read_lines
+from regional_lv.csv_lines import error_at, number_in, read_lines
+from regional_lv.measured.segment_models import check_segment, to_aha
 from regional_lv.measured.tables import (
     MeasuredWarning,
     check_values,
@@ -52,13 +56,19 @@ what is usual there. In the published cine no value is off by more than 0.18 of 
 
 AT_REFERENCE = 0.1
 """A curve is at its reference where it is within this share of its range from zero."""
+ALL_ZERO = 1e-3
+"""In the frame of reference itself all curves are within this share of the largest strain."""
+
+LARGEST_STEP = 2.0
+"""Between the last and the first frame of a file the contraction changes by at most so many times
+its largest step from frame to frame; otherwise frames are missing there."""
 
 _NAME = re.compile(rf"({'|'.join(DIRECTIONS)})[ _-]*0*(\d+)", re.IGNORECASE)
 
 
 class Curves(NamedTuple):
-    """Strain curves: numbers of the frames (T,), their lines in the file, the channels (D) and the
-    strains (T, D) as fractions."""
+    """Strain curves: numbers of the frames (T,), their lines in the file, the channels (D) with the
+    segments that the file counts, and the strains (T, D) as fractions."""
 
     frames: list[int]
     lines: list[int]
@@ -72,36 +82,50 @@ STILL_CONTRACTED = 0.95
 
 class LookingBack(NamedTuple):
     """Stretches (D,) l = length(unloaded) / length(end diastole), the rows of both frames and of
-    the greatest contraction, and the share of this contraction that is left when unloaded."""
+    the greatest contraction, the share of this contraction that is left when unloaded, and the row
+    of the largest ventricle with the share by which it is beyond end diastole."""
 
     stretches: np.ndarray
     unloaded: int
     end_diastole: int
     end_systole: int
     contraction_left: float
+    largest: int = 0
+    beyond: float = 0.0
 
     def doubts(self, frames: Sequence) -> list[str]:
-        """What is odd about the frames (labels `frames`), in sentences."""
+        """What is odd about the frames (labels `frames`, of all rows), in sentences."""
         unloaded, systole = frames[self.unloaded], frames[self.end_systole]
-        if self.unloaded <= self.end_systole:
-            return [
+        found = []
+        if self.beyond > AT_REFERENCE:
+            found.append(
+                f"in frame {frames[self.largest]} the ventricle is larger than in frame "
+                f"{frames[self.end_diastole]}, taken as end diastole, by {100 * self.beyond:.0f} % "
+                "of the greatest contraction: name the frame of end diastole (end_diastole_frame)"
+            )
+        after = [
+            (row - self.end_diastole) % len(frames) for row in (self.unloaded, self.end_systole)
+        ]
+        if after[0] <= after[1]:
+            found.append(
                 f"frame {unloaded} is no later than the greatest contraction (frame {systole}): "
                 "the muscle is active there, where the simulation needs it relaxed; take a frame "
                 "of early diastole, and mind whether frames count from 0 or 1"
-            ]
-        if self.contraction_left > STILL_CONTRACTED:
-            return [
+            )
+        elif self.contraction_left > STILL_CONTRACTED:
+            found.append(
                 f"in frame {unloaded} {100 * self.contraction_left:.0f} % of the greatest "
                 "contraction is left: relaxation may not be complete; take a later frame"
-            ]
-        return []
+            )
+        return found
 
 
-def read_curves(path: str | Path, unit: str) -> Curves:
+def read_curves(path: str | Path, unit: str, segments: int = 17) -> Curves:
     """Read and check a file of curves.
 
-    unit: `percent` or `fraction`. Without a column `frame`, frames are counted from 1. Raises
-    InputError that names the file, the line or column, and the remedy.
+    unit: `percent` or `fraction`. segments: how many the model has whose segments the columns count
+    (`segment_models`). Without a column `frame`, frames are counted from 1. Raises InputError that
+    names the file, the line or column, and the remedy.
     """
     header, columns, rows = read_lines(path)
     clocks = [name for name in columns if name.lower() in CLOCKS]
@@ -112,7 +136,7 @@ def read_curves(path: str | Path, unit: str) -> Curves:
             "no column `frame` nor `time`; the first column has to say which frame a row is (save "
             "the file with commas between the fields)",
         )
-    named = {name: _channel(path, header, name) for name in columns if name not in clocks}
+    named = {name: _channel(path, header, name, segments) for name in columns if name not in clocks}
     channels = list(named.values())
     if not channels:
         raise error_at(path, header, f"no curves; {_NAMES}")
@@ -136,16 +160,13 @@ _NAMES = (
 )
 
 
-def _channel(path: str | Path, header: int, name: str) -> Channel:
+def _channel(path: str | Path, header: int, name: str, segments: int) -> Channel:
     found = _NAME.fullmatch(name)
     if not found:
         raise error_at(path, header, f"column `{name}` is not known; {_NAMES}")
-    direction, segment = found[1].lower(), int(found[2])
-    if not 1 <= segment <= len(aha.SEGMENTS):
-        raise error_at(
-            path, header, f"column `{name}`: there is no AHA segment {segment}; use 1 to 17"
-        )
-    return Channel(direction, f"{segment:02d}")
+    where = f"column `{name}`"
+    segment = check_segment(path, header, where, int(found[2]), segments)
+    return Channel(found[1].lower(), f"{segment:02d}")
 
 
 def _check_length(path: str | Path, name: str, rows: list[tuple[int, dict]]) -> None:
@@ -164,23 +185,22 @@ def _check_length(path: str | Path, name: str, rows: list[tuple[int, dict]]) -> 
 
 
 def _number(path: str | Path, line: int, name: str, text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = np.nan
-    if not np.isfinite(value):
+    value = number_in(text)
+    if np.isnan(value):
         raise error_at(path, line, f"column `{name}`: `{text}` is not a number; give one")
     return value
 
 
 def _frames(path: str | Path, clock: str, rows: list[tuple[int, dict]]) -> list[int]:
-    """Numbers of the frames: those of the column `frame`, or counted from 1."""
+    """Numbers of the frames: those of the column `frame`, or counted from 1. Numbers of a cine may
+    go on from its last frame to its first."""
     times = [_number(path, line, clock, row[clock]) for line, row in rows]
-    for (line, _), before, after in zip(rows[1:], times, times[1:], strict=False):
-        if after <= before:
-            raise error_at(
-                path, line, f"{clock} {after:g} does not follow {before:g}; sort the frames"
-            )
+    pairs = zip(rows[1:], times, times[1:], strict=False)
+    back = [(line, before, after) for (line, _), before, after in pairs if after <= before]
+    around = clock.lower() == "frame" and len(back) == 1 and times[-1] < times[0]
+    if back and not around:
+        line, before, after = back[0]
+        raise error_at(path, line, f"{clock} {after:g} does not follow {before:g}; sort the frames")
     if clock.lower() != "frame":
         return list(range(1, len(rows) + 1))
     for (line, _), frame in zip(rows, times, strict=True):
@@ -257,7 +277,8 @@ def look_back(
     frame: number of the unloaded frame, or `earliest_diastole`: the first one after the greatest
         contraction in which a tenth (`FILLING`) of it is gone. The contraction is the mean over all
         curves of the logarithm of the stretch, shortening and thickening counted positive.
-    end_diastole_frame: number of the frame of end diastole; the first one if None.
+    end_diastole_frame: number of the frame of end diastole. None: with the reference
+        `end_diastole` the one in which all curves are zero, otherwise the first one.
 
     Raises
     ------
@@ -274,10 +295,14 @@ def look_back(
         )
     stretches = np.sqrt(base) if measure == "green" else base
     signs = np.array([channel.kind.sign for channel in curves.channels])
-    end_diastole = 0 if end_diastole_frame is None else _row(path, curves, end_diastole_frame)
+    contraction = signs * np.log(stretches)
+    if end_diastole_frame is not None:
+        end_diastole = _row(path, curves, end_diastole_frame)
+    else:
+        at_rest = reference == "end_diastole"
+        end_diastole = _zero_row(curves.strains, contraction.mean(1)) if at_rest else 0
     where = f"frame {curves.frames[end_diastole]} (end diastole)"
     line = curves.lines[end_diastole]
-    contraction = signs * np.log(stretches)
     for quantity in dict.fromkeys(channel.quantity for channel in curves.channels):
         own = [channel.quantity == quantity for channel in curves.channels]
         mean = contraction[:, own].mean(1)
@@ -307,12 +332,12 @@ def look_back(
             )
     stretches = stretches / stretches[end_diastole]
     contraction = (signs * np.log(stretches)).mean(1)
-    end_systole = int(contraction.argmax())
+    end_systole, largest = int(contraction.argmax()), int(contraction.argmin())
     if frame == EARLIEST_DIASTOLE:
-        unloaded = _first_filling(path, curves, contraction)
+        unloaded = _first_filling(path, curves, contraction, end_diastole)
     else:
         unloaded = _row(path, curves, frame)
-    left = contraction[unloaded] / contraction[end_systole]
+    left, beyond = contraction[[unloaded, largest]] / contraction[end_systole]
     if left < AT_REFERENCE:
         raise error_at(
             path,
@@ -321,7 +346,20 @@ def look_back(
             f"unloaded frame lies soon after frame {curves.frames[end_systole]}, the greatest "
             f"contraction: choose one there, or {EARLIEST_DIASTOLE}",
         )
-    return LookingBack(stretches[unloaded], unloaded, end_diastole, end_systole, float(left))
+    rows = (unloaded, end_diastole, end_systole)
+    return LookingBack(stretches[unloaded], *rows, float(left), largest, float(-beyond))
+
+
+def _zero_row(strains: np.ndarray, contraction: np.ndarray) -> int:
+    """The row of end diastole of curves (T, D) that refer to it: the last of those in sequence in
+    which all are zero, or the first row if there is none that the ventricle contracts from.
+
+    contraction (T,): mean over the curves, at zero where these are.
+    """
+    size = np.abs(strains).max(1)
+    zero = size <= ALL_ZERO * size.max()
+    last = zero & ~np.roll(zero, -1)
+    return int(last.argmax()) if contraction.max() > -contraction.min() else 0
 
 
 def _row(path: str | Path, curves: Curves, frame: int) -> int:
@@ -329,23 +367,45 @@ def _row(path: str | Path, curves: Curves, frame: int) -> int:
         raise error_at(
             path,
             None,
-            f"there is no frame {frame}; the frames go from {curves.frames[0]} to "
-            f"{curves.frames[-1]}",
+            f"there is no frame {frame}; the frames go from {min(curves.frames)} to "
+            f"{max(curves.frames)}",
         )
     return curves.frames.index(frame)
 
 
-def _first_filling(path: str | Path, curves: Curves, contraction: np.ndarray) -> int:
-    end_systole = int(contraction.argmax())
-    fills = contraction[end_systole:] <= (1 - FILLING) * contraction[end_systole]
-    if not fills.any():
-        raise error_at(
-            path,
-            None,
-            f"the curves end in frame {curves.frames[-1]}, before the ventricle fills; export the "
-            "whole cycle, or give the number of the unloaded frame (frame)",
+def _first_filling(
+    path: str | Path, curves: Curves, contraction: np.ndarray, end_diastole: int
+) -> int:
+    """The first row after the greatest contraction in which a share `FILLING` of it is gone.
+
+    contraction (T,): from the row of end diastole on, by row.
+    """
+    rows, end_systole = len(contraction), int(contraction.argmax())
+    full = (1 - FILLING) * contraction[end_systole]
+    fills = contraction <= full
+    # Of the rows behind the greatest contraction, up to the end of the file or to end diastole.
+    end = end_diastole if end_systole < end_diastole else rows
+    if fills[end_systole:end].any():
+        return end_systole + int(fills[end_systole:end].argmax())
+    complaint = f"the curves end in frame {curves.frames[end - 1]}, before the ventricle fills"
+    if end == rows and end_diastole > 0:
+        # The cycle goes on at the beginning of the file, which may be contracted still or again.
+        first = int(contraction[:end_diastole].argmax())
+        if contraction[first] > full:
+            return first + int(fills[first : end_diastole + 1].argmax())
+        if contraction[-1] - contraction[0] <= LARGEST_STEP * np.abs(np.diff(contraction)).max():
+            return 0
+        shares = 100 * contraction[[-1, 0]] / contraction[end_systole]
+        complaint = (
+            f"between the last frame ({curves.frames[-1]}, {shares[0]:.0f} % of the greatest "
+            f"contraction) and the first ({curves.frames[0]}, {shares[1]:.0f} %) those are missing "
+            "in which the ventricle begins to fill"
         )
-    return end_systole + int(fills.argmax())
+    raise error_at(
+        path,
+        None,
+        f"{complaint}; export the whole cycle, or give the number of the unloaded frame (frame)",
+    )
 
 
 class CurveSubject(NamedTuple):
@@ -363,24 +423,29 @@ def read_curve_subject(
     """Read a subject whose `source` is `curves`.
 
     subject: the entry of the configuration (`curves`, `unit`, `reference`, `measure`, `frame`,
-    `end_diastole_frame`, `volume_ml`, `sd`). channels: what the study observes; if given, nothing
-    else may be in the file. strain_exponent: n of the strains (l^n - 1) / n that it observes.
+    `end_diastole_frame`, `volume_ml`, `sd`, and `segments` if not 17). channels: what the study
+    observes; if given, nothing else may be in the file. strain_exponent: n of the strains
+    (l^n - 1) / n that it observes.
 
     Raises InputError that names the file, the line or column, and the remedy.
     """
     path = subject["curves"]
-    curves = read_curves(path, subject["unit"])
-    for channel in curves.channels:
-        if channels is not None and channel not in channels:
+    segments = subject.get("segments", 17)
+    curves = read_curves(path, subject["unit"], segments)
+    back = look_back(path, curves, *(subject[key] for key in HOW))
+    table = make_table(curves.channels, back.stretches)
+    table["sd"] = np.nan if subject["sd"]["strain"] is None else subject["sd"]["strain"]
+    # Of stretches from end diastole, so that curves of either reference have the same mean.
+    table = to_aha(path, table, segments)
+    table["value"] = seth_hill.strain(table["value"].to_numpy(), strain_exponent)
+    for name in table["output"]:
+        if channels is not None and name not in channels.names:
             raise error_at(
                 path,
                 None,
-                f"{channel.name} is no channel that the study observes; add it to "
+                f"{name} is no channel that the study observes; add it to "
                 "observables.quantities (observables.places), or remove the column",
             )
-    back = look_back(path, curves, *(subject[key] for key in HOW))
-    table = make_table(curves.channels, seth_hill.strain(back.stretches, strain_exponent))
-    table["sd"] = np.nan if subject["sd"]["strain"] is None else subject["sd"]["strain"]
     check_values(path, table, curves.lines[back.unloaded], strain_exponent)
     if subject["volume_ml"] is not None:
         volume = make_table([Channel("volume")], np.array([subject["volume_ml"]]))

@@ -51,11 +51,13 @@ def data_warnings(
     strain_exponent: float,
     cavity_ml: float,
     wall_ml: float,
+    converted: bool = False,
 ) -> list[str]:
     """What is missing or unusual in a measured table (as of `read_measured`), in sentences.
 
     channels: what the study observes. parameters: how many numbers are inferred. strain_exponent: n
-    of the strains (l^n - 1) / n. cavity_ml, wall_ml: volumes of the unloaded heart.
+    of the strains (l^n - 1) / n. cavity_ml, wall_ml: volumes of the unloaded heart. converted:
+    whether the strains were converted from the measure that the configuration names.
     """
     found = [*_missing(table, channels), *shortcomings(table, parameters)]
     volume, unknown = table["quantity"] == "volume", table["sd"].isna()
@@ -74,10 +76,10 @@ def data_warnings(
         if quantity in GREEN_MEANS
     }
     for quantity, stretch in stretches.items():
-        found += _unusual(quantity, stretch)
+        found += _unusual(quantity, stretch, converted)
         found += _slips(full[full["quantity"] == quantity])
     found += _growth(full, stretches, cavity_ml, wall_ml)
-    checks = data_checks.check(table, strain_exponent)
+    checks = data_checks.check(table, strain_exponent, converted)
     return found + [check["says"] for check in checks if not check["passed"]]
 
 
@@ -98,13 +100,14 @@ def _missing(table: pd.DataFrame, channels: Channels) -> list[str]:
     return found
 
 
-def _unusual(quantity: str, stretch: np.ndarray) -> list[str]:
+def _unusual(quantity: str, stretch: np.ndarray, converted: bool) -> list[str]:
     mean, (low, high) = ((stretch**2 - 1) / 2).mean(), GREEN_MEANS[quantity]
     if low <= mean <= high:
         return []
     return [
         f"the mean {quantity} strain is {mean:.3f} (Green); simulated hearts with factors from "
-        f"0.1 to 5 have {low:g} to {high:g}: check frame, unit and strain measure"
+        f"0.1 to 5 have {low:g} to {high:g}: check "
+        + ("frame and unit" if converted else "frame, unit and strain measure")
     ]
 
 

@@ -20,7 +20,8 @@ import pandas as pd
 
 from regional_lv import aha, seth_hill
 from regional_lv.channels import Channel, Channels
-from regional_lv.csv_lines import CsvLines, error_at, read_lines
+from regional_lv.csv_lines import CsvLines, error_at, number_in, read_lines
+from regional_lv.measured.segment_models import check_segment, to_aha
 from regional_lv.parameters import Parameterisation
 from regional_lv.quantities import NOWHERE, QUANTITIES, SEGMENT_PLACES, Quantity
 
@@ -51,6 +52,7 @@ def read_measured(
     channels: Channels | None = None,
     pressure_mmhg: float | None = None,
     strain_exponent: float | None = 2.0,
+    segments: int = 17,
 ) -> pd.DataFrame:
     """Read and check a measured file.
 
@@ -60,6 +62,8 @@ def read_measured(
     pressure_mmhg: the study's end-diastolic pressure, of which pressures in the file are fractions.
     strain_exponent: of the study's strain measure (2: Green's), which bounds strains; None for a
         file that was checked with it already.
+    segments: how many the model has whose segments the file counts: 16, 17 or 18
+        (`segment_models`).
 
     Returns
     -------
@@ -79,7 +83,10 @@ def read_measured(
     _, columns, lines = _read_columns(path)
     loads = () if channels is None else channels.load_fractions
     table = pd.DataFrame(
-        [_read_row(path, number, fields, pressure_mmhg, loads) for number, fields in lines]
+        [
+            _read_row(path, number, fields, pressure_mmhg, loads, segments)
+            for number, fields in lines
+        ]
     )
     for complaints in (
         _check_frames(table),
@@ -88,11 +95,13 @@ def read_measured(
         _check_signs(table),
         _check_size(table, strain_exponent),
         _check_sd(table),
-        () if channels is None else _check_observed(table, channels),
     ):
         for number, complaint in complaints:
             raise error_at(path, number, complaint)
     _check_noise(path, table)
+    table = to_aha(path, table, segments)
+    for number, complaint in () if channels is None else _check_observed(table, channels):
+        raise error_at(path, number, complaint)
     for shortcoming in shortcomings(table):
         warnings.warn(f"{path}: {shortcoming}", MeasuredWarning, stacklevel=2)
     table["segment"] = table["segment"].astype("Int64")
@@ -104,12 +113,12 @@ COLUMNS = ("output", "quantity", "place", "segment", "load_fraction", "value", "
 """Columns of every measured table."""
 
 
-def states_noise(path: str | Path, pressure_mmhg: float | None = None) -> bool:
+def states_noise(path: str | Path, pressure_mmhg: float | None = None, segments: int = 17) -> bool:
     """Whether a measured file gives the sd of all but the volume. Raises as `read_measured`."""
     with warnings.catch_warnings():
         # Whoever uses the file says what it lacks.
         warnings.simplefilter("ignore", MeasuredWarning)
-        table = read_measured(path, pressure_mmhg=pressure_mmhg, strain_exponent=None)
+        table = read_measured(path, None, pressure_mmhg, None, segments)
     return bool(table.loc[table["quantity"] != "volume", "sd"].notna().all())
 
 
@@ -151,7 +160,12 @@ def _read_columns(path: str | Path) -> CsvLines:
 
 
 def _read_row(
-    path: str | Path, number: int, fields: dict, pressure: float | None, loads: tuple[float, ...]
+    path: str | Path,
+    number: int,
+    fields: dict,
+    pressure: float | None,
+    loads: tuple[float, ...],
+    segments: int,
 ) -> dict:
     """One line as numbers in the units used inside; `line`, `unit` and `raw` serve the checks."""
     quantity, unit = fields["quantity"], fields["unit"]
@@ -169,7 +183,7 @@ def _read_row(
         )
     channel = Channel(
         quantity,
-        _place(path, number, kind, fields["segment"]),
+        _place(path, number, kind, fields["segment"], segments),
         _load_fraction(path, number, fields, pressure, loads),
     )
     raw = _number(path, number, "value", fields["value"])
@@ -188,22 +202,15 @@ def _read_row(
     }
 
 
-def _place(path: str | Path, number: int, kind: type[Quantity], text: str) -> str:
+def _place(path: str | Path, number: int, kind: type[Quantity], text: str, segments: int) -> str:
     """The place that the column `segment` names."""
     if kind.places == NOWHERE:
         if text:
             raise error_at(path, number, f"the {kind.name} has segment `{text}`; leave it empty")
         return ""
     if kind.places == SEGMENT_PLACES:
-        try:
-            segment = float(text)
-        except ValueError:
-            segment = math.nan
-        if segment not in range(1, len(aha.SEGMENTS) + 1):
-            raise error_at(
-                path, number, f"segment `{text}` is not an AHA segment; use its number, 1 to 17"
-            )
-        return f"{int(segment):02d}"
+        where = f"segment `{text}`"
+        return f"{check_segment(path, number, where, number_in(text), segments):02d}"
     if text not in kind.places:
         two = "needs two levels" if text in aha.LEVELS or not text else f"has no place `{text}`"
         raise error_at(
@@ -249,20 +256,13 @@ def _load_fraction(
 
 
 def _number(path: str | Path, number: int, column: str, text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        if not text:
+    value = number_in(text)
+    if math.isnan(value):
+        if text.lower().lstrip("+-") in ("", "nan", "inf", "infinity"):
             remedy = "give a number, or remove the row if the channel was not measured"
         else:
             remedy = "write decimals with a point" if "," in text else "give a number"
-        raise error_at(path, number, f"{column} `{text}` is not a number; {remedy}") from None
-    if not math.isfinite(value):
-        raise error_at(
-            path,
-            number,
-            f"{column} `{text}` is not finite; remove the row if the channel was not measured",
-        )
+        raise error_at(path, number, f"{column} `{text}` is not a number; {remedy}")
     return value
 
 
@@ -443,6 +443,7 @@ def import_measured(
     strain_exponent: float,
     parameters: Parameterisation,
     measured: str | Path,
+    segments: int = 17,
 ) -> None:
     """Check a user's `file` and write it to `measured` in the units used inside.
 
@@ -450,7 +451,7 @@ def import_measured(
     """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", MeasuredWarning)
-        table = read_measured(file, channels, pressure_mmhg, strain_exponent)
+        table = read_measured(file, channels, pressure_mmhg, strain_exponent, segments)
     for shortcoming in shortcomings(table, len(parameters)):
         warnings.warn(f"{file}: {shortcoming}", MeasuredWarning, stacklevel=2)
     write_measured(table, measured)

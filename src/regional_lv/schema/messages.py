@@ -1,11 +1,13 @@
 """What to say of a configuration that the schema refuses: which key is wrong, and the remedy."""
 
 import difflib
+import math
 import re
 from collections.abc import Iterator
 
 import jsonschema
 
+from regional_lv.csv_lines import number_in
 from regional_lv.schema import load_schema
 from regional_lv.schema.keys import choice_text, describe, key_path, section_schema
 
@@ -145,12 +147,12 @@ def _type_name(types: str | list[str]) -> str:
 
 
 def _number_hint(value, types: str | list[str]) -> str:
-    """YAML reads 1e-8 as text; only with a point it is a number."""
-    if not isinstance(value, str) or types not in ("number", "integer"):
+    """Numbers in quotes are text, and so are those with `_` or signs of typography."""
+    if not isinstance(value, str) or not {"number", "integer"} & set(
+        [types] if isinstance(types, str) else types
+    ):
         return "; give that instead"
-    try:
-        number = repr(float(value))
-    except ValueError:
+    number = number_in(value.replace("_", ""))
+    if math.isnan(number):
         return "; give the number alone, without a unit and with a decimal point"
-    mantissa, e, power = number.partition("e")
-    return f"; write it as {mantissa if '.' in mantissa or not e else mantissa + '.0'}{e}{power}"
+    return f"; write it as {number:.15g}, without quotes"
