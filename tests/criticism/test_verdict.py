@@ -46,6 +46,8 @@ SETTINGS = Settings(
     bootstrap=119, level=0.05, draws=500, largest_set=3, sets=3, simulations=6, rounds=2
 )
 
+DEEP = pytest.mark.test_all("more hearts in closed form, a quarter of a minute each")
+
 
 def inputs(tables, extensions, noises, settings, known_theta=None):
     return Inputs(
@@ -96,6 +98,7 @@ def test_injected_effect_is_named(found):
     assert found["remaining"]["p_value"] > 0.05
 
 
+@DEEP
 def test_an_effect_without_which_nothing_fits_is_named():
     """The base model's posterior lies at its bounds there, and its evidence is poorly known."""
     found = findings(measured(ToyEmulator(), basal(), 1.9, seed=5, strain=0.0005))
@@ -103,6 +106,7 @@ def test_an_effect_without_which_nothing_fits_is_named():
     assert found["unlisted_probability"] < 0.01
 
 
+@DEEP
 def test_a_cause_that_data_hardly_determine_competes():
     """One with a small range, and another with a large range that does much the same: if only that
     one were searched, it would stand in for the first."""
@@ -299,6 +303,7 @@ def test_nothing_is_named_that_was_not_simulated(injected):
     assert any("By the emulators alone" in s and "basal motion" in s for s in found["words"])
 
 
+@DEEP
 def test_simulations_correct_what_effects_do_to_each_other():
     """A pair that interacts: without the simulations it does not fit, with them it does."""
     effects = (basal(), 1.0), (bias(), 0.5)
@@ -381,6 +386,7 @@ def test_the_last_round_has_nothing_to_do_where_all_was_simulated_in_place(injec
     assert len(critic.plan(searched, made, SETTINGS.rounds)) == 0
 
 
+@DEEP
 def test_the_best_set_of_every_smaller_size_gets_its_simulations():
     """One cause whose emulator is off, beside two pairs of others that do what it does: neither the
     best set's own parts nor the best sets without one of them are the truth."""
@@ -627,6 +633,7 @@ def test_a_misfit_of_one_level_is_no_outlier():
     assert found["misfit"]["detected"] and "heavy_tails" not in answered(found)
 
 
+@DEEP
 def test_noise_that_is_inferred():
     few = replace(SETTINGS, bootstrap=79, draws=250, rounds=1, largest_set=2)
     table = measured(ToyEmulator(), bias(), 1.0, seed=5, known=False)
