@@ -4,6 +4,7 @@ Whatever a reader of another library raises over such a file becomes an InputErr
 not take more memory than `MOST_GB` on top of what the process has.
 """
 
+import codecs
 import contextlib
 import re
 import resource
@@ -55,6 +56,13 @@ def check_counts(path: Path) -> None:
             f"{path}: announces {most} points or cells in {len(content)} bytes; it is cut off or "
             "damaged: export it again"
         )
+
+
+def without_mark(content: bytes) -> bytes:
+    """Text without a byte order mark; what is in UTF-16 becomes UTF-8."""
+    if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        return content.decode("utf-16").encode()
+    return content.removeprefix(codecs.BOM_UTF8)
 
 
 def read_text(path: str | Path, most_mb: float = MOST_MB) -> str:
