@@ -17,8 +17,12 @@ from snakemake_interface_logger_plugins.base import LogHandlerBase
 from snakemake_interface_logger_plugins.common import LogEvent
 from snakemake_interface_logger_plugins.settings import LogHandlerSettingsBase
 
+from regional_lv import surroundings
 from regional_lv.progress import STOPPED
 from snakemake_logger_plugin_regional_lv.run import Run
+
+# Snakemake imports its plugins before it makes caches of its own.
+surroundings.settle()
 
 INTERVAL = 20.0
 """Seconds without a line, after which one is printed although nothing has finished."""
