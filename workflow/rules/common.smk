@@ -26,7 +26,7 @@ from regional_lv import surroundings  # noqa: E402
 surroundings.settle()
 
 from regional_lv import config as study_config  # noqa: E402
-from regional_lv import dependencies  # noqa: E402
+from regional_lv import dependencies, running  # noqa: E402
 from regional_lv.channels import Channels  # noqa: E402
 from regional_lv.config_checks import meshes_anew  # noqa: E402
 from regional_lv.criticism.hypotheses import SimulatorHypothesis, asked  # noqa: E402
@@ -92,6 +92,9 @@ envvars:
     "PYTHONHASHSEED",
     "REGIONAL_LV_PLUGINS",
 
+
+if workflow.is_main_process:
+    running.begin(config["study"])
 
 R = f"results/{config['study']}"
 
@@ -317,7 +320,7 @@ EFFICIENCY_CURVES = [
 FIRST = 1
 
 # Modules that decide how things are reported or called, never what comes out.
-WITHOUT_EFFECT = {"progress", "errors", "jobs", "registry"}
+WITHOUT_EFFECT = {"progress", "errors", "jobs", "registry", "running", "surroundings"}
 
 
 @cache

@@ -70,8 +70,8 @@ RC = {
 }
 
 context = matplotlib.style.context(["default", RC])
-"""Decorator of every `draw`: the style holds while the figure is made and leaks nowhere. All that it
-does not set is as in matplotlib itself, whatever the user's own style says."""
+"""Decorator of every `draw`: the style holds while the figure is made and leaks nowhere. All
+that it does not set is as in matplotlib itself, whatever style the user has."""
 
 BOXES: dict = {
     "linewidth": 0.8,
