@@ -81,7 +81,6 @@ def killed(root, tmp_path_factory) -> Killed:
 @pytest.fixture(scope="module")
 def study(killed) -> Path:
     """The same copy, finished with two cores."""
-    run(killed.project, "--unlock")
     run(killed.project, "--cores", "2")
     return killed.project
 
