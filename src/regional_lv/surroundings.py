@@ -8,9 +8,8 @@ import os
 import sys
 import tempfile
 import warnings
+from importlib.util import find_spec
 from pathlib import Path
-
-from regional_lv.input_files import reason_of
 
 PLACES = {
     "XDG_CACHE_HOME": "~/.cache",
@@ -21,17 +20,34 @@ PLACES = {
 
 
 def settle() -> None:
-    """Change the environment of this process, for itself and for those that it starts.
-
-    Figures need no display (`MPLBACKEND`), text is UTF-8, and modules of the working folder are not
-    found. Folders of caches that cannot be written are replaced by one under TMPDIR, and a line on
-    stderr says so. To be called before matplotlib, ArviZ and dolfinx are imported.
-    """
+    """Change the environment of a process of the project's, for itself and for those that it
+    starts: figures need no display, text is UTF-8, modules of the working folder are not found."""
     os.environ |= {"MPLBACKEND": "agg", "PYTHONSAFEPATH": "1", "PYTHONUTF8": "1"}
     _forget_working_folder()
-    _move_caches()
     # On the first import of a day; it is for those who write programs with it.
     warnings.filterwarnings("ignore", r"\s*ArviZ is undergoing", FutureWarning)
+
+
+def adapt() -> None:
+    """Change what would stop imports, in whatever program; called when the package is imported.
+
+    Folders of caches that cannot be written are replaced by one under TMPDIR, and a line on stderr
+    says so.
+    """
+    _replace_backend()
+    _move_caches()
+
+
+def _replace_backend() -> None:
+    """Of matplotlib, if it is a module that is not there: shells that a notebook starts inherit the
+    notebook's, and matplotlib cannot be imported then."""
+    module = os.environ.get("MPLBACKEND", "").removeprefix("module://")
+    try:
+        there = "." not in module or find_spec(module) is not None
+    except ImportError:
+        there = False
+    if not there:
+        os.environ["MPLBACKEND"] = "agg"
 
 
 def _forget_working_folder() -> None:
@@ -47,7 +63,7 @@ def _forget_working_folder() -> None:
 
 
 def _move_caches() -> None:
-    if not Path("~").expanduser().is_dir():
+    if not os.path.isdir(os.path.expanduser("~")):
         # Whoever asks for it without need of it would be stopped, too.
         os.environ["HOME"] = str(_other_home())
         _say("there is no home folder", os.environ["HOME"])
@@ -60,7 +76,9 @@ def _move_caches() -> None:
             os.makedirs(place, exist_ok=True)
             with tempfile.TemporaryFile(dir=place) as file:
                 file.write(b"a cache")
-        except (OSError, ValueError) as error:
+        except OSError as error:
+            from regional_lv.input_files import reason_of
+
             new = _other_home() / variable.lower()
             new.mkdir(exist_ok=True)
             os.environ[variable] = str(new)

@@ -67,7 +67,7 @@ def _c_compiler() -> list[str]:
         if shutil.which(name):
             return [name]
     if find_spec("ziglang"):
-        return [sys.executable, "-m", "ziglang", "cc"]
+        return [sys.executable, "-P", "-m", "ziglang", "cc"]
     raise InputError(
         "no C compiler was found, and the forms of the finite element model are compiled; install "
         "gcc, or `pip install ziglang` into the environment, or set CC"
