@@ -28,6 +28,8 @@ CORES ?= 2
 export CORES
 export OMP_NUM_THREADS := 1
 export PYTHONNOUSERSITE := 1
+# No process looks for modules in this folder.
+export PYTHONSAFEPATH := 1
 export PATH := $(CURDIR)/.venv/bin:$(PATH)
 
 help:

@@ -56,7 +56,7 @@ if [[ -f $stamp && $(<"$stamp") == "$wanted" ]]; then
     exit 0
 fi
 
-export PYTHONNOUSERSITE=1 PIP_DISABLE_PIP_VERSION_CHECK=1
+export PYTHONNOUSERSITE=1 PYTHONSAFEPATH=1 PIP_DISABLE_PIP_VERSION_CHECK=1
 
 stage() { # stage <what> <command...>: run it and say how long it took
     local start=$SECONDS

@@ -489,7 +489,7 @@ def _check_surfaces(surfaces: dict) -> Iterator[str]:
         if surfaces[side] is None:
             yield (
                 f"{key}.{side}: missing; source `surfaces` needs both surfaces, give the path of "
-                "an STL, PLY or VTP file"
+                "an STL, PLY, OBJ, VTP or VTK file"
             )
     given = {
         name: [value is not None for value in surfaces[name].values()]

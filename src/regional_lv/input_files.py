@@ -4,7 +4,10 @@ Whatever a reader of another library raises over such a file becomes an InputErr
 not take more memory than `MOST_GB` on top of what the process has.
 """
 
+import codecs
 import contextlib
+import hashlib
+import os
 import re
 import resource
 from collections.abc import Iterator
@@ -55,6 +58,28 @@ def check_counts(path: Path) -> None:
             f"{path}: announces {most} points or cells in {len(content)} bytes; it is cut off or "
             "damaged: export it again"
         )
+
+
+def without_mark(content: bytes) -> bytes:
+    """Text without a byte order mark; what is in UTF-16 becomes UTF-8."""
+    if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        return content.decode("utf-16").encode()
+    return content.removeprefix(codecs.BOM_UTF8)
+
+
+def without_braces(path: str, folder: str | Path) -> str:
+    """A path of the same file that has no braces, which Snakemake takes for wildcards: `path`
+    itself, or a link in `folder`, which is made."""
+    if not set(path) & set("{}"):
+        return path
+    target = os.path.abspath(path)
+    digest = hashlib.sha256(target.encode("utf-8", "surrogateescape")).hexdigest()[:12]
+    link = Path(folder) / f"{digest}-{re.sub('[{}]', '', Path(path).name)}"
+    if not link.is_symlink():
+        link.parent.mkdir(parents=True, exist_ok=True)
+        with contextlib.suppress(FileExistsError):  # made by another process at the same moment
+            link.symlink_to(target)
+    return str(link)
 
 
 def read_text(path: str | Path, most_mb: float = MOST_MB) -> str:

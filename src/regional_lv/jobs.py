@@ -9,7 +9,9 @@ import importlib
 import inspect
 import sys
 from collections.abc import Callable
+from pathlib import Path
 
+from regional_lv import running
 from regional_lv.channels import Channels
 from regional_lv.errors import InputError
 from regional_lv.faults import explain
@@ -68,6 +70,7 @@ def run(snakemake) -> None:
     Raises InputError in place of what a full disk, a damaged file and the like raise (`faults`).
     """
     start_log(snakemake.log[0])
+    running.take_part(Path(snakemake.log[0]).parts[1])  # results/<study>/logs/...
     function = function_of(snakemake.params.call)
     # What was imported stays. A collection, such as the one after every simulation of an effect,
     # would take a fifth of a second to look through it.

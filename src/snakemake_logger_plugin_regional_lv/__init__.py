@@ -17,8 +17,12 @@ from snakemake_interface_logger_plugins.base import LogHandlerBase
 from snakemake_interface_logger_plugins.common import LogEvent
 from snakemake_interface_logger_plugins.settings import LogHandlerSettingsBase
 
+from regional_lv import running, surroundings
 from regional_lv.progress import STOPPED
 from snakemake_logger_plugin_regional_lv.run import Run
+
+# Snakemake imports its plugins before it makes caches of its own.
+surroundings.settle()
 
 INTERVAL = 20.0
 """Seconds without a line, after which one is printed although nothing has finished."""
@@ -34,6 +38,9 @@ UNINTERESTING = (
 
 BEFORE_JOB_ERROR = "RuleException:\nCalledProcessError"
 """How a message begins that says no more than that a script failed; the job's error follows."""
+
+LOCKED = "Directory cannot be locked"
+"""In what Snakemake says of another run; it asks for `--unlock` even while that one is alive."""
 
 KILLED = "died with <Signals.SIGKILL"
 OUT_OF_MEMORY = (
@@ -91,6 +98,8 @@ class LogHandler(LogHandlerBase):
             text = self.format(record)
             if KILLED in text:
                 self._print(OUT_OF_MEMORY)
+            elif LOCKED in text:
+                self._print(f"Error: {running.others()}")
             elif not text.startswith(BEFORE_JOB_ERROR):
                 self._print(text)
         elif event is None:

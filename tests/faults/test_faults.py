@@ -121,7 +121,6 @@ def test_kills_at_random_moments(study, root, tmp_path):
         process.wait(600)
         process.stderr.close()
         killed += 1
-        finish(project, "--unlock")
     assert killed >= 8, "too few kills: the study is faster than its moments"
     finish(project)
     assert_undisturbed(project, study)
@@ -136,7 +135,9 @@ def test_two_runs_at_once(finished, study):
     while not jobs_of(first):
         assert first.poll() is None
         time.sleep(0.5)
-    refuse(finished, "Directory cannot be locked", "--unlock")
+    refuse(
+        finished, f"another run is under way in this folder: smoke (process {first.pid})", "wait"
+    )
     assert first.wait(900) == 0
     assert_undisturbed(finished, study)
 

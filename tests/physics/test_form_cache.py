@@ -53,6 +53,37 @@ def integral(folder):
     return float(run(INTEGRAL, {"XDG_CACHE_HOME": str(folder)}))
 
 
+def test_compilers_print_nothing(tmp_path):
+    """Nor do they change the log of the process."""
+    log = "[logging.root.level, *logging.root.handlers]"
+    made, compiled = INTEGRAL.split("\nprint")
+    program = f"import logging\n{made}\nbefore = {log}\nprint{compiled}print(before == {log})"
+    environment = {**os.environ, "XDG_CACHE_HOME": str(tmp_path), "CFLAGS": "-Wall -Wextra -v"}
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, env=environment)
+    integral, unchanged = done.stdout.decode().splitlines()
+    assert float(integral) == pytest.approx(1 / 8) and unchanged == "True" and not done.stderr
+
+
+@pytest.mark.parametrize(
+    "compiler, says",
+    [
+        ("nonesuch -O1", "CC=nonesuch -O1: there is no such C compiler; correct CC, or unset it"),
+        ("gcc '", "CC=gcc ': there is no such C compiler; correct CC, or unset it"),
+        (" ", "CC= : there is no such C compiler; correct CC, or unset it"),
+        ("false", "the C compiler `false` failed ("),
+    ],
+)
+def test_a_compiler_that_does_not_work_is_one_line(compiler, says, tmp_path):
+    program = f"""
+from regional_lv.errors import InputError
+try:
+    exec({INTEGRAL!r})
+except InputError as error:
+    print(error)
+"""
+    assert run(program, {"XDG_CACHE_HOME": str(tmp_path), "CC": compiler}).startswith(says)
+
+
 def test_what_a_killed_process_left_half_made_is_made_again(tmp_path):
     assert integral(tmp_path) == pytest.approx(1 / 8)
     finished = sorted(tmp_path.glob("regional_lv/*.c.cached"))

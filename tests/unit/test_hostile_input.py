@@ -147,7 +147,7 @@ def test_parquet(tmp_path):
 # ----------------------------------------------------------------------------------- shapes
 
 
-@pytest.mark.parametrize("suffix", ["stl", "ply", "vtp"])
+@pytest.mark.parametrize("suffix", ["stl", "ply", "obj", "vtp", "vtk"])
 def test_surfaces(suffix, tmp_path):
     for name, shape in (("endo", ENDO), ("epi", EPI)):
         points, faces = ellipsoid(*shape, around=24, rows=16)

@@ -1,6 +1,7 @@
 """Meshes from elsewhere: imported with tags and surfaces, refused with reasons, meshed anew."""
 
 import json
+import re
 
 import meshio
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 from regional_lv import aha
 from regional_lv import config as study_config
 from regional_lv.errors import InputError
+from regional_lv.geometry.abaqus import read_abaqus
 from regional_lv.geometry.comparison import surface_distances
 from regional_lv.geometry.elements import exterior_faces, facet_cells
 from regional_lv.geometry.from_mesh import keep_mesh, remesh, write_imported
@@ -177,6 +179,99 @@ def test_named_abaqus_surfaces_are_used(tmp_path, heart, imported):
     short = "\n".join(text[:-3])
     with pytest.raises(InputError, match="surfaces of endocardium, epicardium and base name"):
         import_mesh(*save_abaqus(tmp_path, points, cells, segment, numbers, short))
+
+
+def in_blocks(text):
+    """Every node and every element below a keyword of its own."""
+    lines, keyword = [], ""
+    for line in text.splitlines():
+        if line.startswith("*"):
+            keyword = line
+        elif keyword.startswith(("*Node", "*Element")):
+            lines.append(keyword)
+        lines.append(line)
+    return "\n".join(lines)
+
+
+ABAQUS = {
+    "blocks": in_blocks,
+    "elements_before_nodes": lambda text: "*Element{1}\n*Node{0}\n*End Part\n".format(
+        *re.search(r"\*Node(.*)\n\*Element(.*?)\n\n", text, re.DOTALL).groups()
+    ),
+    "lower_case": str.lower,
+    "upper_case": str.upper,
+    "continued": lambda text: text.replace("*Element, type", "*Element,\n type"),
+    "latin_1": lambda text: text.replace("*Node", "** M\xfcller \x85 1\n*Node").encode("latin-1"),
+    "utf_8_with_mark": lambda text: text.replace("*Node", "** M\xfcller\n*Node").encode(
+        "utf-8-sig"
+    ),
+    "utf_16": lambda text: text.encode("utf-16"),
+    "windows": lambda text: text.replace("\n", "\r\n"),
+    "long_elements": lambda text: re.sub(r"(?m)^((\d+, ){4}\d+), (?=\d)", r"\1,\n ", text),
+    "fortran": lambda text: re.sub(r"(?m)(\.\d+)(?=,|$)", r"\1D+00", text),
+    "a_point_of_the_assembly": lambda text: text + "*Assembly\n*Node\n1, 0., 0., 0.\n",
+}
+
+
+@pytest.mark.parametrize("variant", ABAQUS)
+def test_variants_of_abaqus(variant, tmp_path, heart, imported):
+    points, cells, segment = heart
+    path, tags = save_abaqus(tmp_path, points, cells, segment, np.arange(5, len(cells) + 5))
+    text = ABAQUS[variant](path.read_text())
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    mesh = import_mesh(path, tags)
+    np.testing.assert_array_equal(mesh.segment, segment)
+    np.testing.assert_array_equal(mesh.cells, imported.cells)
+    np.testing.assert_allclose(mesh.points, imported.points, atol=1e-6)
+
+
+def test_sets_and_included_files_of_abaqus(tmp_path):
+    """Two bricks, one on top of the other, of two blocks and of files that are included."""
+    corners = [(0, 0), (1, 0), (1, 1), (0, 1)]
+    nodes = [
+        f"{4 * z + i + 1}, {x}, {y}, {z}" for z in range(3) for i, (x, y) in enumerate(corners)
+    ]
+    (tmp_path / "nodes.txt").write_text("\n".join(nodes[4:]))
+    (tmp_path / "sets.inp").write_text("*Elset, elset=Both, generate\n 7, 9, 2\n")
+    path = tmp_path / "bricks.inp"
+    path.write_text(
+        "\n".join(
+            [
+                *("*Node", *nodes[:4], "*Node, input=nodes.txt", "*Include, input=sets.inp"),
+                *("*Element, type=C3D8, elset=Low", "7, 1, 2, 3, 4, 5, 6, 7, 8"),
+                *("*Element, type=C3D8R", "9, 5, 6, 7, 8, 9, 10, 11, 12"),
+                *("*Elset, elset=HIGH", "9", "*Elset, elset=nested", "low, HIGH"),
+                *('*Surface, name="side"', "nested, S3", "*Surface, name=top", "Part-1.9, S2"),
+                *("*Surface, name=left", "both, S6", "*Surface, type=NODE, name=n", "1, 1.", ""),
+            ]
+        )
+    )
+    mesh, numbers, surfaces = read_abaqus(path)
+    assert numbers.tolist() == [7, 9] and mesh.points[11].tolist() == [0, 1, 2]
+    assert {name: np.sort(facets).tolist() for name, facets in surfaces.items()} == {
+        "side": [[0, 1, 4, 5], [4, 5, 8, 9]],
+        "top": [[8, 9, 10, 11]],
+        "left": [[0, 3, 4, 7], [4, 7, 8, 11]],
+    }
+
+
+@pytest.mark.parametrize(
+    "old, new, says",
+    [
+        ("type=C3D8H", "type=C3D4", "holds elements of type C3D4; leave eight-node bricks"),
+        ("*Element, type=C3D8H", "*Nset, nset=a", "holds no elements; give one part"),
+        ("type=C3D8H\n5,", "type=C3D8H\n6,", "two elements have the same number"),
+        ("*Node\n1, ", "*Node\n999999, ", "an element has the node 1, which is not there"),
+        ("*End Part", "*Surface, name=a\nb, S1", "names the element set b, which is not there"),
+        ("*End Part", "*Node, input=none.txt", "none.txt: cannot be read"),
+    ],
+)
+def test_abaqus_that_is_refused(old, new, says, tmp_path, heart):
+    numbers = np.arange(5, len(heart[1]) + 5)
+    path, tags = save_abaqus(tmp_path, *heart, numbers)
+    path.write_text(path.read_text().replace(old, new, 1))
+    with pytest.raises(InputError, match=says):
+        import_mesh(path, tags)
 
 
 def test_published_labels_become_aha_numbers(tmp_path):

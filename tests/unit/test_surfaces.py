@@ -337,9 +337,13 @@ def test_insertions_notice_a_mirrored_heart(pair):
     ("name", "content", "message"),
     [
         ("none.stl", None, "no such file"),
-        ("heart.obj", "v 0 0 0", "the format .obj is not read; save it as .stl, .ply or .vtp"),
+        (
+            "heart.off",
+            "OFF",
+            "the format .off is not read; save it as .stl, .ply, .obj, .vtp or .vtk",
+        ),
         ("text.stl", "not a surface", "holds no triangles, or is no STL file"),
-        ("text.ply", "not a surface", "text.ply: cannot be read"),
+        ("text.ply", "not a surface", "text.ply: its header is not that of a PLY file"),
         ("text.vtp", "not a surface", "holds no triangles, or is no VTP file"),
         ("empty.stl", "solid heart\nendsolid heart\n", "holds no triangles"),
     ],

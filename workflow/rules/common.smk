@@ -11,6 +11,8 @@ from pathlib import Path
 from snakemake.exceptions import WorkflowError
 
 SOURCE = Path(str(workflow.current_basedir)).parents[1] / "src"
+# Snakemake looks for modules in the folder of its files, too, which may be the working folder.
+sys.path[:] = [path for path in sys.path if Path(path).resolve() != Path.cwd()]
 # For this process and for the scripts that it starts, in whatever environment.
 sys.path.insert(0, str(SOURCE))
 os.environ["PYTHONPATH"] = str(SOURCE)
@@ -18,8 +20,13 @@ os.environ["PYTHONPATH"] = str(SOURCE)
 # seeded: compiled forms would not be found again, and sums would differ in their last digit.
 os.environ["PYTHONHASHSEED"] = "0"
 
+from regional_lv import surroundings  # noqa: E402
+
+# Where Snakemake did not import the project's logger.
+surroundings.settle()
+
 from regional_lv import config as study_config  # noqa: E402
-from regional_lv import dependencies  # noqa: E402
+from regional_lv import dependencies, running  # noqa: E402
 from regional_lv.channels import Channels  # noqa: E402
 from regional_lv.config_checks import meshes_anew  # noqa: E402
 from regional_lv.criticism.hypotheses import SimulatorHypothesis, asked  # noqa: E402
@@ -30,6 +37,7 @@ from regional_lv.design import scenario_size  # noqa: E402
 from regional_lv.errors import InputError  # noqa: E402
 from regional_lv.faults import AGAIN, damage_of  # noqa: E402
 from regional_lv.geometry.mesh_config import finer  # noqa: E402
+from regional_lv.input_files import without_braces  # noqa: E402
 from regional_lv.jobs import module_of  # noqa: E402
 from regional_lv.measured import states_noise  # noqa: E402
 from regional_lv.parameters import Parameterisation  # noqa: E402
@@ -78,12 +86,25 @@ os.environ["REGIONAL_LV_PLUGINS"] = os.pathsep.join(
 
 
 envvars:
+    "MPLBACKEND",
     "PYTHONPATH",
+    "PYTHONSAFEPATH",
+    "PYTHONUTF8",
     "PYTHONHASHSEED",
     "REGIONAL_LV_PLUGINS",
 
 
+if workflow.is_main_process:
+    running.begin(config["study"])
+
 R = f"results/{config['study']}"
+
+
+def given(path):
+    """A file that the study does not make, as the input of a rule."""
+    return without_braces(path, f"{R}/inputs")
+
+
 LOGS = f"{R}/logs"
 # The emulator that scenarios, subjects and most figures use: `choose_final` makes it, where there
 # is something to choose by.
@@ -100,7 +121,7 @@ PARAMETER_SPEC = PARAMETERS.spec()
 CHANNELS = Channels.from_config(config)
 OUTPUTS = list(CHANNELS.names)
 PHYSICS = physics_of(config)
-SEGMENT_TABLE = os.path.relpath(segment_table(config["geometry"]["segments"]))
+SEGMENT_TABLE = given(os.path.relpath(segment_table(config["geometry"]["segments"])))
 
 FROM_TABLES = config["simulations"]["source"] == "table"
 TABLE_SETS = config["simulations"]["tables"]
@@ -245,7 +266,7 @@ def imported_files():
             "segments": fetched_path(config["study"], HEART_SEGMENTS),
         }
     files = {"mesh": IMPORTED["file"], "segments": IMPORTED["segments"]}
-    return {name: path for name, path in files.items() if path is not None}
+    return {name: given(path) for name, path in files.items() if path is not None}
 
 
 def published_table(name, kind):
@@ -258,7 +279,7 @@ def simulation_table(name, kind):
     own is held out of `train`."""
     source = name if name in TABLE_SETS else "train"
     path = TABLE_SETS[source][kind]
-    return published_table(source, kind) if path == PUBLISHED else path
+    return published_table(source, kind) if path == PUBLISHED else given(path)
 
 
 # Figures and tables of the stage `estimates`, up to the shortlist.
@@ -302,7 +323,7 @@ EFFICIENCY_CURVES = [
 FIRST = 1
 
 # Modules that decide how things are reported or called, never what comes out.
-WITHOUT_EFFECT = {"progress", "errors", "jobs", "registry"}
+WITHOUT_EFFECT = {"progress", "errors", "jobs", "registry", "running", "surroundings"}
 
 
 @cache
@@ -466,4 +487,4 @@ def known_theta(name):
     theta = joint.get("theta")
     if theta == "published":
         return expand(f"{R}/known_theta/{{subject}}.csv", subject=joint["subjects"])
-    return [] if theta is None else [theta]
+    return [] if theta is None else [given(theta)]

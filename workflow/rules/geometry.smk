@@ -41,8 +41,8 @@ elif config["geometry"]["source"] == "surfaces":
 
     rule mesh_surfaces:
         input:
-            endocardium=GIVEN_SURFACES["endocardium"],
-            epicardium=GIVEN_SURFACES["epicardium"],
+            endocardium=given(GIVEN_SURFACES["endocardium"]),
+            epicardium=given(GIVEN_SURFACES["epicardium"]),
         output:
             **MADE,
         log:

@@ -34,7 +34,7 @@ rule write_manifest:
     params:
         call="manifest:write_manifest",
         config=config,
-        configfiles=CONFIG_FILES,
+        configfiles=lambda wildcards: CONFIG_FILES,  # in a list, braces would be wildcards
         overrides=dict(workflow.config_settings.config),
     script:
         "../scripts/call.py"

@@ -14,7 +14,7 @@ rule make_page:
     """Without a simulator there is neither a heart nor a criticism to show, and the page says so."""
     input:
         **SUBJECT,
-        template=os.path.relpath(SOURCE / "regional_lv" / "page" / "page.html"),
+        template=given(os.path.relpath(SOURCE / "regional_lv" / "page" / "page.html")),
         measured=f"{R}/measured/{{subject}}.csv",
         choice=CHOICE if EVALUATION else [],
         predictions=f"{R}/emulators/{EMULATOR}/test_predictions.parquet",
@@ -47,7 +47,9 @@ rule make_page:
         pressure_mmhg=config["loading"]["pressure_mmhg"],
         strain_exponent=config["observables"]["strain_exponent"],
         scales_with_pressure=not why_not_scaling(PHYSICS),
-        limitations=os.path.relpath(SOURCE.parent / "LIMITATIONS.md", f"{R}/pages"),
+        limitations=lambda wildcards: os.path.relpath(
+            SOURCE.parent / "LIMITATIONS.md", f"{R}/pages"
+        ),
         extended=f"{C}/{{subject}}/extended.yaml",
     script:
         "../scripts/call.py"

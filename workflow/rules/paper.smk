@@ -19,8 +19,8 @@ if EVALUATION and PARAMETERS.names == Parameterisation().names:
 
 rule make_paper_comparison:
     input:
-        numbers=os.path.relpath(papers("numbers.csv")),
-        reasons=os.path.relpath(papers("differences.csv")),
+        numbers=given(os.path.relpath(papers("numbers.csv"))),
+        reasons=given(os.path.relpath(papers("differences.csv"))),
         screened=expand(f"{R}/screening/{{name}}.parquet", name=["train", "test", *SCENARIOS]),
         explained=f"{R}/reduction/explained_variance.csv",
         coverage=lambda wildcards: [

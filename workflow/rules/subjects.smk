@@ -66,7 +66,7 @@ rule import_published_simulation:
 rule import_measured:
     """A subject of the user's: checked, then written in the units used inside."""
     input:
-        file=lambda wildcards: config["subjects"][wildcards.subject]["measured"],
+        file=lambda wildcards: given(config["subjects"][wildcards.subject]["measured"]),
     output:
         measured=f"{R}/measured/{{subject}}.csv",
     log:
@@ -88,7 +88,7 @@ rule import_measured:
 rule import_curves:
     """A subject of the user's: strain curves, turned into strains that look back."""
     input:
-        curves=lambda wildcards: config["subjects"][wildcards.subject]["curves"],
+        curves=lambda wildcards: given(config["subjects"][wildcards.subject]["curves"]),
     output:
         measured=f"{R}/measured/{{subject}}.csv",
     log:

@@ -51,7 +51,7 @@ rule verify_convergence:
 rule plot_land:
     input:
         results=f"{V}/land_results.csv",
-        published=os.path.relpath(packaged("land_2015.csv")),
+        published=given(os.path.relpath(packaged("land_2015.csv"))),
     output:
         png=f"{V}/land.png",
         csv=f"{V}/land.csv",

@@ -60,7 +60,7 @@ def turned(vector):
 
 
 def main():
-    gmsh.initialize()
+    gmsh.initialize(readConfigFiles=False)
     gmsh.option.setNumber("General.Terminal", 0)
     half_ellipsoid(ENDOCARDIUM, 0.0, FOLDER / "endocardium.stl")
     half_ellipsoid(EPICARDIUM, LATERAL, FOLDER / "epicardium.stl")

@@ -3,6 +3,7 @@ what that made."""
 
 import click
 
+from regional_lv import surroundings
 from regional_lv.cli.check import check
 from regional_lv.cli.new import new
 from regional_lv.cli.run import run
@@ -13,6 +14,7 @@ from regional_lv.cli.verify import verify
 @click.version_option(package_name="regional-lv")
 def main() -> None:
     """Regional stiffness of a left ventricle from its geometry and its measured strains."""
+    surroundings.settle()
 
 
 for command in (new, check, run, verify):

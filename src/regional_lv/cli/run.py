@@ -50,7 +50,7 @@ def run(name: str, cores: int, study: str, workflow: str | None, dry_run: bool) 
         raise Mistakes("snakemake is not installed; `pip install 'regional-lv[workflow]'`")
     config = load(path, base)
     inspect(path, config, base)
-    command = [sys.executable, "-m", "snakemake", "--snakefile", str(project / "Snakefile")]
+    command = [sys.executable, "-P", "-m", "snakemake", "--snakefile", str(project / "Snakefile")]
     command += ["--cores", str(cores), "--configfile", str(base), str(path)]
     # Each job is a process of its own; libraries that take all cores in each slow them down.
     environment = {"OMP_NUM_THREADS": "1"} | os.environ

@@ -1,90 +1,169 @@
-"""Abaqus input files: what meshio reads, and the element numbers and surfaces it leaves out."""
+"""Abaqus input files of eight-node bricks: nodes, elements with their numbers, and surfaces.
 
-import re
-import tempfile
+meshio's reader takes one block of nodes and one spelling of each keyword, and leaves out element
+numbers and surfaces.
+"""
+
+from collections import defaultdict
 from pathlib import Path
+from typing import NamedTuple
 
 import meshio
 import numpy as np
 
 from regional_lv.errors import InputError
+from regional_lv.input_files import check_file, without_mark
 
 # Corners (meshio's, VTK's order) of the faces S1 ... S6 of an eight-node brick.
 FACE_CORNERS = np.array(
     [(0, 1, 2, 3), (4, 7, 6, 5), (0, 4, 5, 1), (1, 5, 6, 2), (2, 6, 7, 3), (3, 7, 4, 0)]
 )
+BRICK = "c3d8"
+# Keywords at which numbers of nodes begin anew: an assembly has some of its own beside its parts'.
+SCOPES = {"part", "end part", "assembly", "instance", "end instance", "end assembly"}
+
+
+class Block(NamedTuple):
+    """A keyword and its options, in lower case but for the options' values, and its data lines,
+    each split at the commas."""
+
+    keyword: str
+    options: dict
+    rows: list
 
 
 def read_abaqus(path):
     """(mesh, numbers, surfaces) of an .inp file of eight-node bricks.
 
-    mesh: meshio's. numbers (m,): the file's element numbers in meshio's order. surfaces: for each
-    `*Surface` of whole element sets or single elements, (k, 4) node indices of its facets. Included
-    files that are not there, such as fibre directions, are passed over.
+    mesh: meshio's, with one block of cells. numbers (m,): the file's numbers of these elements.
+    surfaces: for each `*Surface` of whole element sets or single elements, (k, 4) node indices of
+    its facets. Nodes and elements may be in several blocks. Included files that are not there, such
+    as fibre directions, are passed over.
+
+    Raises InputError for other elements and for what is named and not there.
     """
     path = Path(path)
-    text = path.read_text()
-    with tempfile.TemporaryDirectory() as folder:
-        copy = Path(folder) / path.name
-        copy.write_text(re.sub(r"(?im)^\*include.*$", lambda m: _include(m[0], path), text))
-        mesh = meshio.read(copy, file_format="abaqus")
-    if len(mesh.cells) != 1 or mesh.cells[0].type != "hexahedron":
-        raise InputError(
-            f"{path}: holds {', '.join(block.type for block in mesh.cells)}; give one block of "
-            "eight-node bricks (C3D8 or a variant of it)"
-        )
-    blocks = _blocks(text)
-    numbers = np.concatenate(
-        [
-            _integers(lines).reshape(-1, 9)[:, 0]
-            for keyword, _, lines in blocks
-            if keyword == "element"
-        ]
-    )
-    cells, place = mesh.cells[0].data, {n: i for i, n in enumerate(numbers)}
-    surfaces = {}
-    for keyword, options, lines in blocks:
-        if keyword != "surface" or options.get("type", "element") != "element":
+    blocks = _blocks(path)
+    points, nodes = [], defaultdict(dict)
+    for scope, block in _scopes(blocks, "node"):
+        for number, *place in block.rows:
+            nodes[scope][int(number)] = len(points)
+            points.append([_float(x) for x in [*place, "", "", ""][:3]])
+    cells, numbers, sets = [], [], defaultdict(list)
+    for scope, block in _scopes(blocks, "element"):
+        kind = block.options.get("type", "")
+        if not kind.lower().startswith(BRICK):
+            raise InputError(
+                f"{path}: holds elements of type {kind or 'unknown'}; leave eight-node bricks "
+                "alone (C3D8 or a variant of it)"
+            )
+        rows = np.array(_integers(block.rows), dtype=int).reshape(-1, 9)
+        absent = set(rows[:, 1:].ravel()) - nodes[scope].keys()
+        if absent:
+            raise InputError(
+                f"{path}: an element has the node {min(absent)}, which is not there; export the "
+                "mesh again"
+            )
+        cells += [[nodes[scope][node] for node in row] for row in rows[:, 1:]]
+        numbers += rows[:, 0].tolist()
+        sets[block.options.get("elset", "").lower()] += rows[:, 0].tolist()
+    place = {number: i for i, number in enumerate(numbers)}
+    if not cells or len(place) < len(cells):
+        says = "two elements have the same number" if cells else "holds no elements"
+        raise InputError(f"{path}: {says}; give one part of eight-node bricks (C3D8)")
+    for block in blocks:
+        if block.keyword == "elset":
+            sets[block.options.get("elset", "").lower()] += _listed(block)
+    cells, surfaces = np.array(cells), {}
+    for block in blocks:
+        if block.keyword != "surface" or block.options.get("type", "element").lower() != "element":
             continue
         facets = [np.zeros((0, 4), dtype=int)]
-        for line in lines:
-            where, face = (part.strip() for part in line.split(",")[:2])
-            members = [place[int(where)]] if where.isdigit() else _members(mesh, where, path)
+        for where, face, *_ in block.rows:
+            members = [place[number] for number in _members(sets, where, path)]
             facets.append(cells[members][:, FACE_CORNERS[int(face[1]) - 1]])
-        surfaces[options["name"]] = np.concatenate(facets)
-    return mesh, numbers, surfaces
+        surfaces[block.options.get("name", "")] = np.concatenate(facets)
+    return meshio.Mesh(points, [("hexahedron", cells)]), np.array(numbers), surfaces
 
 
-def _include(line, path):
-    """The line with the whole path of the included file, or a comment if there is none."""
-    file = path.parent / line.split("=")[-1].strip()
-    return f"*INCLUDE,INPUT={file.resolve()}" if file.is_file() else f"** not there: {line}"
-
-
-def _blocks(text):
-    """(keyword, options, lines) of every keyword; keyword, options' keys and type in lower case."""
-    blocks = []
-    for line in text.splitlines():
-        if line.startswith("**") or not line.strip():
+def _blocks(path):
+    """The blocks of a file and of those that it includes, in their order."""
+    check_file(path)
+    blocks, header = [], ""
+    # Split as bytes: in text of an 8-bit encoding, Python takes more than ends of lines for these.
+    for raw in without_mark(path.read_bytes()).splitlines():
+        line = raw.decode("latin-1").strip()
+        if line.startswith("**") or not line:
             continue
-        if line.startswith("*"):
-            keyword, *rest = (part.strip() for part in line[1:].split(","))
-            options = dict(part.split("=", 1) for part in rest if "=" in part)
-            options = {key.strip().lower(): value.strip() for key, value in options.items()}
-            if "type" in options:
-                options["type"] = options["type"].lower()
-            blocks.append((keyword.lower(), options, []))
+        if line.startswith("*") or header:
+            # A comma at the end of a keyword's line says that it goes on in the next.
+            header += line
+            if line.endswith(","):
+                continue
+            block, header = _block(header), ""
+            file = block.options.get("input")
+            if file is None:
+                blocks.append(block)
+            elif block.keyword == "include":
+                blocks += _blocks(path.parent / file) if (path.parent / file).is_file() else []
+            elif block.keyword in ("node", "element", "elset"):
+                blocks.append(block._replace(rows=_data(path.parent / file)))
         elif blocks:
-            blocks[-1][2].append(line)
+            blocks[-1].rows.append(_split(line))
     return blocks
 
 
-def _integers(lines):
-    return np.array([int(n) for line in lines for n in line.split(",") if n.strip()], dtype=int)
+def _block(header):
+    keyword, *rest = _split(header[1:])
+    options = dict(part.partition("=")[::2] for part in rest)
+    values = {key.strip().lower(): value.strip(' "') for key, value in options.items()}
+    return Block(keyword.lower(), values, [])
 
 
-def _members(mesh, name, path):
-    sets = {key.lower(): value for key, value in mesh.cell_sets.items()}
-    if name.lower() not in sets:
-        raise InputError(f"{path}: a *Surface names the element set {name}, which is not there")
-    return sets[name.lower()][0]
+def _data(path):
+    """Rows of a file that holds the data of one block."""
+    lines = without_mark(check_file(path).read_bytes()).splitlines()
+    lines = [line.decode("latin-1").strip() for line in lines]
+    return [_split(line) for line in lines if line and not line.startswith("*")]
+
+
+def _split(line):
+    return [part.strip() for part in line.split(",")]
+
+
+def _scopes(blocks, keyword):
+    """(scope, block) of every block with this keyword; the scope is what its numbers belong to."""
+    scope = 0
+    for block in blocks:
+        scope += block.keyword in SCOPES
+        if block.keyword == keyword:
+            yield scope, block
+
+
+def _float(text):
+    """A number as Fortran writes it; nothing is 0."""
+    return float(text.lower().replace("d", "e") or 0)
+
+
+def _integers(rows):
+    return [int(text) for row in rows for text in row if text]
+
+
+def _listed(block):
+    """Numbers of elements and names of sets that a block `*Elset` lists."""
+    if "generate" not in block.options:
+        return [int(text) if text.isdigit() else text for row in block.rows for text in row if text]
+    bounds = (_integers([row]) for row in block.rows)
+    return [n for first, last, *step in bounds for n in range(first, last + 1, *step)]
+
+
+def _members(sets, name, path):
+    """Numbers of the elements of a set, or of one element; names may begin with an instance's."""
+    name = str(name).rpartition(".")[2].strip('"').lower()
+    if name.isdigit():
+        return [int(name)]
+    if name not in sets:
+        raise InputError(
+            f"{path}: a *Surface names the element set {name}, which is not there; add it"
+        )
+    return [number for member in sets[name] for number in _members(sets, member, path)]

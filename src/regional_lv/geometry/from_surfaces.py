@@ -45,7 +45,7 @@ def mesh_surfaces(
     summary,
     zones=None,
 ):
-    """Mesh a left ventricle through its endocardium and epicardium (STL, PLY or VTP).
+    """Mesh a left ventricle through its endocardium and epicardium (STL, PLY, OBJ, VTP, VTK).
 
     Parameters
     ----------

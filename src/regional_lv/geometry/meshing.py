@@ -204,7 +204,7 @@ def write_gmsh(table, surfaces, mesh, path):
         lines = (angles, rings, levels, border, *_patch_outline(angles))
         structured.write(table, surfaces, mesh["transmural"], lines, path)
         return
-    gmsh.initialize(interruptible=False)
+    gmsh.initialize(readConfigFiles=False, interruptible=False)
     try:
         gmsh.option.setNumber("General.Terminal", 0)
         gmsh.model.add("left ventricle")

@@ -15,17 +15,14 @@ import logging
 from dataclasses import dataclass
 from pathlib import Path
 
-import meshio
 import numpy as np
 import pyvista
 from scipy.spatial import cKDTree
-from vtkmodules.vtkIOGeometry import vtkSTLReader
 
 from regional_lv.errors import InputError
 from regional_lv.geometry.fitted import SEPTUM_DEG
 from regional_lv.geometry.imported import MM_PER, PLAUSIBLE_LENGTH_MM, UNIT_NAMES, units_that_fit
-from regional_lv.geometry.vtp import read_vtp
-from regional_lv.input_files import check_counts, check_file, reading
+from regional_lv.geometry.surface_files import read_surface
 
 log = logging.getLogger(__name__)
 
@@ -48,8 +45,6 @@ INSERTION_MM = 20.0
 SMALLEST_SEPTUM_ARC_DEG = 30.0
 # Share of a surface's area that may be hidden from the base's middle.
 FOLDED = 0.02
-# Bytes of a binary STL file before its triangles, the last four their number, and of a triangle.
-STL_HEADER, STL_TRIANGLE = 84, 50
 
 
 @dataclass
@@ -84,7 +79,7 @@ class Ventricle:
 
 
 def read_ventricle(endocardium, epicardium, unit="mm", base=None, septum=None, insertions=None):
-    """`Ventricle` from two files of triangles (STL, PLY or VTP).
+    """`Ventricle` from two files of triangles (STL, PLY, OBJ, VTP or legacy VTK).
 
     Parameters
     ----------
@@ -152,24 +147,10 @@ def _cones(surface):
 
 
 def _read(path):
-    check_file(path)
-    if path.suffix.lower() not in READERS:
-        raise InputError(
-            f"{path}: the format {path.suffix or 'without a suffix'} is not read; save it as "
-            ".stl, .ply or .vtp"
-        )
-    with reading(path, "export the surface again"):
-        check_counts(path)
-        raw = READERS[path.suffix.lower()](path)
-    faces = raw.triangulate().faces if raw.n_points else []
-    if len(faces) == 0:
-        raise InputError(
-            f"{path}: holds no triangles, or is no {path.suffix[1:].upper()} file; export the "
-            "surface again"
-        )
-    if not np.isfinite(raw.points).all():
+    points, triangles = read_surface(path)
+    if not np.isfinite(points).all():
         raise InputError(f"{path}: holds points that are no numbers (NaN); export it again")
-    bare = pyvista.PolyData(raw.points.astype(float), faces=faces)
+    bare = pyvista.PolyData.from_regular_faces(points, triangles)
     surface = bare.clean(tolerance=1e-7)
     if surface.n_cells == 0:
         raise InputError(f"{path}: all its triangles have no area; export the surface again")
@@ -181,45 +162,6 @@ def _read(path):
             f"{_place(shared.points[0])}; export one clean surface, without walls inside"
         )
     return surface
-
-
-def _read_stl(path):
-    with path.open("rb") as file:
-        header = file.read(STL_HEADER)
-    if not header.startswith(b"solid") and len(header) == STL_HEADER:
-        announced = int.from_bytes(header[-4:], "little")
-        held = (path.stat().st_size - STL_HEADER) // STL_TRIANGLE
-        if held < announced:
-            raise InputError(
-                f"{path}: announces {announced} triangles and holds {held}; it is cut off or "
-                "damaged: export it again"
-            )
-    reader = vtkSTLReader()
-    reader.SetFileName(str(path))
-    # A file that VTK cannot read leaves no triangles, which is said in words by the caller.
-    with pyvista.VtkErrorCatcher(send_to_logging=False):
-        reader.Update()
-    return pyvista.wrap(reader.GetOutput())
-
-
-def _read_ply(path):
-    """By meshio: VTK's reader of PLY ends the process over damaged files."""
-    mesh = meshio.ply.read(path)
-    faces = [face for block in mesh.cells if block.dim == 2 for face in np.asarray(block.data)]
-    if any(np.min(face) < 0 or np.max(face) >= len(mesh.points) for face in faces):
-        raise InputError(f"{path}: a triangle has a point that is not there; export it again")
-    sized = [np.concatenate([[len(face)], face]) for face in faces]
-    return pyvista.PolyData(np.array(mesh.points, dtype=float), faces=np.concatenate(sized))
-
-
-def _read_vtp(path):
-    points, triangles = read_vtp(path)
-    if len(triangles) == 0:
-        return pyvista.PolyData()
-    return pyvista.PolyData.from_regular_faces(points, triangles)
-
-
-READERS = {".stl": _read_stl, ".ply": _read_ply, ".vtp": _read_vtp}
 
 
 def _edges(surface, **wanted):

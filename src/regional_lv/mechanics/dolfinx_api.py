@@ -14,6 +14,8 @@ import shlex
 import shutil
 import subprocess
 import sys
+import tempfile
+from collections.abc import Iterator
 from importlib.util import find_spec
 from pathlib import Path
 from types import SimpleNamespace
@@ -31,6 +33,7 @@ with contextlib.suppress(ModuleNotFoundError):
 with contextlib.suppress(ImportError):
     import h5py  # noqa: F401
 
+import cffi
 import dolfinx
 import numpy as np
 import ufl
@@ -50,14 +53,21 @@ CACHE = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "regi
 
 
 def _c_compiler() -> list[str]:
-    """Command of the C compiler: $CC, the machine's own, or else the one in the wheel `ziglang`."""
+    """Command of the C compiler: $CC, the machine's own, or else the one in the wheel `ziglang`.
+
+    Raises InputError if there is none.
+    """
     if given := os.environ.get("CC"):
-        return shlex.split(given)
+        with contextlib.suppress(ValueError, IndexError):  # quotes without end, blanks alone
+            command = shlex.split(given)
+            if shutil.which(command[0]):
+                return command
+        raise InputError(f"CC={given}: there is no such C compiler; correct CC, or unset it")
     for name in ("cc", "gcc", "clang"):
         if shutil.which(name):
             return [name]
     if find_spec("ziglang"):
-        return [sys.executable, "-m", "ziglang", "cc"]
+        return [sys.executable, "-P", "-m", "ziglang", "cc"]
     raise InputError(
         "no C compiler was found, and the forms of the finite element model are compiled; install "
         "gcc, or `pip install ziglang` into the environment, or set CC"
@@ -70,7 +80,6 @@ def _shared_library(_comm, form, form_compiler_options=None, jit_options=None):
     dolfinx makes an extension module of it, and so needs Python's C headers, which few machines
     have.
     """
-    import cffi
     from ffcx import get_options, naming
     from ffcx.codegeneration import get_include_path
     from ffcx.codegeneration import jit as declarations
@@ -89,7 +98,7 @@ def _shared_library(_comm, form, form_compiler_options=None, jit_options=None):
         made = [*command, *flags, "-I", get_include_path(), source, "-o", library, "-lm"]
         done = subprocess.run(made, capture_output=True, text=True)
         if done.returncode:
-            raise RuntimeError(f"the C compiler failed on {source}:\n{done.stderr}")
+            raise cffi.VerificationError(f"{source}:\n{done.stderr}")
         ready.touch()
     ffi = cffi.FFI()
     ffi.cdef(
@@ -126,7 +135,44 @@ def _compiled(make, *arguments):
         for source in CACHE.glob("*.c"):
             if not source.with_suffix(".c.cached").exists():
                 source.unlink()
-        return make(*arguments, **{"jit_params" if _LEGACY else "jit_options": options})
+        with tempfile.TemporaryFile() as printed:
+            try:
+                with _quiet(printed):
+                    return make(*arguments, **{"jit_params" if _LEGACY else "jit_options": options})
+            except (cffi.VerificationError, ValueError) as error:
+                command = shlex.join(_c_compiler())
+                if isinstance(error, ValueError):
+                    raise
+                printed.seek(0)
+                lines = f"{error}\n{printed.read().decode(errors='replace')}".strip().splitlines()
+                raise InputError(
+                    f"the C compiler `{command}` failed ({lines[-1][-200:]}); correct CC, CFLAGS "
+                    "and LDFLAGS, or unset them"
+                ) from error
+
+
+@contextlib.contextmanager
+def _quiet(file) -> Iterator[None]:
+    """Within it, what compilers print goes to `file`. What builds with them sets up the log of the
+    whole process; after it, that is as before."""
+    root, nothing = logging.getLogger(), logging.NullHandler()
+    level, disabled = root.level, root.manager.disable
+    before = {stream: os.dup(stream) for stream in (1, 2)}
+    sys.stdout.flush()
+    sys.stderr.flush()
+    root.addHandler(nothing)
+    logging.disable(logging.INFO)
+    try:
+        for stream in before:
+            os.dup2(file.fileno(), stream)
+        yield
+    finally:
+        for stream, kept in before.items():
+            os.dup2(kept, stream)
+            os.close(kept)
+        logging.disable(disabled)
+        root.removeHandler(nothing)
+        root.setLevel(level)
 
 
 def _function_space(mesh, element):

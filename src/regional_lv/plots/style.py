@@ -10,7 +10,7 @@ from collections.abc import Iterable, Sequence
 from itertools import cycle
 from pathlib import Path
 
-import matplotlib
+import matplotlib.style
 import numpy as np
 import pandas as pd
 import seaborn
@@ -69,8 +69,9 @@ RC = {
     "lines.linewidth": 1.2,
 }
 
-context = matplotlib.rc_context(RC)
-"""Decorator of every `draw`: the style holds while the figure is made and leaks nowhere."""
+context = matplotlib.style.context(["default", RC])
+"""Decorator of every `draw`: the style holds while the figure is made and leaks nowhere. All
+that it does not set is as in matplotlib itself, whatever style the user has."""
 
 BOXES: dict = {
     "linewidth": 0.8,
