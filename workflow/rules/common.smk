@@ -68,9 +68,9 @@ if not workflow.config_settings.replace_workflow_config:
     ]
 try:
     # Read anew: to Snakemake's parser 012 is ten, and of a key that occurs twice it takes the last.
-    given = study_config.gather(CONFIG_FILES, workflow.config_settings.config)
+    gathered = study_config.gather(CONFIG_FILES, workflow.config_settings.config)
     folders = [Path(file).parent for file in reversed(CONFIG_FILES)]
-    config.update(study_config.load(given, ", ".join(CONFIG_FILES), folders))
+    config.update(study_config.load(gathered, ", ".join(CONFIG_FILES), folders))
 except InputError as error:
     raise WorkflowError(str(error))
 
