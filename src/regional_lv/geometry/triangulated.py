@@ -1,10 +1,10 @@
 """Endocardium and epicardium as two triangulated surfaces from elsewhere: read, checked, cut at the
 base, and moved into the project's frame.
 
-The files' frame may be any right-handed one (a scanner's, say) as long as both share it. The base
-plane becomes z = 0 with the apex below, the z axis runs through the middle of the endocardium's
-opening in that plane, and the middle of the septum comes to lie at `fitted.SEPTUM_DEG`. Lengths
-below are in mm; what an error names is in the files' own coordinates.
+The files' frame may be any right-handed one (a scanner's, say) as long as both share it. The z axis
+is the long axis, from the middle of the endocardium's opening in the base plane, the origin, away
+from the apex; the base plane may be oblique to it. The middle of the septum comes to lie at
+`fitted.SEPTUM_DEG`. Lengths below are in mm; what an error names is in the files' own coordinates.
 
 Which side of the septum is anterior follows from handedness: seen from the base, anterior is 90
 degrees counter-clockwise from the septum's middle. The septum's direction alone cannot tell a heart
@@ -13,6 +13,7 @@ from its mirror image (an axis flipped on export); the two insertions of the rig
 
 import logging
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import meshio
@@ -22,9 +23,12 @@ from scipy.spatial import cKDTree
 from vtkmodules.vtkIOGeometry import vtkSTLReader
 
 from regional_lv.errors import InputError
+from regional_lv.geometry import wall_checks
 from regional_lv.geometry.fitted import SEPTUM_DEG
 from regional_lv.geometry.imported import MM_PER, PLAUSIBLE_LENGTH_MM, UNIT_NAMES, units_that_fit
+from regional_lv.geometry.triangles import areas, enclosed_volume, middles, triangle_points
 from regional_lv.geometry.vtp import read_vtp
+from regional_lv.geometry.wall_lines import WallLines
 from regional_lv.input_files import check_counts, check_file, reading
 
 log = logging.getLogger(__name__)
@@ -41,13 +45,16 @@ NOTABLE_MM = 1.0
 LARGEST_SHARE_ABOVE = 0.7
 # Angles (deg) between the long axis and the line from the base's middle to the apex.
 NOTABLE_TILT_DEG, LARGEST_TILT_DEG = 15.0, 35.0
+# The apex is sought below this share of the greatest depth, and is what is farther from the base's
+# middle than this share of the greatest distance.
+DEEP, FAR = 0.8, 0.98
+# Distance (mm) between the points of the endocardium among which its place on the axis is sought.
+APEX_MM = 1.0
 # Smallest angle (deg) between the septum's direction and the long axis.
 SMALLEST_SEPTUM_DEG = 20.0
 # Largest distance (mm) of an insertion from the epicardium, and smallest arc (deg) between two.
 INSERTION_MM = 20.0
 SMALLEST_SEPTUM_ARC_DEG = 30.0
-# Share of a surface's area that may be hidden from the base's middle.
-FOLDED = 0.02
 # Bytes of a binary STL file before its triangles, the last four their number, and of a triangle.
 STL_HEADER, STL_TRIANGLE = 84, 50
 
@@ -57,7 +64,8 @@ class Ventricle:
     """Two surfaces of a left ventricle below its base plane, in the project's frame (mm).
 
     Triangles are turned the same way all over a surface. A point of the files is
-    `origin + rotation.T @ x`, over `mm_per_unit`.
+    `origin + rotation.T @ x`, over `mm_per_unit`. base_normal (3,): of the base plane, which passes
+    through the origin, in the project's frame.
     """
 
     endocardium: pyvista.PolyData
@@ -65,6 +73,22 @@ class Ventricle:
     rotation: np.ndarray
     origin: np.ndarray
     mm_per_unit: float
+    base_normal: np.ndarray
+
+    @cached_property
+    def lines(self):
+        """The `WallLines` of this ventricle."""
+        return WallLines.of(
+            triangle_points(self.endocardium, APEX_MM),
+            -self.base_normal[:2] / self.base_normal[2],
+        )
+
+    def turn(self, rotation):
+        """Turn the project's frame: a point x of it becomes rotation (3, 3) @ x."""
+        for surface in (self.endocardium, self.epicardium):
+            surface.points = surface.points @ rotation.T
+        self.rotation = rotation @ self.rotation
+        self.base_normal = rotation @ self.base_normal
 
     def in_file(self, points):
         """Points (..., 3) of the project's frame in the files' coordinates."""
@@ -83,7 +107,15 @@ class Ventricle:
         return enclosed_volume(self.epicardium) - self.cavity_volume_ml
 
 
-def read_ventricle(endocardium, epicardium, unit="mm", base=None, septum=None, insertions=None):
+def read_ventricle(
+    endocardium,
+    epicardium,
+    unit="mm",
+    base=None,
+    septum=None,
+    insertions=None,
+    long_axis="apex",
+):
     """`Ventricle` from two files of triangles (STL, PLY or VTP).
 
     Parameters
@@ -95,6 +127,8 @@ def read_ventricle(endocardium, epicardium, unit="mm", base=None, septum=None, i
     septum: direction (3,) from the long axis towards the middle of the septum.
     insertions: instead of it, the points `anterior` and `inferior` (3,) where the right ventricle's
         wall meets the left ventricle, in any short-axis plane.
+    long_axis: where the long axis leads from the middle of the base, `apex` (of the endocardium) or
+        `base_normal` (against the base's normal).
 
     Raises
     ------
@@ -111,41 +145,19 @@ def read_ventricle(endocardium, epicardium, unit="mm", base=None, septum=None, i
     across = np.eye(3)[np.abs(normal).argmin()]
     rotation = _axes(normal, across - across @ normal * normal, 0.0)
     cut, origin = _cut_at_base(paths, given, point, rotation, mm)
-    heart = Ventricle(*cut, rotation, origin, mm)
+    heart = Ventricle(*cut, rotation, origin, mm, np.array([0.0, 0.0, 1.0]))
     _check_inside(paths, heart)
-    _check_tilt(heart)
+    apex = _apex(heart)
+    _check_tilt(heart, apex)
+    if long_axis == "apex":
+        upwards = -apex / np.linalg.norm(apex)
+        heart.turn(_axes(upwards, np.array([1.0, 0.0, 0.0]) - upwards[0] * upwards, 0.0))
     towards = _septum(septum, insertions, heart)
-    turn = _axes(np.array([0.0, 0.0, 1.0]), towards, SEPTUM_DEG)
-    for surface in (heart.endocardium, heart.epicardium):
-        surface.points = surface.points @ turn.T
-    heart.rotation = turn @ heart.rotation
-    _check_star_shape(paths, heart)
+    heart.turn(_axes(np.array([0.0, 0.0, 1.0]), towards, SEPTUM_DEG))
+    wall_checks.check_one_ventricle(paths, heart)
+    wall_checks.check_crossing(paths, heart)
+    wall_checks.check_lines(paths, heart)
     return heart
-
-
-def enclosed_volume(surface):
-    """Volume (mL) between a surface that is open at z = 0 and that plane, which adds nothing."""
-    return float(abs(_cones(surface).sum()) / 6e3)
-
-
-def triangle_points(surface, spacing_mm):
-    """Points (n, 3) on the triangles' corners, edges and faces, at most so far apart."""
-    corners = surface.points[surface.regular_faces]
-    edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=-1).max(axis=1)
-    steps = np.ceil(edges / spacing_mm).astype(int)
-    found = []
-    for n in np.unique(steps):
-        i, j = np.meshgrid(np.arange(n + 1), np.arange(n + 1), indexing="ij")
-        inside = i + j <= n
-        shares = np.stack([i[inside], j[inside], n - i[inside] - j[inside]], axis=1) / n
-        found.append(np.einsum("qc,tcx->tqx", shares, corners[steps == n]).reshape(-1, 3))
-    return np.concatenate(found)
-
-
-def _cones(surface):
-    """Six times the signed volumes (n,) of the tetrahedra from the origin to the triangles."""
-    a, b, c = np.swapaxes(surface.points[surface.regular_faces], 0, 1)
-    return np.einsum("nx,nx->n", a, np.cross(b, c))
 
 
 # ---------------------------------------------------------------------------- files
@@ -347,20 +359,34 @@ def _cut_at_base(paths, given, point, rotation, mm):
         _check_crossing_of_base(paths[side], moved, rotation)
         depth = max(depth, _depth_of_rim(paths[side], side, moved, point, rotation, mm))
         local.append(moved)
-    point = point - depth * rotation[2]
     if depth > NOTABLE_MM:
         log.warning(
             "The rims are up to %.1f mm below the base plane; it is moved there, towards the apex",
             depth,
         )
-    cut = []
-    for (side, path), surface in zip(paths.items(), local, strict=True):
-        surface.points[:, 2] += depth
-        cut.append(_below_base(path, side, surface, lambda x: (point + x @ rotation) / mm))
+    cut, point = _lowered(paths, local, depth, point, rotation, mm)
+    depth = _depth_of_crossing(*cut)
+    if depth > 0:
+        log.warning(
+            "The surfaces cross each other at their rims; the base plane is moved %.1f mm towards "
+            "the apex, below that",
+            depth,
+        )
+        cut, point = _lowered(paths, cut, depth, point, rotation, mm)
     middle = _centroid(_loops(cut[0])[0]) * [1, 1, 0]
     for surface in cut:
         surface.points -= middle
     return cut, point + middle @ rotation
+
+
+def _lowered(paths, surfaces, depth, point, rotation, mm):
+    """(surfaces below a plane so much deeper, which becomes z = 0, and its point)."""
+    point = point - depth * rotation[2]
+    cut = []
+    for (side, path), surface in zip(paths.items(), surfaces, strict=True):
+        surface.points[:, 2] += depth
+        cut.append(_below_base(path, side, surface, lambda x: (point + x @ rotation) / mm))
+    return cut, point
 
 
 def _check_crossing_of_base(path, surface, rotation):
@@ -373,8 +399,7 @@ def _check_crossing_of_base(path, surface, rotation):
             f"plane, which must cut it; correct {KEY}.base.point, or turn {KEY}.base.normal round: "
             "it points away from the apex"
         )
-    sizes = surface.compute_cell_sizes(length=False, volume=False)["Area"]
-    above = surface.points[surface.regular_faces].mean(axis=1)[:, 2] > 0
+    sizes, above = areas(surface), middles(surface)[:, 2] > 0
     if sizes[above].sum() > LARGEST_SHARE_ABOVE * sizes.sum():
         turned = ", ".join(f"{-x:.4g}" for x in rotation[2])
         raise InputError(
@@ -404,6 +429,15 @@ def _depth_of_rim(path, side, surface, point, rotation, mm):
             )
         return depth
     return 0.0
+
+
+def _depth_of_crossing(endocardium, epicardium):
+    """How far (mm) below z = 0 the two cross each other or nearly do, if at their rims alone."""
+    places, beyond = wall_checks.overlap(endocardium, epicardium)
+    depth = -places[:, 2]
+    if not (beyond > 0).any() or depth[beyond > 0].max() > UNEVEN_MM:
+        return 0.0
+    return depth[(beyond > -NOTABLE_MM) & (depth < UNEVEN_MM)].max()
 
 
 def _below_base(path, side, surface, in_file):
@@ -446,16 +480,7 @@ def _below_base(path, side, surface, in_file):
 
 
 def _check_inside(paths, heart):
-    """The endocardium inside the epicardium, which it neither crosses nor leaves."""
-    contact, number = heart.endocardium.collision(heart.epicardium)
-    if number:
-        cell = contact.field_data["ContactCells"][0]
-        place = heart.endocardium.get_cell(cell).points.mean(axis=0)
-        raise InputError(
-            f"{paths['endocardium']}: crosses {paths['epicardium']} at "
-            f"{heart.in_file_words(place)}, {-place[2]:.3g} mm below the base; correct the "
-            "surfaces there, or save both in one frame of coordinates"
-        )
+    """The endocardium inside the epicardium, by their volumes and rims."""
     if heart.wall_volume_ml <= 0:
         cavity, outside = heart.cavity_volume_ml, enclosed_volume(heart.epicardium)
         raise InputError(
@@ -471,13 +496,22 @@ def _check_inside(paths, heart):
         )
 
 
-def _check_tilt(heart):
-    points = heart.endocardium.points
-    apex = points[np.linalg.norm(points, axis=1).argmax()]
+def _apex(heart):
+    """Endocardial apex (3,) in the base's frame: the middle of what lies farthest from the base's
+    middle. In a round ventricle that is much, so that one triangle does not turn the axis."""
+    places, area = middles(heart.endocardium), areas(heart.endocardium)
+    distance = np.where(
+        places[:, 2] < DEEP * places[:, 2].min(), np.linalg.norm(places, axis=1), 0.0
+    )
+    far = distance > FAR * distance.max()
+    return np.average(places[far], axis=0, weights=area[far])
+
+
+def _check_tilt(heart, apex):
     tilt = np.degrees(np.arctan2(np.hypot(apex[0], apex[1]), -apex[2]))
     says = (
         f"the apex, at {heart.in_file_words(apex)}, lies {tilt:.0f} degrees off the normal of "
-        "the base, which the model takes for the long axis"
+        "the base"
     )
     if tilt > LARGEST_TILT_DEG:
         raise InputError(f"{KEY}.base: {says}; correct the normal, or cut across the long axis")
@@ -527,21 +561,3 @@ def _between_insertions(points, heart):
         )
     middle = np.radians(angle["inferior"] + arc / 2)
     return np.array([np.cos(middle), np.sin(middle), 0.0])
-
-
-def _check_star_shape(paths, heart):
-    """Every ray from the base's middle meets each surface once, but for small folds."""
-    for path, surface in zip(paths.values(), (heart.endocardium, heart.epicardium), strict=True):
-        cones = _cones(surface)
-        folded = np.sign(cones.sum()) * cones < 0
-        area = surface.compute_cell_sizes(length=False, volume=False)["Area"]
-        share = area[folded].sum() / area.sum()
-        if share > FOLDED:
-            worst = surface.points[surface.regular_faces[folded]].mean(axis=1)
-            place = worst[area[folded].argmax()]
-            raise InputError(
-                f"{path}: {100 * share:.0f} % of the surface is hidden from the middle of the "
-                f"base, such as the part at {heart.in_file_words(place)}, and cannot be fitted; "
-                "smooth the surface, leave papillary muscles and trabeculae to the cavity, or "
-                "correct the base plane"
-            )
