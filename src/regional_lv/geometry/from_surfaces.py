@@ -7,7 +7,7 @@ from scipy.spatial import cKDTree
 
 from regional_lv.errors import InputError
 from regional_lv.geometry.comparison import normal_distances, sample_surface
-from regional_lv.geometry.fitted import FittedSurface, FittedSurfaces, aha_sectors
+from regional_lv.geometry.fitted import FittedSurfaces, aha_sectors
 from regional_lv.geometry.from_mesh import segment_table, write_summary, write_table
 from regional_lv.geometry.make import mesh_between
 from regional_lv.geometry.mesh import ENDOCARDIUM, EPICARDIUM, SURFACES
@@ -21,13 +21,8 @@ from regional_lv.geometry.wall_lines import LEVEL_ENDS
 
 log = logging.getLogger(__name__)
 
-# Points (mm) of the surfaces that are fitted: at most so far apart on a triangle, and one per cube
-# of this edge. The polynomials' shortest wave at the base is some 7 mm long.
-GAP_MM, THINNED_MM = 3.0, 1.5
 # Distance (mm) between the places at which the given surface is compared with the mesh's.
 SAMPLED_MM = 1.0
-# Thinnest wall (mm) that is meshed.
-THINNEST_MM = 0.5
 # Distances (mm) between given and fitted surface: to be told, and not to be accepted.
 NOTABLE_MM, LARGEST_MM = 1.0, 5.0
 
@@ -69,9 +64,8 @@ def mesh_surfaces(
         *paths.values(), **{key: surfaces[key] for key in wanted if key in surfaces}
     )
     given = {side: getattr(heart, side) for side in SIDES}
-    smooth = {side: _fit(paths[side], given[side], heart) for side in SIDES}
-    _check_thickness(paths, smooth, heart)
-    fitted = FittedSurfaces.of_lines(*smooth.values(), LEVEL_ENDS)
+    _check_fit(paths, given, heart)
+    fitted = FittedSurfaces.of_lines(*heart.smooth.values(), LEVEL_ENDS)
     sectors = aha_sectors(fitted)
     made = mesh_between(
         sectors,
@@ -94,7 +88,9 @@ def mesh_surfaces(
     write_summary(
         summarise_mesh(made)
         | {
-            "long_axis_mm": float(-smooth["endocardium"](np.zeros(1), np.array([QUARTER]))[0, 2]),
+            "long_axis_mm": float(
+                -heart.smooth["endocardium"](np.zeros(1), np.full(1, QUARTER))[0, 2]
+            ),
             "segment_thickness_mm": {
                 "least": float(thickness.min()),
                 "mean": float(np.average(thickness, weights=table["volume_ml"])),
@@ -111,47 +107,20 @@ def mesh_surfaces(
     )
 
 
-def _fit(path, surface, heart):
-    """`FittedSurface` through a triangulated surface."""
-    smooth = FittedSurface(heart.lines, _points_to_fit(surface, heart.base_normal))
-    phi, u, _ = heart.lines.coordinates(surface.points)
-    # Along the lines, which is no less than the distance to the surface.
-    distance = cKDTree(smooth(phi, u)).query(surface.points)[0]
-    worst = distance.argmax()
-    if distance[worst] > LARGEST_MM:
-        raise InputError(
-            f"{path}: a smooth surface through it stays {distance[worst]:.1f} mm away at "
-            f"{heart.in_file_words(surface.points[worst])}; smooth the surface there and leave "
-            "papillary muscles to the cavity"
-        )
-    return smooth
-
-
-def _check_thickness(paths, smooth, heart):
-    """The fitted surfaces leave a wall between them."""
-    phi, u = (
-        grid.ravel()
-        for grid in np.meshgrid(np.linspace(-np.pi, np.pi, 181), np.linspace(0, QUARTER, 91))
-    )
-    inner, outer = (surface(phi, u) for surface in smooth.values())
-    thickness = np.einsum("nx,nx->n", outer - inner, heart.lines.directions(phi, u))
-    thickness /= np.linalg.norm(heart.lines.directions(phi, u), axis=1)
-    least = thickness.argmin()
-    if thickness[least] < THINNEST_MM:
-        raise InputError(
-            f"{paths['endocardium']}, {paths['epicardium']}: the smooth wall between them is "
-            f"{max(thickness[least], 0):.1f} mm thick at {where(heart, inner[least])}; "
-            f"{THINNEST_MM} mm are needed: correct the surfaces there"
-        )
-
-
-def _points_to_fit(surface, base_normal):
-    """Corners of the triangles, in large ones points between them, in dense places fewer."""
-    points = np.concatenate([surface.points, triangle_points(surface, GAP_MM)])
-    # Of each cell of a fine grid one point; those in the base plane have cells of their own.
-    cell = np.column_stack([np.floor(points / THINNED_MM), points @ base_normal > -1e-6])
-    _, first = np.unique(cell, axis=0, return_index=True)
-    return points[np.sort(first)]
+def _check_fit(paths, given, heart):
+    """The smooth surfaces lie near the given ones."""
+    for side, smooth in heart.smooth.items():
+        points = given[side].points
+        phi, u, _ = heart.lines.coordinates(points)
+        # Along the lines, which is no less than the distance to the surface.
+        distance = cKDTree(smooth(phi, u)).query(points)[0]
+        worst = distance.argmax()
+        if distance[worst] > LARGEST_MM:
+            raise InputError(
+                f"{paths[side]}: a smooth surface through it stays {distance[worst]:.1f} mm away "
+                f"at {where(heart, points[worst])}; smooth the surface there and leave papillary "
+                "muscles to the cavity"
+            )
 
 
 def _closeness(paths, given, made, heart):

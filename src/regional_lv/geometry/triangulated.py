@@ -24,7 +24,7 @@ from vtkmodules.vtkIOGeometry import vtkSTLReader
 
 from regional_lv.errors import InputError
 from regional_lv.geometry import wall_checks
-from regional_lv.geometry.fitted import SEPTUM_DEG
+from regional_lv.geometry.fitted import SEPTUM_DEG, FittedSurface
 from regional_lv.geometry.imported import MM_PER, PLAUSIBLE_LENGTH_MM, UNIT_NAMES, units_that_fit
 from regional_lv.geometry.triangles import areas, enclosed_volume, middles, triangle_points
 from regional_lv.geometry.vtp import read_vtp
@@ -55,6 +55,9 @@ SMALLEST_SEPTUM_DEG = 20.0
 # Largest distance (mm) of an insertion from the epicardium, and smallest arc (deg) between two.
 INSERTION_MM = 20.0
 SMALLEST_SEPTUM_ARC_DEG = 30.0
+# Points (mm) of the surfaces that are fitted: at most so far apart on a triangle, and one per cube
+# of this edge. The polynomials' shortest wave at the base is some 7 mm long.
+GAP_MM, THINNED_MM = 3.0, 1.5
 # Bytes of a binary STL file before its triangles, the last four their number, and of a triangle.
 STL_HEADER, STL_TRIANGLE = 84, 50
 
@@ -82,6 +85,14 @@ class Ventricle:
             triangle_points(self.endocardium, APEX_MM),
             -self.base_normal[:2] / self.base_normal[2],
         )
+
+    @cached_property
+    def smooth(self):
+        """The `FittedSurface` of each side."""
+        return {
+            side: FittedSurface(self.lines, _points_to_fit(getattr(self, side), self.base_normal))
+            for side in SIDES
+        }
 
     def turn(self, rotation):
         """Turn the project's frame: a point x of it becomes rotation (3, 3) @ x."""
@@ -144,6 +155,26 @@ def read_ventricle(
     point, normal = _base_plane(paths, given, base or {}, mm)
     across = np.eye(3)[np.abs(normal).argmin()]
     rotation = _axes(normal, across - across @ normal * normal, 0.0)
+
+    def placed(point):
+        return _placed(paths, given, point, rotation, mm, septum, insertions, long_axis)
+
+    heart = placed(point)
+    depth = wall_checks.depth_of_crossing(heart, UNEVEN_MM)
+    if depth > 0:
+        log.warning(
+            "The surfaces cross each other at their rims; the base plane is moved %.1f mm towards "
+            "the apex, below that",
+            depth,
+        )
+        above = heart.rotation.T @ heart.base_normal
+        heart = placed(heart.origin - depth * above)
+    wall_checks.check_thickness(paths, heart)
+    return heart
+
+
+def _placed(paths, given, point, rotation, mm, septum, insertions, long_axis):
+    """`Ventricle` below the base plane through a point (3,), `rotation` having its normal as z."""
     cut, origin = _cut_at_base(paths, given, point, rotation, mm)
     heart = Ventricle(*cut, rotation, origin, mm, np.array([0.0, 0.0, 1.0]))
     _check_inside(paths, heart)
@@ -155,9 +186,17 @@ def read_ventricle(
     towards = _septum(septum, insertions, heart)
     heart.turn(_axes(np.array([0.0, 0.0, 1.0]), towards, SEPTUM_DEG))
     wall_checks.check_one_ventricle(paths, heart)
-    wall_checks.check_crossing(paths, heart)
     wall_checks.check_lines(paths, heart)
     return heart
+
+
+def _points_to_fit(surface, base_normal):
+    """Corners of the triangles, in large ones points between them, in dense places fewer."""
+    points = np.concatenate([surface.points, triangle_points(surface, GAP_MM)])
+    # Of each cell of a fine grid one point; those in the base plane have cells of their own.
+    cell = np.column_stack([np.floor(points / THINNED_MM), points @ base_normal > -1e-6])
+    _, first = np.unique(cell, axis=0, return_index=True)
+    return points[np.sort(first)]
 
 
 # ---------------------------------------------------------------------------- files
@@ -364,29 +403,15 @@ def _cut_at_base(paths, given, point, rotation, mm):
             "The rims are up to %.1f mm below the base plane; it is moved there, towards the apex",
             depth,
         )
-    cut, point = _lowered(paths, local, depth, point, rotation, mm)
-    depth = _depth_of_crossing(*cut)
-    if depth > 0:
-        log.warning(
-            "The surfaces cross each other at their rims; the base plane is moved %.1f mm towards "
-            "the apex, below that",
-            depth,
-        )
-        cut, point = _lowered(paths, cut, depth, point, rotation, mm)
+    point = point - depth * rotation[2]
+    cut = []
+    for (side, path), surface in zip(paths.items(), local, strict=True):
+        surface.points[:, 2] += depth
+        cut.append(_below_base(path, side, surface, lambda x: (point + x @ rotation) / mm))
     middle = _centroid(_loops(cut[0])[0]) * [1, 1, 0]
     for surface in cut:
         surface.points -= middle
     return cut, point + middle @ rotation
-
-
-def _lowered(paths, surfaces, depth, point, rotation, mm):
-    """(surfaces below a plane so much deeper, which becomes z = 0, and its point)."""
-    point = point - depth * rotation[2]
-    cut = []
-    for (side, path), surface in zip(paths.items(), surfaces, strict=True):
-        surface.points[:, 2] += depth
-        cut.append(_below_base(path, side, surface, lambda x: (point + x @ rotation) / mm))
-    return cut, point
 
 
 def _check_crossing_of_base(path, surface, rotation):
@@ -429,15 +454,6 @@ def _depth_of_rim(path, side, surface, point, rotation, mm):
             )
         return depth
     return 0.0
-
-
-def _depth_of_crossing(endocardium, epicardium):
-    """How far (mm) below z = 0 the two cross each other or nearly do, if at their rims alone."""
-    places, beyond = wall_checks.overlap(endocardium, epicardium)
-    depth = -places[:, 2]
-    if not (beyond > 0).any() or depth[beyond > 0].max() > UNEVEN_MM:
-        return 0.0
-    return depth[(beyond > -NOTABLE_MM) & (depth < UNEVEN_MM)].max()
 
 
 def _below_base(path, side, surface, in_file):

@@ -6,38 +6,29 @@ InputError with the place, the AHA segment there, and the remedy.
 
 import numpy as np
 import pandas as pd
-import pyvista
 from scipy.spatial import cKDTree
 
 from regional_lv.aha import SEGMENTS
 from regional_lv.errors import InputError
 from regional_lv.geometry.fitted import aha_segment_at
+from regional_lv.geometry.surfaces import QUARTER
 from regional_lv.geometry.triangles import areas, cones, middles, triangle_points
 from regional_lv.geometry.wall_lines import FAN
 
 # Distance (mm) between the places at which the wall is looked at.
 SPACING_MM = 2.5
-# Share of a surface's area that lines may meet a second time.
-FOLDED = 0.02
+# Share of a surface's area that lines may meet a second time, and the cosine between its normal
+# and the line from which on it counts: treads of steps between slices lie along the lines.
+FOLDED, OVERHANGING = 0.05, -0.3
 # A wall that is thicker (mm) than this over basal and mid level, and so many times thicker than on
 # its thin side, has the right ventricle in it. Hypertrophied septa stay below one of the two.
 RIGHT_VENTRICLE_MM, RIGHT_VENTRICLE_RATIO = 25.0, 3.0
+# Thinnest wall (mm) that is meshed, and thinnest that is left at a base that is moved.
+THINNEST_MM, RIM_MM = 0.5, 1.0
+# Places around and along at which the wall between smooth surfaces is looked at.
+PLACES = (121, 61)
 # Sectors around the ventricle in which the wall's thickness is compared.
 SECTORS = 12
-
-
-def check_crossing(paths, heart):
-    """The endocardium lies inside the epicardium everywhere."""
-    places, beyond = overlap(heart.endocardium, heart.epicardium)
-    worst = beyond.argmax()
-    if beyond[worst] > 0:
-        depth = places[worst] @ heart.base_normal
-        raise InputError(
-            f"{paths['endocardium']}: crosses {paths['epicardium']} by up to "
-            f"{beyond[worst]:.2g} mm, farthest at {where(heart, places[worst])}, "
-            f"{-depth:.3g} mm below the base; correct the surfaces there, or save both in one "
-            "frame of coordinates"
-        )
 
 
 def check_one_ventricle(paths, heart):
@@ -66,9 +57,10 @@ def check_lines(paths, heart):
         corners = surface.points[surface.regular_faces]
         normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         phi, u, _ = heart.lines.coordinates(middles(surface))
-        crossing = np.einsum("nx,nx->n", normal, heart.lines.directions(phi, u))
-        area = areas(surface)
-        folded = np.sign(cones(surface).sum()) * crossing < 0
+        along = heart.lines.directions(phi, u)
+        cosine = np.einsum("nx,nx->n", normal, along) * np.sign(cones(surface).sum())
+        size, area = np.linalg.norm(along, axis=1), areas(surface)
+        folded = cosine < OVERHANGING * 2 * area * size
         share = area[folded].sum() / area.sum()
         if share > FOLDED:
             place = middles(surface)[folded][area[folded].argmax()]
@@ -87,15 +79,43 @@ def where(heart, point):
     return f"{heart.in_file_words(point)} (segment {segment.number}, {segment.name})"
 
 
-def overlap(endocardium, epicardium):
-    """Places (n, 3) on both surfaces, and how far (n,) mm each lies on the wrong side of the other;
-    less than 0 where there is a wall."""
-    inner, outer = (triangle_points(s, SPACING_MM) for s in (endocardium, epicardium))
-    beyond = [_outside(inner, epicardium), -_outside(outer, endocardium)]
-    return np.concatenate([inner, outer]), np.concatenate(beyond)
+def depth_of_crossing(heart, deepest):
+    """How far (mm) below the base the surfaces cross or nearly do, if no deeper than `deepest`;
+    otherwise 0."""
+    inner, thickness = _wall(heart)
+    depth, crossing = -inner @ heart.base_normal, thickness < THINNEST_MM
+    if not crossing.any() or depth[crossing].max() > deepest:
+        return 0.0
+    # The first row of places (rows, angles) below which there is a wall all around.
+    rows = (thickness < RIM_MM) & (depth < deepest)
+    return depth.reshape(PLACES[::-1])[np.flatnonzero(rows)[-1] // PLACES[0] + 1].max()
 
 
-def _outside(points, surface):
-    """How far (n,) mm the points lie outside a surface; less than 0 inside."""
-    found = pyvista.PolyData(points).compute_implicit_distance(surface)["implicit_distance"]
-    return np.sign(cones(surface).sum()) * found
+def check_thickness(paths, heart):
+    """There is a wall between the smooth surfaces through the endocardium and the epicardium."""
+    inner, thickness = _wall(heart)
+    least = thickness.argmin()
+    if thickness[least] > THINNEST_MM:
+        return
+    depth = -inner[least] @ heart.base_normal
+    says = (
+        f"crosses {paths['epicardium']} by up to {-thickness[least]:.2g} mm"
+        if thickness[least] < 0
+        else f"leaves {thickness[least]:.2g} mm to {paths['epicardium']}, at least "
+        f"{THINNEST_MM} mm are needed"
+    )
+    raise InputError(
+        f"{paths['endocardium']}: {says}, farthest at {where(heart, inner[least])}, "
+        f"{depth:.3g} mm below the base; correct the surfaces there, or save both in one frame of "
+        "coordinates"
+    )
+
+
+def _wall(heart):
+    """Places (n, 3) all over the endocardium, and the wall's thickness (n,) in mm along the lines
+    there; less than 0 where the epicardium lies inside."""
+    angles, latitudes = np.linspace(-np.pi, np.pi, PLACES[0]), np.linspace(0, QUARTER, PLACES[1])
+    phi, u = (grid.ravel() for grid in np.meshgrid(angles, latitudes))
+    length = np.linalg.norm(heart.lines.directions(phi, u), axis=1)
+    inner, outer = (smooth.distance(phi, u) for smooth in heart.smooth.values())
+    return heart.lines.points(phi, u, inner), (outer - inner) * length
