@@ -97,17 +97,19 @@ def check_thickness(paths, heart):
     least = thickness.argmin()
     if thickness[least] > THINNEST_MM:
         return
-    depth = -inner[least] @ heart.base_normal
-    says = (
-        f"crosses {paths['epicardium']} by up to {-thickness[least]:.2g} mm"
-        if thickness[least] < 0
-        else f"leaves {thickness[least]:.2g} mm to {paths['epicardium']}, at least "
-        f"{THINNEST_MM} mm are needed"
+    place = (
+        f"at {where(heart, inner[least])}, {-inner[least] @ heart.base_normal:.3g} mm below the "
+        "base"
     )
+    if thickness[least] < 0:
+        raise InputError(
+            f"{paths['endocardium']}: crosses {paths['epicardium']} by up to "
+            f"{-thickness[least]:.2g} mm, farthest {place}; correct the surfaces there, or save "
+            "both in one frame of coordinates"
+        )
     raise InputError(
-        f"{paths['endocardium']}: {says}, farthest at {where(heart, inner[least])}, "
-        f"{depth:.3g} mm below the base; correct the surfaces there, or save both in one frame of "
-        "coordinates"
+        f"{paths['endocardium']}: lies {thickness[least]:.2g} mm inside {paths['epicardium']} "
+        f"{place}; the wall must be at least {THINNEST_MM} mm thick: correct the surfaces there"
     )
 
 
