@@ -401,6 +401,7 @@ def test_unreadable_files(name, content, message, pair, tmp_path):
         ({"base": {"point": [0, 0, 1]}}, "geometry.surfaces.base: half of it is missing"),
         ({"septum": [1, 0]}, "geometry.surfaces.septum"),
         ({"unit": "inch"}, "choose one of mm, cm, m"),
+        ({"long_axis": "z"}, "choose one of apex, base_normal"),
     ],
 )
 def test_bad_config(given, message):

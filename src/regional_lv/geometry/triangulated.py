@@ -167,8 +167,7 @@ def read_ventricle(
             "the apex, below that",
             depth,
         )
-        above = heart.rotation.T @ heart.base_normal
-        heart = placed(heart.origin - depth * above)
+        heart = placed(heart.origin - depth * normal)
     wall_checks.check_thickness(paths, heart)
     return heart
 

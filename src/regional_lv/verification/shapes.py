@@ -68,9 +68,9 @@ class Shape:
 
 
 def shapes(count: int, seed: int = 0) -> Iterator[Shape]:
-    """`count` ventricles of each of the `KINDS`."""
-    for number, (name, kind) in enumerate(KINDS.items()):
-        for index in range(count):
+    """`count` ventricles of each of the `KINDS`, one of each after the other."""
+    for index in range(count):
+        for number, (name, kind) in enumerate(KINDS.items()):
             yield _draw(name, kind, np.random.default_rng([seed, number, index]))
 
 
@@ -102,12 +102,10 @@ def _draw(name: str, kind: Kind, rng: np.random.Generator) -> Shape:
         away = ((np.cos(phi - middle) - 1) / 0.25 - ((u - level) / 0.4) ** 2) / 2
         wall += (rng.uniform(*kind.scar_mm) - wall) * np.exp(away)
     turn, shift = Rotation.random(random_state=rng), rng.uniform(-100, 100, 3)
-    surfaces = []
-    for points in (place, place + wall[..., None] * outwards):
-        surface = _cut(points, normal)
+    endocardium, epicardium = _cut(place, normal), _cut(place + wall[..., None] * outwards, normal)
+    for surface in (endocardium, epicardium):
         surface.points = turn.apply(surface.points) + shift
-        surfaces.append(surface)
-    return Shape(name, *surfaces, septum=turn.apply([1.0, 0.0, 0.0]).tolist())
+    return Shape(name, endocardium, epicardium, turn.apply([1.0, 0.0, 0.0]).tolist())
 
 
 def _grid(around: int = 72, along: int = 48) -> tuple[np.ndarray, np.ndarray]:
