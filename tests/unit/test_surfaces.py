@@ -3,6 +3,7 @@ turned and shifted frame, and everything that is refused."""
 
 import json
 import logging
+import re
 import runpy
 import shutil
 
@@ -235,9 +236,28 @@ def walled(points, faces):
     return np.concatenate([points, [[0, 0, -40]]]), np.concatenate([faces, [[a, b, len(points)]]])
 
 
-def waisted(points, faces):
-    scale = 1 - 0.75 * np.exp(-np.square((points[:, 2] + 30) / 9))
-    return points * np.column_stack([scale, scale, np.ones_like(scale)]), faces
+def wrinkled(points, faces):
+    """Rolled over itself 30 mm below the base, all around."""
+    points = points.copy()
+    points[:, 2] += 14 * np.exp(-np.square((points[:, 2] + 30) / 5))
+    return points, faces
+
+
+def bulging(by):
+    """On the septum's side, from the base to the apical level."""
+
+    def change(points, faces):
+        away = np.arctan2(points[:, 1], points[:, 0]) / 0.8
+        scale = 1 + by / EPI[0] * np.exp(-np.square(away) - np.square(points[:, 2] / 50))
+        return points * np.column_stack([scale, scale, np.ones_like(scale)]), faces
+
+    return change
+
+
+def thin(points, faces):
+    """Pushed out to the epicardium but for 0.3 mm, on the septum's side."""
+    near = np.exp(-np.square((points - [21, 0, -30]) / 14).sum(axis=1))
+    return points + 10.5 * near[:, None] * [1, 0, 0], faces
 
 
 GIVEN_BASE = {"point": in_files(0, 0, 0), "normal": NORMAL.tolist()}
@@ -257,7 +277,13 @@ GIVEN_BASE = {"point": in_files(0, 0, 0), "normal": NORMAL.tolist()}
         ({"endo": crumbled}, {}, ["endo.stl: below the base", "2 pieces, the largest with"]),
         ({"endo": walled}, {}, ["endo.stl: 1 edges belong to more than two triangles"]),
         ({"epi": doubled}, {}, ["epi.stl: below the base the epicardium falls into 2 pieces"]),
-        ({"endo": waisted}, {}, ["endo.stl", "is hidden from the middle of the base", "smooth"]),
+        ({"endo": wrinkled}, {}, ["endo.stl", "is hidden from the long axis by", "smooth"]),
+        (
+            {"epi": bulging(35)},
+            {},
+            ["epi.stl: seems to hold the right ventricle too", "septal)", "ventricle alone"],
+        ),
+        ({"endo": thin}, {}, ["endo.stl: lies 0.", "septal)", "at least 0.5 mm thick"]),
         ({"top": np.inf}, {}, ["endo.stl: is a closed surface", "geometry.surfaces.base.point"]),
         (
             {},
@@ -302,6 +328,10 @@ def test_refused(files, given, messages, pair):
         assert message in str(error.value)
 
 
+def test_a_hypertrophied_septum_is_no_right_ventricle(pair):
+    assert read_ventricle(*pair(epi=bulging(13)), septum=SEPTUM).wall_volume_ml > 130
+
+
 def test_exchanged_files(pair):
     with pytest.raises(InputError, match=r"mL; exchange geometry.surfaces.endocardium and"):
         read_ventricle(*pair()[::-1], septum=SEPTUM)
@@ -310,6 +340,9 @@ def test_exchanged_files(pair):
 def test_the_place_of_a_crossing_is_in_the_files_frame(pair):
     with pytest.raises(InputError, match="crosses") as error:
         read_ventricle(*pair(endo=dented), septum=SEPTUM)
+    depth = float(re.search(r"crosses .*epi.stl by up to ([\d.]+) mm", str(error.value))[1])
+    assert depth == pytest.approx(4.5, abs=1.5)
+    assert "(segment 8, mid anteroseptal)" in str(error.value) or "segment 9" in str(error.value)
     place = str(error.value).split(" at (")[1].split(")")[0]
     local = TURN.T @ (np.array([float(x) for x in place.split(",")]) - ORIGIN)
     assert np.linalg.norm(local - [33, 0, -30]) < 15
@@ -372,6 +405,7 @@ def test_unreadable_files(name, content, message, pair, tmp_path):
         ({"base": {"point": [0, 0, 1]}}, "geometry.surfaces.base: half of it is missing"),
         ({"septum": [1, 0]}, "geometry.surfaces.septum"),
         ({"unit": "inch"}, "choose one of mm, cm, m"),
+        ({"long_axis": "z"}, "choose one of apex, base_normal"),
     ],
 )
 def test_bad_config(given, message):

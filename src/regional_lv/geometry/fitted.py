@@ -1,16 +1,14 @@
 """Smooth surfaces through a ventricle from elsewhere, and the borders of its segments.
 
-A surface is seen from the centre of the base, in coordinates scaled so that it is close to a unit
-half sphere: with a the mean radius of its rim and c the depth of its apex below the base,
+A surface has one D, smooth in the pole, for each of the `wall_lines`: the polynomial of the
+bullseye (X, Y) of `surfaces` that fits the surface's nodes best.
 
-    r = a D(X, Y) cos(u),        z = -c D(X, Y) sin(u),
-
-u, phi and the bullseye (X, Y) being those of `surfaces`. D is the polynomial of the bullseye that
-fits the surface's nodes best, smooth in the pole wherever on the surface the long axis meets it.
-
-Levels end at a latitude that varies with the angle, on the endocardium and on the epicardium on
-its own: borders that tilt, against the base or through the wall, are followed.
+Levels of two bare surfaces end on lines of one latitude. Those of a mesh with segments end at a
+latitude that varies with the angle, on the endocardium and on the epicardium on its own: borders
+that tilt, against the base or through the wall, are followed.
 """
+
+from functools import partial
 
 import numpy as np
 import pandas as pd
@@ -22,6 +20,7 @@ from regional_lv.geometry.mesh import ENDOCARDIUM, EPICARDIUM
 from regional_lv.geometry.segment_tags import middle_angles
 from regional_lv.geometry.summary import cell_volumes
 from regional_lv.geometry.surfaces import QUARTER, bullseye, polynomials, powers
+from regional_lv.geometry.wall_lines import LEVEL_ENDS, WallLines
 
 # The polynomials' highest degree, and the nodes that a coefficient needs at least.
 HIGHEST_DEGREE = 22
@@ -33,19 +32,27 @@ SMOOTHING = 1e-6
 HARMONICS = 3
 # Where the middle of the septum lies, between segments 2 and 3.
 SEPTUM_DEG = 150.0
+# Width of a level's AHA sectors, and the lower border of its first (degrees): anterior is a quarter
+# turn counter-clockwise from the septum (Cerqueira et al. 2002, doi 10.1161/hc0402.102975).
+AHA_SECTORS = {
+    "basal": (60, SEPTUM_DEG + 60),
+    "mid": (60, SEPTUM_DEG + 60),
+    "apical": (90, SEPTUM_DEG + 45),
+}
 # Sector borders of different levels that lie closer than this share of an element's width become
 # one mesh line.
 SNAP = 1 / 3
 
 
-class StarSurface:
-    """One surface through nodes (n, 3), as the module describes it; methods take phi, u (rad)."""
+class FittedSurface:
+    """One surface through nodes (n, 3), as the module describes it; arrays phi, u (rad) are (n,).
 
-    def __init__(self, points):
-        rim = points[points[:, 2] > -1e-3 * np.ptp(points[:, 2])]
-        self.rim_radius = np.hypot(rim[:, 0], rim[:, 1]).mean()
-        self.depth = -points[np.hypot(points[:, 0], points[:, 1]).argmin(), 2]
-        phi, u, distance = self.coordinates(points)
+    lines: the `WallLines`, each of which meets the surface once.
+    """
+
+    def __init__(self, lines, points):
+        self.lines = lines
+        phi, u, distance = lines.coordinates(points)
         enough = len(points) / NODES_PER_COEFFICIENT
         self._degree = max(d for d in range(HIGHEST_DEGREE + 1) if len(powers(d)) <= enough)
         basis = polynomials(*bullseye(phi, u), degree=self._degree)
@@ -58,86 +65,56 @@ class StarSurface:
             rcond=None,
         )[0]
 
-    def coordinates(self, points):
-        """(phi, u, D) of points (n, 3)."""
-        x, y, z = points.T
-        r, depth = np.hypot(x, y) / self.rim_radius, -z / self.depth
-        return np.arctan2(y, x), np.arctan2(depth, r), np.hypot(r, depth)
+    def distance(self, phi, u):
+        """D (n,) of the surface."""
+        return 1 + polynomials(*bullseye(phi, u), degree=self._degree) @ self._coefficients
 
     def __call__(self, phi, u):
         """Points (n, 3) of the surface."""
-        distance = 1 + polynomials(*bullseye(phi, u), degree=self._degree) @ self._coefficients
-        r = self.rim_radius * distance * np.cos(u)
-        z = -self.depth * distance * np.sin(u)
-        return np.stack([r * np.cos(phi), r * np.sin(phi), z], axis=-1)
-
-    @property
-    def apex(self):
-        """z of the surface on the long axis."""
-        return float(self(np.zeros(1), np.array([QUARTER]))[0, 2])
-
-    def latitude(self, phi, z):
-        """Latitude (n,) at which the surface crosses the height z at angles phi (n,)."""
-        low, high = np.zeros(len(phi)), np.full(len(phi), QUARTER)
-        for _ in range(50):
-            middle = (low + high) / 2
-            above = self(phi, middle)[:, 2] > z
-            low, high = np.where(above, middle, low), np.where(above, high, middle)
-        return (low + high) / 2
+        return self.lines.points(phi, u, self.distance(phi, u))
 
 
 class FittedSurfaces:
     """Endocardium and epicardium with the borders of their levels, for `meshing.write_gmsh`.
 
-    `sides` are the two as (`StarSurface`, its three `LevelBorder`s from base to apex).
+    sides: the two as (`FittedSurface`, its latitude as a function of phi and of the bullseye's
+    radius rho in the mesher's own coordinates). border_radii (3,): rho of the levels' borders, from
+    base to apex.
     """
 
-    def __init__(self, sides):
-        self._sides = sides
-        self.endo_apex = -self._sides[0][0].depth
-        # The bullseye's radii on which the rings of borders lie in the mesher's own coordinates.
-        self.border_radii = np.array([1 - b.mean / QUARTER for b in self._sides[0][1]])
-        angle = np.linspace(-np.pi, np.pi, 361)
-        for _, borders in self._sides:
-            rings = np.stack([0 * angle, *(b(angle) for b in borders), 0 * angle + QUARTER])
-            if (np.diff(rings, axis=0) < 0.02).any():
-                raise InputError(
-                    "the levels' borders touch each other; the segments must lie in four levels "
-                    "from base to apex"
-                )
+    def __init__(self, sides, border_radii):
+        self._sides, self.border_radii = sides, np.asarray(border_radii)
+        self.endo_apex = -sides[0][0].lines.length
 
     @classmethod
     def of_mesh(cls, mesh):
         """Those of a mesh with tagged segments."""
-        sides, owner = [], facet_cells(mesh)
-        for number in (ENDOCARDIUM, EPICARDIUM):
-            mine = mesh.surface == number
-            surface = StarSurface(mesh.points[np.unique(mesh.facets[mine])])
-            borders = _level_borders(mesh, mesh.facets[mine], mesh.segment[owner[mine]], surface)
-            sides.append((surface, borders))
-        return cls(sides)
+        owner, skin = facet_cells(mesh), [mesh.surface == s for s in (ENDOCARDIUM, EPICARDIUM)]
+        points = [mesh.points[np.unique(mesh.facets[mine])] for mine in skin]
+        lines = WallLines.of(points[0])
+        surfaces = [FittedSurface(lines, own) for own in points]
+        borders = [
+            _level_borders(mesh, mesh.facets[mine], mesh.segment[owner[mine]], lines)
+            for mine in skin
+        ]
+        radii = [1 - border.mean / QUARTER for border in borders[0]]
+        latitudes = [partial(_latitude, own, radii) for own in borders]
+        return cls(list(zip(surfaces, latitudes, strict=True)), radii)
 
     @classmethod
-    def of_planes(cls, endocardium, epicardium, heights):
-        """Those of two `StarSurface`s whose levels end in short-axis planes z = heights (3,)."""
-        angle = np.linspace(-np.pi, np.pi, 90, endpoint=False)
-        return cls(
-            [
-                (s, [LevelBorder(angle, s.latitude(angle, z), np.ones(90)) for z in heights])
-                for s in (endocardium, epicardium)
-            ]
-        )
+    def of_lines(cls, endocardium, epicardium, level_ends):
+        """Those of two `FittedSurface`s on the same lines, whose levels end at these shares (3,) of
+        the cavity's length."""
+        ends = 1 - np.arcsin(level_ends) / QUARTER
+        return cls([(surface, _same_latitude) for surface in (endocardium, epicardium)], ends)
 
     def wall(self, phi, rho, t, _rho_border):
         """Points (n, 3) at angle phi, place rho on the bullseye and transmural depth t.
 
-        `border_radii` are the levels' borders through the whole wall; between them latitudes are
-        interpolated. Lines through the wall are straight.
+        Lines through the wall are straight, and where the latitudes of both sides are the same,
+        they are `WallLines`.
         """
-        inner, outer = (
-            surface(phi, _latitude(borders, self.border_radii, phi, rho))
-            for surface, borders in self._sides
-        )
+        inner, outer = (surface(phi, latitude(phi, rho)) for surface, latitude in self._sides)
         return (1 - t)[:, None] * inner + t[:, None] * outer
 
 
@@ -160,12 +137,19 @@ class LevelBorder:
         return self._waves(phi) @ self._coefficients
 
 
+def _same_latitude(_phi, rho):
+    return QUARTER * (1 - rho)
+
+
 def _latitude(borders, radii, phi, rho):
-    """Latitude at the bullseye's radius rho in the mesher's coordinates."""
-    apex = borders[-1]
-    # The angular variation of the lowest border fades towards the pole like f^3.
-    f = rho / radii[-1]
-    u = QUARTER - f * (QUARTER - apex.mean) + f**3 * (apex(phi) - apex.mean)
+    """Latitude at the bullseye's radius rho in the mesher's coordinates: it rises towards the pole
+    wherever the `borders` (three `LevelBorder`s, at rho = radii) do."""
+    # Below the lowest border 1 / g^2 of the gap g to the pole goes over from a cone's, which is the
+    # same all around, to the border's own: g grows with f whatever the two are, and its variation
+    # with the angle fades towards the pole like f^3.
+    f = np.minimum(rho / radii[-1], 1)
+    cone, own = QUARTER - borders[-1].mean, QUARTER - borders[-1](phi)
+    u = QUARTER - f / np.sqrt((1 - f**2) / cone**2 + f**2 / own**2)
     outer_radius, outer = 1.0, np.zeros_like(phi)
     for border, radius in zip(borders, radii, strict=True):
         here = border(phi)
@@ -181,7 +165,7 @@ def _level_of(segment):
     return np.searchsorted([numbers[-1] for numbers in LEVELS.values()], segment)
 
 
-def _level_borders(mesh, facets, segment, surface):
+def _level_borders(mesh, facets, segment, lines):
     """The three `LevelBorder`s of a surface, from the edges between facets of two levels."""
     level = _level_of(segment)
     edges = np.sort(facets[:, [[0, 1], [1, 2], [2, 3], [3, 0]]].reshape(-1, 2), axis=1)
@@ -199,10 +183,17 @@ def _level_borders(mesh, facets, segment, surface):
                 f"{names[k + 1]} level; segments of neighbouring levels must touch all around"
             )
         ends = mesh.points[edges[here]]
-        phi, u, _ = surface.coordinates(ends.mean(axis=1))
+        phi, u, _ = lines.coordinates(ends.mean(axis=1))
         turn = np.diff(np.arctan2(ends[..., 1], ends[..., 0]), axis=1)[:, 0]
         # An edge counts for the angle that it spans: steps of a border count for nothing.
         borders.append(LevelBorder(phi, u, np.abs((turn + np.pi) % (2 * np.pi) - np.pi) + 1e-9))
+    angle = np.linspace(-np.pi, np.pi, 361)
+    rings = np.stack([0 * angle, *(b(angle) for b in borders), 0 * angle + QUARTER])
+    if (np.diff(rings, axis=0) < 0.02).any():
+        raise InputError(
+            "the levels' borders touch each other; the segments must lie in four levels from base "
+            "to apex"
+        )
     return borders
 
 
@@ -250,20 +241,19 @@ def _sectors(lower, surfaces):
 
 
 def aha_sectors(surfaces):
-    """Segment table (17 rows) of the AHA's sectors of 60 and 90 degrees about the septum's middle,
-    which lies at `SEPTUM_DEG`; anterior is 90 degrees further counter-clockwise.
-
-    Source: Cerqueira et al. 2002, doi 10.1161/hc0402.102975.
-    """
+    """Segment table (17 rows) of the AHA's sectors, for `meshing.write_gmsh`."""
     lower = {}
-    for numbers, width, first in (
-        (LEVELS["basal"], 60, SEPTUM_DEG + 60),
-        (LEVELS["mid"], 60, SEPTUM_DEG + 60),
-        (LEVELS["apical"], 90, SEPTUM_DEG + 45),
-    ):
-        for i, segment in enumerate(numbers):
+    for level, (width, first) in AHA_SECTORS.items():
+        for i, segment in enumerate(LEVELS[level]):
             lower[segment] = (first - i * width + 180) % 360 - 180
     return _sectors(lower, surfaces)
+
+
+def aha_segment_at(phi, u):
+    """AHA number at an angle and a latitude (rad), as `aha_sectors` and `LEVEL_ENDS` divide."""
+    level = list(LEVELS)[np.searchsorted(LEVEL_ENDS, np.sin(u), side="right")]
+    width, first = AHA_SECTORS.get(level, (360, 360))
+    return LEVELS[level][int((first + width - np.degrees(phi)) % 360 // width)]
 
 
 def _cut(above, above_volume, below, below_volume):

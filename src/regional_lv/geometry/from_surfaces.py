@@ -7,26 +7,20 @@ from scipy.spatial import cKDTree
 
 from regional_lv.errors import InputError
 from regional_lv.geometry.comparison import normal_distances, sample_surface
-from regional_lv.geometry.fitted import FittedSurfaces, StarSurface, aha_sectors
+from regional_lv.geometry.fitted import FittedSurfaces, aha_sectors
 from regional_lv.geometry.from_mesh import segment_table, write_summary, write_table
 from regional_lv.geometry.make import mesh_between
 from regional_lv.geometry.mesh import ENDOCARDIUM, EPICARDIUM, SURFACES
 from regional_lv.geometry.mesh_config import check_mesh_config
 from regional_lv.geometry.summary import cavity_volume, segment_volumes, summarise_mesh
-from regional_lv.geometry.triangulated import SIDES, read_ventricle, triangle_points
+from regional_lv.geometry.surfaces import QUARTER
+from regional_lv.geometry.triangles import triangle_points
+from regional_lv.geometry.triangulated import SIDES, read_ventricle
+from regional_lv.geometry.wall_checks import where
+from regional_lv.geometry.wall_lines import LEVEL_ENDS
 
 log = logging.getLogger(__name__)
 
-LEVEL_ENDS = (1 / 3, 2 / 3, 0.9)
-"""Where basal, mid and apical level end, as shares of the cavity's length on the long axis.
-
-The AHA divides the ventricle into thirds perpendicular to the long axis; segment 17 is the tip
-beyond the cavity's end (Cerqueira et al. 2002, doi 10.1161/hc0402.102975). Here that segment begins
-with the last tenth of the cavity, so that it has an endocardium, whose strains are defined."""
-
-# Points (mm) of the surfaces that are fitted: at most so far apart on a triangle, and one per cube
-# of this edge. The polynomials' shortest wave at the base is some 7 mm long.
-GAP_MM, THINNED_MM = 3.0, 1.5
 # Distance (mm) between the places at which the given surface is compared with the mesh's.
 SAMPLED_MM = 1.0
 # Distances (mm) between given and fitted surface: to be told, and not to be accepted.
@@ -50,8 +44,8 @@ def mesh_surfaces(
     Parameters
     ----------
     endocardium, epicardium: paths of the two surfaces.
-    surfaces: unit, base, septum and insertions, as `triangulated.read_ventricle` takes them; other
-        keys are not used.
+    surfaces: unit, base, septum, insertions and long_axis, as `triangulated.read_ventricle` takes
+        them; other keys are not used.
     mesh, fibres, zones: as in `make.make_mesh`.
     msh, vtu, segments, summary: files that are written, as in `make.make_mesh`. The summary has
         beside the mesh's figures those of the given surfaces, how far from them the mesh's are
@@ -65,12 +59,13 @@ def mesh_surfaces(
     """
     check_mesh_config(mesh)
     paths = dict(zip(SIDES, (endocardium, epicardium), strict=True))
-    wanted = ("unit", "base", "septum", "insertions")
-    heart = read_ventricle(*paths.values(), **{key: surfaces[key] for key in wanted})
+    wanted = ("unit", "base", "septum", "insertions", "long_axis")
+    heart = read_ventricle(
+        *paths.values(), **{key: surfaces[key] for key in wanted if key in surfaces}
+    )
     given = {side: getattr(heart, side) for side in SIDES}
-    stars = {side: _fit(paths[side], given[side], heart) for side in SIDES}
-    length = -stars["endocardium"].apex
-    fitted = FittedSurfaces.of_planes(*stars.values(), [-share * length for share in LEVEL_ENDS])
+    _check_fit(paths, given, heart)
+    fitted = FittedSurfaces.of_lines(*heart.smooth.values(), LEVEL_ENDS)
     sectors = aha_sectors(fitted)
     made = mesh_between(
         sectors,
@@ -93,7 +88,9 @@ def mesh_surfaces(
     write_summary(
         summarise_mesh(made)
         | {
-            "long_axis_mm": length,
+            "long_axis_mm": float(
+                -heart.smooth["endocardium"](np.zeros(1), np.full(1, QUARTER))[0, 2]
+            ),
             "segment_thickness_mm": {
                 "least": float(thickness.min()),
                 "mean": float(np.average(thickness, weights=table["volume_ml"])),
@@ -110,30 +107,20 @@ def mesh_surfaces(
     )
 
 
-def _fit(path, surface, heart):
-    """`StarSurface` through a triangulated surface."""
-    star = StarSurface(_points_to_fit(surface))
-    phi, u, _ = star.coordinates(surface.points)
-    there = star(phi, u)
-    # Along the ray from the base's middle, which is no less than the distance to the surface.
-    distance = cKDTree(there).query(surface.points)[0]
-    worst = distance.argmax()
-    if distance[worst] > LARGEST_MM:
-        raise InputError(
-            f"{path}: a smooth surface through it stays {distance[worst]:.1f} mm away at "
-            f"{heart.in_file_words(surface.points[worst])}; smooth the surface there and leave "
-            "papillary muscles to the cavity"
-        )
-    return star
-
-
-def _points_to_fit(surface):
-    """Corners of the triangles, in large ones points between them, in dense places fewer."""
-    points = np.concatenate([surface.points, triangle_points(surface, GAP_MM)])
-    # Of each cell of a fine grid one point; those in the base plane have cells of their own.
-    cell = np.column_stack([np.floor(points / THINNED_MM), points[:, 2] > -1e-6])
-    _, first = np.unique(cell, axis=0, return_index=True)
-    return points[np.sort(first)]
+def _check_fit(paths, given, heart):
+    """The smooth surfaces lie near the given ones."""
+    for side, smooth in heart.smooth.items():
+        points = given[side].points
+        phi, u, _ = heart.lines.coordinates(points)
+        # Along the lines, which is no less than the distance to the surface.
+        distance = cKDTree(smooth(phi, u)).query(points)[0]
+        worst = distance.argmax()
+        if distance[worst] > LARGEST_MM:
+            raise InputError(
+                f"{paths[side]}: a smooth surface through it stays {distance[worst]:.1f} mm away "
+                f"at {where(heart, points[worst])}; smooth the surface there and leave papillary "
+                "muscles to the cavity"
+            )
 
 
 def _closeness(paths, given, made, heart):

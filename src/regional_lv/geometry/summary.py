@@ -94,12 +94,13 @@ def scaled_jacobians(mesh):
 
 
 def cavity_volume(mesh):
-    """Volume (mL) between the endocardium and the base plane z = 0, by the divergence theorem."""
+    """Volume (mL) between the endocardium and the base plane, by the divergence theorem."""
     points, weights = gauss(2, 4)
     inner = mesh.surface == ENDOCARDIUM
     normal = facet_normals(mesh, points)[inner]
     x = facet_points(mesh, points)[inner]
-    # The plane z = 0 adds nothing, as x . n vanishes on it; normals point into the cavity.
+    # A plane through the origin adds nothing, as x . n vanishes on it; normals point into the
+    # cavity.
     return float(-np.einsum("kqx,kqx,q->", x, normal, weights) / 3e3)
 
 

@@ -1,10 +1,10 @@
 """Endocardium and epicardium as two triangulated surfaces from elsewhere: read, checked, cut at the
 base, and moved into the project's frame.
 
-The files' frame may be any right-handed one (a scanner's, say) as long as both share it. The base
-plane becomes z = 0 with the apex below, the z axis runs through the middle of the endocardium's
-opening in that plane, and the middle of the septum comes to lie at `fitted.SEPTUM_DEG`. Lengths
-below are in mm; what an error names is in the files' own coordinates.
+The files' frame may be any right-handed one (a scanner's, say) as long as both share it. The z axis
+is the long axis, from the middle of the endocardium's opening in the base plane, the origin, away
+from the apex; the base plane may be oblique to it. The middle of the septum comes to lie at
+`fitted.SEPTUM_DEG`. Lengths below are in mm; what an error names is in the files' own coordinates.
 
 Which side of the septum is anterior follows from handedness: seen from the base, anterior is 90
 degrees counter-clockwise from the septum's middle. The septum's direction alone cannot tell a heart
@@ -13,6 +13,7 @@ from its mirror image (an axis flipped on export); the two insertions of the rig
 
 import logging
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -20,9 +21,12 @@ import pyvista
 from scipy.spatial import cKDTree
 
 from regional_lv.errors import InputError
-from regional_lv.geometry.fitted import SEPTUM_DEG
+from regional_lv.geometry import wall_checks
+from regional_lv.geometry.fitted import SEPTUM_DEG, FittedSurface
 from regional_lv.geometry.imported import MM_PER, PLAUSIBLE_LENGTH_MM, UNIT_NAMES, units_that_fit
 from regional_lv.geometry.surface_files import read_surface
+from regional_lv.geometry.triangles import areas, enclosed_volume, middles, triangle_points
+from regional_lv.geometry.wall_lines import WallLines
 
 log = logging.getLogger(__name__)
 
@@ -38,13 +42,19 @@ NOTABLE_MM = 1.0
 LARGEST_SHARE_ABOVE = 0.7
 # Angles (deg) between the long axis and the line from the base's middle to the apex.
 NOTABLE_TILT_DEG, LARGEST_TILT_DEG = 15.0, 35.0
+# The apex is sought below this share of the greatest depth, and is what is farther from the base's
+# middle than this share of the greatest distance.
+DEEP, FAR = 0.8, 0.98
+# Distance (mm) between the points of the endocardium among which its place on the axis is sought.
+APEX_MM = 1.0
 # Smallest angle (deg) between the septum's direction and the long axis.
 SMALLEST_SEPTUM_DEG = 20.0
 # Largest distance (mm) of an insertion from the epicardium, and smallest arc (deg) between two.
 INSERTION_MM = 20.0
 SMALLEST_SEPTUM_ARC_DEG = 30.0
-# Share of a surface's area that may be hidden from the base's middle.
-FOLDED = 0.02
+# Points (mm) of the surfaces that are fitted: at most so far apart on a triangle, and one per cube
+# of this edge. The polynomials' shortest wave at the base is some 7 mm long.
+GAP_MM, THINNED_MM = 3.0, 1.5
 
 
 @dataclass
@@ -52,7 +62,8 @@ class Ventricle:
     """Two surfaces of a left ventricle below its base plane, in the project's frame (mm).
 
     Triangles are turned the same way all over a surface. A point of the files is
-    `origin + rotation.T @ x`, over `mm_per_unit`.
+    `origin + rotation.T @ x`, over `mm_per_unit`. base_normal (3,): of the base plane, which passes
+    through the origin, in the project's frame.
     """
 
     endocardium: pyvista.PolyData
@@ -60,6 +71,30 @@ class Ventricle:
     rotation: np.ndarray
     origin: np.ndarray
     mm_per_unit: float
+    base_normal: np.ndarray
+
+    @cached_property
+    def lines(self):
+        """The `WallLines` of this ventricle."""
+        return WallLines.of(
+            triangle_points(self.endocardium, APEX_MM),
+            -self.base_normal[:2] / self.base_normal[2],
+        )
+
+    @cached_property
+    def smooth(self):
+        """The `FittedSurface` of each side."""
+        return {
+            side: FittedSurface(self.lines, _points_to_fit(getattr(self, side), self.base_normal))
+            for side in SIDES
+        }
+
+    def turn(self, rotation):
+        """Turn the project's frame: a point x of it becomes rotation (3, 3) @ x."""
+        for surface in (self.endocardium, self.epicardium):
+            surface.points = surface.points @ rotation.T
+        self.rotation = rotation @ self.rotation
+        self.base_normal = rotation @ self.base_normal
 
     def in_file(self, points):
         """Points (..., 3) of the project's frame in the files' coordinates."""
@@ -78,7 +113,15 @@ class Ventricle:
         return enclosed_volume(self.epicardium) - self.cavity_volume_ml
 
 
-def read_ventricle(endocardium, epicardium, unit="mm", base=None, septum=None, insertions=None):
+def read_ventricle(
+    endocardium,
+    epicardium,
+    unit="mm",
+    base=None,
+    septum=None,
+    insertions=None,
+    long_axis="apex",
+):
     """`Ventricle` from two files of triangles (STL, PLY, OBJ, VTP or legacy VTK).
 
     Parameters
@@ -90,6 +133,8 @@ def read_ventricle(endocardium, epicardium, unit="mm", base=None, septum=None, i
     septum: direction (3,) from the long axis towards the middle of the septum.
     insertions: instead of it, the points `anterior` and `inferior` (3,) where the right ventricle's
         wall meets the left ventricle, in any short-axis plane.
+    long_axis: where the long axis leads from the middle of the base, `apex` (of the endocardium) or
+        `base_normal` (against the base's normal).
 
     Raises
     ------
@@ -105,42 +150,47 @@ def read_ventricle(endocardium, epicardium, unit="mm", base=None, septum=None, i
     point, normal = _base_plane(paths, given, base or {}, mm)
     across = np.eye(3)[np.abs(normal).argmin()]
     rotation = _axes(normal, across - across @ normal * normal, 0.0)
-    cut, origin = _cut_at_base(paths, given, point, rotation, mm)
-    heart = Ventricle(*cut, rotation, origin, mm)
-    _check_inside(paths, heart)
-    _check_tilt(heart)
-    towards = _septum(septum, insertions, heart)
-    turn = _axes(np.array([0.0, 0.0, 1.0]), towards, SEPTUM_DEG)
-    for surface in (heart.endocardium, heart.epicardium):
-        surface.points = surface.points @ turn.T
-    heart.rotation = turn @ heart.rotation
-    _check_star_shape(paths, heart)
+
+    def placed(point):
+        return _placed(paths, given, point, rotation, mm, septum, insertions, long_axis)
+
+    heart = placed(point)
+    depth = wall_checks.depth_of_crossing(heart, UNEVEN_MM)
+    if depth > 0:
+        log.warning(
+            "The surfaces cross each other at their rims; the base plane is moved %.1f mm towards "
+            "the apex, below that",
+            depth,
+        )
+        heart = placed(heart.origin - depth * normal)
+    wall_checks.check_thickness(paths, heart)
     return heart
 
 
-def enclosed_volume(surface):
-    """Volume (mL) between a surface that is open at z = 0 and that plane, which adds nothing."""
-    return float(abs(_cones(surface).sum()) / 6e3)
+def _placed(paths, given, point, rotation, mm, septum, insertions, long_axis):
+    """`Ventricle` below the base plane through a point (3,), `rotation` having its normal as z."""
+    cut, origin = _cut_at_base(paths, given, point, rotation, mm)
+    heart = Ventricle(*cut, rotation, origin, mm, np.array([0.0, 0.0, 1.0]))
+    _check_inside(paths, heart)
+    apex = _apex(heart)
+    _check_tilt(heart, apex)
+    if long_axis == "apex":
+        upwards = -apex / np.linalg.norm(apex)
+        heart.turn(_axes(upwards, np.array([1.0, 0.0, 0.0]) - upwards[0] * upwards, 0.0))
+    towards = _septum(septum, insertions, heart)
+    heart.turn(_axes(np.array([0.0, 0.0, 1.0]), towards, SEPTUM_DEG))
+    wall_checks.check_one_ventricle(paths, heart)
+    wall_checks.check_lines(paths, heart)
+    return heart
 
 
-def triangle_points(surface, spacing_mm):
-    """Points (n, 3) on the triangles' corners, edges and faces, at most so far apart."""
-    corners = surface.points[surface.regular_faces]
-    edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=-1).max(axis=1)
-    steps = np.ceil(edges / spacing_mm).astype(int)
-    found = []
-    for n in np.unique(steps):
-        i, j = np.meshgrid(np.arange(n + 1), np.arange(n + 1), indexing="ij")
-        inside = i + j <= n
-        shares = np.stack([i[inside], j[inside], n - i[inside] - j[inside]], axis=1) / n
-        found.append(np.einsum("qc,tcx->tqx", shares, corners[steps == n]).reshape(-1, 3))
-    return np.concatenate(found)
-
-
-def _cones(surface):
-    """Six times the signed volumes (n,) of the tetrahedra from the origin to the triangles."""
-    a, b, c = np.swapaxes(surface.points[surface.regular_faces], 0, 1)
-    return np.einsum("nx,nx->n", a, np.cross(b, c))
+def _points_to_fit(surface, base_normal):
+    """Corners of the triangles, in large ones points between them, in dense places fewer."""
+    points = np.concatenate([surface.points, triangle_points(surface, GAP_MM)])
+    # Of each cell of a fine grid one point; those in the base plane have cells of their own.
+    cell = np.column_stack([np.floor(points / THINNED_MM), points @ base_normal > -1e-6])
+    _, first = np.unique(cell, axis=0, return_index=True)
+    return points[np.sort(first)]
 
 
 # ---------------------------------------------------------------------------- files
@@ -289,12 +339,12 @@ def _cut_at_base(paths, given, point, rotation, mm):
         _check_crossing_of_base(paths[side], moved, rotation)
         depth = max(depth, _depth_of_rim(paths[side], side, moved, point, rotation, mm))
         local.append(moved)
-    point = point - depth * rotation[2]
     if depth > NOTABLE_MM:
         log.warning(
             "The rims are up to %.1f mm below the base plane; it is moved there, towards the apex",
             depth,
         )
+    point = point - depth * rotation[2]
     cut = []
     for (side, path), surface in zip(paths.items(), local, strict=True):
         surface.points[:, 2] += depth
@@ -315,8 +365,7 @@ def _check_crossing_of_base(path, surface, rotation):
             f"plane, which must cut it; correct {KEY}.base.point, or turn {KEY}.base.normal round: "
             "it points away from the apex"
         )
-    sizes = surface.compute_cell_sizes(length=False, volume=False)["Area"]
-    above = surface.points[surface.regular_faces].mean(axis=1)[:, 2] > 0
+    sizes, above = areas(surface), middles(surface)[:, 2] > 0
     if sizes[above].sum() > LARGEST_SHARE_ABOVE * sizes.sum():
         turned = ", ".join(f"{-x:.4g}" for x in rotation[2])
         raise InputError(
@@ -388,16 +437,7 @@ def _below_base(path, side, surface, in_file):
 
 
 def _check_inside(paths, heart):
-    """The endocardium inside the epicardium, which it neither crosses nor leaves."""
-    contact, number = heart.endocardium.collision(heart.epicardium)
-    if number:
-        cell = contact.field_data["ContactCells"][0]
-        place = heart.endocardium.get_cell(cell).points.mean(axis=0)
-        raise InputError(
-            f"{paths['endocardium']}: crosses {paths['epicardium']} at "
-            f"{heart.in_file_words(place)}, {-place[2]:.3g} mm below the base; correct the "
-            "surfaces there, or save both in one frame of coordinates"
-        )
+    """The endocardium inside the epicardium, by their volumes and rims."""
     if heart.wall_volume_ml <= 0:
         cavity, outside = heart.cavity_volume_ml, enclosed_volume(heart.epicardium)
         raise InputError(
@@ -413,13 +453,22 @@ def _check_inside(paths, heart):
         )
 
 
-def _check_tilt(heart):
-    points = heart.endocardium.points
-    apex = points[np.linalg.norm(points, axis=1).argmax()]
+def _apex(heart):
+    """Endocardial apex (3,) in the base's frame: the middle of what lies farthest from the base's
+    middle. In a round ventricle that is much, so that one triangle does not turn the axis."""
+    places, area = middles(heart.endocardium), areas(heart.endocardium)
+    distance = np.where(
+        places[:, 2] < DEEP * places[:, 2].min(), np.linalg.norm(places, axis=1), 0.0
+    )
+    far = distance > FAR * distance.max()
+    return np.average(places[far], axis=0, weights=area[far])
+
+
+def _check_tilt(heart, apex):
     tilt = np.degrees(np.arctan2(np.hypot(apex[0], apex[1]), -apex[2]))
     says = (
         f"the apex, at {heart.in_file_words(apex)}, lies {tilt:.0f} degrees off the normal of "
-        "the base, which the model takes for the long axis"
+        "the base"
     )
     if tilt > LARGEST_TILT_DEG:
         raise InputError(f"{KEY}.base: {says}; correct the normal, or cut across the long axis")
@@ -469,21 +518,3 @@ def _between_insertions(points, heart):
         )
     middle = np.radians(angle["inferior"] + arc / 2)
     return np.array([np.cos(middle), np.sin(middle), 0.0])
-
-
-def _check_star_shape(paths, heart):
-    """Every ray from the base's middle meets each surface once, but for small folds."""
-    for path, surface in zip(paths.values(), (heart.endocardium, heart.epicardium), strict=True):
-        cones = _cones(surface)
-        folded = np.sign(cones.sum()) * cones < 0
-        area = surface.compute_cell_sizes(length=False, volume=False)["Area"]
-        share = area[folded].sum() / area.sum()
-        if share > FOLDED:
-            worst = surface.points[surface.regular_faces[folded]].mean(axis=1)
-            place = worst[area[folded].argmax()]
-            raise InputError(
-                f"{path}: {100 * share:.0f} % of the surface is hidden from the middle of the "
-                f"base, such as the part at {heart.in_file_words(place)}, and cannot be fitted; "
-                "smooth the surface, leave papillary muscles and trabeculae to the cavity, or "
-                "correct the base plane"
-            )
