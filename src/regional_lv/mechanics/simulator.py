@@ -84,8 +84,10 @@ class Simulator(Equilibrium):
         self.pressure_dofs, self.pressure_nodes = api.tabulated_dofs(space.sub(1))
         self._build_observer(mesh, physics["observables"])
         # With the base in its plane a uniform pressure has a potential, the cavity's volume, and
-        # the tangent is symmetric. Cell-wise constant pressures leave so many zeros on the diagonal
-        # that their symmetric factorisation takes three times as long as the general one.
+        # the tangent is symmetric. Of a base that is oblique to the axis, what is not symmetric is
+        # left out: at 19 degrees it changes sensitivities by 5e-5 of the largest. Cell-wise
+        # constant pressures leave so many zeros on the diagonal that their symmetric factorisation
+        # takes three times as long as the general one.
         symmetric = held_axially and api.element_order(mesh.cells) == 2
         fixed, rotation = np.zeros(0, dtype=int), None
         if base is not None:
