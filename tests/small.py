@@ -25,6 +25,10 @@ DESIGN = {
     "mesh": {"circumferential": 16, "basal": 2, "mid": 1, "apical": 1, "apex": 1, "transmural": 1},
     "design": {"natural": 48, "log": 16, "test": 4, "lower": 0.4, "upper": 3.0},
     "simulations": {"batch_size": 16, "anchors": 16},
+    "nuts": {
+        **{"chains": 2, "warmup": 50, "draws": 100, "rhat_max": 1.1, "ess_min": 40},
+        **{"max_tree_depth": 4, "cases_per_batch": 3},
+    },
     "criticism": {
         "hypotheses": ["end_diastolic_pressure", "radial_scale"],
         "bootstrap": 49,

@@ -46,7 +46,7 @@ SCAR = {"focal_scar": {"segment": 8, "multiplier": 4.0}}
 CRITICISM = {
     "hypotheses": [
         *("end_diastolic_pressure", "fibre_rotation", "basal_motion", "septal_load"),
-        *("strain_measure", "radial_scale", "mixed_frames", "heavy_tails"),
+        *("radial_scale", "mixed_frames", "heavy_tails"),
     ],
     "bootstrap": 199,
     "draws": 800,
@@ -54,7 +54,7 @@ CRITICISM = {
     "confirmation": {"sets": 3, "simulations": 6, "rounds": 1},
 }
 
-MORE_CAUSES = ["anisotropy", "wall_thickness", "epicardial_support"]
+MORE_CAUSES = ["anisotropy", "wall_thickness", "epicardial_support", "strain_measure"]
 
 SUBJECTS = {
     "moving_base": {"effects": HEARTS["moving_base"], "seed": 11},

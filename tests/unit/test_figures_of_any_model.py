@@ -52,7 +52,12 @@ CHANNELS = Channels.of(
 )
 
 
-@pytest.fixture(params=MODELS)
+MANY = pytest.mark.test_all("the figures of 34 parameters take as long as all others")
+
+
+@pytest.fixture(
+    params=[pytest.param(name, marks=MANY if name == "segments" else []) for name in MODELS]
+)
 def parameters(request) -> Parameterisation:
     return MODELS[request.param]
 

@@ -88,7 +88,7 @@ FILES = {
         lambda at: read_abaqus(
             written(at, "heart.inp", BRICK.format(kind="C3D4", nodes="1, 2, 3, 5"))
         ),
-        r"heart\.inp: holds tetra; give one block of eight-node bricks",
+        r"heart\.inp: holds elements of type C3D4; leave eight-node bricks alone",
     ),
     "a surface of a set that is not there": (
         lambda at: read_abaqus(written(at, "heart.inp", BRICK.format(kind="C3D8", nodes=NODES))),

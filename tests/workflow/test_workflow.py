@@ -272,7 +272,10 @@ def test_what_a_killed_run_had_finished_is_kept(study, killed):
 @pytest.mark.parametrize(
     "target",
     [
-        pytest.param(target, marks=DEEP if target.endswith(("auc.csv", "errors.csv")) else [])
+        pytest.param(
+            target,
+            marks=DEEP if target.endswith(("auc.csv", "errors.csv", "findings.json")) else [],
+        )
         for target in REMADE
     ],
 )
