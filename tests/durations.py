@@ -81,7 +81,8 @@ class Durations:
     @pytest.hookimpl(trylast=True)
     def pytest_sessionfinish(self, exitstatus: int) -> None:
         option = self.config.option
-        some = option.keyword or option.lf or option.file_or_dir or option.deselect
+        last_failed = getattr(option, "lf", False)  # not there without pytest's cache
+        some = option.keyword or last_failed or option.file_or_dir or option.deselect
         if some or exitstatus or hasattr(self.config, "workerinput"):
             return  # not all tests, or a worker of xdist, which knows its own alone
         record = read()
