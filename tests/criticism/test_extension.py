@@ -119,6 +119,16 @@ def theta():
     return torch.as_tensor(np.exp(np.random.default_rng(2).uniform(-1.0, 1.0, (6, 10))))
 
 
+def test_a_cause_that_cannot_be_simulated_is_left_out(study, hypothesis, physics, tmp_path):
+    """It does not stop the study: no extension, and the report says why."""
+    rows = pd.read_parquet(study / "batch-0000.parquet")
+    rows.loc[rows["psi"] == hypothesis.nodes[-1], "status"] = "failed"
+    rows.to_parquet(tmp_path / "batch-0000.parquet")
+    assert train("wall_thickness", physics, tmp_path, [tmp_path / "batch-0000.parquet"]) == []
+    (component,) = json.loads((tmp_path / "extension.json").read_text())["components"]
+    assert "converged at all values of psi for 0 of 40 anchors" in component["left_out"]
+
+
 def test_differences_are_those_of_the_extended_model(extension, hypothesis, theta):
     psi = torch.tensor([0.8, 0.9, 1.1, 1.2, 0.75, 1.0], dtype=theta.dtype)
     truth = extended_outputs(theta, torch.log(psi)[:, None]) - base_outputs(theta)

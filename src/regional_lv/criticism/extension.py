@@ -200,7 +200,8 @@ def train_extension(
     """Learn the differences of one hypothesis from its simulations; write them and a report (JSON).
 
     hypothesis: its name. batches: files of `simulate_extension`; none for closed forms and noise.
-    seed: the study's.
+    seed: the study's. A component of which too few simulations converged is left out of the search,
+    and the report says so (`left_out`).
     The report says per component how many of the simulations converged, what they cost and, with
     one anchor in `HELD_OUT` left out, how well the differences there are known: `size` and `error`
     at the nodes in `noise_units` (root mean squares over anchors and outputs), their ratio, that at
@@ -219,8 +220,13 @@ def train_extension(
         scale = Scale(channels, exponent)
         for component, rows in table.groupby("component", sort=False):
             own = derive(seed, "extension", hypothesis, component)
-            learnt, errors = learn(asked, component, rows, scale, parameters, own)
-            extensions.append(learnt)
+            try:
+                learnt, errors = learn(asked, component, rows, scale, parameters, own)
+                extensions.append(learnt)
+            except InputError as error:
+                # One cause that cannot be simulated does not stop the search for the others.
+                log.warning("%s", error)
+                errors = {"left_out": str(error)}
             found.append({"component": component} | errors)
             progress.step()
     torch.save([each.state() for each in extensions], extension)

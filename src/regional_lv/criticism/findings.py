@@ -360,7 +360,8 @@ def _limits(criticism: Criticism, channels: Channels) -> list[str]:
     if others := [name for name in REGISTRY if name not in searched]:
         limits.append(
             f"{len(others)} of the catalogue's {len(REGISTRY)} causes were not searched, because "
-            "criticism.hypotheses does not name them or the study's model rules them out: "
+            "criticism.hypotheses does not name them, the study's model rules them out, or too few "
+            "of their simulations converged: "
             f"{', '.join(others)}"
         )
     return limits

@@ -32,6 +32,7 @@ from regional_lv.parameters import Parameterisation
 from regional_lv.units import KPA_PER_MMHG
 
 QUADRATURE_DEGREE = 5  # three Gauss points per direction
+FLAT_MM = 1e-6  # range of the heights of a base that is perpendicular to the axis
 
 
 @dataclass(frozen=True)
@@ -83,15 +84,15 @@ class Simulator(Equilibrium):
         self.displacement_dofs, self.displacement_nodes = displacement_nodes(space)
         self.pressure_dofs, self.pressure_nodes = api.tabulated_dofs(space.sub(1))
         self._build_observer(mesh, physics["observables"])
-        # With the base in its plane a uniform pressure has a potential, the cavity's volume, and
-        # the tangent is symmetric. Of a base that is oblique to the axis, what is not symmetric is
-        # left out: at 19 degrees it changes sensitivities by 5e-5 of the largest. Cell-wise
-        # constant pressures leave so many zeros on the diagonal that their symmetric factorisation
-        # takes three times as long as the general one.
-        symmetric = held_axially and api.element_order(mesh.cells) == 2
+        # With the base in a plane perpendicular to the axis, in which it stays, a uniform pressure
+        # has a potential, the cavity's volume, and the tangent is symmetric. Cell-wise constant
+        # pressures leave so many zeros on the diagonal that their symmetric factorisation takes
+        # three times as long as the general one.
+        at_base = mesh.nodes_on(BASE)
+        flat = np.ptp(mesh.points[at_base, 2]) < FLAT_MM
+        symmetric = flat and held_axially and api.element_order(mesh.cells) == 2
         fixed, rotation = np.zeros(0, dtype=int), None
         if base is not None:
-            at_base = mesh.nodes_on(BASE)
             fixed, rotation = base.held(self._node_dofs[at_base], mesh.points[at_base])
         super().__init__(self.w, residual, tangent, fixed, rotation, symmetric)
 
