@@ -1,6 +1,7 @@
 """Extensions learnt from a study whose answers are known, and the closed forms."""
 
 import json
+import re
 
 import numpy as np
 import pandas as pd
@@ -117,16 +118,6 @@ def extension(study):
 @pytest.fixture(scope="module")
 def theta():
     return torch.as_tensor(np.exp(np.random.default_rng(2).uniform(-1.0, 1.0, (6, 10))))
-
-
-def test_a_cause_that_cannot_be_simulated_is_left_out(study, hypothesis, physics, tmp_path):
-    """It does not stop the study: no extension, and the report says why."""
-    rows = pd.read_parquet(study / "batch-0000.parquet")
-    rows.loc[rows["psi"] == hypothesis.nodes[-1], "status"] = "failed"
-    rows.to_parquet(tmp_path / "batch-0000.parquet")
-    assert train("wall_thickness", physics, tmp_path, [tmp_path / "batch-0000.parquet"]) == []
-    (component,) = json.loads((tmp_path / "extension.json").read_text())["components"]
-    assert "converged at all values of psi for 0 of 40 anchors" in component["left_out"]
 
 
 def test_differences_are_those_of_the_extended_model(extension, hypothesis, theta):
@@ -456,14 +447,16 @@ def without_effect(tmp_path):
     return pd.DataFrame(rows)
 
 
-def test_too_few_anchors_are_refused(tmp_path, physics, without_effect):
-    """Of twelve anchors, eight fail at the last value of psi."""
+def test_a_cause_that_cannot_be_simulated_is_left_out(tmp_path, physics, without_effect):
+    """Of twelve anchors, eight fail at the last value of psi: no extension, and the study goes on
+    with a report that says why."""
     last = without_effect["psi"] == REGISTRY["sheet_angle"].nodes[-1]
     failed = last & (without_effect["anchor"].str.partition("/")[2].astype(int) < 8)
     without_effect.loc[failed, "status"] = "failed"
     without_effect.to_parquet(tmp_path / "batch.parquet", index=False)
-    with pytest.raises(InputError, match=r"sheet_angle converged .* 4 of 12 anchors.*leave it out"):
-        train("sheet_angle", physics, tmp_path, [tmp_path / "batch.parquet"])
+    assert train("sheet_angle", physics, tmp_path, [tmp_path / "batch.parquet"]) == []
+    (component,) = json.loads((tmp_path / "extension.json").read_text())["components"]
+    assert re.match(r".*sheet_angle converged .* 4 of 12 anchors", component["left_out"])
 
 
 def test_an_effect_that_changes_nothing(tmp_path, physics, without_effect):
