@@ -17,7 +17,7 @@ from regional_lv.criticism.critic import EVIDENCES, Critic, _by_sampling
 from regional_lv.criticism.designs import label
 from regional_lv.criticism.findings import write_findings
 from regional_lv.criticism.fit import fit_from_nothing
-from regional_lv.criticism.hypotheses.scales import Linear, Saturating
+from regional_lv.inputs.scales import Linear, Saturating
 from regional_lv.criticism.observations import observe
 from regional_lv.criticism.report import write_report
 from regional_lv.criticism.score import Misfit

@@ -1,5 +1,6 @@
 """Observes a solution: from nodal displacements to the values of channels and their derivatives."""
 
+import copy
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -19,19 +20,30 @@ class Observer:
     ----------
     mesh: the unloaded wall.
     observed: section `observables` of the configuration; read are `layer`, `strain_exponent`,
-        `line_share` and `segment_rotation_deg`, which hold for the wall strains alone, and `scale`.
+        `line_share`, `unloaded_share` and `segment_rotation_deg`, which hold for the wall strains
+        alone, and `scale`.
     """
 
     def __init__(self, mesh: Mesh, observed: Mapping):
         self.wall, self.cavity = Wall(mesh), Cavity(mesh)
-        self.measure = StrainMeasure(observed["strain_exponent"], observed["line_share"])
         self._whole = self.wall.shares((0.0, 1.0), 0.0)
-        asked = tuple(observed["layer"]), observed["segment_rotation_deg"]
-        whole = asked == ((0.0, 1.0), 0.0)
-        self._sampled = self._whole if whole else self.wall.shares(*asked)
         self._place = torch.as_tensor(self.wall.place)
         self._depth_gradient = torch.as_tensor(self.wall.depth_gradient)
         self._levels = {k: torch.as_tensor(v) for k, v in self.wall.level_shares.items()}
+        self._look(observed)
+
+    def looking(self, observed: Mapping) -> "Observer":
+        """An observer of the same wall with other `observed`: it costs next to nothing."""
+        other = copy.copy(self)
+        other._look(observed)
+        return other
+
+    def _look(self, observed: Mapping) -> None:
+        self.measure = StrainMeasure(observed["strain_exponent"], observed["line_share"])
+        self._unloaded_share = observed["unloaded_share"]
+        asked = tuple(observed["layer"]), observed["segment_rotation_deg"]
+        whole = asked == ((0.0, 1.0), 0.0)
+        self._sampled = self._whole if whole else self.wall.shares(*asked)
         self._scale = observed["scale"]
 
     def values(
@@ -128,7 +140,9 @@ class Observer:
             part.requires_grad_(differentiable)
         u, F, *varying = parts
         allowed = varying[0] if varying else dilation
-        return PointMotion(self._place, u, F, allowed, self._depth_gradient, self.measure)
+        return PointMotion(
+            self._place, u, F, allowed, self._depth_gradient, self.measure, self._unloaded_share
+        )
 
     def _mean_slopes(self, point, densities, moves, dilation_moves) -> list[np.ndarray]:
         """Derivatives (k, 17) of the segments' means of each density, along the moves."""
