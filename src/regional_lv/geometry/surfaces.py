@@ -25,6 +25,8 @@ What the table's figures mean: `endo_radius_mm` is the endocardium's distance fr
 axis and `wall_thickness_mm` is T; both are means over the segment's range of angle and latitude.
 """
 
+from functools import cache
+
 import numpy as np
 from numpy.polynomial import chebyshev, legendre
 from scipy.linalg import eigh
@@ -38,6 +40,7 @@ DEGREE = 12
 TENSION = 100.0
 SOFTNESS = 0.2
 QUARTER = np.pi / 2
+STEP = 1e-5  # rad, of differences along the latitude
 
 
 def polynomials(x, y, dx=0, dy=0, degree=DEGREE):
@@ -58,6 +61,7 @@ def bullseye(phi, u):
     return rho * np.cos(phi), rho * np.sin(phi)
 
 
+@cache
 def _smooth_modes():
     """(modes, energies): combinations of the polynomials, orthonormal on the disk, by roughness.
 
@@ -102,16 +106,18 @@ class Field:
         # f is sought as a deviation from the mean, so that the constant's share stays small.
         f = np.full(len(basis), self._mean)
         coefficients = None
+        self._problem = basis, energies, average, fixed, apex
         # Least energy under the constraints linearised about the last f, until they hold.
         for _ in range(200):
-            slope = average / (1 + np.exp(-f / self._scale))
+            slope = average * self._slope(f)
             gap = values - average @ self._bend(f)
             if coefficients is not None and np.abs(gap).max() < 1e-8 * values.max():
                 break
             rows = np.concatenate([slope @ basis, fixed])
             target = np.concatenate([gap + slope @ (f - self._mean), right])
             scaled = rows / energies
-            coefficients = scaled.T @ np.linalg.solve(scaled @ rows.T, target)
+            self._multipliers = np.linalg.solve(scaled @ rows.T, target)
+            coefficients = scaled.T @ self._multipliers
             f = self._mean + basis @ coefficients
         self.settled = bool(np.abs(gap).max() < 1e-4 * values.max())
         self._coefficients = modes @ coefficients
@@ -121,6 +127,55 @@ class Field:
 
     def __call__(self, x, y):
         return self._bend(self._mean + polynomials(x, y) @ self._coefficients)
+
+    def changes(self):
+        """Derivatives of the field about its values (m), and about `apex` if it has one.
+
+        Returns a function of bullseye points X, Y (n,) that gives them, (n, m) or (n, m + 1). They
+        follow from the conditions of the least energy, differentiated.
+        """
+        basis, energies, average, fixed, apex = self._problem
+        values, pinned = len(average), len(fixed)
+        f = self._mean + basis @ np.linalg.solve(_smooth_modes()[0], self._coefficients)
+        scale, slope = self._scale, self._slope(f)
+        # The mean of the values moves f and the softness; each value has its part in it.
+        of_mean = np.concatenate([1 / average.sum(axis=1) / values, np.zeros(int(pinned > 0))])
+        bent = slope + SOFTNESS * self._by_scale(f)
+        curved = slope * (1 - slope) / scale
+        load = average.T @ self._multipliers[:values]
+        rows = np.concatenate([(average * slope) @ basis, fixed])
+        tangent = np.diag(energies) - (basis.T * (load * curved)) @ basis
+        zeros = np.zeros((len(rows), len(rows)))
+        right = np.zeros((len(energies) + len(rows), len(of_mean)))
+        right[: len(energies)] = np.outer(
+            basis.T @ (load * curved * (1 - SOFTNESS * f / scale)), of_mean
+        )
+        right[len(energies) :][:values, :values] = np.eye(values)
+        right[len(energies) :][:values] -= np.outer(average @ bent, of_mean)
+        if pinned:
+            ratio = apex / scale
+            by_apex = 1 / -np.expm1(-ratio)
+            right[len(energies) + values, -1] = by_apex
+            by_mean = SOFTNESS * (np.log(np.expm1(ratio)) - ratio * by_apex) - 1
+            right[len(energies) + values] += by_mean * of_mean
+        matrix = np.block([[tangent, -rows.T], [rows, zeros]])
+        moved = _smooth_modes()[0] @ np.linalg.solve(matrix, right)[: len(energies)]
+
+        def at(x, y):
+            basis = polynomials(x, y)
+            f = self._mean + basis @ self._coefficients
+            by_mean = self._slope(f) + SOFTNESS * self._by_scale(f)
+            return self._slope(f)[:, None] * (basis @ moved) + np.outer(by_mean, of_mean)
+
+        return at
+
+    def _slope(self, f):
+        """dF/df."""
+        return 1 / (1 + np.exp(-f / self._scale))
+
+    def _by_scale(self, f):
+        """dF/ds."""
+        return self._bend(f) / self._scale - self._slope(f) * f / self._scale
 
 
 class Surfaces:
@@ -209,6 +264,17 @@ class Surfaces:
         From the base (rho = 1) to `rho_border` the lines through the wall are horizontal, so that
         the borders between levels are short-axis planes. Below, they fan out and join the apices.
         """
+        (r0, z0), (r1, z1) = self.ends(phi, rho, rho_border)
+        r, z = (1 - t) * r0 + t * r1, (1 - t) * z0 + t * z1
+        return np.stack([r * np.cos(phi), r * np.sin(phi), z], axis=-1)
+
+    def ends(self, phi, rho, rho_border):
+        """(r, z) of both ends, on endocardium and epicardium, of the lines through the wall."""
+        u_endo, u_epi = self._latitudes(phi, rho, rho_border)
+        return self.endocardium(phi, u_endo), self.epicardium(phi, u_epi)
+
+    def _latitudes(self, phi, rho, rho_border):
+        """Latitudes of both ends of the lines through the wall."""
         u_endo = QUARTER * (1 - rho)
         u_border = QUARTER * (1 - rho_border)
         plane = self.endo_apex * np.sin(np.minimum(u_endo, u_border))
@@ -222,6 +288,62 @@ class Surfaces:
             f = rho / rho_border
             gap = f * mean + f**3 * (QUARTER - u_epi - mean)
             u_epi = np.where(lower, QUARTER - gap, u_epi)
-        (r0, z0), (r1, z1) = self.endocardium(phi, u_endo), self.epicardium(phi, u_epi)
-        r, z = (1 - t) * r0 + t * r1, (1 - t) * z0 + t * z1
-        return np.stack([r * np.cos(phi), r * np.sin(phi), z], axis=-1)
+        return u_endo, u_epi
+
+    # ------------------------------------------------------------ derivatives about the table
+
+    def changes_of_ends(self, phi, rho, rho_border):
+        """Derivatives of what `ends` gives about the table's figures: ((r, z), (r, z)), each
+        (n, 2 m + 2).
+
+        The figures are the wall thickness (m) and the endocardial radius (m) of the segments, the
+        length, with which all heights of levels go, and the thickness of the wall at the apex.
+        """
+        radius, thickness = self._radius.changes(), self._thickness.changes()
+        u_endo, u_epi = self._latitudes(phi, rho, rho_border)
+        u_border = np.full(90, QUARTER * (1 - rho_border))
+        ring = np.linspace(0, 4 * QUARTER, 90, endpoint=False)
+
+        def to_plane(phi, u_plane):
+            """Derivatives of the epicardial latitude at the height of endocardial ones."""
+            height = self.endo_apex * np.sin(u_plane)
+            _, z, _, z_along = self._epicardial_changes(
+                phi, self.epicardial_latitude(phi, height), radius, thickness
+            )
+            z[:, -2] += np.sin(u_plane)  # the plane goes down with the length
+            return -z / z_along[:, None]
+
+        along = to_plane(phi, np.minimum(u_endo, u_border[0]))
+        f = np.minimum(rho / rho_border, 1.0)[:, None]
+        mean = to_plane(ring, u_border).mean(axis=0)
+        along = np.where(f < 1, f * mean + f**3 * (along - mean), along)
+        r, z, r_along, z_along = self._epicardial_changes(phi, u_epi, radius, thickness)
+        outer = r + r_along[:, None] * along, z + z_along[:, None] * along
+        return self._endocardial_changes(phi, u_endo, radius, outer[0].shape), outer
+
+    def _endocardial_changes(self, phi, u, radius, shape):
+        r, z = np.zeros(shape), np.zeros(shape)
+        segments = shape[1] // 2 - 1
+        r[:, segments:-2] = radius(*bullseye(phi, u)) * np.cos(u)[:, None]
+        z[:, -2] = -np.sin(u)
+        return r, z
+
+    def _epicardial_changes(self, phi, u, radius, thickness):
+        """Derivatives of (r, z) at given latitudes about the figures, and along the latitude."""
+        by_thickness = thickness(*bullseye(phi, u))
+        segments = by_thickness.shape[1] - 1
+        r, z = self._endocardial_changes(phi, u, radius, (len(u), 2 * segments + 2))
+        cosine, sine = np.cos(u), np.sin(u)
+        length = np.hypot(cosine, self._tilt * sine)
+        # Of the thickness and of the tilt, which goes with the mean thickness and the apex.
+        mean = (self.endo_apex - self.epi_apex) / self._tilt
+        tilt = np.append(np.full(segments, -self._tilt / mean / segments), 1 / mean)
+        by_tilt = self.thickness(phi, u) * cosine * sine / length**3
+        at = [*range(segments), -1]
+        r[:, at] += by_thickness * (cosine / length)[:, None]
+        r[:, at] -= np.outer(by_tilt * self._tilt * sine, tilt)
+        z[:, at] -= by_thickness * (self._tilt * sine / length)[:, None]
+        z[:, at] -= np.outer(by_tilt * cosine, tilt)
+        ahead, behind = self.epicardium(phi, u + STEP), self.epicardium(phi, u - STEP)
+        along = ((a - b) / (2 * STEP) for a, b in zip(ahead, behind, strict=True))
+        return r, z, *along

@@ -159,9 +159,7 @@ class Size(ClosedForm):
         "A pixel size or a slice distance read wrongly scales the whole ventricle: strains stay, "
         "volumes go with the cube, and springs act as if they were as many times stiffer."
     )
-    source = (
-        "Dimensional analysis: the unloaded shape alone has a length where there are no springs."
-    )
+    source = "Dimensional analysis: but for springs, the unloaded shape alone has a length."
 
     def value_in(self, model):
         return 1.0

@@ -74,8 +74,8 @@ class StrainMeasure(ObservationInput):
         "do not always say which."
     )
     source = (
-        f"Seth 1964, in: Second-order effects in elasticity, plasticity and fluid dynamics; {HILL}; "
-        "in imaging: Amzulescu et al. 2019, doi 10.1093/ehjci/jez041"
+        "Seth 1964, in: Second-order effects in elasticity, plasticity and fluid dynamics; "
+        f"{HILL}; in imaging: Amzulescu et al. 2019, doi 10.1093/ehjci/jez041"
     )
 
 

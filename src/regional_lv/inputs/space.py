@@ -17,6 +17,18 @@ SECTION = "inputs"
 """Of the configuration."""
 
 
+STEP = 1e-6
+"""Of an input's range, the step of differences."""
+
+
+def stencil(here: float, step: float, low: float, high: float) -> list[tuple[float, float]]:
+    """Offsets and weights of a first derivative of second order that stays between two ends."""
+    if low <= here - step and here + step <= high:
+        return [(step, 0.5 / step), (-step, -0.5 / step)]
+    side = step if here + step <= high else -step
+    return [(0.0, -1.5 / side), (side, 2 / side), (2 * side, -0.5 / side)]
+
+
 @dataclass(frozen=True)
 class Role:
     """What a study does with an input: `kind`, one of `ROLES`; the `sd` (in its unit) of one that
@@ -122,6 +134,17 @@ class Inputs(Sequence[Input]):
     def natural(self, z: Sequence[float] | np.ndarray) -> np.ndarray:
         """Values (K,) of scaled coordinates z (K,)."""
         return np.array([each.scale.inverse(float(v)) for each, v in zip(self, z, strict=True)])
+
+    def beside(self, x: Sequence[float] | np.ndarray, k: int) -> Iterator[tuple[Mapping, float]]:
+        """Models beside x (K,) along the scaled coordinate of input k, with the weights of a
+        difference of second order: on either side, or at the end of the range on one."""
+        each = self[k]
+        here, low, high = (each.scale(float(v)) for v in (x[k], each.low, each.high))
+        step = STEP * (high - low)
+        for offset, weight in stencil(here, step, low, high):
+            there = np.array(x, dtype=float)
+            there[k] = each.scale.inverse(here + offset)
+            yield self.model(there), weight
 
     def model(self, x: Sequence[float] | np.ndarray) -> Mapping:
         """The model at values x (K,)."""

@@ -10,7 +10,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from regional_lv.geometry.mesh import BASE, ENDOCARDIUM, EPICARDIUM
+from regional_lv.geometry.elements import facet_normals, gauss
+from regional_lv.geometry.mesh import BASE, ENDOCARDIUM, EPICARDIUM, Mesh
 from regional_lv.registry import Registry
 
 # UFL and dolfinx are imported where forms are made: the configuration is checked without them.
@@ -60,22 +61,22 @@ def cavity_work(u, v, domain, ds):
     return ufl.inner(deformed_normal(deformation_gradient(u), domain), v) * ds(ENDOCARDIUM)
 
 
-def valve_plane_potential(surroundings, pressure):
+def valve_plane_potential(surroundings, pressure, share):
     """Potential of the cavity's `pressure` (kPa) on the valves, carried by the base.
+
+    share: a constant, `valve_plane_share` of the mesh.
 
     A dead traction along the axis, evenly over the base: the pressure times the unloaded area of
     the valve plane. Where the base is held along its axis it would do no work; where it is not, the
     pressure on the endocardium alone would push the heart away.
     """
-    import ufl
+    return -pressure * share * surroundings.axial * surroundings.ds(BASE)
 
-    from regional_lv.mechanics import dolfinx_api as api
 
-    normal, ds = ufl.FacetNormal(surroundings.domain), surroundings.ds
-    one = api.fem.Constant(surroundings.domain, 1.0)
+def valve_plane_share(mesh: Mesh) -> float:
+    """Unloaded area of the valve plane over that of the base."""
+    points, weights = gauss(2)
+    normals = np.einsum("kqx,q->kx", facet_normals(mesh, points), weights)
     # Normals point out of the wall; over the closed surface of the cavity they cancel.
-    lid, base = (
-        api.fem.assemble_scalar(api.compile_form(form))
-        for form in (one * normal[2] * ds(ENDOCARDIUM), one * ds(BASE))
-    )
-    return -pressure * (lid / base) * surroundings.axial * ds(BASE)
+    lid, base = (normals[mesh.surface == surface, 2].sum() for surface in (ENDOCARDIUM, BASE))
+    return float(lid / base)

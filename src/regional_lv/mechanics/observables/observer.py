@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import torch
 
+from regional_lv.aha import LEVELS, SEGMENTS
 from regional_lv.channels import Channel
 from regional_lv.geometry.mesh import Mesh
 from regional_lv.mechanics.observables.motion import Motion, PointMotion
@@ -29,7 +30,6 @@ class Observer:
         self._whole = self.wall.shares((0.0, 1.0), 0.0)
         self._place = torch.as_tensor(self.wall.place)
         self._depth_gradient = torch.as_tensor(self.wall.depth_gradient)
-        self._levels = {k: torch.as_tensor(v) for k, v in self.wall.level_shares.items()}
         self._look(observed)
 
     def looking(self, observed: Mapping) -> "Observer":
@@ -67,11 +67,14 @@ class Observer:
         dilation: float | np.ndarray | None = None,
         moves: np.ndarray | None = None,
         dilation_moves: np.ndarray | None = None,
+        node_moves: np.ndarray | None = None,
     ) -> tuple[np.ndarray, np.ndarray | None]:
         """As `values`, and if there are `moves`, the values' derivatives (k, D) along these.
 
         moves: (k, n, 3) changes of the displacement, dilation_moves (k, cells, 8) those of the
-        dilation that go with them. Derivatives are exact: those of the values that are returned.
+        dilation and node_moves (k, n, 3) those of the unloaded nodes that go with them. Derivatives
+        are exact: those of the values that are returned. Of moving nodes they take the angles about
+        the axis, which turned segments depend on, as fixed.
         """
         kinds: dict = {}
         for at, channel in enumerate(channels):
@@ -89,14 +92,16 @@ class Observer:
         cavity, cavity_gradient = self.cavity.volume_and_gradient(displacement[self.cavity.nodes])
         axis, axis_gradient = self._long_axis(displacement)
         loaded, unloaded = (torch.tensor(length, dtype=torch.float64) for length in axis)
+        volumes = torch.tensor(self.wall.segment_volumes)
         leaves = [*means.values(), torch.tensor(cavity, dtype=torch.float64), loaded]
+        leaves += [unloaded, volumes]
         for leaf in leaves:
             leaf.requires_grad_(moves is not None)
         with torch.set_grad_enabled(moves is not None):
             motion = Motion(
                 dict(zip(means, leaves, strict=False)),
-                self._levels,
-                leaves[-2],
+                level_shares(volumes),
+                leaves[len(means)],
                 (loaded, unloaded),
             )
             order: list[int] = []
@@ -110,15 +115,17 @@ class Observer:
         values[order] = found.detach().numpy()
         if moves is None:
             return values, None
+        carried = moves if node_moves is None else moves + node_moves
         slopes = [
-            *self._mean_slopes(point, densities, moves, dilation_moves),
-            np.einsum("mx,kmx->k", cavity_gradient, moves[:, self.cavity.nodes])[:, None],
-            np.einsum("nx,knx->k", axis_gradient, moves[:, self.cavity.nodes])[:, None],
+            *self._mean_slopes(point, densities, moves, dilation_moves, node_moves),
+            np.einsum("mx,kmx->k", cavity_gradient, carried[:, self.cavity.nodes])[:, None],
+            np.einsum("nx,knx->k", axis_gradient, carried[:, self.cavity.nodes])[:, None],
+            *self._unloaded_slopes(axis_gradient, node_moves),
         ]
         derivatives = np.zeros((len(moves), len(order)))
         for column, value in zip(order, found, strict=True):
             by_leaf = torch.autograd.grad(value, leaves, retain_graph=True, allow_unused=True)
-            for gradient, slope in zip(by_leaf, slopes, strict=True):
+            for gradient, slope in zip(by_leaf, slopes, strict=False):
                 if gradient is not None:
                     derivatives[:, column] += slope @ np.atleast_1d(gradient.numpy())
         return values, derivatives
@@ -136,15 +143,35 @@ class Observer:
         parts.append(torch.as_tensor(np.eye(3) + gradient))
         if isinstance(dilation, np.ndarray):
             parts.append(torch.as_tensor(self.wall.corner_values(dilation[..., None])[:, 0]))
+        parts += [self._place.clone(), self._depth_gradient.clone()]
         for part in parts:
             part.requires_grad_(differentiable)
-        u, F, *varying = parts
+        u, F, *varying, place, depth_gradient = parts
         allowed = varying[0] if varying else dilation
         return PointMotion(
-            self._place, u, F, allowed, self._depth_gradient, self.measure, self._unloaded_share
+            place, u, F, allowed, depth_gradient, self.measure, self._unloaded_share
         )
 
-    def _mean_slopes(self, point, densities, moves, dilation_moves) -> list[np.ndarray]:
+    def _unloaded_slopes(self, axis_gradient, node_moves) -> list[np.ndarray]:
+        """Derivatives of the unloaded length (k, 1) and the segments' volumes (k, 17) along moves
+        of the nodes; none without them."""
+        if node_moves is None:
+            return []
+        wall = self.wall
+        volumes = [
+            np.bincount(
+                wall.segment_of_points,
+                wall.volume * np.trace(wall.gradients(each), axis1=1, axis2=2),
+                len(SEGMENTS),
+            )
+            for each in node_moves
+        ]
+        length = np.einsum("nx,knx->k", axis_gradient, node_moves[:, self.cavity.nodes])
+        return [length[:, None], np.stack(volumes)]
+
+    def _mean_slopes(
+        self, point, densities, moves, dilation_moves, node_moves=None
+    ) -> list[np.ndarray]:
         """Derivatives (k, 17) of the segments' means of each density, along the moves."""
         k, n = moves.shape[:2]
         side_by_side = np.ascontiguousarray(moves.transpose(1, 0, 2).reshape(n, 3 * k))
@@ -159,6 +186,19 @@ class Observer:
             changes.append(
                 lambda: self.wall.corner_values(np.moveaxis(dilation_moves, 0, -1))[..., None]
             )
+        spreading = None
+        if node_moves is not None:
+            # With the displacement as it is, its gradient follows the nodes: d(du/dx) = -du/dx dV/dx.
+            beside = np.ascontiguousarray(node_moves.transpose(1, 0, 2).reshape(n, 3 * k))
+            slope = self.wall.gradients(beside).reshape(-1, 3, k, 3)  # (M, x, k, c)
+            spreading = np.einsum("mxkx->mk", slope)
+            stretch = point.deformation_gradient.detach().numpy() - np.eye(3)
+            depth = self.wall.depth_gradient
+            of_motion = changes[1]
+            changes[1] = lambda: of_motion() - np.einsum("mic,mjkc->mkij", stretch, slope)
+            leaves += [point.place, point.depth_gradient]
+            changes.append(lambda: self.wall.values(beside).reshape(-1, k, 3))
+            changes.append(lambda: -np.einsum("mxkc,mc->mkx", slope, depth))
         made: dict[int, np.ndarray] = {}
         slopes = []
         for density, shares in densities.values():
@@ -173,7 +213,12 @@ class Observer:
                     made[i] = np.ascontiguousarray(changes[i]().reshape(len(density), k, -1))
                 flat = gradient.numpy().reshape(len(density), -1, 1)
                 total += np.matmul(made[i], flat)[..., 0]
-            slopes.append((shares @ total).T)
+            along = shares @ total
+            if spreading is not None:
+                value = density.detach().numpy()
+                along += shares @ (value[:, None] * spreading)
+                along -= (shares @ value)[:, None] * (shares @ spreading)
+            slopes.append(along.T)
         return slopes
 
     def _long_axis(self, displacement) -> tuple[tuple[float, float], np.ndarray]:
@@ -186,3 +231,14 @@ class Observer:
         gradient[cavity.apex, 2] -= 1
         unloaded = z[cavity.ring].mean() - z[cavity.apex]
         return (float(unloaded + gradient[:, 2] @ moved), float(unloaded)), gradient
+
+
+def level_shares(volumes: torch.Tensor) -> dict[str, torch.Tensor]:
+    """Level -> weights (17,) that make the mean over a level's wall of means over segments, which
+    have `volumes` (17,)."""
+    found = {}
+    for level, numbers in LEVELS.items():
+        mine = torch.zeros(len(SEGMENTS), dtype=volumes.dtype)
+        mine[[number - 1 for number in numbers]] = 1.0
+        found[level] = mine * volumes / (mine @ volumes)
+    return found
