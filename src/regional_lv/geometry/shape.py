@@ -32,6 +32,7 @@ class NodePlaces:
         self._points = mesh.points
         self._foot = endocardial_foot(mesh)
         self._table = shape.get("table")
+        self._known: tuple = ()
         if self._table is None:
             return
         self._columns, self._of = np.unique(self._foot, return_inverse=True)
@@ -61,8 +62,8 @@ class NodePlaces:
         found = {"wall_thickness_scale": points - points[self._foot]}
         if self._table is None:
             return found
-        surfaces = self._surfaces(shape)
-        ends = surfaces.changes_of_ends(self._phi, self._rho, self._rho_border)
+        surfaces, latitudes = self._surfaces(shape)
+        ends = surfaces.changes_of_ends(self._phi, self._rho, self._rho_border, latitudes)
         inner, outer = (
             np.concatenate([r.T[..., None] * self._across, z.T[..., None]], axis=-1)
             for r, z in ends
@@ -76,20 +77,34 @@ class NodePlaces:
             first += count
         return found
 
-    def _surfaces(self, shape: Mapping) -> Surfaces:
+    def _surfaces(self, shape: Mapping):
+        """The surfaces of a shape and the latitudes of the nodes' lines through its wall; those of
+        the last shape are kept."""
+        figures = [np.array(shape[name]) for name in FIGURES]
+        known = self._known
+        if known and all(map(np.array_equal, known[0], figures)):
+            return known[1:]
         ratio = shape["length_mm"] / self._length
         heights = {name: self._table[name] * ratio for name in ("z_top_mm", "z_bottom_mm")}
         columns = {name: shape[name] for name in FIGURES[:2]}
         apex = -shape["length_mm"]
-        return Surfaces(self._table.assign(**heights, **columns), apex, apex - shape["apex_mm"])
+        table = self._table.assign(**heights, **columns)
+        surfaces = Surfaces(table, apex, apex - shape["apex_mm"])
+        latitudes = surfaces.latitudes(self._phi, self._rho, self._rho_border)
+        self._known = figures, surfaces, latitudes
+        return surfaces, latitudes
 
     def _wall(self, shape: Mapping) -> np.ndarray:
         """Points (n, 3) before the wall is scaled."""
         if self._table is None:
             return self._points
-        ends = self._surfaces(shape).ends(self._phi, self._rho, self._rho_border)
+        surfaces, (u_endo, u_epi, *_) = self._surfaces(shape)
         inner, outer = (
-            np.concatenate([r[:, None] * self._across, z[:, None]], axis=-1) for r, z in ends
+            np.concatenate([r[:, None] * self._across, z[:, None]], axis=-1)
+            for r, z in (
+                surfaces.endocardium(self._phi, u_endo),
+                surfaces.epicardium(self._phi, u_epi),
+            )
         )
         walls = (1 - self._depth) * inner[self._of] + self._depth * outer[self._of]
         return walls + self._offset

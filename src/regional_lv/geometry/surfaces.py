@@ -40,6 +40,7 @@ DEGREE = 12
 TENSION = 100.0
 SOFTNESS = 0.2
 QUARTER = np.pi / 2
+RING = np.linspace(0, 4 * QUARTER, 90, endpoint=False)  # angles around a border
 STEP = 1e-5  # rad, of differences along the latitude
 
 
@@ -249,12 +250,16 @@ class Surfaces:
         r, z = self.endocardium(phi, u)
         return r + thickness * cosine / length, z - thickness * sine / length
 
+    def _epicardial_height(self, phi, u):
+        cosine, sine = np.cos(u), self._tilt * np.sin(u)
+        return self.endo_apex * np.sin(u) - self.thickness(phi, u) * sine / np.hypot(cosine, sine)
+
     def epicardial_latitude(self, phi, z):
         """Latitude at which the epicardium crosses the height z, by bisection."""
         low, high = np.zeros(np.shape(phi)), np.full(np.shape(phi), QUARTER)
         for _ in range(50):
             middle = (low + high) / 2
-            above = self.epicardium(phi, middle)[1] > z
+            above = self._epicardial_height(phi, middle) > z
             low, high = np.where(above, middle, low), np.where(above, high, middle)
         return (low + high) / 2
 
@@ -270,53 +275,54 @@ class Surfaces:
 
     def ends(self, phi, rho, rho_border):
         """(r, z) of both ends, on endocardium and epicardium, of the lines through the wall."""
-        u_endo, u_epi = self._latitudes(phi, rho, rho_border)
+        u_endo, u_epi = self.latitudes(phi, rho, rho_border)[:2]
         return self.endocardium(phi, u_endo), self.epicardium(phi, u_epi)
 
-    def _latitudes(self, phi, rho, rho_border):
-        """Latitudes of both ends of the lines through the wall."""
+    def latitudes(self, phi, rho, rho_border):
+        """Latitudes of both ends of the lines through the wall, on endocardium and epicardium, and
+        those at which the epicardium meets the planes of the levels: of the lines and, if some lie
+        below the last level, of 90 angles around its border."""
         u_endo = QUARTER * (1 - rho)
         u_border = QUARTER * (1 - rho_border)
         plane = self.endo_apex * np.sin(np.minimum(u_endo, u_border))
-        u_epi = self.epicardial_latitude(phi, plane)
+        u_epi = u_plane = self.epicardial_latitude(phi, plane)
+        u_ring = None
         lower = rho < rho_border
         if lower.any():
-            ring = np.linspace(0, 4 * QUARTER, 90, endpoint=False)
-            z_border = np.full(90, self.endo_apex * np.sin(u_border))
-            mean = QUARTER - self.epicardial_latitude(ring, z_border).mean()
+            z_border = np.full(len(RING), self.endo_apex * np.sin(u_border))
+            u_ring = self.epicardial_latitude(RING, z_border)
+            mean = QUARTER - u_ring.mean()
             # The angular variation of the epicardial border fades towards the pole like f^3.
             f = rho / rho_border
             gap = f * mean + f**3 * (QUARTER - u_epi - mean)
             u_epi = np.where(lower, QUARTER - gap, u_epi)
-        return u_endo, u_epi
+        return u_endo, u_epi, u_plane, u_ring
 
     # ------------------------------------------------------------ derivatives about the table
 
-    def changes_of_ends(self, phi, rho, rho_border):
+    def changes_of_ends(self, phi, rho, rho_border, latitudes):
         """Derivatives of what `ends` gives about the table's figures: ((r, z), (r, z)), each
         (n, 2 m + 2).
 
         The figures are the wall thickness (m) and the endocardial radius (m) of the segments, the
         length, with which all heights of levels go, and the thickness of the wall at the apex.
+        latitudes: what `latitudes` gave of the same places.
         """
         radius, thickness = self._radius.changes(), self._thickness.changes()
-        u_endo, u_epi = self._latitudes(phi, rho, rho_border)
-        u_border = np.full(90, QUARTER * (1 - rho_border))
-        ring = np.linspace(0, 4 * QUARTER, 90, endpoint=False)
+        u_endo, u_epi, u_plane, u_ring = latitudes
+        u_border = QUARTER * (1 - rho_border)
 
-        def to_plane(phi, u_plane):
-            """Derivatives of the epicardial latitude at the height of endocardial ones."""
-            height = self.endo_apex * np.sin(u_plane)
-            _, z, _, z_along = self._epicardial_changes(
-                phi, self.epicardial_latitude(phi, height), radius, thickness
-            )
-            z[:, -2] += np.sin(u_plane)  # the plane goes down with the length
+        def at_plane(phi, u, u_endo):
+            """Derivatives of the epicardial latitude `u` at the height of an endocardial one."""
+            _, z, _, z_along = self._epicardial_changes(phi, u, radius, thickness)
+            z[:, -2] += np.sin(u_endo)  # the plane goes down with the length
             return -z / z_along[:, None]
 
-        along = to_plane(phi, np.minimum(u_endo, u_border[0]))
-        f = np.minimum(rho / rho_border, 1.0)[:, None]
-        mean = to_plane(ring, u_border).mean(axis=0)
-        along = np.where(f < 1, f * mean + f**3 * (along - mean), along)
+        along = at_plane(phi, u_plane, np.minimum(u_endo, u_border))
+        if u_ring is not None:
+            f = np.minimum(rho / rho_border, 1.0)[:, None]
+            mean = at_plane(RING, u_ring, u_border).mean(axis=0)
+            along = np.where(f < 1, f * mean + f**3 * (along - mean), along)
         r, z, r_along, z_along = self._epicardial_changes(phi, u_epi, radius, thickness)
         outer = r + r_along[:, None] * along, z + z_along[:, None] * along
         return self._endocardial_changes(phi, u_endo, radius, outer[0].shape), outer

@@ -46,8 +46,10 @@ class Input(ABC):
     roles: tuple[str, ...] = ROLES
     moves: tuple[str, ...] = ()
     changes: ClassVar[str]
-    stress_power: ClassVar[int] = 0
-    length_power: ClassVar[int] = 0
+    step: ClassVar[float] = 1e-6
+    """Of the range, in which differences about it are taken."""
+    stress_power: int = 0
+    length_power: int = 0
 
     def __init__(self, model: Mapping):
         """The input in a study with this `model`, whose value is the nominal one."""

@@ -28,7 +28,7 @@ class Stiffness(Input):
         self._factor, self._segments = of.factor, [s - 1 for s in _zones(model).zones[of.zone]]
         self.name, self.low, self.high = of.name, of.lower, of.upper
         self.source = MATERIALS[model["material"]["law"]].source
-        self.stress_power = int(of.scales_stress)  # type: ignore[misc]
+        self.stress_power = int(of.scales_stress)
         self.zone = of.zone
         if of.scales_stress:
             self.moves = tuple(f"{FocalScar.name}_{s + 1}" for s in self._segments)

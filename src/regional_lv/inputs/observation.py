@@ -111,6 +111,7 @@ class SegmentRotation(ObservationInput):
     parameter = "rotation of the segments"
     unit = "deg"
     low, high = -15.0, 15.0
+    step = 1e-4  # mesh lines lie on the segments' borders to the nanometre: a kink at no rotation
     description = (
         "Sectors are counted from where the right ventricle meets the septum, a point that is set "
         "by hand. Turns the borders of the measured segments against the simulated ones, "

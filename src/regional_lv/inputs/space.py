@@ -17,10 +17,6 @@ SECTION = "inputs"
 """Of the configuration."""
 
 
-STEP = 1e-6
-"""Of an input's range, the step of differences."""
-
-
 def stencil(here: float, step: float, low: float, high: float) -> list[tuple[float, float]]:
     """Offsets and weights of a first derivative of second order that stays between two ends."""
     if low <= here - step and here + step <= high:
@@ -140,7 +136,7 @@ class Inputs(Sequence[Input]):
         difference of second order: on either side, or at the end of the range on one."""
         each = self[k]
         here, low, high = (each.scale(float(v)) for v in (x[k], each.low, each.high))
-        step = STEP * (high - low)
+        step = each.step * (high - low)
         for offset, weight in stencil(here, step, low, high):
             there = np.array(x, dtype=float)
             there[k] = each.scale.inverse(here + offset)

@@ -90,7 +90,10 @@ class BasalTwist(KeyInput):
         "fibrous ring of a living heart ties them together. The stiffness of springs along the "
         "circle of the base, from 0, where it is free, up to a base that hardly turns."
     )
-    source = f"Streeter et al. 1969, Circ Res 24:339-347, doi 10.1161/01.RES.24.3.339; springs: {PFALLER}"
+    source = (
+        "Streeter et al. 1969, Circ Res 24:339-347, doi 10.1161/01.RES.24.3.339; springs: "
+        + PFALLER
+    )
 
     @classmethod
     def why_not(cls, model):

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import sparse
 
-from regional_lv.geometry.elements import facet_normals, facet_nodes_of, gauss, lagrange
+from regional_lv.geometry.elements import facet_nodes_of, facet_normals, gauss, lagrange
 from regional_lv.geometry.mesh import BASE, Mesh
 from regional_lv.geometry.shape import NodePlaces
 from regional_lv.geometry.thickness import thickened
@@ -97,11 +97,11 @@ class Problem(Simulator):
         x, y, _ = mesh.points[self._ring].T
         self._radius, self._angle = np.hypot(x, y), np.arctan2(y, x)
         points, weights = gauss(2)
-        normal = np.linalg.norm(facet_normals(mesh, points), axis=-1)
-        each = normal * weights @ lagrange(points, facet_nodes_of(mesh))[0]
-        at_base = mesh.surface == BASE
+        base = replace(mesh, facets=mesh.facets[mesh.surface == BASE])
+        normal = np.linalg.norm(facet_normals(base, points), axis=-1)
         area = np.zeros(len(mesh.points))
-        np.add.at(area, mesh.facets[at_base], each[at_base])
+        each = normal * weights @ lagrange(points, facet_nodes_of(mesh))[0]
+        np.add.at(area, base.facets, each)
         self._stiffness = area[self._ring, None] / HALF_WAY
         self._numbers["valves"].value = valve_plane_share(mesh)
 
@@ -208,8 +208,11 @@ class Problem(Simulator):
             elif each.changes == "geometry":
                 moves = moves or self._places.moves(model["geometry"])
                 nodes[k] = sum(
-                    np.tensordot(sum(weight * other["geometry"][key] for other, weight in beside),
-                                 move, np.ndim(model["geometry"][key]))
+                    np.tensordot(
+                        sum(weight * other["geometry"][key] for other, weight in beside),
+                        move,
+                        np.ndim(model["geometry"][key]),
+                    )
                     for key, move in moves.items()
                 )
                 step = NODE_STEP / np.abs(nodes[k]).max()

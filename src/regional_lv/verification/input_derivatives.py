@@ -10,8 +10,9 @@ from regional_lv.mechanics.continuation import Effort, Solver
 from regional_lv.mechanics.problem import Problem
 from regional_lv.mechanics.simulator import State
 
-STEP = 1e-3
-"""Of an input's range: the step between solutions."""
+STEP = 1e-5
+"""Of an input's range: the step between solutions. In a longer one a quadrature point may pass the
+switch at which fibres and sheets take up load, where derivatives jump."""
 
 TIGHT = {"increment_tolerance_mm": 1e-9, "tangent_tolerance_mm": 1e-4}
 """Solver settings at which differences of solutions are worth comparing."""

@@ -148,9 +148,7 @@ class Observer:
             part.requires_grad_(differentiable)
         u, F, *varying, place, depth_gradient = parts
         allowed = varying[0] if varying else dilation
-        return PointMotion(
-            place, u, F, allowed, depth_gradient, self.measure, self._unloaded_share
-        )
+        return PointMotion(place, u, F, allowed, depth_gradient, self.measure, self._unloaded_share)
 
     def _unloaded_slopes(self, axis_gradient, node_moves) -> list[np.ndarray]:
         """Derivatives of the unloaded length (k, 1) and the segments' volumes (k, 17) along moves
@@ -188,7 +186,7 @@ class Observer:
             )
         spreading = None
         if node_moves is not None:
-            # With the displacement as it is, its gradient follows the nodes: d(du/dx) = -du/dx dV/dx.
+            # The displacement stays, its gradient follows the nodes: d(du/dx) = -du/dx dV/dx.
             beside = np.ascontiguousarray(node_moves.transpose(1, 0, 2).reshape(n, 3 * k))
             slope = self.wall.gradients(beside).reshape(-1, 3, k, 3)  # (M, x, k, c)
             spreading = np.einsum("mxkx->mk", slope)
