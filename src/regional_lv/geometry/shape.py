@@ -44,7 +44,7 @@ class NodePlaces:
         level = self._table["z_bottom_mm"].iloc[15] / self._length
         self._rho_border = 1 - np.arcsin(-level) / QUARTER
         self._across = np.stack([np.cos(self._phi), np.sin(self._phi)], axis=-1)
-        # What the mesh's file rounds, and nothing more.
+        # What the mesh's file rounds, and how far its surfaces have settled.
         self._offset: np.ndarray | float = 0.0
         self._offset = mesh.points - self._wall(shape)
 
@@ -89,7 +89,7 @@ class NodePlaces:
         columns = {name: shape[name] for name in FIGURES[:2]}
         apex = -shape["length_mm"]
         table = self._table.assign(**heights, **columns)
-        surfaces = Surfaces(table, apex, apex - shape["apex_mm"])
+        surfaces = Surfaces(table, apex, apex - shape["apex_mm"], sharp=True)
         latitudes = surfaces.latitudes(self._phi, self._rho, self._rho_border)
         self._known = figures, surfaces, latitudes
         return surfaces, latitudes

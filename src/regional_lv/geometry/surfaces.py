@@ -90,10 +90,11 @@ class Field:
     F = s log(1 + exp(f / s)), which is f where f is well above s, with the polynomial f of least
     energy for which `average @ F` equals `values`. `average` (m, q) holds weights at the q bullseye
     points `at` = (X, Y). `apex` optionally fixes F in the centre, with zero slope. `settled` tells
-    whether such a function was found.
+    whether such a function was found. `sharp` makes it that of least energy to round-off, which
+    derivatives need: the averages are met, to the square of what it still moves, long before.
     """
 
-    def __init__(self, at, average, values, apex=None):
+    def __init__(self, at, average, values, apex=None, sharp=False):
         modes, energies = _smooth_modes()
         basis = polynomials(*at) @ modes
         self._mean = (values / average.sum(axis=1)).mean()
@@ -106,14 +107,16 @@ class Field:
             right = np.array([centre_value - self._mean, 0.0, 0.0])
         # f is sought as a deviation from the mean, so that the constant's share stays small.
         f = np.full(len(basis), self._mean)
-        coefficients = None
+        coefficients, last = None, np.inf
         self._problem = basis, energies, average, fixed, apex
         # Least energy under the constraints linearised about the last f, until they hold.
         for _ in range(200):
             slope = average * self._slope(f)
             gap = values - average @ self._bend(f)
-            if coefficients is not None and np.abs(gap).max() < 1e-8 * values.max():
+            still = not sharp or np.abs(f - last).max() < 1e-11 * self._mean
+            if coefficients is not None and np.abs(gap).max() < 1e-8 * values.max() and still:
                 break
+            last = f
             rows = np.concatenate([slope @ basis, fixed])
             target = np.concatenate([gap + slope @ (f - self._mean), right])
             scaled = rows / energies
@@ -184,10 +187,11 @@ class Surfaces:
 
     Arguments: the table of `read_segments` and the z of the two apices (mm). Methods take arrays
     of angles `phi` (rad) and latitudes `u` (rad, 0 base to pi/2 apex) of one shape and give mm.
+    `sharp` is for those that are differentiated (`Field`).
     Raises InputError if the smoothest surfaces leave no cavity or no wall somewhere.
     """
 
-    def __init__(self, table, endo_apex_z_mm, epi_apex_z_mm):
+    def __init__(self, table, endo_apex_z_mm, epi_apex_z_mm, sharp=False):
         self.endo_apex, self.epi_apex = endo_apex_z_mm, epi_apex_z_mm
         thickness = table["wall_thickness_mm"].to_numpy(float)
         self._tilt = (endo_apex_z_mm - epi_apex_z_mm) / thickness.mean()
@@ -197,10 +201,11 @@ class Surfaces:
         average /= average.sum(axis=1, keepdims=True)
         at = bullseye(phi, u)
         radius = table["endo_radius_mm"].to_numpy(float)
-        self._radius = Field(at, average * np.cos(u), radius)
+        self._radius = Field(at, average * np.cos(u), radius, sharp=sharp)
         # At the pole T is the distance of the apices and has no slope, so that both surfaces are
         # perpendicular to the long axis there.
-        self._thickness = Field(at, average, thickness, endo_apex_z_mm - epi_apex_z_mm)
+        apex = endo_apex_z_mm - epi_apex_z_mm
+        self._thickness = Field(at, average, thickness, apex, sharp)
         for what, field in (
             ("endo_radius_mm", self._radius),
             ("wall_thickness_mm", self._thickness),

@@ -17,6 +17,7 @@ class TableInput(SegmentInput):
     scale = LOGARITHMIC
     column: ClassVar[str]
     less, more = 0.75, 1.3
+    step = 1e-5  # surfaces are found to 1e-8 of their figures
 
     @classmethod
     def why_not(cls, model):

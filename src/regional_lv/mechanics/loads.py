@@ -6,6 +6,7 @@ keep their size per unloaded area: they have a potential, and the tangent stays 
 """
 
 from abc import ABC, abstractmethod
+from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
@@ -76,7 +77,11 @@ def valve_plane_potential(surroundings, pressure, share):
 def valve_plane_share(mesh: Mesh) -> float:
     """Unloaded area of the valve plane over that of the base."""
     points, weights = gauss(2)
-    normals = np.einsum("kqx,q->kx", facet_normals(mesh, points), weights)
-    # Normals point out of the wall; over the closed surface of the cavity they cancel.
-    lid, base = (normals[mesh.surface == surface, 2].sum() for surface in (ENDOCARDIUM, BASE))
-    return float(lid / base)
+
+    def towards_base(surface):
+        """Area of a surface's projection along the axis; normals point out of the wall."""
+        mine = replace(mesh, facets=mesh.facets[mesh.surface == surface])
+        return (facet_normals(mine, points)[..., 2] @ weights).sum()
+
+    # Over the closed surface of the cavity normals cancel.
+    return float(towards_base(ENDOCARDIUM) / towards_base(BASE))

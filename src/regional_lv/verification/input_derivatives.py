@@ -10,9 +10,12 @@ from regional_lv.mechanics.continuation import Effort, Solver
 from regional_lv.mechanics.problem import Problem
 from regional_lv.mechanics.simulator import State
 
-STEP = 1e-5
-"""Of an input's range: the step between solutions. In a longer one a quadrature point may pass the
-switch at which fibres and sheets take up load, where derivatives jump."""
+STEPS = 10
+"""Times an input's own step: the step between solutions. In a longer one a quadrature point may
+pass the switch at which fibres and sheets take up load, where derivatives jump."""
+
+LEAST = 1e-6
+"""Over an input's range, of its size: a smaller change of an output is none."""
 
 TIGHT = {"increment_tolerance_mm": 1e-9, "tangent_tolerance_mm": 1e-4}
 """Solver settings at which differences of solutions are worth comparing."""
@@ -31,7 +34,7 @@ def check_derivatives(
     inputs, pressure = problem.inputs, problem.full_pressure
     state = solver.newton(start.w, start.theta, pressure, Effort())
     found = problem.linearised(state)
-    exact = problem.observed(found)[1]
+    values, exact = problem.observed(found)
     kinds = np.array(["strain" if c.kind.is_strain else c.quantity for c in problem.channels])
     groups = [kinds == kind for kind in dict.fromkeys(kinds)]
     rows = []
@@ -39,8 +42,8 @@ def check_derivatives(
         if names is not None and each.name not in names:
             continue
         here, low, high = (each.scale(float(v)) for v in (state.theta[k], each.low, each.high))
-        numeric = np.zeros(exact.shape[1])
-        for offset, weight in stencil(here, STEP * (high - low), low, high):
+        step, numeric = STEPS * each.step * (high - low), np.zeros(exact.shape[1])
+        for offset, weight in stencil(here, step, low, high):
             x = state.theta.copy()
             x[k] = each.scale.inverse(here + offset)
             guess = state.w + offset * found.fields[k]
@@ -49,7 +52,7 @@ def check_derivatives(
         errors = [
             np.abs(numeric - exact[k])[group].max() / np.abs(numeric[group]).max()
             for group in groups
-            if np.abs(numeric[group]).max() > 1e-9
+            if (high - low) * np.abs(numeric[group]).max() > LEAST * np.abs(values[group]).max()
         ]
         rows.append({"input": each.name, "error": max(errors, default=0.0)})
     problem.set(state.theta, pressure)

@@ -115,13 +115,16 @@ class Observer:
         values[order] = found.detach().numpy()
         if moves is None:
             return values, None
-        carried = moves if node_moves is None else moves + node_moves
+        carried, nodes = moves, None
+        if node_moves is not None:
+            carried, nodes = moves + node_moves, NodeMoves(self.wall, node_moves)
         slopes = [
-            *self._mean_slopes(point, densities, moves, dilation_moves, node_moves),
+            *self._mean_slopes(point, densities, moves, dilation_moves, nodes),
             np.einsum("mx,kmx->k", cavity_gradient, carried[:, self.cavity.nodes])[:, None],
             np.einsum("nx,knx->k", axis_gradient, carried[:, self.cavity.nodes])[:, None],
-            *self._unloaded_slopes(axis_gradient, node_moves),
         ]
+        if nodes is not None:
+            slopes += self._unloaded_slopes(axis_gradient, nodes, len(moves))
         derivatives = np.zeros((len(moves), len(order)))
         for column, value in zip(order, found, strict=True):
             by_leaf = torch.autograd.grad(value, leaves, retain_graph=True, allow_unused=True)
@@ -150,25 +153,17 @@ class Observer:
         allowed = varying[0] if varying else dilation
         return PointMotion(place, u, F, allowed, depth_gradient, self.measure, self._unloaded_share)
 
-    def _unloaded_slopes(self, axis_gradient, node_moves) -> list[np.ndarray]:
-        """Derivatives of the unloaded length (k, 1) and the segments' volumes (k, 17) along moves
-        of the nodes; none without them."""
-        if node_moves is None:
-            return []
-        wall = self.wall
-        volumes = [
-            np.bincount(
-                wall.segment_of_points,
-                wall.volume * np.trace(wall.gradients(each), axis1=1, axis2=2),
-                len(SEGMENTS),
-            )
-            for each in node_moves
-        ]
-        length = np.einsum("nx,knx->k", axis_gradient, node_moves[:, self.cavity.nodes])
-        return [length[:, None], np.stack(volumes)]
+    def _unloaded_slopes(self, axis_gradient, nodes: "NodeMoves", k: int) -> list[np.ndarray]:
+        """Derivatives of the unloaded length (k, 1) and the segments' volumes (k, 17)."""
+        length, volumes = np.zeros((k, 1)), np.zeros((k, len(SEGMENTS)))
+        at_cavity = nodes.moves[:, self.cavity.nodes]
+        length[nodes.which, 0] = np.einsum("nx,knx->k", axis_gradient, at_cavity)
+        whole = self._whole @ nodes.spreading
+        volumes[nodes.which] = (self.wall.segment_volumes[:, None] * whole).T
+        return [length, volumes]
 
     def _mean_slopes(
-        self, point, densities, moves, dilation_moves, node_moves=None
+        self, point, densities, moves, dilation_moves, nodes: "NodeMoves | None"
     ) -> list[np.ndarray]:
         """Derivatives (k, 17) of the segments' means of each density, along the moves."""
         k, n = moves.shape[:2]
@@ -184,19 +179,24 @@ class Observer:
             changes.append(
                 lambda: self.wall.corner_values(np.moveaxis(dilation_moves, 0, -1))[..., None]
             )
-        spreading = None
-        if node_moves is not None:
+        if nodes is not None:
             # The displacement stays, its gradient follows the nodes: d(du/dx) = -du/dx dV/dx.
-            beside = np.ascontiguousarray(node_moves.transpose(1, 0, 2).reshape(n, 3 * k))
-            slope = self.wall.gradients(beside).reshape(-1, 3, k, 3)  # (M, x, k, c)
-            spreading = np.einsum("mxkx->mk", slope)
             stretch = point.deformation_gradient.detach().numpy() - np.eye(3)
-            depth = self.wall.depth_gradient
-            of_motion = changes[1]
-            changes[1] = lambda: of_motion() - np.einsum("mic,mjkc->mkij", stretch, slope)
+            depth, of_motion = self.wall.depth_gradient, changes[1]
+
+            def placed(values):
+                """(M, k, ...) of values for the moves that move nodes."""
+                found = np.zeros((len(values), k, *values.shape[2:]))
+                found[:, nodes.which] = values
+                return found
+
+            following = np.matmul(stretch[:, None], nodes.gradients.swapaxes(2, 3))
+            changes[1] = lambda: of_motion() - placed(following)
             leaves += [point.place, point.depth_gradient]
-            changes.append(lambda: self.wall.values(beside).reshape(-1, k, 3))
-            changes.append(lambda: -np.einsum("mxkc,mc->mkx", slope, depth))
+            changes.append(lambda: placed(nodes.places))
+            changes.append(
+                lambda: -placed(np.matmul(nodes.gradients, depth[:, None, :, None])[..., 0])
+            )
         made: dict[int, np.ndarray] = {}
         slopes = []
         for density, shares in densities.values():
@@ -212,10 +212,10 @@ class Observer:
                 flat = gradient.numpy().reshape(len(density), -1, 1)
                 total += np.matmul(made[i], flat)[..., 0]
             along = shares @ total
-            if spreading is not None:
-                value = density.detach().numpy()
-                along += shares @ (value[:, None] * spreading)
-                along -= (shares @ value)[:, None] * (shares @ spreading)
+            if nodes is not None:
+                value, spreading = density.detach().numpy(), nodes.spreading
+                along[:, nodes.which] += shares @ (value[:, None] * spreading)
+                along[:, nodes.which] -= (shares @ value)[:, None] * (shares @ spreading)
             slopes.append(along.T)
         return slopes
 
@@ -229,6 +229,22 @@ class Observer:
         gradient[cavity.apex, 2] -= 1
         unloaded = z[cavity.ring].mean() - z[cavity.apex]
         return (float(unloaded + gradient[:, 2] @ moved), float(unloaded)), gradient
+
+
+class NodeMoves:
+    """Moves (k, n, 3) of the unloaded nodes: `which` of them move any, and of those K the `moves`
+    (K, n, 3), `places` (M, K, 3), `gradients` (M, K, 3, 3), d(move)/dx with x first, and
+    `spreading` (M, K), the relative change of the volume that each point stands for."""
+
+    def __init__(self, wall: Wall, moves: np.ndarray):
+        self.which = np.flatnonzero(moves.any(axis=(1, 2)))
+        self.moves = moves[self.which]
+        beside = np.ascontiguousarray(self.moves.transpose(1, 0, 2).reshape(moves.shape[1], -1))
+        count = len(self.which)
+        self.places = wall.values(beside).reshape(-1, count, 3)
+        gradients = wall.gradients(beside).reshape(-1, 3, count, 3)
+        self.gradients = gradients.swapaxes(1, 2)
+        self.spreading = np.trace(self.gradients, axis1=2, axis2=3)
 
 
 def level_shares(volumes: torch.Tensor) -> dict[str, torch.Tensor]:
