@@ -16,6 +16,7 @@ from regional_lv.criticism.hypotheses.base import psi_and_component
 from regional_lv.data import VOLUNTEER
 from regional_lv.emulators import REGISTRY as EMULATORS
 from regional_lv.errors import InputError
+from regional_lv.inputs.space import Inputs
 from regional_lv.mechanics.loads import LOADS
 from regional_lv.mechanics.materials import material_from_config
 from regional_lv.mechanics.observables.layer import check_layer
@@ -89,6 +90,8 @@ def cross_check(config: dict) -> Iterator[str]:
     mistakes += _complaints(Channels.from_config, config)
     if design["lower"] < design["upper"]:
         mistakes += _complaints(Parameterisation.from_config, config)
+    if config["inputs"] and not mistakes:
+        mistakes += _complaints(Inputs.from_config, config)
     yield from mistakes
     for name, subject in config["subjects"].items():
         yield from _check_subject(f"subjects.{name}", subject, name, config["synthetic_subjects"])

@@ -17,7 +17,6 @@ from regional_lv.criticism.critic import EVIDENCES, Critic, _by_sampling
 from regional_lv.criticism.designs import label
 from regional_lv.criticism.findings import write_findings
 from regional_lv.criticism.fit import fit_from_nothing
-from regional_lv.criticism.hypotheses.scales import Linear, Saturating
 from regional_lv.criticism.observations import observe
 from regional_lv.criticism.report import write_report
 from regional_lv.criticism.score import Misfit
@@ -25,6 +24,7 @@ from regional_lv.criticism.search import log_evidence
 from regional_lv.criticism.study import Inputs, criticise
 from regional_lv.criticism.verdict import CauseSet, Searched, Settings
 from regional_lv.errors import InputError
+from regional_lv.inputs.scales import Linear, Saturating
 from tests.criticism.toy import (
     OUTPUTS,
     TAILS,

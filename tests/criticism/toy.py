@@ -12,8 +12,8 @@ from regional_lv.channels import Channels
 from regional_lv.criticism.designs import slope_of
 from regional_lv.criticism.extended import ExtendedEmulator
 from regional_lv.criticism.hypotheses.end_diastolic_pressure import EndDiastolicPressure
-from regional_lv.criticism.hypotheses.scales import Linear, Scale
 from regional_lv.emulators.base import Emulator, Prediction, SeparablePrediction
+from regional_lv.inputs.scales import Linear, Scale
 from regional_lv.measured import synthetic_subject
 from regional_lv.parameters import Parameterisation
 

@@ -344,7 +344,7 @@ def test_fibres_in_the_simulator_are_those_in_the_mesh_file(simulator, small_mes
     scalar = api.fem.Function(api.space(simulator.domain, "Lagrange", 2))
     nodes = scalar.function_space.tabulate_dof_coordinates()
     scalar.x.array[:] = mesh.transmural[cKDTree(mesh.points).query(nodes)[1]]
-    fibre, _ = fibre_directions(scalar, physics["fibres"], float)
+    fibre, _ = fibre_directions(scalar, physics["fibres"])
     written = api.fem.Function(api.space(simulator.domain, "Lagrange", 2, components=3))
     nodes = written.function_space.tabulate_dof_coordinates()
     written.x.array[:] = fields["fibre"][cKDTree(mesh.points).query(nodes)[1]].ravel()

@@ -1,5 +1,7 @@
 """Linear and quadratic elements: shape functions, Jacobians, normals, facets."""
 
+from functools import cache
+
 import numpy as np
 from numpy.polynomial import legendre
 
@@ -52,11 +54,14 @@ POINTS_PER_EDGE = 3
 They are exact for the cavity's volume under a quadratic motion."""
 
 
+@cache
 def gauss(dimension, n=POINTS_PER_EDGE):
     """Tensor Gauss points (n^d, d) and weights on [-1, 1]^d."""
     x, w = legendre.leggauss(n)
     grid = np.stack(np.meshgrid(*[x] * dimension, indexing="ij"), axis=-1).reshape(-1, dimension)
     weights = np.prod(np.stack(np.meshgrid(*[w] * dimension, indexing="ij"), -1), -1).ravel()
+    for each in (grid, weights):  # they are shared
+        each.setflags(write=False)
     return grid, weights
 
 

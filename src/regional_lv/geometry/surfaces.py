@@ -25,6 +25,8 @@ What the table's figures mean: `endo_radius_mm` is the endocardium's distance fr
 axis and `wall_thickness_mm` is T; both are means over the segment's range of angle and latitude.
 """
 
+from functools import cache
+
 import numpy as np
 from numpy.polynomial import chebyshev, legendre
 from scipy.linalg import eigh
@@ -38,6 +40,8 @@ DEGREE = 12
 TENSION = 100.0
 SOFTNESS = 0.2
 QUARTER = np.pi / 2
+RING = np.linspace(0, 4 * QUARTER, 90, endpoint=False)  # angles around a border
+STEP = 1e-5  # rad, of differences along the latitude
 
 
 def polynomials(x, y, dx=0, dy=0, degree=DEGREE):
@@ -58,6 +62,7 @@ def bullseye(phi, u):
     return rho * np.cos(phi), rho * np.sin(phi)
 
 
+@cache
 def _smooth_modes():
     """(modes, energies): combinations of the polynomials, orthonormal on the disk, by roughness.
 
@@ -85,10 +90,11 @@ class Field:
     F = s log(1 + exp(f / s)), which is f where f is well above s, with the polynomial f of least
     energy for which `average @ F` equals `values`. `average` (m, q) holds weights at the q bullseye
     points `at` = (X, Y). `apex` optionally fixes F in the centre, with zero slope. `settled` tells
-    whether such a function was found.
+    whether such a function was found. `sharp` makes it that of least energy to round-off, which
+    derivatives need: the averages are met, to the square of what it still moves, long before.
     """
 
-    def __init__(self, at, average, values, apex=None):
+    def __init__(self, at, average, values, apex=None, sharp=False):
         modes, energies = _smooth_modes()
         basis = polynomials(*at) @ modes
         self._mean = (values / average.sum(axis=1)).mean()
@@ -101,17 +107,21 @@ class Field:
             right = np.array([centre_value - self._mean, 0.0, 0.0])
         # f is sought as a deviation from the mean, so that the constant's share stays small.
         f = np.full(len(basis), self._mean)
-        coefficients = None
+        coefficients, last = None, np.inf
+        self._problem = basis, energies, average, fixed, apex
         # Least energy under the constraints linearised about the last f, until they hold.
         for _ in range(200):
-            slope = average / (1 + np.exp(-f / self._scale))
+            slope = average * self._slope(f)
             gap = values - average @ self._bend(f)
-            if coefficients is not None and np.abs(gap).max() < 1e-8 * values.max():
+            still = not sharp or np.abs(f - last).max() < 1e-11 * self._mean
+            if coefficients is not None and np.abs(gap).max() < 1e-8 * values.max() and still:
                 break
+            last = f
             rows = np.concatenate([slope @ basis, fixed])
             target = np.concatenate([gap + slope @ (f - self._mean), right])
             scaled = rows / energies
-            coefficients = scaled.T @ np.linalg.solve(scaled @ rows.T, target)
+            self._multipliers = np.linalg.solve(scaled @ rows.T, target)
+            coefficients = scaled.T @ self._multipliers
             f = self._mean + basis @ coefficients
         self.settled = bool(np.abs(gap).max() < 1e-4 * values.max())
         self._coefficients = modes @ coefficients
@@ -122,16 +132,66 @@ class Field:
     def __call__(self, x, y):
         return self._bend(self._mean + polynomials(x, y) @ self._coefficients)
 
+    def changes(self):
+        """Derivatives of the field about its values (m), and about `apex` if it has one.
+
+        Returns a function of bullseye points X, Y (n,) that gives them, (n, m) or (n, m + 1). They
+        follow from the conditions of the least energy, differentiated.
+        """
+        basis, energies, average, fixed, apex = self._problem
+        values, pinned = len(average), len(fixed)
+        f = self._mean + basis @ np.linalg.solve(_smooth_modes()[0], self._coefficients)
+        scale, slope = self._scale, self._slope(f)
+        # The mean of the values moves f and the softness; each value has its part in it.
+        of_mean = np.concatenate([1 / average.sum(axis=1) / values, np.zeros(int(pinned > 0))])
+        bent = slope + SOFTNESS * self._by_scale(f)
+        curved = slope * (1 - slope) / scale
+        load = average.T @ self._multipliers[:values]
+        rows = np.concatenate([(average * slope) @ basis, fixed])
+        tangent = np.diag(energies) - (basis.T * (load * curved)) @ basis
+        zeros = np.zeros((len(rows), len(rows)))
+        right = np.zeros((len(energies) + len(rows), len(of_mean)))
+        right[: len(energies)] = np.outer(
+            basis.T @ (load * curved * (1 - SOFTNESS * f / scale)), of_mean
+        )
+        right[len(energies) :][:values, :values] = np.eye(values)
+        right[len(energies) :][:values] -= np.outer(average @ bent, of_mean)
+        if pinned:
+            ratio = apex / scale
+            by_apex = 1 / -np.expm1(-ratio)
+            right[len(energies) + values, -1] = by_apex
+            by_mean = SOFTNESS * (np.log(np.expm1(ratio)) - ratio * by_apex) - 1
+            right[len(energies) + values] += by_mean * of_mean
+        matrix = np.block([[tangent, -rows.T], [rows, zeros]])
+        moved = _smooth_modes()[0] @ np.linalg.solve(matrix, right)[: len(energies)]
+
+        def at(x, y):
+            basis = polynomials(x, y)
+            f = self._mean + basis @ self._coefficients
+            by_mean = self._slope(f) + SOFTNESS * self._by_scale(f)
+            return self._slope(f)[:, None] * (basis @ moved) + np.outer(by_mean, of_mean)
+
+        return at
+
+    def _slope(self, f):
+        """dF/df."""
+        return 1 / (1 + np.exp(-f / self._scale))
+
+    def _by_scale(self, f):
+        """dF/ds."""
+        return self._bend(f) / self._scale - self._slope(f) * f / self._scale
+
 
 class Surfaces:
     """Smooth endocardium and epicardium through the averages of a segment table.
 
     Arguments: the table of `read_segments` and the z of the two apices (mm). Methods take arrays
     of angles `phi` (rad) and latitudes `u` (rad, 0 base to pi/2 apex) of one shape and give mm.
+    `sharp` is for those that are differentiated (`Field`).
     Raises InputError if the smoothest surfaces leave no cavity or no wall somewhere.
     """
 
-    def __init__(self, table, endo_apex_z_mm, epi_apex_z_mm):
+    def __init__(self, table, endo_apex_z_mm, epi_apex_z_mm, sharp=False):
         self.endo_apex, self.epi_apex = endo_apex_z_mm, epi_apex_z_mm
         thickness = table["wall_thickness_mm"].to_numpy(float)
         self._tilt = (endo_apex_z_mm - epi_apex_z_mm) / thickness.mean()
@@ -141,10 +201,11 @@ class Surfaces:
         average /= average.sum(axis=1, keepdims=True)
         at = bullseye(phi, u)
         radius = table["endo_radius_mm"].to_numpy(float)
-        self._radius = Field(at, average * np.cos(u), radius)
+        self._radius = Field(at, average * np.cos(u), radius, sharp=sharp)
         # At the pole T is the distance of the apices and has no slope, so that both surfaces are
         # perpendicular to the long axis there.
-        self._thickness = Field(at, average, thickness, endo_apex_z_mm - epi_apex_z_mm)
+        apex = endo_apex_z_mm - epi_apex_z_mm
+        self._thickness = Field(at, average, thickness, apex, sharp)
         for what, field in (
             ("endo_radius_mm", self._radius),
             ("wall_thickness_mm", self._thickness),
@@ -194,12 +255,16 @@ class Surfaces:
         r, z = self.endocardium(phi, u)
         return r + thickness * cosine / length, z - thickness * sine / length
 
+    def _epicardial_height(self, phi, u):
+        cosine, sine = np.cos(u), self._tilt * np.sin(u)
+        return self.endo_apex * np.sin(u) - self.thickness(phi, u) * sine / np.hypot(cosine, sine)
+
     def epicardial_latitude(self, phi, z):
         """Latitude at which the epicardium crosses the height z, by bisection."""
         low, high = np.zeros(np.shape(phi)), np.full(np.shape(phi), QUARTER)
         for _ in range(50):
             middle = (low + high) / 2
-            above = self.epicardium(phi, middle)[1] > z
+            above = self._epicardial_height(phi, middle) > z
             low, high = np.where(above, middle, low), np.where(above, high, middle)
         return (low + high) / 2
 
@@ -209,19 +274,87 @@ class Surfaces:
         From the base (rho = 1) to `rho_border` the lines through the wall are horizontal, so that
         the borders between levels are short-axis planes. Below, they fan out and join the apices.
         """
+        (r0, z0), (r1, z1) = self.ends(phi, rho, rho_border)
+        r, z = (1 - t) * r0 + t * r1, (1 - t) * z0 + t * z1
+        return np.stack([r * np.cos(phi), r * np.sin(phi), z], axis=-1)
+
+    def ends(self, phi, rho, rho_border):
+        """(r, z) of both ends, on endocardium and epicardium, of the lines through the wall."""
+        u_endo, u_epi = self.latitudes(phi, rho, rho_border)[:2]
+        return self.endocardium(phi, u_endo), self.epicardium(phi, u_epi)
+
+    def latitudes(self, phi, rho, rho_border):
+        """Latitudes of both ends of the lines through the wall, on endocardium and epicardium, and
+        those at which the epicardium meets the planes of the levels: of the lines and, if some lie
+        below the last level, of 90 angles around its border."""
         u_endo = QUARTER * (1 - rho)
         u_border = QUARTER * (1 - rho_border)
         plane = self.endo_apex * np.sin(np.minimum(u_endo, u_border))
-        u_epi = self.epicardial_latitude(phi, plane)
+        u_epi = u_plane = self.epicardial_latitude(phi, plane)
+        u_ring = None
         lower = rho < rho_border
         if lower.any():
-            ring = np.linspace(0, 4 * QUARTER, 90, endpoint=False)
-            z_border = np.full(90, self.endo_apex * np.sin(u_border))
-            mean = QUARTER - self.epicardial_latitude(ring, z_border).mean()
+            z_border = np.full(len(RING), self.endo_apex * np.sin(u_border))
+            u_ring = self.epicardial_latitude(RING, z_border)
+            mean = QUARTER - u_ring.mean()
             # The angular variation of the epicardial border fades towards the pole like f^3.
             f = rho / rho_border
             gap = f * mean + f**3 * (QUARTER - u_epi - mean)
             u_epi = np.where(lower, QUARTER - gap, u_epi)
-        (r0, z0), (r1, z1) = self.endocardium(phi, u_endo), self.epicardium(phi, u_epi)
-        r, z = (1 - t) * r0 + t * r1, (1 - t) * z0 + t * z1
-        return np.stack([r * np.cos(phi), r * np.sin(phi), z], axis=-1)
+        return u_endo, u_epi, u_plane, u_ring
+
+    # ------------------------------------------------------------ derivatives about the table
+
+    def changes_of_ends(self, phi, rho, rho_border, latitudes):
+        """Derivatives of what `ends` gives about the table's figures: ((r, z), (r, z)), each
+        (n, 2 m + 2).
+
+        The figures are the wall thickness (m) and the endocardial radius (m) of the segments, the
+        length, with which all heights of levels go, and the thickness of the wall at the apex.
+        latitudes: what `latitudes` gave of the same places.
+        """
+        radius, thickness = self._radius.changes(), self._thickness.changes()
+        u_endo, u_epi, u_plane, u_ring = latitudes
+        u_border = QUARTER * (1 - rho_border)
+
+        def at_plane(phi, u, u_endo):
+            """Derivatives of the epicardial latitude `u` at the height of an endocardial one."""
+            _, z, _, z_along = self._epicardial_changes(phi, u, radius, thickness)
+            z[:, -2] += np.sin(u_endo)  # the plane goes down with the length
+            return -z / z_along[:, None]
+
+        along = at_plane(phi, u_plane, np.minimum(u_endo, u_border))
+        if u_ring is not None:
+            f = np.minimum(rho / rho_border, 1.0)[:, None]
+            mean = at_plane(RING, u_ring, u_border).mean(axis=0)
+            along = np.where(f < 1, f * mean + f**3 * (along - mean), along)
+        r, z, r_along, z_along = self._epicardial_changes(phi, u_epi, radius, thickness)
+        outer = r + r_along[:, None] * along, z + z_along[:, None] * along
+        return self._endocardial_changes(phi, u_endo, radius, outer[0].shape), outer
+
+    def _endocardial_changes(self, phi, u, radius, shape):
+        r, z = np.zeros(shape), np.zeros(shape)
+        segments = shape[1] // 2 - 1
+        r[:, segments:-2] = radius(*bullseye(phi, u)) * np.cos(u)[:, None]
+        z[:, -2] = -np.sin(u)
+        return r, z
+
+    def _epicardial_changes(self, phi, u, radius, thickness):
+        """Derivatives of (r, z) at given latitudes about the figures, and along the latitude."""
+        by_thickness = thickness(*bullseye(phi, u))
+        segments = by_thickness.shape[1] - 1
+        r, z = self._endocardial_changes(phi, u, radius, (len(u), 2 * segments + 2))
+        cosine, sine = np.cos(u), np.sin(u)
+        length = np.hypot(cosine, self._tilt * sine)
+        # Of the thickness and of the tilt, which goes with the mean thickness and the apex.
+        mean = (self.endo_apex - self.epi_apex) / self._tilt
+        tilt = np.append(np.full(segments, -self._tilt / mean / segments), 1 / mean)
+        by_tilt = self.thickness(phi, u) * cosine * sine / length**3
+        at = [*range(segments), -1]
+        r[:, at] += by_thickness * (cosine / length)[:, None]
+        r[:, at] -= np.outer(by_tilt * self._tilt * sine, tilt)
+        z[:, at] -= by_thickness * (self._tilt * sine / length)[:, None]
+        z[:, at] -= np.outer(by_tilt * cosine, tilt)
+        ahead, behind = self.epicardium(phi, u + STEP), self.epicardium(phi, u - STEP)
+        along = ((a - b) / (2 * STEP) for a, b in zip(ahead, behind, strict=True))
+        return r, z, *along

@@ -210,6 +210,12 @@ def hexahedral_mesh(points: np.ndarray, cells: np.ndarray):
     return mesh, np.asarray(mesh.topology.original_cell_index)
 
 
+def move_nodes(mesh, points: np.ndarray) -> None:
+    """Move the nodes of a mesh of `hexahedral_mesh`, in place, to `points` (n, 3) in the order of
+    those that it was made from."""
+    mesh.geometry.x[:] = points[np.asarray(mesh.geometry.input_global_indices)]
+
+
 def element_order(cells: np.ndarray) -> int:
     """Order of hexahedra with 27 (2) or 8 (1) nodes."""
     return {27: 2, 8: 1}[cells.shape[1]]

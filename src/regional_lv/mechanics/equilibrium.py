@@ -152,8 +152,11 @@ class Equilibrium:
         self._ksp.setErrorIfNotConverged(False)
         self._rhs, self._solution = self._petsc_matrix.createVecs()
 
-    def _turn(self, angle: np.ndarray) -> None:
+    def _turn(self, angle: np.ndarray, stretch: np.ndarray | None = None) -> None:
+        """Take new angles of the turned nodes. stretch: how far one moves per unit of its second
+        coordinate, 1 by default."""
         self._cos, self._sin = np.cos(angle), np.sin(angle)
+        self._stretch = np.ones_like(angle) if stretch is None else stretch
 
     def _place(self, w: np.ndarray) -> None:
         """Take `w` as the field; nodes on circles take their r, theta along."""
@@ -224,7 +227,11 @@ class Equilibrium:
             (self._column_pairs, self._column_node),
         ):
             cos, sin, x, y = self._cos[node], self._sin[node], data[a], data[b]
-            data[a], data[b] = cos * x + sin * y, cos * y - sin * x
+            data[a], data[b] = cos * x + sin * y, self._stretch[node] * (cos * y - sin * x)
+        self._support(data)
+
+    def _support(self, data: np.ndarray) -> None:
+        """Put the supports into the entries of the turned tangent, in place."""
         if self._circle is not None:
             # A node that moves on turns the force that its circle takes up.
             force = self._rotate(api.assemble_vector(np.zeros(self.size), self._residual))

@@ -1,7 +1,11 @@
 """Rule-based directions of fibres and sheets in the unloaded wall."""
 
+from collections.abc import Mapping
+
 import numpy as np
 import ufl
+
+from regional_lv.mechanics.materials.base import plain
 
 KINDS = ("helix", "sheet")
 
@@ -18,22 +22,31 @@ def local_directions(transmural_gradient):
     return circumferential, radial, longitudinal
 
 
-def fibre_directions(transmural, fibres: dict, constant):
+def fibre_angles(fibres: Mapping) -> dict[str, float]:
+    """Angles (rad) at both surfaces, `helix_endo` to `sheet_epi`, of the section `fibres`.
+
+    `rotation_deg` is added to the helix angle at the endocardium and taken from that at the
+    epicardium.
+    """
+    names = [f"{kind}_{side}" for kind in KINDS for side in ("endo", "epi")]
+    turned = {"helix_endo": fibres["rotation_deg"], "helix_epi": -fibres["rotation_deg"]}
+    return {name: np.deg2rad(fibres[f"{name}_deg"] + turned.get(name, 0.0)) for name in names}
+
+
+def fibre_directions(transmural, fibres: Mapping, constant=plain):
     """Fibre and sheet unit vectors (UFL): angles linear through the wall.
 
     The helix angle turns the fibre from circumferential towards the base, the sheet angle turns
-    the sheet from radial towards the in-wall normal of the fibre. `rotation_deg` is added to the
-    helix angle at the endocardium and taken from that at the epicardium.
+    the sheet from radial towards the in-wall normal of the fibre.
 
-    fibres: section of the configuration. constant: makes a constant of the form out of a number.
+    fibres: section of the configuration. constant: makes a constant of the form out of a number
+    and its name (`fibre_angles`).
     """
     circumferential, radial, longitudinal = local_directions(ufl.grad(transmural))
-    turn = fibres["rotation_deg"]
-    ends = {kind: [fibres[f"{kind}_{side}_deg"] for side in ("endo", "epi")] for kind in KINDS}
-    ends["helix"] = [ends["helix"][0] + turn, ends["helix"][1] - turn]
+    ends = {name: constant(angle, name) for name, angle in fibre_angles(fibres).items()}
     helix, tilt = (
-        endo + (epi - endo) * transmural
-        for endo, epi in ([constant(np.deg2rad(end)) for end in ends[kind]] for kind in KINDS)
+        ends[f"{kind}_endo"] + (ends[f"{kind}_epi"] - ends[f"{kind}_endo"]) * transmural
+        for kind in KINDS
     )
     fibre = ufl.cos(helix) * circumferential + ufl.sin(helix) * longitudinal
     across = ufl.cross(radial, fibre)

@@ -6,11 +6,13 @@ keep their size per unloaded area: they have a potential, and the tangent stays 
 """
 
 from abc import ABC, abstractmethod
+from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
 
-from regional_lv.geometry.mesh import BASE, ENDOCARDIUM, EPICARDIUM
+from regional_lv.geometry.elements import facet_normals, gauss
+from regional_lv.geometry.mesh import BASE, ENDOCARDIUM, EPICARDIUM, Mesh
 from regional_lv.registry import Registry
 
 # UFL and dolfinx are imported where forms are made: the configuration is checked without them.
@@ -60,22 +62,26 @@ def cavity_work(u, v, domain, ds):
     return ufl.inner(deformed_normal(deformation_gradient(u), domain), v) * ds(ENDOCARDIUM)
 
 
-def valve_plane_potential(surroundings, pressure):
+def valve_plane_potential(surroundings, pressure, share):
     """Potential of the cavity's `pressure` (kPa) on the valves, carried by the base.
+
+    share: a constant, `valve_plane_share` of the mesh.
 
     A dead traction along the axis, evenly over the base: the pressure times the unloaded area of
     the valve plane. Where the base is held along its axis it would do no work; where it is not, the
     pressure on the endocardium alone would push the heart away.
     """
-    import ufl
+    return -pressure * share * surroundings.axial * surroundings.ds(BASE)
 
-    from regional_lv.mechanics import dolfinx_api as api
 
-    normal, ds = ufl.FacetNormal(surroundings.domain), surroundings.ds
-    one = api.fem.Constant(surroundings.domain, 1.0)
-    # Normals point out of the wall; over the closed surface of the cavity they cancel.
-    lid, base = (
-        api.fem.assemble_scalar(api.compile_form(form))
-        for form in (one * normal[2] * ds(ENDOCARDIUM), one * ds(BASE))
-    )
-    return -pressure * (lid / base) * surroundings.axial * ds(BASE)
+def valve_plane_share(mesh: Mesh) -> float:
+    """Unloaded area of the valve plane over that of the base."""
+    points, weights = gauss(2)
+
+    def towards_base(surface):
+        """Area of a surface's projection along the axis; normals point out of the wall."""
+        mine = replace(mesh, facets=mesh.facets[mesh.surface == surface])
+        return (facet_normals(mine, points)[..., 2] @ weights).sum()
+
+    # Over the closed surface of the cavity normals cancel.
+    return float(towards_base(ENDOCARDIUM) / towards_base(BASE))

@@ -8,6 +8,7 @@ knows one equilibrium problem; how a solution is reached is the business of `con
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import ufl
@@ -24,7 +25,12 @@ from regional_lv.mechanics.equilibrium import (
     virtual_work,
 )
 from regional_lv.mechanics.fibres import fibre_directions
-from regional_lv.mechanics.loads import LOADS, cavity_work, valve_plane_potential
+from regional_lv.mechanics.loads import (
+    LOADS,
+    cavity_work,
+    valve_plane_potential,
+    valve_plane_share,
+)
 from regional_lv.mechanics.materials import material_from_config
 from regional_lv.mechanics.observables.observer import Observer
 from regional_lv.mechanics.supports import Base, Surroundings, supports_from_config
@@ -62,6 +68,7 @@ class Simulator(Equilibrium):
 
     def __init__(self, mesh: Mesh, physics: Mapping, extended: bool = False):
         loading = physics["loading"]
+        self._numbers: dict[str, Any] = {}
         self.parameters = Parameterisation.from_spec(physics["parameters"])
         self.channels = Channels.from_config(physics)
         self.full_pressure = loading["pressure_mmhg"]
@@ -88,18 +95,29 @@ class Simulator(Equilibrium):
         # has a potential, the cavity's volume, and the tangent is symmetric. Cell-wise constant
         # pressures leave so many zeros on the diagonal that their symmetric factorisation takes
         # three times as long as the general one.
-        at_base = mesh.nodes_on(BASE)
-        flat = np.ptp(mesh.points[at_base, 2]) < FLAT_MM
+        flat = np.ptp(mesh.points[mesh.nodes_on(BASE), 2]) < FLAT_MM
         symmetric = flat and held_axially and api.element_order(mesh.cells) == 2
-        fixed, rotation = np.zeros(0, dtype=int), None
-        if base is not None:
-            fixed, rotation = base.held(self._node_dofs[at_base], mesh.points[at_base])
+        fixed, rotation = self._held(mesh, base)
         super().__init__(self.w, residual, tangent, fixed, rotation, symmetric)
 
     # ---------------------------------------------------------------- the weak form
 
-    def _constant(self, value: float):
-        return api.fem.Constant(self.domain, float(value))
+    def _held(self, mesh: Mesh, base: Base | None):
+        """Held degrees of freedom, and the turned nodes (`equilibrium.Rotation`)."""
+        if base is None:
+            return np.zeros(0, dtype=int), None
+        at_base = mesh.nodes_on(BASE)
+        return base.held(self._node_dofs[at_base], mesh.points[at_base])
+
+    def _constant(self, value: float, name: str):
+        """A constant of the forms, kept under its name."""
+        self._numbers[name] = api.fem.Constant(self.domain, float(value))
+        return self._numbers[name]
+
+    def _parts(self) -> tuple[np.ndarray, tuple[str, ...]]:
+        """Part of the wall (cells,) that each cell belongs to, and the factors of the law about
+        which, part by part, the residual is differentiated."""
+        return self.parameters.segment_zone[self.segment], self.parameters.factors
 
     def _build_forms(self, space, mesh: Mesh, fibres, supports, loads, held_axially: bool):
         """Compile all forms but residual and tangent, which are returned."""
@@ -114,52 +132,58 @@ class Simulator(Equilibrium):
 
         cellwise = api.space(domain, "DG", 0)
         self._factors = {name: api.fem.Function(cellwise) for name in self.material.references}
-        self.pressure_kpa = self._constant(0.0)
+        self.pressure_kpa = self._constant(0.0, "pressure_kpa")
         transmural = api.fem.Function(api.space(domain, "Lagrange", api.element_order(mesh.cells)))
         transmural.x.array[:] = _nodal_values(transmural, mesh)
         fibre, sheet = fibre_directions(transmural, fibres, self._constant)
         constants = self.material.scaled(self._factors, self._constant)
         energy = self.material.energy(F, fibre, sheet, constants)
         if self._extended or self._compressibility:
-            energy -= self._constant(self._compressibility) * p**2 / 2
+            energy -= self._constant(self._compressibility, "compressibility") * p**2 / 2
         test = ufl.TestFunction(space)
         v, _ = ufl.split(test)
         residual = virtual_work(energy, self.w, test, dx)
         residual += self.pressure_kpa * cavity_work(u, v, domain, ds)
         surroundings = Surroundings(domain, u, ds, self.segment)
-        for potential in self._potentials(surroundings, supports, loads, held_axially):
+        valves = None
+        if self._extended or not held_axially:
+            valves = self._constant(valve_plane_share(mesh), "valves")
+        for potential in self._potentials(surroundings, supports, loads, valves):
             residual += ufl.derivative(potential, self.w, test)
 
-        # d(residual)/d(log factor) of one zone: the same kernel on that zone's cells only.
+        # d(residual)/d(log factor) of one part: the same kernel on that part's cells only.
         self._parameter_forms = []
-        zones = self.parameters.segment_zone[self.segment]
-        for zone in range(len(self.parameters.zones)):
-            cells = api.cell_tags(domain, np.flatnonzero(zones == zone))
+        part, factors = self._parts()
+        for number in range(part.max() + 1):
+            cells = api.cell_tags(domain, np.flatnonzero(part == number))
             dz = ufl.Measure("dx", domain, subdomain_data=cells, metadata=quadrature)
-            in_zone = virtual_work(energy, self.w, test, dz(1))
-            for name in self.parameters.factors:
+            in_part = virtual_work(energy, self.w, test, dz(1))
+            for name in factors:
                 factor = self._factors[name]
-                form = ufl.derivative(in_zone, factor, factor)
+                form = ufl.derivative(in_part, factor, factor)
                 self._parameter_forms.append(api.compile_form(form))
         self._dilation = api.compile_form(abs(ufl.det(F) - 1) * dx)
         return residual, ufl.derivative(residual, self.w, ufl.TrialFunction(space))
 
-    def _potentials(self, surroundings, supports, loads, held_axially: bool):
-        """Potentials of springs and dead loads: those that are on, or all of them."""
+    def _potentials(self, surroundings, supports, loads, valves):
+        """Potentials of springs and dead loads: those that are on, or all of them.
+
+        valves: constant of the load on the valves, None where the base does not move along it.
+        """
         for support in supports:
             springs = support.springs
             if not self._extended:
                 springs = {name: stiffness for name, stiffness in springs.items() if stiffness}
             if springs:
-                sizes = {name: self._constant(value) for name, value in springs.items()}
+                sizes = {name: self._constant(value, name) for name, value in springs.items()}
                 yield support.energy(surroundings, sizes)
         # Dead loads grow with the cavity's pressure up to their own size.
         for name, size in loads.items():
             if size or self._extended:
-                share = self._constant(size / self.full_pressure)
+                share = self._constant(size / self.full_pressure, name)
                 yield LOADS[name]().potential(surroundings, share * self.pressure_kpa)
-        if not held_axially:
-            yield valve_plane_potential(surroundings, self.pressure_kpa)
+        if valves is not None:
+            yield valve_plane_potential(surroundings, self.pressure_kpa, valves)
 
     def _build_observer(self, mesh: Mesh, observed: dict) -> None:
         self.observer = Observer(mesh, observed)

@@ -106,7 +106,7 @@ class Tube:
         inside = np.hypot(points[:, 0], points[:, 1]) < INNER + 1e-6
 
         def energy(F, domain):
-            fibre, sheet = fibre_directions(depth(domain), self.fibres, float)
+            fibre, sheet = fibre_directions(depth(domain), self.fibres)
             return self.material.energy(F, fibre, sheet, self.constants)
 
         return Body(points, cells, inside, energy, _cut_planes)

@@ -1,7 +1,7 @@
 """A base that is held against twisting."""
 
 from regional_lv.criticism.hypotheses.base import SimulatorHypothesis, value_at, with_value
-from regional_lv.criticism.hypotheses.scales import Saturating
+from regional_lv.inputs.scales import Saturating
 
 
 class BasalTwist(SimulatorHypothesis):

@@ -12,7 +12,8 @@ from typing import ClassVar
 import numpy as np
 
 from regional_lv.channels import Channel, Channels
-from regional_lv.criticism.hypotheses.scales import Linear, Logarithmic, Saturating, Scale
+from regional_lv.inputs.keys import value_at, with_value
+from regional_lv.inputs.scales import Linear, Logarithmic, Saturating, Scale
 from regional_lv.mechanics.materials import MATERIALS, material_from_config
 from regional_lv.mechanics.supports import supports_from_config
 from regional_lv.quantities import QUANTITIES
@@ -269,22 +270,6 @@ class NoiseHypothesis(Hypothesis):
 def mask_of(outputs: tuple[str, ...], quantity: str) -> np.ndarray:
     """Mask (D,) of one quantity's channels among `outputs`."""
     return Channels.parse(outputs).of_quantity(quantity)
-
-
-# ----------------------------------------------------------------------- keys of the physics
-
-
-def value_at(physics: Mapping, path: tuple[str, ...]):
-    """What the physics say at `path`, a section and the keys below it."""
-    for key in path:
-        physics = physics[key]
-    return physics
-
-
-def with_value(physics: Mapping, path: tuple[str, ...], value) -> dict:
-    """`physics` with one key set, the rest shared. path: a section and the keys below it."""
-    first, *rest = path
-    return {**physics, first: with_value(physics[first], tuple(rest), value) if rest else value}
 
 
 # ------------------------------------------------------------------ effects in a configuration

@@ -3,7 +3,7 @@
 import copy
 
 from regional_lv.criticism.hypotheses.base import LoadHypothesis, with_value
-from regional_lv.criticism.hypotheses.scales import Logarithmic
+from regional_lv.inputs.scales import Logarithmic
 
 
 class EndDiastolicPressure(LoadHypothesis):

@@ -1,7 +1,7 @@
 """Pericardium and lungs around the heart."""
 
 from regional_lv.criticism.hypotheses.base import SimulatorHypothesis
-from regional_lv.criticism.hypotheses.scales import Saturating
+from regional_lv.inputs.scales import Saturating
 
 
 class EpicardialSupport(SimulatorHypothesis):

@@ -2,7 +2,7 @@
 
 from regional_lv import aha
 from regional_lv.criticism.hypotheses.base import SimulatorHypothesis, with_value
-from regional_lv.criticism.hypotheses.scales import Logarithmic
+from regional_lv.inputs.scales import Logarithmic
 
 
 class FocalScar(SimulatorHypothesis):

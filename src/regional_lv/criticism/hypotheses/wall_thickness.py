@@ -1,7 +1,7 @@
 """A wall thicker or thinner than in the table."""
 
 from regional_lv.criticism.hypotheses.base import SimulatorHypothesis
-from regional_lv.criticism.hypotheses.scales import Logarithmic
+from regional_lv.inputs.scales import Logarithmic
 
 
 class WallThickness(SimulatorHypothesis):

@@ -31,6 +31,11 @@ class Factor(NamedTuple):
     scales_stress: bool = False
 
 
+def plain(value: float, name: str) -> float:
+    """The number itself, in place of a constant of a form."""
+    return float(value)
+
+
 class Material(ABC):
     """An incompressible, hyperelastic wall; a new law is one file and one entry in `MATERIALS`.
 
@@ -82,17 +87,20 @@ class Material(ABC):
         """Name of the factor that all stresses are proportional to."""
         return next(factor.name for factor in cls.factors if factor.scales_stress)
 
-    def scaled(self, factors: Mapping, constant=float) -> dict:
+    def scaled(self, factors: Mapping, constant=plain) -> dict:
         """The constants as the energy takes them, by name: each times its factor.
 
         factors: by name, UFL expressions or numbers (theta of a zone, 1 for the reference).
-        constant: makes a constant of the form out of a number, so that another value of it
-        compiles no other form.
+        constant: makes a constant of the form out of a number and its name, so that another value
+        of it compiles no other form.
         """
         scale = {
-            name: constant(reference) * factors[name] for name, reference in self.references.items()
+            name: constant(reference, name) * factors[name]
+            for name, reference in self.references.items()
         }
-        return {c.name: constant(self.values[c.name]) * scale[c.factor] for c in self.constants}
+        return {
+            c.name: constant(self.values[c.name], c.name) * scale[c.factor] for c in self.constants
+        }
 
     @abstractmethod
     def energy(self, F, fibre, sheet, constants: Mapping):

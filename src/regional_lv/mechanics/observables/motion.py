@@ -15,16 +15,25 @@ class PointMotion:
     place (M, 3): the points in the unloaded state, mm. displacement (M, 3): mm.
     deformation_gradient (M, 3, 3): F. dilation (M,) or a number: the change of volume that the wall
     allows (its multiplier's, not the discrete det F), None if F is to be taken as it is.
-    depth_gradient (M, 3): of the transmural coordinate.
+    depth_gradient (M, 3): of the transmural coordinate. unloaded_share: of the strains along
+    directions of the unloaded state.
     """
 
     def __init__(
-        self, place, displacement, deformation_gradient, dilation, depth_gradient, measure
+        self,
+        place,
+        displacement,
+        deformation_gradient,
+        dilation,
+        depth_gradient,
+        measure,
+        unloaded_share: float = 0.0,
     ):
         self.place, self.displacement = place, displacement
         self.deformation_gradient, self.dilation = deformation_gradient, dilation
         self.depth_gradient = depth_gradient
         self.measure: StrainMeasure = measure
+        self._unloaded_share = unloaded_share
 
     @cached_property
     def _adjugate(self) -> torch.Tensor:
@@ -61,8 +70,19 @@ class PointMotion:
     @cached_property
     def strains(self) -> dict[str, torch.Tensor]:
         """Strains (M,) by direction, of the motion from the loaded to the unloaded state."""
-        C = self.back.mT @ self.back
-        return dict(zip(DIRECTIONS, self.measure.along(C, self.directions), strict=True))
+        C, share = self.back.mT @ self.back, self._unloaded_share
+        found = self.measure.along(C, self.directions)
+        if share:
+            unloaded = self.measure.along(C, self.unloaded_directions)
+            found = (1 - share) * found + share * unloaded
+        return dict(zip(DIRECTIONS, found, strict=True))
+
+    @cached_property
+    def unloaded_directions(self) -> torch.Tensor:
+        """Where filling takes the circumferential, radial and longitudinal lines of the unloaded
+        wall: unit vectors (3, M, 3) of the loaded state."""
+        lines = torch.linalg.solve(self.back, local_directions(self.depth_gradient)[..., None])
+        return torch.nn.functional.normalize(lines[..., 0], dim=-1)
 
     @cached_property
     def rotation(self) -> torch.Tensor:

@@ -79,16 +79,14 @@ class Wall:
         return shares.multiply(1 / np.where(total > 0, total, 1.0)).tocsr()
 
     @cached_property
-    def level_shares(self) -> dict[str, np.ndarray]:
-        """Level -> weights (17,) that make the mean over a level's wall of means over segments."""
-        volume = np.bincount(
-            np.repeat(self.segment, self.points_per_cell), self.volume, len(aha.SEGMENTS)
-        )
-        return {
-            level: np.where(np.isin(np.arange(1, 18), numbers), volume, 0.0)
-            / volume[np.array(numbers) - 1].sum()
-            for level, numbers in aha.LEVELS.items()
-        }
+    def segment_of_points(self) -> np.ndarray:
+        """Number less one (M,) of the segment of each point."""
+        return np.repeat(self.segment, self.points_per_cell)
+
+    @cached_property
+    def segment_volumes(self) -> np.ndarray:
+        """Volumes (17,) of the segments, mm3."""
+        return np.bincount(self.segment_of_points, self.volume, len(aha.SEGMENTS))
 
 
 class Cavity:

@@ -1,0 +1,157 @@
+"""What every input is: one number of the simulator, with its range, its scale and its source."""
+
+from abc import ABC
+from collections.abc import Mapping, Sequence
+from typing import ClassVar
+
+import numpy as np
+
+from regional_lv.inputs.keys import value_at, with_value
+from regional_lv.inputs.scales import Linear, Logarithmic, Scale
+
+ROLES = ("inferred", "measured", "suspected", "fixed")
+"""What a study does with an input: it has a prior over its range; it is known with a standard
+deviation; it is at its nominal value in the model as it is, and free in models that doubt it; or it
+is at its nominal value."""
+
+
+class Input(ABC):
+    """One number that the simulator, or what is reported of it, depends on.
+
+    A class stands for one input or for several of one kind (`members`), each an instance. A new
+    one is one class and one entry in `INPUTS`, also from a plugin.
+
+    Attributes: name; family, a word for many inputs; parameter, the field's term; unit; nominal,
+    the value of the model as it is (None where nothing is known of it beforehand); low and high,
+    its plausible range; scale, on which a prior is uniform and effects are smooth; description and
+    source (literature); roles that it can have; moves, the names of other inputs of which it is a
+    direction, so that inferring it with all of them has no solution; changes, the section of the
+    model that it changes.
+
+    Values of the dimension of a stress are proportional to stress^stress_power: a ventricle whose
+    stresses, loads and springs are all multiplied by one number moves as before. length_power is
+    the same of a ventricle that is scaled as a whole.
+    """
+
+    name: str
+    family: ClassVar[str]
+    parameter: str
+    unit: str = "1"
+    nominal: float | None = None
+    low: float
+    high: float
+    scale: Scale = Linear()
+    description: str
+    source: str
+    roles: tuple[str, ...] = ROLES
+    moves: tuple[str, ...] = ()
+    changes: ClassVar[str]
+    step: ClassVar[float] = 1e-6
+    """Of the range, in which differences about it are taken."""
+    stress_power: int = 0
+    length_power: int = 0
+
+    def __init__(self, model: Mapping):
+        """The input in a study with this `model`, whose value is the nominal one."""
+        self._set_nominal(self.value_in(model))
+
+    def _set_nominal(self, value: float | None) -> None:
+        """Take `value` as nominal, in a range that holds it."""
+        self.nominal = value
+        if value is not None:
+            self.low, self.high = min(self.low, value), max(self.high, value)
+
+    @classmethod
+    def members(cls, model: Mapping) -> Sequence["Input"]:
+        """The inputs of this class in a study with this model, none where it rules them out."""
+        return () if cls.why_not(model) else (cls(model),)
+
+    @classmethod
+    def why_not(cls, model: Mapping) -> str:
+        """Why a study with this model has no such input; empty if it has."""
+        return ""
+
+    @property
+    def words(self) -> tuple[str, ...]:
+        """Words of the configuration for several inputs, this one among them."""
+        return (self.family, type(self).name)
+
+    def value_in(self, model: Mapping) -> float | None:
+        """Its value in a model; None where nothing is known of it beforehand."""
+        raise NotImplementedError
+
+    def act(self, model: Mapping, value: float) -> Mapping:
+        """The model with this input at `value`, which replaces or multiplies what is there; at the
+        nominal value as it was. Closed forms change no model."""
+        raise NotImplementedError
+
+    @property
+    def is_simulated(self) -> bool:
+        """Whether the simulator has it; if not, it is an exact transform of its outputs, or
+        concerns the noise alone."""
+        return True
+
+    @property
+    def middle(self) -> float:
+        """Where the model as it is has it; the middle of the range, on the scale, of what is not
+        known beforehand."""
+        if self.nominal is not None:
+            return self.nominal
+        return self.scale.inverse((self.scale(self.low) + self.scale(self.high)) / 2)
+
+
+class KeyInput(Input):
+    """The value of one key of the model, at `path`."""
+
+    path: ClassVar[tuple[str, ...]]
+
+    def __init_subclass__(cls):
+        if "path" in vars(cls):
+            cls.changes = cls.path[0]
+
+    def value_in(self, model):
+        return float(value_at(model, self.path))
+
+    def act(self, model, value):
+        return with_value(model, self.path, value)
+
+
+class AddedInput(Input):
+    """A number that is added to keys below one section, with a sign each: `signs`."""
+
+    signs: ClassVar[tuple[tuple[str, int], ...]]
+
+    def value_in(self, model):
+        return 0.0
+
+    def act(self, model, value):
+        section = dict(model[self.changes])
+        for key, sign in self.signs:
+            section[key] = section[key] + sign * value
+        return {**model, self.changes: section}
+
+
+class SegmentInput(Input):
+    """One of the inputs of a kind that every AHA segment has: `stem`, by default the class's name,
+    and the segment's number."""
+
+    stem: ClassVar[str] = ""
+
+    def __init__(self, model, segment: int):
+        self.segment = segment
+        self.name = f"{self.stem or type(self).name}_{segment}"
+        self._set_nominal(self.value_in(model))
+
+    @classmethod
+    def members(cls, model):
+        return () if cls.why_not(model) else [cls(model, segment) for segment in range(1, 18)]
+
+
+def multiplied(values: np.ndarray, at, factor: float) -> np.ndarray:
+    """A copy of `values` with those `at` some places times `factor`."""
+    values = values.copy()
+    values[at] *= factor
+    return values
+
+
+LOGARITHMIC = Logarithmic()

@@ -1,0 +1,63 @@
+"""The model that inputs change: everything that the simulator takes, as plain values.
+
+A model is what `physics_of` gives, in a form in which every number may vary: factors of the law by
+segment, all constants of the law by name, supports as compliances (0 holds, infinity is free), and
+the segment table's thickness, radius, length and apex. Values that an input returns are new
+mappings; a model is never changed in place.
+"""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from regional_lv import aha
+from regional_lv.geometry.table import check_apices, read_segments
+from regional_lv.mechanics.materials import material_from_config
+from regional_lv.mechanics.supports import Base
+from regional_lv.physics import physics_of
+
+TABLE = ("wall_thickness_mm", "endo_radius_mm")
+"""Columns (17,) of the segment table that shape inputs change."""
+
+
+def model_of(config: Mapping) -> dict:
+    """The model of a checked configuration.
+
+    Of a heart from a segment table, `geometry` has the `table` itself, its columns `TABLE` as
+    arrays (17,), `length_mm` from the base to the endocardial apex and `apex_mm`, the thickness of
+    the wall there. Raises InputError for a table that cannot be used.
+    """
+    geometry = config["geometry"]
+    model = completed(physics_of(dict(config)))
+    if geometry["source"] != "segments":
+        return model
+    table = read_segments(geometry["segments"])
+    apices = geometry["endo_apex_z_mm"], geometry["epi_apex_z_mm"]
+    check_apices(geometry["segments"], table, *apices)
+    shape = {"table": table, "length_mm": -apices[0], "apex_mm": apices[0] - apices[1]}
+    shape |= {column: table[column].to_numpy(float) for column in TABLE}
+    return model | {"geometry": model["geometry"] | shape}
+
+
+def completed(physics: Mapping) -> dict:
+    """The model of a simulator's `physics`, its shape left as the mesh has it.
+
+    `factors` has, by factor of the law, the multipliers (17,) of the reference by AHA segment.
+    """
+    material = material_from_config(physics["material"])
+    factors = {name: np.ones(len(aha.SEGMENTS)) for name in material.references}
+    for segment, factor in physics["material"]["segment_factors"].items():
+        factors[material.stress_factor()][int(segment) - 1] = factor
+    bulk = physics["material"]["bulk_modulus_kpa"]
+    own = {"constants": dict(material.values), "reference": dict(material.references)}
+    supports = physics["supports"]
+    return {
+        **physics,
+        "factors": factors,
+        "material": {
+            **physics["material"],
+            **own,
+            "compressibility_per_kpa": 0.0 if bulk is None else 1 / bulk,
+        },
+        "supports": {**supports, "base": dict(Base(supports["base"]).compliance)},
+    }

@@ -1,0 +1,306 @@
+"""The inputs of a study in their order, and the roles that its configuration gives them."""
+
+import difflib
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from regional_lv.errors import InputError
+from regional_lv.inputs.base import ROLES, Input
+from regional_lv.inputs.catalogue import INPUTS
+from regional_lv.inputs.closed_forms import ClosedForm
+from regional_lv.inputs.model import model_of
+
+SECTION = "inputs"
+"""Of the configuration."""
+
+
+def stencil(here: float, step: float, low: float, high: float) -> list[tuple[float, float]]:
+    """Offsets and weights of a first derivative of second order that stays between two ends."""
+    if low <= here - step and here + step <= high:
+        return [(step, 0.5 / step), (-step, -0.5 / step)]
+    side = step if here + step <= high else -step
+    return [(0.0, -1.5 / side), (side, 2 / side), (2 * side, -0.5 / side)]
+
+
+@dataclass(frozen=True)
+class Role:
+    """What a study does with an input: `kind`, one of `ROLES`; the `sd` (in its unit) of one that
+    is measured; `value` in place of the nominal one, if the study gives it."""
+
+    kind: str
+    sd: float | None = None
+    value: float | None = None
+
+
+class Inputs(Sequence[Input]):
+    """Inputs of one model, K of them in order; vectors have one number each.
+
+    Attributes: base, the model with all of them at their nominal values; roles (K,).
+
+    Parameters
+    ----------
+    base: a model (`inputs.model`).
+    members: the inputs, made for it.
+    roles: by name; inferred where none is given.
+    """
+
+    def __init__(
+        self, base: Mapping, members: Iterable[Input], roles: Mapping[str, Role] | None = None
+    ):
+        self.base = base
+        self._members = tuple(members)
+        given = roles or {}
+        self.roles = tuple(given.get(name, Role("inferred")) for name in self.names)
+
+    @classmethod
+    def from_config(cls, config: Mapping) -> "Inputs":
+        """The inputs of a checked configuration that are not fixed.
+
+        Raises InputError for roles that inputs cannot have, or not together.
+        """
+        base = model_of(config)
+        every = catalogue(base)
+        roles = roles_of(config[SECTION], every, base)
+        for each in every:
+            value = roles[each.name].value
+            if value is not None and roles[each.name].kind == "fixed":
+                base = each.act(base, value)
+        free = [each for each in every if roles[each.name].kind != "fixed"]
+        _check_closed_forms(free, every)
+        return cls(base, free, roles)
+
+    def __len__(self) -> int:
+        return len(self._members)
+
+    def __getitem__(self, at):
+        return self._members[at]
+
+    def __iter__(self) -> Iterator[Input]:
+        return iter(self._members)
+
+    def __repr__(self) -> str:
+        return f"Inputs({', '.join(self.names)})"
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        return tuple(each.name for each in self)
+
+    def subset(self, kept: Iterable[bool]) -> "Inputs":
+        """Those of a mask (K,)."""
+        members = [each for each, keep in zip(self, kept, strict=True) if keep]
+        return Inputs(self.base, members, dict(zip(self.names, self.roles, strict=True)))
+
+    @property
+    def simulated(self) -> "Inputs":
+        """Without closed forms."""
+        return self.subset(each.is_simulated for each in self)
+
+    def of_role(self, kind: str) -> np.ndarray:
+        """Mask (K,) of the inputs of one role."""
+        return np.array([role.kind == kind for role in self.roles], dtype=bool)
+
+    @cached_property
+    def nominal(self) -> np.ndarray:
+        """Values (K,) of the model as it is, or what the study gives in their place."""
+        return np.array(
+            [
+                each.middle if role.value is None else role.value
+                for each, role in zip(self, self.roles, strict=True)
+            ],
+            dtype=float,
+        )
+
+    @cached_property
+    def lower(self) -> np.ndarray:
+        """Lower ends (K,) of the ranges."""
+        return np.array([each.low for each in self], dtype=float)
+
+    @cached_property
+    def upper(self) -> np.ndarray:
+        """Upper ends (K,) of the ranges."""
+        return np.array([each.high for each in self], dtype=float)
+
+    def scaled(self, x: Sequence[float] | np.ndarray) -> np.ndarray:
+        """Scaled coordinates (K,) of values x (K,)."""
+        return np.array([each.scale(float(v)) for each, v in zip(self, x, strict=True)])
+
+    def natural(self, z: Sequence[float] | np.ndarray) -> np.ndarray:
+        """Values (K,) of scaled coordinates z (K,)."""
+        return np.array([each.scale.inverse(float(v)) for each, v in zip(self, z, strict=True)])
+
+    def beside(self, x: Sequence[float] | np.ndarray, k: int) -> Iterator[tuple[Mapping, float]]:
+        """Models beside x (K,) along the scaled coordinate of input k, with the weights of a
+        difference of second order: on either side, or at the end of the range on one."""
+        each = self[k]
+        here, low, high = (each.scale(float(v)) for v in (x[k], each.low, each.high))
+        step = each.step * (high - low)
+        for offset, weight in stencil(here, step, low, high):
+            there = np.array(x, dtype=float)
+            there[k] = each.scale.inverse(here + offset)
+            yield self.model(there), weight
+
+    def model(self, x: Sequence[float] | np.ndarray) -> Mapping:
+        """The model at values x (K,)."""
+        model = self.base
+        for each, value in zip(self, x, strict=True):
+            model = each.act(model, float(value))
+        return model
+
+
+def catalogue(model: Mapping) -> list[Input]:
+    """All inputs that a study with this model can have, in the order of `INPUTS`."""
+    return [each for kind in INPUTS.values() for each in kind.members(model)]
+
+
+# ------------------------------------------------------------------------------------- roles
+
+
+def roles_of(section: Mapping, every: Sequence[Input], model: Mapping) -> dict[str, Role]:
+    """Roles by name of `every` input, from the section `inputs` of a configuration.
+
+    A key is the name of an input or a word for several (its class's name, its family), of which
+    the narrower one counts. A standard deviation, `sd_<unit>`, goes to those that have this unit.
+    What is not named is inferred if it is a stiffness, and otherwise fixed. Raises InputError.
+    """
+    roles = {each.name: Role("inferred" if each.nominal is None else "fixed") for each in every}
+    named = []
+    for word, given in section.items():
+        asked = {"role": given} if isinstance(given, str) else dict(given)
+        named.append((word, asked, _meant(word, asked, every, model)))
+    for word, asked, meant in sorted(named, key=lambda each: len(each[2]), reverse=True):
+        for each in meant:
+            roles[each.name] = _role(word, asked, each)
+    _check_directions(every, roles)
+    return roles
+
+
+def sd_key(unit: str) -> str:
+    """The key of a standard deviation in a unit: `sd_mm`, `sd_kpa_per_mm`, `sd` of a number."""
+    words = unit.lower().replace("/", "_per_").removeprefix("1").strip("_")
+    return f"sd_{words}" if words else "sd"
+
+
+def _meant(word: str, asked: dict, every: Sequence[Input], model: Mapping) -> list[Input]:
+    """The inputs that a word stands for in the role asked for."""
+    kind = asked.get("role")
+    if kind not in ROLES:
+        raise InputError(
+            f"{SECTION}.{word}: {kind!r} is no role; give {', '.join(ROLES[:-1])} or {ROLES[-1]}"
+        )
+    by_name = [each for each in every if each.name == word]
+    by_word = [each for each in every if word in each.words and each not in by_name]
+    if not by_name and not by_word:
+        raise InputError(f"{SECTION}.{word}: {_why_unknown(word, every, model)}")
+    able = [[each for each in group if kind in each.roles] for group in (by_name, by_word)]
+    able = [group for group in able if group]
+    if not able:
+        possible = ", ".join((by_name or by_word)[0].roles)
+        raise InputError(f"{SECTION}.{word}: cannot be {kind}; choose among {possible}")
+    sds = [key for key in asked if key.startswith("sd")]
+    if kind != "measured":
+        if sds:
+            raise InputError(
+                f"{SECTION}.{word}.{sds[0]}: only what is measured has a standard deviation; write "
+                "role: measured, or remove it"
+            )
+        return able[0]
+    if len(sds) != 1:
+        units = sorted({sd_key(each.unit) for group in able for each in group})
+        raise InputError(
+            f"{SECTION}.{word}: is measured, with {len(sds) or 'no'} standard deviation"
+            f"{'s' if len(sds) > 1 else ''}; give one, {' or '.join(units)}"
+        )
+    for group in able:
+        mine = [each for each in group if sd_key(each.unit) == sds[0]]
+        if mine:
+            return mine
+    units = sorted({sd_key(each.unit) for group in able for each in group})
+    raise InputError(
+        f"{SECTION}.{word}.{sds[0]}: nothing of this name has that unit; write {' or '.join(units)}"
+    )
+
+
+def _why_unknown(word: str, every: Sequence[Input], model: Mapping) -> str:
+    for kind in INPUTS.values():
+        if word in (kind.name, kind.family) or word.startswith(f"{kind.name}_"):
+            reason = kind.why_not(model)
+            if reason:
+                return f"this study has no such input, {reason}; remove it"
+    known = dict.fromkeys([e.name for e in every] + [w for e in every for w in e.words])
+    close = difflib.get_close_matches(word, known, n=1)
+    hint = f"did you mean {close[0]}?" if close else f"choose among {', '.join(INPUTS)}"
+    return f"is no input, nor a word for several; {hint}"
+
+
+def _role(word: str, asked: dict, each: Input) -> Role:
+    """The role of one input that `word` stands for."""
+    key = f"{SECTION}.{word}"
+    value, sd = asked.get("value"), asked.get(sd_key(each.unit))
+    if asked["role"] == "measured" and value is None and each.nominal is None:
+        raise InputError(
+            f"{key}: {each.name} has a standard deviation but no nominal value; give its `value`"
+        )
+    if value is not None and not each.low <= value <= each.high:
+        raise InputError(
+            f"{key}.value: {value:g} is outside the range of {each.name}, {each.low:g} to "
+            f"{each.high:g} {'' if each.unit == '1' else each.unit}".rstrip()
+            + "; correct it"
+        )
+    if asked["role"] == "suspected" and value is None and each.nominal is None:
+        raise InputError(
+            f"{key}: {each.name} has no value in the model as it is, so it cannot be doubted; give "
+            "its `value`, or infer it"
+        )
+    if asked["role"] == "fixed" and value is None and each.nominal is None:
+        raise InputError(f"{key}: {each.name} has no nominal value; give its `value`")
+    if sd is not None and not 0 <= sd < np.inf:
+        raise InputError(f"{key}: a standard deviation of {sd:g}; give a number of 0 or more")
+    if sd == 0:
+        return Role("fixed", value=value)
+    return Role(asked["role"], sd, value)
+
+
+def _check_directions(every: Sequence[Input], roles: Mapping[str, Role]) -> None:
+    """Raise InputError where inferred inputs move the same thing."""
+    for each in every:
+        if roles[each.name].kind != "inferred" or not each.moves:
+            continue
+        parts = [name for name in each.moves if name in roles]
+        if len(parts) < len(each.moves) or _has_other_stress(each, every, roles):
+            continue
+        if all(roles[name].kind == "inferred" for name in parts):
+            raise InputError(
+                f"{SECTION}.{each.name}: moves the same thing as {_listed(parts)}, and all are "
+                f"inferred: no measurement tells them apart; fix {each.name}, or give one of them "
+                "another role"
+            )
+
+
+def _has_other_stress(each: Input, every: Sequence[Input], roles: Mapping[str, Role]) -> bool:
+    """Whether a closed form moves more than its `moves`: there are springs or other loads."""
+    return isinstance(each, ClosedForm) and any(
+        each.power(other) and (other.middle != 0 or roles[other.name].kind != "fixed")
+        for other in every
+        if other.name not in each.moves
+    )
+
+
+def _listed(names: Sequence[str]) -> str:
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+
+
+def _check_closed_forms(free: Sequence[Input], every: Sequence[Input]) -> None:
+    """Raise InputError where a closed form would have to scale an input that is fixed."""
+    names = {each.name for each in free}
+    for form in free:
+        if not isinstance(form, ClosedForm):
+            continue
+        for other in every:
+            if form.power(other) and other.name not in names and other.middle != 0:
+                raise InputError(
+                    f"{SECTION}.{form.name}: is exact only if {other.name} goes along, which is "
+                    f"fixed at {other.middle:g}; give {other.name} another role too"
+                )

@@ -1,0 +1,59 @@
+"""Derivatives about the inputs against differences of whole solutions."""
+
+from collections.abc import Iterable
+
+import numpy as np
+import pandas as pd
+
+from regional_lv.inputs.space import stencil
+from regional_lv.mechanics.continuation import Effort, Solver
+from regional_lv.mechanics.problem import Problem
+from regional_lv.mechanics.simulator import State
+
+STEPS = 10
+"""Times an input's own step: the step between solutions. In a longer one a quadrature point may
+pass the switch at which fibres and sheets take up load, where derivatives jump."""
+
+LEAST = 1e-6
+"""Over an input's range, of its size: a smaller change of an output is none."""
+
+TIGHT = {"increment_tolerance_mm": 1e-9, "tangent_tolerance_mm": 1e-4}
+"""Solver settings at which differences of solutions are worth comparing."""
+
+
+def check_derivatives(
+    solver: Solver[Problem], start: State, names: Iterable[str] | None = None
+) -> pd.DataFrame:
+    """One row per input, `input` and its `error`, at a solution near the state `start`.
+
+    The error is the largest over the outputs at end diastole of one kind (strains, and each other
+    quantity) relative to the largest derivative among them. names: of the inputs to check, all by
+    default. solver: its settings should be `TIGHT`.
+    """
+    problem = solver.simulator
+    inputs, pressure = problem.inputs, problem.full_pressure
+    state = solver.newton(start.w, start.theta, pressure, Effort())
+    found = problem.linearised(state)
+    values, exact = problem.observed(found)
+    kinds = np.array(["strain" if c.kind.is_strain else c.quantity for c in problem.channels])
+    groups = [kinds == kind for kind in dict.fromkeys(kinds)]
+    rows = []
+    for k, each in enumerate(inputs):
+        if names is not None and each.name not in names:
+            continue
+        here, low, high = (each.scale(float(v)) for v in (state.theta[k], each.low, each.high))
+        step, numeric = STEPS * each.step * (high - low), np.zeros(exact.shape[1])
+        for offset, weight in stencil(here, step, low, high):
+            x = state.theta.copy()
+            x[k] = each.scale.inverse(here + offset)
+            guess = state.w + offset * found.fields[k]
+            beside = solver.newton(guess, x, pressure, Effort(), tangent=False)
+            numeric += weight * problem.observables(beside.w)[0]
+        errors = [
+            np.abs(numeric - exact[k])[group].max() / np.abs(numeric[group]).max()
+            for group in groups
+            if (high - low) * np.abs(numeric[group]).max() > LEAST * np.abs(values[group]).max()
+        ]
+        rows.append({"input": each.name, "error": max(errors, default=0.0)})
+    problem.set(state.theta, pressure)
+    return pd.DataFrame(rows)

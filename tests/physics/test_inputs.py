@@ -1,0 +1,125 @@
+"""One simulator for all inputs: the present one inside it, and exact derivatives."""
+
+import numpy as np
+import pytest
+
+from regional_lv.geometry.mesh import read_mesh
+from regional_lv.inputs.model import model_of
+from regional_lv.inputs.space import Inputs, catalogue
+from regional_lv.mechanics.continuation import Effort, Solver
+from regional_lv.mechanics.problem import Problem
+from regional_lv.simulations import make_simulator
+from regional_lv.verification.input_derivatives import TIGHT, check_derivatives
+
+from .conftest import PRESSURE, THETA
+
+# Segments that stand for all seventeen: a free wall, a septal one, the apex.
+SEGMENTS = (1, 9, 17)
+EVERYTHING = {
+    "basal_motion": 3.0,
+    "basal_axial": 2.0,
+    "basal_twist": 0.5,
+    "epicardial_support": 0.03,
+    "compressibility": 0.01,
+    "septal_load": 2.0,
+    "helix_endo": 5.0,
+    "anisotropy": 0.8,
+    "endocardial_sampling": 0.2,
+    "strain_measure": 1.0,
+    "line_strain": 0.5,
+    "unloaded_directions": 0.3,
+    "wall_thickness": 1.05,
+    "length": 77.0,
+    "segment_rotation": 4.0,
+}
+
+
+@pytest.fixture(scope="module")
+def solver(small_mesh, smoke_config):
+    model = model_of(smoke_config)
+    members = [
+        each
+        for each in catalogue(model)
+        if getattr(each, "segment", None) is None or each.segment in SEGMENTS
+    ]
+    problem = Problem(read_mesh(small_mesh), Inputs(model, members))
+    return Solver(problem, smoke_config["solver"] | TIGHT)
+
+
+def values(problem, **given):
+    """Nominal values, but for theta and what is given."""
+    at = dict(zip(problem.inputs.names, problem.inputs.nominal, strict=True))
+    at |= dict(zip(problem.parameters.names, THETA, strict=True)) | given
+    return np.array(list(at.values()))
+
+
+@pytest.fixture(scope="module")
+def held(solver):
+    return solver.inflate(values(solver.simulator), PRESSURE, Effort())
+
+
+def test_the_present_simulator_is_inside(solver, held, simulator, physics):
+    """To round-off: held nodes are those of the base, and what is off adds nothing."""
+    state = Solver(simulator, physics["solver"] | TIGHT).inflate(THETA, PRESSURE, Effort())
+    solver.simulator.set(held.theta, PRESSURE)
+    found = solver.simulator.observables(held.w)[0]
+    np.testing.assert_allclose(found, simulator.observables(state.w)[0], rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("given", "section", "tolerance"),
+    [
+        ({"septal_load": 3.0}, {"loading": {"septal_pressure_mmhg": 3.0}}, 1e-8),
+        ({"epicardial_support": 0.05}, {"supports": {"epicardium_kpa_per_mm": 0.05}}, 1e-8),
+        ({"fibre_rotation": 6.0}, {"fibres": {"rotation_deg": 6.0}}, 1e-8),
+        ({"wall_thickness": 1.1}, {"geometry": {"wall_thickness_scale": 1.1}}, 1e-8),
+        ({"compressibility": 0.02}, {"material": {"bulk_modulus_kpa": 50.0}}, 1e-8),
+        # Springs at the nodes of the base here, at its Gauss points there.
+        ({"basal_motion": 3.0}, {"supports": {"base": {"radial": 3.0}}}, 3e-3),
+    ],
+)
+def test_sizes_are_other_programs_of_the_present_simulator(
+    solver, held, small_mesh, physics, given, section, tolerance
+):
+    problem = solver.simulator
+    state = solver.newton(held.w, values(problem, **given), PRESSURE, Effort())
+    found = problem.observables(state.w)[0]
+    other = merged(physics, section)
+    present = make_simulator(small_mesh, other)
+    reached = Solver(present, physics["solver"] | TIGHT).inflate(THETA, PRESSURE, Effort())
+    expected = present.observables(reached.w)[0]
+    assert found[0] == pytest.approx(expected[0], rel=tolerance)
+    np.testing.assert_allclose(found[1:], expected[1:], atol=10 * tolerance)
+
+
+def merged(base, changed):
+    return base | {
+        key: merged(base[key], value) if isinstance(value, dict) else value
+        for key, value in changed.items()
+    }
+
+
+@pytest.mark.parametrize("given", [{"segment_rotation": 1.0}, EVERYTHING], ids=["held", "all"])
+def test_derivatives_about_every_input(solver, given):
+    """Where the base is held, free around the axis and nothing else acts, derivatives are those at
+    the ends of ranges. Segments counted from where mesh lines are have none at no rotation."""
+    start = solver.inflate(values(solver.simulator, **given), PRESSURE, Effort())
+    table = check_derivatives(solver, start)
+    assert len(table) == len(solver.simulator.inputs)
+    worse = table[table["error"] > 1e-4]
+    assert worse.empty, worse.to_string()
+
+
+def test_a_solution_is_observed_many_times(solver, held, small_mesh, physics):
+    problem = solver.simulator
+    state = solver.newton(held.w, held.theta, PRESSURE, Effort())
+    found, steps = problem.linearised(state), Effort()
+    looks = {"layer": (0.0, 0.4), "strain_exponent": 0.0, "line_share": 1.0}
+    observed, slopes = problem.observed(found, looking=looks)
+    assert steps.newton_steps == 0
+    present = make_simulator(small_mesh, merged(physics, {"observables": looks}))
+    np.testing.assert_allclose(observed, present.observables(state.w)[0], atol=1e-12)
+    present.set(THETA, PRESSURE)
+    present.factorise(state.w)
+    exact = present.observables(state.w, present.field_sensitivities(state.w))[1]
+    np.testing.assert_allclose(slopes[:10], exact, atol=1e-5 * np.abs(exact).max())

@@ -1,0 +1,240 @@
+"""The catalogue of inputs, their roles in a configuration, and closed forms."""
+
+import copy
+
+import numpy as np
+import pytest
+
+from regional_lv import config
+from regional_lv.channels import Channels
+from regional_lv.criticism.hypotheses import REGISTRY
+from regional_lv.errors import InputError
+from regional_lv.inputs.base import KeyInput
+from regional_lv.inputs.catalogue import INPUTS
+from regional_lv.inputs.closed_forms import evaluate_all
+from regional_lv.inputs.model import model_of
+from regional_lv.inputs.space import Inputs, catalogue, stencil
+from regional_lv.registry import temporary
+
+
+def loaded(**sections):
+    return config.load({"study": "inputs"} | sections)
+
+
+@pytest.fixture(scope="module")
+def model():
+    return model_of(loaded())
+
+
+@pytest.fixture(scope="module")
+def every(model):
+    return Inputs(model, catalogue(model))
+
+
+def same(one, other):
+    """Whether two models are equal, to round-off."""
+    if isinstance(one, dict):
+        return one.keys() == other.keys() and all(same(one[k], other[k]) for k in one)
+    if isinstance(one, float | tuple | list | np.ndarray) and not isinstance(one, str):
+        try:
+            return np.allclose(one, other, rtol=1e-12, atol=1e-13)
+        except TypeError:
+            pass
+    return one is other or one == other
+
+
+def test_every_cause_is_an_input_with_its_range(model, every):
+    """`focal_scar` is one for each segment; the measure's range is that of the catalogue."""
+    for name, hypothesis in REGISTRY.items():
+        h = hypothesis.for_study(model)
+        mine = [each for each in every if each.name == name or each.name.startswith("focal_scar_")]
+        mine = [e for e in mine if (name == "focal_scar") == e.name.startswith("focal_scar_")]
+        assert mine, name
+        for each in mine:
+            assert (each.low, each.high, each.unit) == (h.low, h.high, h.unit)
+            assert each.nominal == h.base and each.scale == h.scale
+
+
+def test_nominal_values_are_the_model_as_it_is(model, every):
+    kept = every.subset(each.nominal is not None for each in every)
+    assert len(kept) == len(every) - 10
+    found = kept.model(kept.nominal)
+    assert same(
+        {k: v for k, v in found["geometry"].items() if k != "table"},
+        {k: v for k, v in model["geometry"].items() if k != "table"},
+    )
+    for section in ("factors", "material", "fibres", "loading", "supports", "observables"):
+        assert same(found[section], {**model[section]}), section
+
+
+def test_values_and_scaled_coordinates(every):
+    for values in (every.lower, every.nominal, every.upper):
+        z = every.scaled(values)
+        np.testing.assert_allclose(every.natural(z), values, rtol=1e-9, atol=1e-12)
+    assert (every.lower <= every.nominal).all() and (every.nominal <= every.upper).all()
+
+
+def test_no_model_is_changed_in_place(every):
+    before = copy.deepcopy(every.base)
+    every.model((every.lower + every.upper) / 2)
+    assert same(
+        {k: v for k, v in before.items() if k != "geometry"},
+        {k: v for k, v in every.base.items() if k != "geometry"},
+    )
+
+
+@pytest.mark.parametrize(
+    ("section", "roles"),
+    [
+        ({}, {"C_a_anterior": ("inferred", None)}),
+        ({"septal_load": "suspected"}, {"septal_load": ("suspected", None)}),
+        # The unit says which: the whole wall has a scale, a segment millimetres.
+        ({"wall_thickness": "suspected"}, {"wall_thickness": ("suspected", None)}),
+        (
+            {"wall_thickness": {"role": "measured", "sd_mm": 1.0}},
+            {"wall_thickness_1": ("measured", 1.0), "wall_thickness_17": ("measured", 1.0)},
+        ),
+        (
+            {
+                "shape": {"role": "measured", "sd_mm": 2.0},
+                "wall_thickness_3": "inferred",
+                "wall_thickness": {"role": "measured", "sd_mm": 1.0},
+            },
+            {
+                "wall_thickness_2": ("measured", 1.0),
+                "wall_thickness_3": ("inferred", None),
+                "endo_radius_3": ("measured", 2.0),
+                "length": ("measured", 2.0),
+            },
+        ),
+        ({"focal_scar": "suspected"}, {"focal_scar_9": ("suspected", None)}),
+        ({"C_b": {"role": "fixed", "value": 1.0}}, {"C_a_apical": ("inferred", None)}),
+    ],
+)
+def test_roles(section, roles):
+    inputs = Inputs.from_config(loaded(inputs=section))
+    found = dict(zip(inputs.names, inputs.roles, strict=True))
+    for name, (kind, sd) in roles.items():
+        assert (found[name].kind, found[name].sd) == (kind, sd)
+
+
+def test_a_standard_deviation_of_nothing_is_fixed():
+    inputs = Inputs.from_config(loaded(inputs={"septal_load": {"role": "measured", "sd_mmhg": 0}}))
+    assert inputs.names == Inputs.from_config(loaded()).names
+
+
+@pytest.mark.parametrize(
+    ("section", "words"),
+    [
+        ({"septal_lod": "suspected"}, "did you mean septal_load"),
+        ({"septal_load": "wrong"}, "inputs.septal_load: 'wrong' is no role"),
+        ({"heavy_tails": "inferred"}, "inputs.heavy_tails: cannot be inferred"),
+        ({"fibres": "inferred"}, "inputs.fibre_rotation: moves the same thing as helix_endo"),
+        ({"material": "inferred"}, "moves the same thing as focal_scar"),
+        ({"end_diastolic_pressure": "inferred"}, "moves the same thing as C_a_anterior"),
+        ({"C_a_septal": {"role": "measured", "sd": 0.1}}, "no nominal value"),
+        ({"C_a_septal": "suspected"}, "no value in the model as it is"),
+        ({"C_a_septal": "fixed"}, "no nominal value"),
+        ({"septal_load": {"role": "measured", "sd_mm": 1}}, "write sd_mmhg"),
+        ({"septal_load": "measured"}, "with no standard deviation; give one, sd_mmhg"),
+        ({"septal_load": {"role": "measured", "sd_mmhg": 1, "value": 50}}, "outside the range"),
+        ({"helix_epi": {"role": "suspected", "sd_deg": 1}}, "only what is measured"),
+        (
+            {"C_a": {"role": "fixed", "value": 1.0}, "end_diastolic_pressure": "suspected"},
+            "exact only if C_a_anterior goes along",
+        ),
+    ],
+)
+def test_roles_that_cannot_be(section, words):
+    with pytest.raises(InputError, match=words):
+        loaded(inputs=section)
+
+
+@pytest.mark.parametrize(
+    ("sections", "words"),
+    [
+        (
+            {"material": {"law": "guccione"}, "inputs": {"sheet_angle": "suspected"}},
+            "the law guccione has no sheets",
+        ),
+        (
+            {"material": {"law": "guccione"}, "inputs": {"anisotropy": "suspected"}},
+            "no constant a_f_kpa",
+        ),
+        (
+            {
+                "supports": {"base": {"radial": "free", "circumferential": "held"}},
+                "inputs": {"basal_motion": "suspected"},
+            },
+            "radial is free",
+        ),
+    ],
+)
+def test_inputs_that_a_study_does_not_have(sections, words):
+    with pytest.raises(InputError, match=words):
+        loaded(**sections)
+
+
+def test_an_input_of_a_plugin():
+    with temporary():
+
+        @INPUTS.add
+        class Rotation(KeyInput):
+            name, family, unit = "rotation_of_fibres", "fibres", "deg"
+            path = ("fibres", "rotation_deg")
+            parameter = "rotation"
+            low, high = -10.0, 10.0
+            description = source = "of a test"
+
+        inputs = Inputs.from_config(loaded(inputs={"rotation_of_fibres": "suspected"}))
+        assert inputs.names[-1] == "rotation_of_fibres"
+        x = np.append(np.ones(10), 4.0)
+        assert inputs.model(x)["fibres"]["rotation_deg"] == 4.0
+
+
+@pytest.mark.parametrize("here", [0.0, 0.5, 1.0])
+def test_differences_stay_in_the_range(here):
+    points = stencil(here, 0.1, 0.0, 1.0)
+    assert all(0 <= here + offset <= 1 for offset, _ in points)
+    # Exact for parabolas.
+    slope = sum(weight * (3 * (here + offset) ** 2 + 2) for offset, weight in points)
+    assert slope == pytest.approx(6 * here, abs=1e-12)
+
+
+def test_closed_forms_and_their_derivatives(model):
+    """Of a made-up simulator whose outputs depend on stress over load and springs."""
+    names = ("C_a_anterior", "C_b_septal", "epicardial_support", "basal_motion", "helix_epi")
+    forms = ("end_diastolic_pressure", "mixed_frames", "radial_scale", "size")
+    every = Inputs(model, catalogue(model))
+    inputs = every.subset(name in names + forms for name in every.names)
+    inner = inputs.simulated
+    channels = Channels.of(["volume", "radial", "circumferential"])
+    rng = np.random.default_rng(0)
+    weights = rng.normal(size=(len(channels), len(inner)))
+
+    def simulate(x):
+        z = inner.scaled(x)
+        values = np.sin(weights @ z) + 2
+        return values, np.cos(weights @ z)[:, None] * weights
+
+    x = inputs.nominal
+    at = {"C_a_anterior": 1.3, "epicardial_support": 0.1, "basal_motion": 2.0, "helix_epi": 5.0}
+    at |= {"end_diastolic_pressure": 10.0, "mixed_frames": 0.2, "radial_scale": 0.8, "size": 1.1}
+    x = np.array([at.get(name, v) for name, v in zip(inputs.names, x, strict=True)])
+    values, slopes = evaluate_all(simulate, inputs, x, channels)
+    # By hand: the volume at 10 / 8 of the load and 1.1 times the size.
+    load = 10 / 8
+    scaled = {"C_a_anterior": 1.3 / load, "epicardial_support": 0.1 * 1.1 / load}
+    scaled["basal_motion"] = 2.0 * load / 1.1
+    there = np.array([{**at, **scaled}.get(n, 1.0) for n in inner.names])
+    there[inner.names.index("C_b_septal")] = x[inputs.names.index("C_b_septal")]
+    volume = channels.of_quantity("volume")
+    np.testing.assert_allclose(values[volume], simulate(there)[0][volume] * 1.1**3)
+    z, h = inputs.scaled(x), 1e-6
+    for k in range(len(inputs)):
+        sides = []
+        for sign in (1, -1):
+            beside = z.copy()
+            beside[k] += sign * h
+            sides.append(evaluate_all(simulate, inputs, inputs.natural(beside), channels)[0])
+        np.testing.assert_allclose((sides[0] - sides[1]) / (2 * h), slopes[:, k], atol=1e-7)
