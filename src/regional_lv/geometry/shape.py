@@ -5,6 +5,7 @@ named by its place on the bullseye and its depth, which no figure of the table c
 """
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
@@ -31,7 +32,7 @@ class NodePlaces:
     def __init__(self, mesh: Mesh, shape: Mapping):
         self._points = mesh.points
         self._foot = endocardial_foot(mesh)
-        self._table = shape.get("table")
+        self._table: Any = shape.get("table")  # of pandas, which is not typed; None without one
         self._known: tuple = ()
         if self._table is None:
             return

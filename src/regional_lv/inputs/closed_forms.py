@@ -237,8 +237,8 @@ def evaluate_all(evaluate: Evaluate, inputs, x: np.ndarray, channels: Channels):
             along = (logarithm * there * inner)[simulated] * scales[j].slope(x[j])
             slopes[rows, j] = gradient[rows] @ along
     for j, form in forms:
-        factor, slope = form.reported(channels, float(x[j]))
+        factor, of_factor = form.reported(channels, float(x[j]))
         slopes *= factor[:, None]
-        slopes[:, j] += values * slope * scales[j].slope(x[j])
+        slopes[:, j] += values * of_factor * scales[j].slope(x[j])
         values = values * factor
     return values, slopes

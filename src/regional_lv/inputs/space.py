@@ -61,7 +61,7 @@ class Inputs(Sequence[Input]):
 
         Raises InputError for roles that inputs cannot have, or not together.
         """
-        base = model_of(config)
+        base: Mapping = model_of(config)
         every = catalogue(base)
         roles = roles_of(config[SECTION], every, base)
         for each in every:

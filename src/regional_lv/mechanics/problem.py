@@ -13,6 +13,7 @@ s = 0 the displacement is prescribed, and the derivative about s is known: d = -
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from scipy import sparse
@@ -63,6 +64,8 @@ class Problem(Simulator):
     mesh: geometry with segments, surfaces and the transmural coordinate (mm), its wall not scaled.
     inputs: those of a study; closed forms among them are left out.
     """
+
+    _observer: Observer | None
 
     def __init__(self, mesh: Mesh, inputs: Inputs):
         self.inputs = inputs.simulated
@@ -191,7 +194,8 @@ class Problem(Simulator):
         self._place(w)
         of_parts = moves = None
         changes = np.zeros((len(inputs), self.size))
-        nodes, softening = {}, np.zeros(len(inputs))
+        nodes: dict[int, Any] = {}
+        softening = np.zeros(len(inputs))
         for k, each in enumerate(inputs):
             if each.changes == "observables":
                 continue
