@@ -16,7 +16,6 @@ from regional_lv.criticism.hypotheses.base import psi_and_component
 from regional_lv.data import VOLUNTEER
 from regional_lv.emulators import REGISTRY as EMULATORS
 from regional_lv.errors import InputError
-from regional_lv.inputs.space import Inputs
 from regional_lv.mechanics.loads import LOADS
 from regional_lv.mechanics.materials import material_from_config
 from regional_lv.mechanics.observables.layer import check_layer
@@ -91,6 +90,9 @@ def cross_check(config: dict) -> Iterator[str]:
     if design["lower"] < design["upper"]:
         mistakes += _complaints(Parameterisation.from_config, config)
     if config["inputs"] and not mistakes:
+        # The catalogue reads segment tables: pandas, for every process that reads a configuration.
+        from regional_lv.inputs.space import Inputs
+
         mistakes += _complaints(Inputs.from_config, config)
     yield from mistakes
     for name, subject in config["subjects"].items():
