@@ -74,10 +74,9 @@ def main(paths: list[Path]) -> None:
     frames = framed["loading"]["frames"]
     physics = framed | {"loading": framed["loading"] | {"frames": []}}
     mesh = folder / "geometry" / "mesh.vtu"
-    simulator, guesses = (
-        make_simulator(mesh, physics),
-        load_predictors(folder / "mechanics" / "predictor.npz"),
-    )
+    simulator = make_simulator(mesh, physics)
+    predictor = folder / "mechanics" / "predictor.npz"
+    guesses = load_predictors(predictor, simulator.coordinates)
     parameters, pressure = simulator.parameters, simulator.full_pressure
     solver, seed = Solver(simulator, config["solver"]), config["seed"]
     thetas = further_points(parameters, seed, "benchmark", NATURAL, LOG)

@@ -12,6 +12,8 @@ import numpy as np
 
 from regional_lv import aha
 from regional_lv.errors import InputError
+from regional_lv.inputs.coordinates import Coordinates
+from regional_lv.inputs.scales import Logarithmic
 from regional_lv.mechanics.materials import MATERIALS
 
 PAPER_ZONES = {
@@ -169,6 +171,13 @@ class Parameterisation(Sequence):
     def middle(self) -> np.ndarray:
         """Geometric means (P,) of the bounds."""
         return np.sqrt(self.lower * self.upper)
+
+    @cached_property
+    def coordinates(self) -> Coordinates:
+        """Their logarithms, a block for each zone."""
+        scales = (Logarithmic(),) * len(self)
+        softness = tuple(range(len(self)))
+        return Coordinates(self.names, scales, self.lower, self.upper, self.blocks, softness)
 
     @cached_property
     def scales_stress(self) -> np.ndarray:

@@ -12,6 +12,7 @@ from regional_lv.channels import Channels
 from regional_lv.errors import InputError
 from regional_lv.geometry.mesh import Mesh, read_mesh
 from regional_lv.geometry.thickness import thickened
+from regional_lv.inputs.space import SECTION, Inputs
 from regional_lv.mechanics.continuation import (
     Effort,
     GrowingRunner,
@@ -22,6 +23,7 @@ from regional_lv.mechanics.continuation import (
     Solver,
 )
 from regional_lv.mechanics.predictor import Known, load_predictors
+from regional_lv.mechanics.problem import Problem
 from regional_lv.mechanics.simulator import Simulator, State
 from regional_lv.progress import Progress
 
@@ -29,9 +31,12 @@ log = logging.getLogger(__name__)
 
 
 def make_simulator(mesh: str | Path | Mesh, physics: Mapping, extended: bool = False) -> Simulator:
-    """The simulator of a mesh (or its file); `physics` and `extended` as for `Simulator`, with the
-    section `geometry` for the wall's thickness."""
+    """The simulator of a mesh (or its file): of all inputs that `physics` describes
+    (`inputs.space.sections_of`), or of the parameters alone, `physics` and `extended` then as for
+    `Simulator`, with the section `geometry` for the wall's thickness."""
     mesh = mesh if isinstance(mesh, Mesh) else read_mesh(mesh)
+    if SECTION in physics:
+        return Problem(mesh, Inputs.from_config(physics))
     scale = physics["geometry"]["wall_thickness_scale"]
     return Simulator(thickened(mesh, scale), physics, extended)
 
@@ -47,10 +52,10 @@ def solve_baseline(mesh: str | Path, physics: dict, start: str | Path, summary: 
     """
     simulator = make_simulator(mesh, physics)
     solver, effort = Solver(simulator, physics["solver"]), Effort()
-    theta = simulator.parameters.middle
+    theta = simulator.middle
     try:
         solutions = solver.inflate_all(theta, effort)
-        reference = Runner(solver, known_from(solutions, simulator)).run(np.ones(len(theta)))
+        reference = Runner(solver, known_from(solutions, simulator)).run(simulator.reference)
         if reference.state is None or reference.observables is None:
             raise NotConverged(f"at theta = 1: {reference.reason}")
     except NotConverged as error:
@@ -78,7 +83,7 @@ def known_from(solutions: Mapping[float, Solution], simulator: Simulator) -> dic
     """By load fraction, the guesses that solutions with tangents at these loads give."""
     guesses = {}
     for load, found in solutions.items():
-        guesses[load] = Known(simulator.size, simulator.parameters.blocks)
+        guesses[load] = Known(simulator.size, simulator.coordinates)
         assert found.tangents is not None
         guesses[load].add(found.state.theta, found.state.w, found.tangents)
     return guesses
@@ -129,7 +134,7 @@ def solve_anchors(
     """
     runner = growing_runner(mesh, physics, start)
     rows = anchors_of(pd.read_parquet(design), anchors).iloc[int(batch) :: batches]
-    thetas = rows[list(runner.parameters.names)].to_numpy()
+    thetas = rows[list(runner.coordinates.names)].to_numpy()
     progress, results = Progress(f"anchors, batch {batch}", len(thetas)), {}
     for row, result in runner.run_all(thetas):
         progress.step(failed=result.state is None)
@@ -157,8 +162,9 @@ def make_runner(
     mesh: str | Path | Mesh, physics: Mapping, predictor: str | Path, sensitivities: bool = True
 ) -> Runner:
     """Runs simulations, with `sensitivities` or without, from the predictor file's fields."""
-    solver = Solver(make_simulator(mesh, physics), physics["solver"])
-    return Runner(solver, load_predictors(predictor), sensitivities)
+    simulator = make_simulator(mesh, physics)
+    guesses = load_predictors(predictor, simulator.coordinates)
+    return Runner(Solver(simulator, physics["solver"]), guesses, sensitivities)
 
 
 def simulate_batch(
@@ -186,7 +192,7 @@ def simulate_batch(
     made = []
     if len(waiting):
         runner = make_runner(mesh, physics, predictor)
-        thetas = waiting[list(runner.parameters.names)].to_numpy()
+        thetas = waiting[list(runner.coordinates.names)].to_numpy()
         results = run_all(runner, thetas, f"{set} batch {batch}", waiting["sample"])
         made.append(tabulate(waiting, results, runner.channels))
     table = pd.concat([*made, *([solved] if len(solved) else [])])

@@ -371,7 +371,7 @@ def known(tmp_path_factory, solver, solved):
         tangents.append(along(again.w))
     theta, fields = np.stack([s.theta for s in states]), np.stack([s.w for s in states])
     tangents = np.stack(tangents)
-    predictor = Predictor.fit(theta, fields, tangents, PARAMETERS.blocks)
+    predictor = Predictor.fit(theta, fields, tangents, PARAMETERS.coordinates)
     save_predictors({1.0: predictor}, folder / "predictor.npz")
     arrays = {"fields@1": fields, "tangents@1": tangents}
     np.savez(folder / "batch-0000.npz", theta=theta, **arrays)

@@ -248,7 +248,7 @@ def test_failure_is_a_result(simulator, physics):
     """Too bold a step that may not be halved: the run ends as a row, not as an exception."""
     bold = {"first_load_fraction": 1.0, "min_load_fraction": 0.5}
     solver = Solver(simulator, physics["solver"] | bold)
-    nothing = Known(simulator.size, simulator.parameters.blocks)
+    nothing = Known(simulator.size, simulator.coordinates)
     nothing.add(np.ones(10), np.zeros(simulator.size), np.zeros((10, simulator.size)))
     result = Runner(solver, {1.0: nothing}).run(np.full(10, 0.1))
     assert result.status == "failed"
@@ -332,7 +332,7 @@ def test_a_solution_as_the_guess_gives_the_same_sensitivities(solver, solved):
 def _known(solver, state):
     """Guesses from one solution, whose tangent is made here."""
     again = solver.newton(state.w, state.theta, state.pressure, Effort())
-    known = Known(solver.simulator.size, solver.simulator.parameters.blocks)
+    known = Known(solver.simulator.size, solver.simulator.coordinates)
     known.add(again.theta, again.w, solver.simulator.field_sensitivities(again.w))
     return known
 

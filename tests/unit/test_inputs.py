@@ -69,8 +69,8 @@ def test_nominal_values_are_the_model_as_it_is(model, every):
 
 def test_values_and_scaled_coordinates(every):
     for values in (every.lower, every.nominal, every.upper):
-        z = every.scaled(values)
-        np.testing.assert_allclose(every.natural(z), values, rtol=1e-9, atol=1e-12)
+        z = every.coordinates.scaled(values)
+        np.testing.assert_allclose(every.coordinates.natural(z), values, rtol=1e-9, atol=1e-12)
     assert (every.lower <= every.nominal).all() and (every.nominal <= every.upper).all()
 
 
@@ -213,7 +213,7 @@ def test_closed_forms_and_their_derivatives(model):
     weights = rng.normal(size=(len(channels), len(inner)))
 
     def simulate(x):
-        z = inner.scaled(x)
+        z = inner.coordinates.scaled(x)
         values = np.sin(weights @ z) + 2
         return values, np.cos(weights @ z)[:, None] * weights
 
@@ -230,11 +230,11 @@ def test_closed_forms_and_their_derivatives(model):
     there[inner.names.index("C_b_septal")] = x[inputs.names.index("C_b_septal")]
     volume = channels.of_quantity("volume")
     np.testing.assert_allclose(values[volume], simulate(there)[0][volume] * 1.1**3)
-    z, h = inputs.scaled(x), 1e-6
+    z, h = inputs.coordinates.scaled(x), 1e-6
     for k in range(len(inputs)):
         sides = []
         for sign in (1, -1):
             beside = z.copy()
             beside[k] += sign * h
-            sides.append(evaluate_all(simulate, inputs, inputs.natural(beside), channels)[0])
+            sides.append(evaluate_all(simulate, inputs, inputs.coordinates.natural(beside), channels)[0])
         np.testing.assert_allclose((sides[0] - sides[1]) / (2 * h), slopes[:, k], atol=1e-7)

@@ -12,13 +12,14 @@ from regional_lv.mechanics.predictor import (
     load_predictors,
     save_predictors,
 )
+from regional_lv.parameters import Parameterisation
 
 rng = np.random.default_rng(3)
 # As in a ventricle, most of what moves comes from one zone, and a little from all others.
 MIXES = rng.normal(size=(6, 10)) / 10
 for zone in range(5):
     MIXES[zone, 2 * zone : 2 * zone + 2] *= 5
-BLOCKS = [slice(i, i + 2) for i in range(0, 10, 2)]
+COORDINATES = Parameterisation().coordinates
 SHAPES = rng.normal(size=(6, 300))
 
 
@@ -42,7 +43,7 @@ def anchors():
 
 @pytest.fixture(scope="module")
 def known(anchors):
-    found = Known(300, BLOCKS)
+    found = Known(300, COORDINATES)
     for theta, value, tangents in zip(*anchors, strict=True):
         found.add(theta, value, tangents)
     return found
@@ -72,9 +73,9 @@ def test_other_fields_are_near(known, anchors):
 
 
 def test_the_compressed_predictor_says_the_same(known, anchors, tmp_path):
-    predictor = Predictor.fit(*anchors, BLOCKS)
+    predictor = Predictor.fit(*anchors, COORDINATES)
     save_predictors({1.0: predictor, 1 / 3: predictor}, tmp_path / "predictor.npz")
-    loaded = load_predictors(tmp_path / "predictor.npz")
+    loaded = load_predictors(tmp_path / "predictor.npz", COORDINATES)
     assert list(loaded) == [1.0, 1 / 3]
     again = loaded[1.0]
     for theta in points(4, seed=4):

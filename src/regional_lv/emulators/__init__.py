@@ -39,6 +39,11 @@ REGISTRY = Registry(
             Architecture("Gradient GP", "GP", "global", "multi-output"),
         ),
         Listed(
+            "joint_gp",
+            "regional_lv.emulators.joint_gp:JointGP",
+            Architecture("Joint GP", "GP", "global", "multi-output"),
+        ),
+        Listed(
             "local_gp",
             "regional_lv.emulators.local_gp:LocalSingleGP",
             Architecture("L.GP", "GP", "local", "single-output"),

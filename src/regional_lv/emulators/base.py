@@ -15,6 +15,7 @@ import torch
 from regional_lv.channels import Channels
 from regional_lv.emulators.architecture import Architecture
 from regional_lv.errors import InputError
+from regional_lv.inputs.coordinates import Coordinates
 from regional_lv.parameters import Parameterisation, repeated
 from regional_lv.schema import load_schema
 
@@ -180,7 +181,7 @@ class Emulator(ABC):
         y: np.ndarray,
         sensitivities: np.ndarray | None = None,
         *,
-        parameters: Parameterisation,
+        parameters: Parameterisation | Coordinates,
         outputs: Sequence[str],
         seed: int = 0,
     ) -> "Emulator":
@@ -197,7 +198,7 @@ class Emulator(ABC):
         self.parameters, self.outputs = parameters, tuple(outputs)
         theta, y = torch.as_tensor(theta), torch.as_tensor(y)
         self.output_mean, self.output_sd = y.mean(0), y.std(0)
-        transformed = torch.log(theta) if self._log else theta
+        transformed = self._scaled(theta)
         self.input_mean, self.input_sd = transformed.mean(0), transformed.std(0)
         self.inputs = self.standardise(theta)
         gaps = torch.cdist(self.inputs, self.inputs).fill_diagonal_(torch.inf).amin(1)
@@ -333,7 +334,9 @@ class Emulator(ABC):
                 "emulators.load"
             )
         emulator = cls(**content["common"]["settings"])
-        emulator.parameters = Parameterisation.from_spec(content["parameters"])
+        spec = content["parameters"]
+        kind = Parameterisation if "law" in spec else Coordinates
+        emulator.parameters = kind.from_spec(spec)
         for key, value in content["common"].items():
             setattr(emulator, key, value)
         emulator._restore(content["state"])
@@ -366,19 +369,27 @@ class Emulator(ABC):
     def _log(self) -> bool:
         return self.settings["input_transform"] == "log"
 
+    @property
+    def coordinates(self) -> Coordinates:
+        """The scaled coordinates of theta."""
+        known = self.parameters
+        return known if isinstance(known, Coordinates) else known.coordinates
+
+    def _scaled(self, theta: torch.Tensor) -> torch.Tensor:
+        return self.coordinates.scaled(theta) if self._log else theta
+
     def standardise(self, theta: torch.Tensor) -> torch.Tensor:
         """Inputs on the scale on which the emulator works: mean 0, sd 1 over the training set."""
-        transformed = torch.log(theta) if self._log else theta
-        return (transformed - self.input_mean) / self.input_sd
+        return (self._scaled(theta) - self.input_mean) / self.input_sd
 
     def _unstandardise(self, x: torch.Tensor) -> torch.Tensor:
         transformed = self.input_mean + self.input_sd * x
-        return torch.exp(transformed) if self._log else transformed
+        return self.coordinates.natural(transformed) if self._log else transformed
 
     def standardise_slope(self, theta: torch.Tensor) -> torch.Tensor:
         """d(standardised input)/d(theta), (..., P): the transform acts on each parameter alone."""
         slope = 1 / self.input_sd
-        return slope / theta if self._log else slope.expand_as(theta)
+        return slope / self.coordinates.slope(theta) if self._log else slope.expand_as(theta)
 
 
 _TENSORS = ("inputs", "reach", "input_mean", "input_sd", "output_mean", "output_sd")
@@ -432,7 +443,10 @@ def _check_sensitivities(name: str, sensitivities, shape: tuple[int, ...]) -> to
 
 
 def _check_training_set(
-    theta: np.ndarray, y: np.ndarray, parameters: Parameterisation, outputs: Sequence[str]
+    theta: np.ndarray,
+    y: np.ndarray,
+    parameters: Parameterisation | Coordinates,
+    outputs: Sequence[str],
 ) -> None:
     inputs = len(parameters)
     if theta.ndim != 2 or theta.shape[1] != inputs or y.shape != (len(theta), len(outputs)):
@@ -452,7 +466,8 @@ def _check_training_set(
             f"training set: row {bad[0]} (of {bad.size} such rows) holds numbers that are not "
             "finite; remove failed simulations first (the screening does it)"
         )
-    if theta.min() <= 0:
+    positive = [k for k, low in enumerate(parameters.lower) if low > 0]
+    if theta[:, positive].min(initial=1.0) <= 0:
         raise InputError("training set: a factor is not above zero; correct the design")
     twins = repeated(theta)
     if twins is not None:
@@ -460,7 +475,9 @@ def _check_training_set(
             f"training set: rows {twins[0]} and {twins[1]} have the same theta; keep each "
             "simulation once"
         )
-    fixed = [p.name for p, column in zip(parameters, theta.T, strict=True) if np.ptp(column) == 0]
+    fixed = [
+        name for name, column in zip(parameters.names, theta.T, strict=True) if np.ptp(column) == 0
+    ]
     if fixed:
         raise InputError(
             f"training set: {', '.join(fixed)} has one and the same value in every simulation; "

@@ -155,13 +155,18 @@ class ExactGP(Emulator):
         slopes = by_theta / self.output_sd[:, None]
         slopes = torch.linalg.solve_triangular(factor, slopes, upper=False)
         kind = self.settings["calibration"]
-        self.calibration = Calibration.fit(kind, errors, slopes, theta)
+        slopes, stiffness = slopes[..., list(self.coordinates.softness)], self._stiffness(theta)
+        self.calibration = Calibration.fit(kind, errors, slopes, stiffness)
         self.info = {
             "calibration": kind,
-            **self.calibration.report(errors, slopes, theta),
+            **self.calibration.report(errors, slopes, stiffness),
             "output_shrinkage": shrinkage,
             "loo_rmse_standardised": float(residuals.square().mean().sqrt()),
         }
+
+    def _stiffness(self, theta: torch.Tensor) -> torch.Tensor:
+        """Mean (...) over the factors of log theta (..., P)."""
+        return theta[..., list(self.coordinates.softness)].log().mean(-1)
 
     def _set_output_covariance(self) -> None:
         self.output_covariance = self.output_sd[:, None] * self.output_b * self.output_sd
@@ -175,7 +180,7 @@ class ExactGP(Emulator):
         variance = 1 + self.nugget - half.square().sum(0) + rest.square() / self._total
         variance = variance.clamp(min=self.nugget).reshape(theta.shape[:-1])
         mean = self._mean(k @ self.weights).reshape(*theta.shape[:-1], -1)
-        return self._separable(mean, self.calibration.scale(theta) * variance)
+        return self._separable(mean, self.calibration.scale(self._stiffness(theta)) * variance)
 
     @cached_property
     def rough(self) -> Emulator:

@@ -37,38 +37,38 @@ class Calibration:
     trend: tuple[float, float] = (0.0, 0.0)
     freedom: float = math.inf
 
-    def scale(self, theta: torch.Tensor) -> torch.Tensor:
-        """Factor (...) on the variance of all errors at `theta` (..., P)."""
+    def scale(self, stiffness: torch.Tensor) -> torch.Tensor:
+        """Factor (...) on the variance of all errors at a mean of log theta `stiffness` (...)."""
         level, power = self.trend
-        return torch.exp(level + power * theta.log().mean(-1))
+        return torch.exp(level + power * stiffness)
 
     @classmethod
     def fit(
-        cls, kind: str, errors: torch.Tensor, slopes: torch.Tensor, theta: torch.Tensor
+        cls, kind: str, errors: torch.Tensor, slopes: torch.Tensor, stiffness: torch.Tensor
     ) -> "Calibration":
-        """By errors (N, D) at `theta` (N, P), whitened by their predicted covariance, and slopes
+        """By errors (N, D) at means of log theta `stiffness` (N,), whitened by their predicted covariance, and slopes
         (N, D, P) of the outputs, whitened by it or a multiple of it. kind: one of `KINDS`."""
         if kind == "none":
             return cls()
         trend, freedom = (0.0, 0.0), math.inf
         if kind in ("student", "variance_trend"):
-            trend = fit_trend(errors.square().mean(1), theta.log().mean(1))
-        moved, along, across = cls(trend=trend)._judge(errors, slopes, theta)
+            trend = fit_trend(errors.square().mean(1), stiffness)
+        moved, along, across = cls(trend=trend)._judge(errors, slopes, stiffness)
         outputs, inputs = slopes.shape[1:]
         if kind == "student" and outputs > inputs:
             freedom = fit_freedom(along, across, inputs, outputs - inputs)
         return cls(interval_factor(moved, across, freedom, outputs), trend, freedom)
 
-    def _judge(self, errors, slopes, theta):
+    def _judge(self, errors, slopes, stiffness):
         """After the trend: errors (N, P) of the estimates in predicted sd, and the squared lengths
         (N,) of what moves them and of the rest."""
-        errors = errors / self.scale(theta).sqrt()[:, None]
+        errors = errors / self.scale(stiffness).sqrt()[:, None]
         moved, along = estimates_move(slopes, errors)
         return moved, along, errors.square().sum(1) - along
 
-    def report(self, errors: torch.Tensor, slopes: torch.Tensor, theta: torch.Tensor) -> dict:
+    def report(self, errors: torch.Tensor, slopes: torch.Tensor, stiffness: torch.Tensor) -> dict:
         """What an emulator's report says of it; arguments as for `fit`."""
-        moved, along, across = self._judge(errors, slopes, theta)
+        moved, along, across = self._judge(errors, slopes, stiffness)
         return {
             "variance_factor": self.factor,
             "variance_trend": list(self.trend),

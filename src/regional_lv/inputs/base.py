@@ -76,6 +76,11 @@ class Input(ABC):
         """Words of the configuration for several inputs, this one among them."""
         return (self.family, type(self).name)
 
+    @property
+    def block(self) -> str:
+        """Neighbours of the same block have effects that go together."""
+        return self.family
+
     def value_in(self, model: Mapping) -> float | None:
         """Its value in a model; None where nothing is known of it beforehand."""
         raise NotImplementedError
@@ -98,6 +103,11 @@ class Input(ABC):
         if self.nominal is not None:
             return self.nominal
         return self.scale.inverse((self.scale(self.low) + self.scale(self.high)) / 2)
+
+    @property
+    def reference(self) -> float:
+        """`middle`, but of the reference material where nothing is known of the wall's."""
+        return self.middle
 
 
 class KeyInput(Input):

@@ -41,6 +41,14 @@ class Stiffness(Input):
     def words(self):
         return (self.family, Stiffness.name, self._factor)
 
+    @property
+    def reference(self):
+        return 1.0
+
+    @property
+    def block(self):
+        return self.zone
+
     def value_in(self, model):
         return None
 
@@ -133,6 +141,10 @@ class FocalScar(SegmentInput):
         "10.1146/annurev.bioeng.7.060804.100453; segments: Cerqueira et al. 2002, doi "
         "10.1161/hc0402.102975"
     )
+
+    @property
+    def block(self):
+        return FocalScar.name
 
     def value_in(self, model):
         return 1.0

@@ -11,7 +11,12 @@ from regional_lv.errors import InputError
 from regional_lv.inputs.base import ROLES, Input
 from regional_lv.inputs.catalogue import INPUTS
 from regional_lv.inputs.closed_forms import ClosedForm
+from regional_lv.inputs.coordinates import Coordinates, blocks_of
+from regional_lv.inputs.material import Stiffness
 from regional_lv.inputs.model import model_of
+from regional_lv.inputs.observation import StrainMeasure
+from regional_lv.parameters import Parameterisation
+from regional_lv.physics import SECTIONS
 
 SECTION = "inputs"
 """Of the configuration."""
@@ -93,7 +98,7 @@ class Inputs(Sequence[Input]):
         members = [each for each, keep in zip(self, kept, strict=True) if keep]
         return Inputs(self.base, members, dict(zip(self.names, self.roles, strict=True)))
 
-    @property
+    @cached_property
     def simulated(self) -> "Inputs":
         """Without closed forms."""
         return self.subset(each.is_simulated for each in self)
@@ -123,13 +128,27 @@ class Inputs(Sequence[Input]):
         """Upper ends (K,) of the ranges."""
         return np.array([each.high for each in self], dtype=float)
 
-    def scaled(self, x: Sequence[float] | np.ndarray) -> np.ndarray:
-        """Scaled coordinates (K,) of values x (K,)."""
-        return np.array([each.scale(float(v)) for each, v in zip(self, x, strict=True)])
+    @cached_property
+    def reference(self) -> np.ndarray:
+        """Values (K,) of the model as it is, its wall that of the reference material."""
+        return np.array([each.reference for each in self], dtype=float)
 
-    def natural(self, z: Sequence[float] | np.ndarray) -> np.ndarray:
-        """Values (K,) of scaled coordinates z (K,)."""
-        return np.array([each.scale.inverse(float(v)) for each, v in zip(self, z, strict=True)])
+    @cached_property
+    def coordinates(self) -> Coordinates:
+        """Their scaled coordinates; zones are blocks of their own, other inputs one by family."""
+        stiffness = [isinstance(each, Stiffness) for each in self]
+        keys = [each.zone if isinstance(each, Stiffness) else each.block for each in self]
+        exponents = [k for k, each in enumerate(self) if isinstance(each, StrainMeasure)]
+        return Coordinates(
+            self.names,
+            tuple(each.scale for each in self),
+            self.lower,
+            self.upper,
+            blocks_of(keys),
+            tuple(np.flatnonzero(stiffness).tolist()),
+            exponents[0] if exponents else None,
+            float(self.base["observables"]["strain_exponent"]),
+        )
 
     def beside(self, x: Sequence[float] | np.ndarray, k: int) -> Iterator[tuple[Mapping, float]]:
         """Models beside x (K,) along the scaled coordinate of input k, with the weights of a
@@ -148,6 +167,22 @@ class Inputs(Sequence[Input]):
         for each, value in zip(self, x, strict=True):
             model = each.act(model, float(value))
         return model
+
+
+def sections_of(config: Mapping) -> dict:
+    """What `Inputs.from_config` reads of a configuration, and no more: plain values."""
+    return {
+        **{section: config[section] for section in (*SECTIONS, "geometry", "parameters", SECTION)},
+        "design": {end: config["design"][end] for end in ("lower", "upper")},
+    }
+
+
+def coordinates_of(physics: Mapping) -> Coordinates:
+    """Those of the simulator's inputs: of all that `sections_of` describes, or of the parameters
+    alone (`physics.physics_of`)."""
+    if SECTION in physics:
+        return Inputs.from_config(physics).simulated.coordinates
+    return Parameterisation.from_spec(physics["parameters"]).coordinates
 
 
 def catalogue(model: Mapping) -> list[Input]:

@@ -12,6 +12,7 @@ from typing import Generic, TypeVar
 import numpy as np
 
 from regional_lv.channels import Channels
+from regional_lv.inputs.coordinates import Coordinates
 from regional_lv.mechanics.equilibrium import Equilibrium, LinearSolveError
 from regional_lv.mechanics.simulator import Simulator, State
 from regional_lv.parameters import Parameterisation
@@ -46,7 +47,8 @@ class Effort:
 
 @dataclass(frozen=True)
 class Solution:
-    """The state at one load, and its `tangents` (P, size), d(w)/d(log theta), if wanted."""
+    """The state at one load, and its `tangents` (P, size), the derivatives of the field about the
+    scaled coordinates of theta, if wanted."""
 
     state: State
     tangents: np.ndarray | None = None
@@ -249,7 +251,7 @@ class Solver(Generic[AnyEquilibrium]):
         simulator, found = self.simulator, {}
         for load in simulator.channels.load_fractions:
             state = self.inflate(theta, load * simulator.full_pressure, effort)
-            found[load] = Solution(state, simulator.field_sensitivities(state.w))
+            found[load] = Solution(state, simulator.differentiated(state, load)[2])
         return found
 
 
@@ -268,6 +270,11 @@ class Runner:
     @property
     def parameters(self) -> Parameterisation:
         return self.solver.simulator.parameters
+
+    @property
+    def coordinates(self) -> Coordinates:
+        """Of theta."""
+        return self.solver.simulator.coordinates
 
     @property
     def channels(self) -> Channels:
@@ -321,21 +328,22 @@ class Runner:
         smaller. Springs make it a worse guess only."""
         if fraction in self.guesses:
             return self.guesses[fraction].field(theta)
-        stiffer = np.where(self.parameters.scales_stress, theta / fraction, theta)
-        guess = fraction * self.guesses[1.0].field(stiffer)
+        guess = self.guesses[1.0].field(self.solver.simulator.stiffer(theta, 1 / fraction))
+        guess *= fraction
         guess[self.solver.simulator.displacement_dofs] /= fraction
         return guess
 
     def _observe(self, state: State, fraction: float, result: Simulation) -> Solution:
         simulator = self.solver.simulator
         at, tangents = simulator.places_of(fraction), None
-        if self.sensitivities:
-            tangents = simulator.field_sensitivities(state.w)
-        values, per_log = simulator.observables(state.w, tangents, fraction)
         assert result.observables is not None  # `run` has made room
-        result.observables[at] = values
-        if result.sensitivity is not None:
-            result.sensitivity[at] = (per_log / state.theta[:, None]).T
+        if result.sensitivity is None:
+            result.observables[at] = simulator.observables(state.w, fraction=fraction)[0]
+        else:
+            values, slopes, tangents = simulator.differentiated(state, fraction)
+            result.observables[at] = values
+            by_theta = slopes / self.coordinates.slope(state.theta)[:, None]
+            result.sensitivity[at] = by_theta.T
         return Solution(state, tangents)
 
 
@@ -353,7 +361,7 @@ class GrowingRunner(Runner):
     def run_all(self, thetas: np.ndarray):
         """Simulate the rows of `thetas` (n, P); yield (row, Simulation).
 
-        Always the row closest in log theta to what is known comes next: the solved region grows in
+        Always the row closest to what is known comes next: the solved region grows in
         short steps.
         """
         waiting, known = list(range(len(thetas))), self.guesses[1.0]
@@ -375,7 +383,9 @@ class GrowingRunner(Runner):
         try:
             return solver.newton(guess.field(theta), theta, pressure, effort)
         except NotConverged:
-            halfway = np.sqrt(theta * guess.nearest(theta))
+            scales = self.coordinates
+            ends = scales.scaled(theta), scales.scaled(guess.nearest(theta))
+            halfway = scales.natural(sum(ends) / 2)
         state = self._by_halves(halfway, effort, halvings - 1)
-        guess.add(halfway, state.w, solver.simulator.field_sensitivities(state.w))
+        guess.add(halfway, state.w, solver.simulator.differentiated(state, 1.0)[2])
         return self._by_halves(theta, effort, halvings - 1)

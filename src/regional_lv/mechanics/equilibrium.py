@@ -94,6 +94,7 @@ class Equilibrium:
         self._x, self._y, self._circle = turned.x, turned.y, turned.circle
         self._residual = api.compile_form(residual)
         self._tangent = api.compile_form(tangent)
+        self._ksp: Any = None
         self._matrix: Any = None  # built when it is first needed: it takes most of the memory
         self._turn(turned.angle)
 
@@ -140,6 +141,10 @@ class Equilibrium:
 
     def _reset_solver(self) -> None:
         """Build matrix and factorisation anew: after NaN, the old ones no longer work."""
+        if self._ksp is not None:
+            # PETSc keeps what Python drops until it is asked.
+            self._ksp.destroy()
+            self._petsc_matrix.destroy()
         self._petsc_matrix = api.PETSc.Mat().createAIJWithArrays(
             (self.size, self.size), (*self._pattern, self._data), comm=api.PETSc.COMM_SELF
         )

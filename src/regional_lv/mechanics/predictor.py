@@ -1,4 +1,4 @@
-"""Predicts the field of the next simulation from solutions and their derivatives in log theta.
+"""Predicts the field of the next simulation from solutions and their derivatives.
 
 A Gaussian process on values and gradients interpolates them: `Known` the fields as they are, while
 the first simulations, the anchors, are solved; `Predictor` their proper orthogonal modes, for all
@@ -13,13 +13,15 @@ import numpy as np
 
 from regional_lv.channels import Channels
 from regional_lv.derivative_kernel import joint_covariance
-from regional_lv.parameters import Parameterisation
+from regional_lv.inputs.coordinates import Coordinates
+from regional_lv.inputs.space import coordinates_of
 
-# The kernel in log theta, a product over the zones. Of 24 anchors held out of 120 it misses the
+# The kernel in log theta (other inputs: `Coordinates.place`), a product over the zones. Of 24 anchors held out of 120 it misses the
 # field by 2.0 % (mean; at most 4.6 %); length scales of 8 to 20 and an alpha of 0.03 to 0.4 by 1.9
 # to 2.8 %. One kernel of all ten parameters missed it by 3.7 % (at most 13 %).
 LENGTHSCALE, ALPHA, NUGGET = 12.0, 0.1, 1e-8
 TANGENT_WEIGHT = 0.3  # a typical step in log theta: what a tangent is worth beside a field
+MOST_OBSERVED = 3000  # fields and tangents that a field is guessed from, those of the nearest
 LEAST_ENERGY, MOST_MODES = 1e-10, 200
 
 
@@ -36,71 +38,84 @@ def _among(logs: np.ndarray, blocks: Sequence[slice]) -> np.ndarray:
 class Known:
     """Solutions so far at one load, and a field guessed from them.
 
-    size: degrees of freedom of a field. blocks: places in theta of the zones' parameters.
+    size: degrees of freedom of a field. coordinates: of the K inputs theta.
     """
 
-    def __init__(self, size: int, blocks: Sequence[slice]):
-        parameters = blocks[-1].stop
-        self._blocks = blocks
-        self._logs = np.zeros((0, parameters))
+    def __init__(self, size: int, coordinates: Coordinates):
+        self._coordinates = coordinates
+        self._places = np.zeros((0, len(coordinates)))
         self._fields = np.zeros((0, size))
-        self._tangents = np.zeros((parameters, 0, size))
+        self._tangents = np.zeros((0, len(coordinates), size))
 
     def add(self, theta: np.ndarray, field: np.ndarray, tangents: np.ndarray) -> None:
-        """Take up the solution (size,) at `theta` (P,) with d(field)/d(log theta) (P, size)."""
-        self._logs = np.vstack([self._logs, np.log(theta)])
+        """Take up the solution (size,) at `theta` (K,) with its derivatives (K, size) about the
+        scaled coordinates."""
+        units = self._coordinates.units
+        self._places = np.vstack([self._places, self._coordinates.place(theta)])
         self._fields = np.vstack([self._fields, field])
-        self._tangents = np.concatenate([self._tangents, tangents[:, None]], axis=1)
+        self._tangents = np.concatenate([self._tangents, (tangents * units[:, None])[None]])
 
     def field(self, theta: np.ndarray) -> np.ndarray:
-        """Guessed field (size,) at `theta` (P,)."""
-        among = _covariance(np.log(theta)[None], self._logs, self._blocks)[0]
-        weights = np.linalg.solve(_among(self._logs, self._blocks), among)
-        n, mean = len(self._logs), self._fields.mean(axis=0)
-        from_values = weights[:n] @ (self._fields - mean)
-        return mean + from_values + np.tensordot(weights[n:].reshape(-1, n), self._tangents, 2)
+        """Guessed field (size,) at `theta` (K,)."""
+        here, blocks = self._coordinates.place(theta), self._coordinates.blocks
+        most = max(1, MOST_OBSERVED // (1 + len(here)))
+        near = np.sort(np.argsort(self._gaps(here), kind="stable")[:most])
+        places = self._places[near]
+        among = _covariance(here[None], places, blocks)[0]
+        weights = np.linalg.solve(_among(places, blocks), among)
+        n, fields = len(near), self._fields[near]
+        mean = fields.mean(axis=0)
+        by_tangent = weights[n:].reshape(-1, n).T
+        from_tangents = sum(by_tangent[i] @ self._tangents[at] for i, at in enumerate(near))
+        return mean + weights[:n] @ (fields - mean) + from_tangents
 
     def nearest(self, theta: np.ndarray) -> np.ndarray:
-        """The theta (P,) of the solution that is nearest to `theta` in its logarithm."""
-        gap = np.log(theta) - self._logs
-        return np.exp(self._logs[(gap**2).sum(axis=1).argmin()])
+        """The theta (K,) of the solution that is nearest to `theta`."""
+        coordinates = self._coordinates
+        place = self._places[self._gaps(coordinates.place(theta)).argmin()]
+        return coordinates.natural(place * coordinates.units)
 
     def distance(self, thetas: np.ndarray) -> np.ndarray:
-        """Squared distance in log theta of the rows of `thetas` (n, P) to what is known, (n,)."""
-        gap = np.log(thetas)[:, None, :] - self._logs
-        return (gap**2).sum(axis=-1).min(axis=1)
+        """Squared distance of the rows of `thetas` (n, K) to what is known, (n,)."""
+        return np.array([self._gaps(place).min() for place in self._coordinates.place(thetas)])
+
+    def _gaps(self, place: np.ndarray) -> np.ndarray:
+        return ((place - self._places) ** 2).sum(axis=-1)
 
 
 @dataclass(frozen=True)
 class Predictor:
-    """Fields (size,) at one load as a function of theta (P,).
+    """Fields (size,) at one load as a function of the K inputs theta.
 
-    logs (n, P) of the anchors' theta; mean (size,) and modes (m, size) of their fields; weights
-    ((1 + P) n, m) of the anchors' values and gradients; edges (Z + 1,) of the zones' parameters.
+    coordinates: of the inputs. places (n, K) of the anchors; mean (size,) and modes (m, size) of
+    their fields; weights ((1 + K) n, m) of the anchors' values and gradients.
     """
 
-    logs: np.ndarray
+    coordinates: Coordinates
+    places: np.ndarray
     mean: np.ndarray
     modes: np.ndarray
     weights: np.ndarray
-    edges: np.ndarray
-
-    @property
-    def _blocks(self) -> list[slice]:
-        return [slice(a, b) for a, b in zip(self.edges, self.edges[1:], strict=False)]
 
     def field(self, theta: np.ndarray) -> np.ndarray:
-        """Predicted field (size,) at `theta` (P,)."""
-        among = _covariance(np.log(theta)[None], self.logs, self._blocks)[0]
+        """Predicted field (size,) at `theta` (K,)."""
+        here, blocks = self.coordinates.place(theta)[None], self.coordinates.blocks
+        among = _covariance(here, self.places, blocks)[0]
         return self.mean + (among @ self.weights) @ self.modes
 
     @classmethod
     def fit(
-        cls, theta: np.ndarray, fields: np.ndarray, tangents: np.ndarray, blocks: Sequence[slice]
+        cls,
+        theta: np.ndarray,
+        fields: np.ndarray,
+        tangents: np.ndarray,
+        coordinates: Coordinates,
     ) -> "Predictor":
-        """From anchors theta (n, P), fields (n, size) and tangents (n, P, size)."""
+        """From anchors theta (n, K), fields (n, size) and tangents (n, K, size), derivatives about
+        the scaled coordinates."""
         n, size = fields.shape
         mean = fields.mean(axis=0)
+        tangents = tangents * coordinates.units[:, None]
         snapshots = np.concatenate(
             [fields - mean, TANGENT_WEIGHT * tangents.transpose(1, 0, 2).reshape(-1, size)]
         )
@@ -109,12 +124,12 @@ class Predictor:
         modes = (vectors[:, kept] / np.sqrt(energies[kept])).T @ snapshots
         coefficients = snapshots @ modes.T
         coefficients[n:] /= TANGENT_WEIGHT
-        logs = np.log(theta)
-        weights = np.linalg.solve(_among(logs, blocks), coefficients)
-        return cls(logs, mean, modes, weights, np.array([0, *(b.stop for b in blocks)]))
+        places = coordinates.place(theta)
+        weights = np.linalg.solve(_among(places, coordinates.blocks), coefficients)
+        return cls(coordinates, places, mean, modes, weights)
 
 
-_FIELDS = tuple(Predictor.__dataclass_fields__)
+_FIELDS = ("places", "mean", "modes", "weights")
 
 
 def save_predictors(predictors: dict[float, Predictor], path: str | Path) -> None:
@@ -125,19 +140,20 @@ def save_predictors(predictors: dict[float, Predictor], path: str | Path) -> Non
     np.savez(path, **arrays)
 
 
-def load_predictors(path: str | Path) -> dict[float, Predictor]:
-    """What `save_predictors` wrote."""
+def load_predictors(path: str | Path, coordinates: Coordinates) -> dict[float, Predictor]:
+    """What `save_predictors` wrote, of inputs with these coordinates."""
     with np.load(path) as saved:
         loads = dict.fromkeys(name.partition("@")[2] for name in saved.files)
         return {
-            float(load): Predictor(**{k: saved[f"{k}@{load}"] for k in _FIELDS}) for load in loads
+            float(load): Predictor(coordinates, *(saved[f"{k}@{load}"] for k in _FIELDS))
+            for load in loads
         }
 
 
 def read_anchors(
     paths: Sequence[str | Path], load: float = 1.0
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """theta (n, P), fields (n, size) and tangents (n, P, size) at a load, of the anchors' files."""
+    """theta (n, K), fields (n, size) and tangents (n, K, size) at a load, of the anchors' files."""
     parts = []
     for path in paths:
         with np.load(path) as saved:
@@ -149,7 +165,7 @@ def read_anchors(
 
 def fit_predictor(anchors: Sequence[str | Path], physics: dict, predictor: str | Path) -> None:
     """Fit a predictor for every load to the anchors' files; write them (npz)."""
-    blocks = Parameterisation.from_spec(physics["parameters"]).blocks
+    coordinates = coordinates_of(physics)
     loads = Channels.from_config(physics).load_fractions
-    found = {load: Predictor.fit(*read_anchors(anchors, load), blocks) for load in loads}
+    found = {load: Predictor.fit(*read_anchors(anchors, load), coordinates) for load in loads}
     save_predictors(found, predictor)

@@ -153,6 +153,23 @@ class Problem(Simulator):
         base = model["supports"]["base"]
         self._share = np.array([_share(base[component]) for component in COMPONENTS])
 
+    @property
+    def coordinates(self):
+        return self.inputs.coordinates
+
+    @property
+    def middle(self):
+        return self.inputs.nominal
+
+    @property
+    def reference(self):
+        return self.inputs.reference
+
+    def stiffer(self, theta, factor):
+        # Dead loads are shares of the cavity's pressure, which stays.
+        powers = [0 if each.changes == "loading" else each.stress_power for each in self.inputs]
+        return theta * float(factor) ** np.array(powers, dtype=float)
+
     def factorise(self, w: np.ndarray) -> None:
         # A base in its plane leaves the tangent symmetric (`Simulator`).
         symmetric = bool(self._share[2] == 0) and api.element_order(self.mesh.cells) == 2
@@ -182,6 +199,10 @@ class Problem(Simulator):
     @observer.setter
     def observer(self, observer: Observer | None) -> None:
         self._observer = observer
+
+    def differentiated(self, state, fraction):
+        found = self.linearised(state)
+        return *self.observed(found, fraction), found.fields
 
     def linearised(self, state: State) -> "Linearised":
         """Derivatives of the field about all inputs, with the factor at hand.

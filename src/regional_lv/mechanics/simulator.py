@@ -17,6 +17,7 @@ from scipy.spatial import cKDTree
 from regional_lv.aha import SEGMENTS
 from regional_lv.channels import Channels
 from regional_lv.geometry.mesh import BASE, Mesh
+from regional_lv.inputs.coordinates import Coordinates
 from regional_lv.mechanics import dolfinx_api as api
 from regional_lv.mechanics.equilibrium import (
     Equilibrium,
@@ -223,7 +224,37 @@ class Simulator(Equilibrium):
             function.x.array[:] = values
         self.pressure_kpa.value = pressure * KPA_PER_MMHG
 
+    @property
+    def coordinates(self) -> Coordinates:
+        """Of what `set` takes."""
+        return self.parameters.coordinates
+
+    @property
+    def middle(self) -> np.ndarray:
+        """Theta (P,) from which every other one is within reach."""
+        return self.parameters.middle
+
+    @property
+    def reference(self) -> np.ndarray:
+        """Theta (P,) of the reference material."""
+        return np.ones(len(self.parameters))
+
+    def stiffer(self, theta: np.ndarray, factor: float) -> np.ndarray:
+        """Theta (P,) of a ventricle all of whose stresses are `factor` times as large."""
+        return np.where(self.parameters.scales_stress, factor * theta, theta)
+
     # -------------------------------------------------------------- what is observed
+
+    def differentiated(
+        self, state: State, fraction: float
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Values (d,) of the channels at a load whose solution `state` is, their derivatives (k, d)
+        about the scaled coordinates of theta, and those of the field (k, size), by
+        back-substitution with the factor at hand."""
+        fields = self.field_sensitivities(state.w)
+        values, slopes = self.observables(state.w, fields, fraction)
+        assert slopes is not None
+        return values, slopes, fields
 
     def displacement(self, w: np.ndarray) -> np.ndarray:
         """Displacement (..., n, 3), mm, at the nodes of the mesh, of fields `w` (..., size)."""

@@ -38,6 +38,8 @@ class Quantity(ABC):
     """All places that it can have, in order."""
     default_places: ClassVar[tuple[str, ...] | None] = None
     """Those of a study that does not name any; None: all."""
+    is_positive: ClassVar[bool] = False
+    """Whether it is above zero, and changes by factors rather than by amounts."""
     is_strain: ClassVar[bool] = False
     """Whether it is a wall strain: subject to the strain measure, the layer and the segments'
     rotation, and part of the principal components."""

@@ -11,6 +11,7 @@ class Volume(Quantity):
     units: ClassVar = {"mL": 1.0}
     limits = (20.0, 600.0)
     noise = "volume"
+    is_positive = True
 
     def values(self, motion, places):
         return motion.cavity_volume_ml[None]

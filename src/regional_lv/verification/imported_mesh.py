@@ -39,7 +39,7 @@ def verify_imported_mesh(
     solver, effort = Solver(coarse, physics["solver"]), Effort()
     pressure = coarse.full_pressure
     one = solver.inflate(np.ones(len(row)), pressure, effort)
-    known = Known(coarse.size, coarse.parameters.blocks)
+    known = Known(coarse.size, coarse.coordinates)
     known.add(one.theta, one.w, coarse.field_sensitivities(one.w))
     other = solver.newton(known.field(row), row, pressure, effort)
     columns: dict[str, Sequence[str] | np.ndarray] = {"output": Channels.of().names}

@@ -1,0 +1,138 @@
+"""Covariances of values and derivatives of a process with a `BlockRQKernel`, any of them seen.
+
+Inputs are in units of their length scales, u. Of n points all values are seen, and M derivatives:
+number a is that about the input `along[a]` at the point `at[a]`. With gaps g_p = u_p - u'_p, the
+bases 1 + r_b^2 / (2 alpha) and the block b(p) of input p
+
+    cov(f, df'/du_p)      = k g_p / base_b(p),
+    cov(df/du_p, df'/du_q) = k ([p = q] / base - g_p g_q / (base base) (1 + [b(p) = b(q)] / alpha))
+
+(Rasmussen and Williams 2006, section 9.4, ISBN 026218253X).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import torch
+
+from regional_lv.emulators.kernels import BlockRQKernel
+
+ROWS_AT_ONCE = 1000
+"""Of the covariance of the derivatives."""
+
+POINTS_AT_ONCE = 16
+"""Whose derivatives are made together: their parts stay in the processor's cache."""
+
+
+@dataclass(frozen=True)
+class Seen:
+    """Derivatives that are seen: points `at` (M,) and inputs `along` (M,)."""
+
+    at: torch.Tensor
+    along: torch.Tensor
+
+    @classmethod
+    def some(cls, points: int, inputs: int, most: int, seed: int) -> "Seen":
+        """At most `most` of all derivatives, input by input: as many at every point, or one more,
+        chosen at random."""
+        generator = torch.Generator().manual_seed(seed)
+        each, more = divmod(min(max(most, 0), points * inputs), points)
+        count = torch.full((points,), each)
+        count[torch.randperm(points, generator=generator)[:more]] += 1
+        order = torch.rand(points, inputs, generator=generator).argsort(1).argsort(1)
+        along, at = (order < count[:, None]).T.nonzero(as_tuple=True)
+        return cls(at, along)
+
+
+def block_numbers(blocks: Sequence[slice]) -> torch.Tensor:
+    """Number (P,) of each input's block."""
+    return torch.cat([torch.full((b.stop - b.start,), i) for i, b in enumerate(blocks)])
+
+
+def covariance(kernel: BlockRQKernel, x: torch.Tensor, seen: Seen) -> torch.Tensor:
+    """Covariance (n + M, n + M) of the values at x (n, P) and the derivatives about u."""
+    bases = torch.stack(kernel.bases(x, x))
+    k, inverse = kernel.of_bases(list(bases)), 1 / bases
+    u, block = x / kernel.lengthscale[0], block_numbers(kernel.blocks)
+    at, along = seen.at, seen.along
+    # (n, M): the derivative of log k about the second point, along what is seen there.
+    slope = (u[:, along] - u[at, along]) * inverse[block[along], :, at].T
+    crossed = k[:, at] * slope
+    between = slope[at]
+    rows = []
+    for part in torch.arange(len(at)).split(ROWS_AT_ONCE):
+        here, mine = at[part], along[part]
+        product = between[part] * between[:, part].T
+        product = product * (1 + (block[mine][:, None] == block[along]) / kernel.alpha)
+        twice = (mine[:, None] == along) * inverse[block[mine], here][:, at]
+        rows.append(k[here][:, at] * (product + twice))
+    upper = torch.cat([k, crossed], 1)
+    return torch.cat([upper, torch.cat([crossed.T, torch.cat(rows)], 1)]) if rows else upper
+
+
+def crossed(kernel: BlockRQKernel, x: torch.Tensor, y: torch.Tensor, seen: Seen) -> torch.Tensor:
+    """Covariance (m, n + M) of the values at x (m, P) with what is seen at y (n, P)."""
+    bases = torch.stack(kernel.bases(x, y))
+    k, scale = kernel.of_bases(list(bases)), kernel.lengthscale[0]
+    block, along = block_numbers(kernel.blocks)[seen.along], seen.along
+    gap = (x / scale)[:, along] - (y / scale)[seen.at, along]
+    return torch.cat([k, k[:, seen.at] * gap / bases[block, :, seen.at].T], 1)
+
+
+class Weighted:
+    """What is seen at y (n, P), times weights (n + M, D): a mean, and its derivatives.
+
+    For every point all weights on derivatives are summed simulation by simulation first, so that
+    derivatives of the mean cost no more for each derivative that is seen.
+    """
+
+    def __init__(self, kernel: BlockRQKernel, y: torch.Tensor, seen: Seen, weights: torch.Tensor):
+        self.kernel, self.y = kernel, y
+        n, p = y.shape
+        self.scale = kernel.lengthscale[0].detach()
+        self.alpha = kernel.alpha.detach()
+        self.u = y / self.scale
+        self.of_values = weights[:n]
+        dense = weights.new_zeros(p, n, weights.shape[1])
+        dense[seen.along, seen.at] = weights[n:]
+        self.of_slopes = dense
+        self.at_home = [(self.u.T[b, :, None] * dense[b]).sum(0) for b in kernel.blocks]
+
+    def _parts(self, x):
+        bases = self.kernel.bases(x, self.y)
+        k, u = self.kernel.of_bases(bases), x / self.scale
+        towards = []
+        for b, home in zip(self.kernel.blocks, self.at_home, strict=True):
+            far = u[:, b] @ self.of_slopes[b].reshape(b.stop - b.start, -1)
+            towards.append(far.reshape(len(x), *home.shape) - home)
+        inverse = [1 / base for base in bases]
+        total = self.of_values + sum(
+            i[..., None] * t for i, t in zip(inverse, towards, strict=True)
+        )
+        return k, u, inverse, towards, total
+
+    def mean(self, x: torch.Tensor) -> torch.Tensor:
+        """(m, D) at x (m, P)."""
+        return torch.cat([self._mean(part) for part in x.split(POINTS_AT_ONCE)])
+
+    def _mean(self, x):
+        k, *_, total = self._parts(x)
+        return (k[:, None] @ total)[:, 0]
+
+    def with_slopes(self, x: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """`mean`, and its derivatives (m, D, P) about x."""
+        means, slopes = zip(*(self._with_slopes(part) for part in x.split(POINTS_AT_ONCE)))
+        return torch.cat(means), torch.cat(slopes)
+
+    def _with_slopes(self, x):
+        k, u, inverse, towards, total = self._parts(x)
+        found = x.new_empty(len(x), total.shape[-1], x.shape[1])
+        blocks = zip(self.kernel.blocks, inverse, towards, strict=True)
+        for b, rate, toward in blocks:
+            carried = k * rate
+            nearer = total + rate[..., None] * toward / self.alpha
+            gap = u[:, b, None] - self.u.T[None, b]
+            far = (carried[:, None] * gap) @ nearer
+            own = torch.einsum("mn,pnd->mpd", carried, self.of_slopes[b])
+            found[:, :, b] = (own - far).mT
+        return (k[:, None] @ total)[:, 0], found / self.scale

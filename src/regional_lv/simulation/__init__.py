@@ -1,0 +1,1 @@
+"""Simulations: where, and what comes of them."""

@@ -1,0 +1,108 @@
+"""Where to simulate: a Sobol sequence over all inputs of a study that are not fixed."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from regional_lv.inputs.base import Input
+from regional_lv.inputs.space import Inputs, Role
+from regional_lv.seeds import derive
+
+OFF = 0.6
+"""Share of the simulations in which a suspected input is at its nominal value."""
+
+MOST_OF_A_KIND = 2
+"""Suspected inputs of one kind that every segment has (scars) which are on at a time."""
+
+REACH = 2.5
+"""Standard deviations to either side, over which a measured input is simulated."""
+
+
+def draw_inputs(inputs: Inputs, n: int, seed: int) -> np.ndarray:
+    """Values (n, K) of the inputs.
+
+    Inferred inputs are spread over their ranges, measured ones over `REACH` standard deviations to
+    either side within theirs, both evenly on their scales. Suspected ones are off in `OFF` of the
+    simulations, so that few act at a time, and else spread over their ranges; of a kind that every
+    segment has at most `MOST_OF_A_KIND` are on.
+    """
+    from scipy.stats import qmc  # slow to import
+
+    groups = _groups(inputs)
+    dimensions = sum(_dimensions(group, inputs) for group in groups)
+    exponent = max(int(np.ceil(np.log2(max(n, 1)))), 0)
+    points = qmc.Sobol(dimensions, seed=seed).random_base2(exponent)[:n]
+    values = np.tile(inputs.nominal, (n, 1))
+    first = 0
+    for group in groups:
+        width = _dimensions(group, inputs)
+        _put(values, inputs, group, points[:, first : first + width])
+        first += width
+    return values
+
+
+def _groups(inputs: Inputs) -> list[list[int]]:
+    """Places of the inputs, suspected ones of one kind together."""
+    groups: dict[object, list[int]] = {}
+    for k, (each, role) in enumerate(zip(inputs, inputs.roles, strict=True)):
+        key = type(each) if role.kind == "suspected" else k
+        groups.setdefault(key, []).append(k)
+    return list(groups.values())
+
+
+def _dimensions(group: list[int], inputs: Inputs) -> int:
+    """Of the sequence: whether it is on and its value; of several which one, and all that for as
+    many as can be on."""
+    return 1 if len(group) == 1 else 2 * min(MOST_OF_A_KIND, len(group))
+
+
+def _put(values: np.ndarray, inputs: Inputs, group: list[int], u: np.ndarray) -> None:
+    """Fill in the columns of a group from uniform numbers u (n, dimensions)."""
+    k = group[0]
+    if inputs.roles[k].kind != "suspected":
+        low, high = _range(inputs[k], inputs.roles[k])
+        values[:, k] = _between(inputs[k], low, high, u[:, 0])
+    elif len(group) == 1:
+        on = u[:, 0] >= OFF
+        share = (u[on, 0] - OFF) / (1 - OFF)
+        values[on, k] = _between(inputs[k], inputs[k].low, inputs[k].high, share)
+    else:
+        for slot in range(u.shape[1] // 2):
+            which, share = u[:, 2 * slot], u[:, 2 * slot + 1]
+            chosen = np.floor((which - OFF) / (1 - OFF) * len(group)).astype(int)
+            for place, k in enumerate(group):
+                on = (which >= OFF) & (chosen == place)
+                values[on, k] = _between(inputs[k], inputs[k].low, inputs[k].high, share[on])
+
+
+def _between(each: Input, low: float, high: float, share: np.ndarray) -> np.ndarray:
+    """Values at a share (n,) of the way between two, on the scale."""
+    start, end = each.scale(float(low)), each.scale(float(high))
+    return np.array([each.scale.inverse(float(start + s * (end - start))) for s in share])
+
+
+def _range(each: Input, role: Role) -> tuple[float, float]:
+    """Ends of what is simulated of an input that is not suspected."""
+    if role.sd is None:
+        return each.low, each.high
+    at = each.middle if role.value is None else role.value
+    return max(each.low, at - REACH * role.sd), min(each.high, at + REACH * role.sd)
+
+
+def write_inputs_design(
+    config: Mapping, sets: Mapping[str, int], seed: int, folder: str | Path
+) -> None:
+    """Write `<set>.parquet` into the folder for each of the `sets`, by its number of simulations:
+    `sample`, `scale`, and the inputs that are simulated.
+
+    config: what `inputs.space.sections_of` gives. seed: the study's.
+    """
+    inputs = Inputs.from_config(config).simulated
+    for name, n in sets.items():
+        values = draw_inputs(inputs, n, derive(seed, "design", "inputs", name))
+        table = pd.DataFrame(values, columns=list(inputs.names))
+        table.insert(0, "scale", "log")
+        table.insert(0, "sample", np.arange(n))
+        table.to_parquet(Path(folder) / f"{name}.parquet", index=False)

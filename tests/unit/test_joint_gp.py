@@ -1,0 +1,188 @@
+"""One emulator of all inputs: its coordinates, design, scale of outputs, and what it learns."""
+
+import numpy as np
+import pytest
+import torch
+
+from regional_lv.derivative_kernel import joint_covariance
+from regional_lv.emulators import create, load
+from regional_lv.emulators.kernels import BlockRQKernel
+from regional_lv.emulators.observed_derivatives import Seen, Weighted, covariance, crossed
+from regional_lv.emulators.output_scale import OutputScale
+from regional_lv.errors import InputError
+from regional_lv.inputs.coordinates import Coordinates
+from regional_lv.inputs.scales import Linear, Logarithmic, Saturating
+
+OUTPUTS = ("volume_ml", "circumferential_01", "radial_01", "torsion_basal-apical")
+COORDINATES = Coordinates(
+    ("C_a_whole", "C_b_whole", "angle", "spring", "strain_measure"),
+    (Logarithmic(), Logarithmic(), Linear(), Saturating(0.3), Linear()),
+    np.array([0.2, 0.2, -30.0, 0.0, -2.0]),
+    np.array([5.0, 5.0, 30.0, 0.2, 2.0]),
+    [slice(0, 2), slice(2, 4), slice(4, 5)],
+    softness=(0, 1),
+    exponent=4,
+)
+
+
+def points(n, seed):
+    """Values (n, 5)."""
+    u = np.random.default_rng(seed).uniform(size=(n, 5))
+    low, high = (COORDINATES.scaled(ends) for ends in (COORDINATES.lower, COORDINATES.upper))
+    return COORDINATES.natural(low + u * (high - low))
+
+
+def toy(theta):
+    """Outputs (..., 4) of a heart: softer ones stretch more, springs less."""
+    z = COORDINATES.scaled(theta)
+    soft = torch.exp(-0.3 * z[..., 0] - 0.1 * z[..., 1])
+    log_stretch = 0.2 * soft * (1 - z[..., 3]) + 0.002 * z[..., 2]
+    n = theta[..., 4]
+    strain = torch.expm1(-n * log_stretch) / n
+    radial = torch.expm1(n * 1.5 * log_stretch) / n
+    return torch.stack([100 * torch.exp(log_stretch), strain, radial, 0.1 * z[..., 2]], -1)
+
+
+def slopes(theta):
+    return torch.func.vmap(torch.func.jacfwd(toy))(torch.as_tensor(theta)).numpy()
+
+
+@pytest.fixture(scope="module")
+def emulator():
+    theta = points(60, 1)
+    settings = {"max_observations": 240, "hyperparameter_rows": 40}
+    return create("joint_gp", settings).fit(
+        *(theta, toy(torch.as_tensor(theta)).numpy(), slopes(theta)),
+        parameters=COORDINATES,
+        outputs=OUTPUTS,
+        seed=3,
+    )
+
+
+# -------------------------------------------------------------------------------- coordinates
+
+
+def test_coordinates_there_and_back():
+    theta = points(5, 2)
+    z = COORDINATES.scaled(theta)
+    np.testing.assert_allclose(COORDINATES.natural(z), theta, rtol=1e-12)
+    as_tensors = COORDINATES.scaled(torch.as_tensor(theta))
+    np.testing.assert_allclose(as_tensors.numpy(), z, rtol=1e-15)
+    step = 1e-6
+    numeric = (COORDINATES.natural(z + step) - COORDINATES.natural(z - step)) / (2 * step)
+    np.testing.assert_allclose(COORDINATES.slope(theta), numeric, rtol=1e-6)
+
+
+def test_coordinates_are_kept():
+    again = Coordinates.from_spec(COORDINATES.spec())
+    assert again.spec() == COORDINATES.spec()
+    assert again.scales == COORDINATES.scales
+
+
+# -------------------------------------------------------------------------- observed derivatives
+
+
+@pytest.mark.parametrize("most", [0, 7, 15, 30])
+def test_as_many_derivatives_as_fit(most):
+    seen = Seen.some(6, 5, most, seed=1)
+    assert len(seen.at) == most
+    pairs = set(zip(seen.at.tolist(), seen.along.tolist(), strict=True))
+    counts = np.bincount(seen.at, minlength=6)
+    assert len(pairs) == most and np.ptp(counts) <= 1
+
+
+@pytest.mark.parametrize("most", [12, 30])
+def test_covariances_of_what_is_seen(most):
+    """Rows and columns of the covariance of everything, in length scales."""
+    rng = np.random.default_rng(5)
+    x, y = (torch.as_tensor(rng.normal(size=(n, 5))) for n in (6, 4))
+    kernel = BlockRQKernel(COORDINATES.blocks).double()
+    kernel.initialize(lengthscale=torch.as_tensor(rng.uniform(0.5, 2, (1, 5))), alpha=0.7)
+    seen, scales = Seen.some(6, 5, most, seed=2), kernel.lengthscale[0].detach()
+    with torch.no_grad():
+        found = covariance(kernel, x, seen)
+        beside = crossed(kernel, y, x, seen)
+        whole = joint_covariance(x, x, scales, 0.7, kernel.blocks)
+        other = joint_covariance(y, x, scales, 0.7, kernel.blocks)[:4]
+        rows = torch.cat([torch.arange(6), 6 * (1 + seen.along) + seen.at])
+        size = torch.cat([torch.ones(6), scales[seen.along]])
+        torch.testing.assert_close(found, whole[rows][:, rows] * size * size[:, None])
+        torch.testing.assert_close(beside, other[:, rows] * size)
+        weights = torch.as_tensor(rng.normal(size=(6 + most, 3)))
+        weighted = Weighted(kernel, x, seen, weights)
+        mean, by_x = weighted.with_slopes(y)
+        torch.testing.assert_close(mean, beside @ weights)
+        torch.testing.assert_close(weighted.mean(y), mean)
+        for k in range(5):
+            step = 1e-6 * torch.eye(5).double()[k]
+            sides = [crossed(kernel, y + s * step, x, seen) @ weights for s in (1, -1)]
+            torch.testing.assert_close(
+                by_x[..., k], (sides[0] - sides[1]) / 2e-6, rtol=1e-6, atol=1e-8
+            )
+
+
+# -------------------------------------------------------------------------- scale of the outputs
+
+
+@pytest.mark.parametrize("exponent", [-2.0, 1e-9, 0.0, 2.0])
+def test_scale_of_outputs(exponent):
+    scale = OutputScale.of(OUTPUTS, COORDINATES)
+    theta = torch.as_tensor(points(1, 3))[0]
+    theta[4] = exponent
+    v = torch.tensor([4.6, -0.2, 0.4, 3.0]).double()
+    y = scale.outputs(v, theta)
+    log_stretch = torch.log1p(exponent * y[1:3]) / exponent if exponent else y[1:3]
+    torch.testing.assert_close(log_stretch, v[1:3], rtol=1e-6, atol=1e-9)
+    assert y[0] == pytest.approx(np.exp(4.6)) and y[3] == 3.0
+    torch.testing.assert_close(scale.of_outputs(y, theta), v)
+    by_v = torch.autograd.functional.jacobian(lambda w: scale.outputs(w, theta), v).diagonal()
+    torch.testing.assert_close(scale.slopes(v, theta)[0], by_v)
+    step = 1e-4 * torch.eye(5).double()[4]
+    sides = [scale.outputs(v, theta + s * step) for s in (1, -1)]
+    torch.testing.assert_close(
+        scale.slopes(v, theta)[1], (sides[0] - sides[1]) / 2e-4, rtol=1e-5, atol=1e-8
+    )
+
+
+def test_a_strain_that_cannot_be():
+    theta = points(12, 4)
+    y = toy(torch.as_tensor(theta)).numpy()
+    theta[:, 4], y[3, 1] = 2.0 - 1e-3 * np.arange(12), -0.7
+    with pytest.raises(InputError, match="circumferential_01 has values"):
+        create("joint_gp").fit(theta, y, slopes(theta), parameters=COORDINATES, outputs=OUTPUTS)
+
+
+# ---------------------------------------------------------------------------------- the emulator
+
+
+def test_it_predicts(emulator):
+    theta = torch.as_tensor(points(100, 6))
+    with torch.no_grad():
+        found = emulator.predict(theta)
+    error = found.mean - toy(theta)
+    assert (error.square().mean(0).sqrt() < 0.02 * emulator.output_sd).all()
+    assert 0.85 < (error.abs() < 1.96 * found.sd).double().mean() <= 1
+
+
+def test_its_derivatives(emulator):
+    theta = torch.as_tensor(points(3, 7))
+    mean, by_theta = emulator.linearise(theta)
+    torch.testing.assert_close(mean, emulator.predict(theta).mean)
+    for k, size in enumerate(theta.std(0)):
+        step = 1e-4 * size * torch.eye(5).double()[k]
+        with torch.no_grad():
+            sides = [emulator.predict_mean(theta + s * step) for s in (1, -1)]
+        numeric = (sides[0] - sides[1]) / (2e-4 * size)
+        torch.testing.assert_close(by_theta[..., k], numeric, rtol=1e-4, atol=1e-5)
+
+
+def test_it_is_kept_and_selected(emulator, tmp_path):
+    emulator.save(tmp_path / "joint.pt")
+    again = load(tmp_path / "joint.pt")
+    theta = torch.as_tensor(points(4, 8))
+    one, other = emulator.predict(theta), again.predict(theta)
+    torch.testing.assert_close(one.mean, other.mean)
+    torch.testing.assert_close(one.covariance, other.covariance)
+    some = again.select(("radial_01", "volume_ml")).predict(theta)
+    torch.testing.assert_close(some.mean, one.mean[:, [2, 0]])
+    torch.testing.assert_close(some.covariance, one.covariance[:, [2, 0]][..., [2, 0]])
