@@ -15,12 +15,12 @@ from regional_lv import running
 from regional_lv.channels import Channels
 from regional_lv.errors import InputError
 from regional_lv.faults import explain
-from regional_lv.parameters import Parameterisation
+from regional_lv.parameters import from_spec
 from regional_lv.progress import start_log
 
 PACKAGE = "regional_lv"
 
-OBJECTS = {"parameters": Parameterisation.from_spec, "channels": Channels.parse}
+OBJECTS = {"parameters": from_spec, "channels": Channels.parse}
 """Arguments that a rule gives as plain values, which Snakemake can compare, and what makes the
 object of them."""
 

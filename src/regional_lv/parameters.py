@@ -232,6 +232,11 @@ class Parameterisation(Sequence):
         return np.array([values.get(name, absent) for name in self.names], dtype=float)
 
 
+def from_spec(spec: Mapping) -> Parameterisation | Coordinates:
+    """What a `spec` of either describes."""
+    return (Parameterisation if "law" in spec else Coordinates).from_spec(spec)
+
+
 def label(name: str) -> str:
     """`C_a_anterior` as figures show it, with the factor as mathematics."""
     parts = name.split("_", 2)

@@ -7,15 +7,16 @@ import pandas as pd
 
 from regional_lv.channels import Channels
 from regional_lv.errors import InputError
+from regional_lv.inputs.coordinates import Coordinates
 from regional_lv.parameters import Parameterisation
 
 
-def screen(batches: list[Path], parameters: Parameterisation, channels: Channels):
+def screen(batches: list[Path], parameters: Parameterisation | Coordinates, channels: Channels):
     """Merge batch tables; return (converged, excluded, summary).
 
     `converged` holds the simulations to learn from, sorted by sample. `excluded` lists the rest
     with reason, last converged pressure and, per parameter, the place in the box: 0 at its lower
-    bound, 1 at its upper one on the log scale. `summary` is one row of counts, costs and the range
+    bound, 1 at its upper one on its scale. `summary` is one row of counts, costs and the range
     of the channels that are no wall strain.
 
     Raises InputError if nothing converged.
@@ -32,10 +33,11 @@ def screen(batches: list[Path], parameters: Parameterisation, channels: Channels
     excluded = table.loc[
         ~kept, ["sample", "scale", "reason", "last_pressure_mmhg", "newton_steps", "cpu_s"]
     ].copy()
-    for p in parameters:
-        value = table.loc[~kept, p.name]
-        excluded[p.name] = value
-        excluded[f"place_{p.name}"] = np.log(value / p.lower) / np.log(p.upper / p.lower)
+    lost, space = table.loc[~kept, list(parameters.names)].to_numpy(float), parameters.coordinates
+    low, high = space.scaled(space.lower), space.scaled(space.upper)
+    place = (space.scaled(lost) - low) / (high - low)
+    for name, value, share in zip(space.names, lost.T, place.T, strict=True):
+        excluded[name], excluded[f"place_{name}"] = value, share
     cost = table["cpu_s"]
     summary = {
         "simulations": len(table),
@@ -60,7 +62,7 @@ def screen(batches: list[Path], parameters: Parameterisation, channels: Channels
 
 def screen_simulations(
     batches: list[Path],
-    parameters: Parameterisation,
+    parameters: Parameterisation | Coordinates,
     channels: Channels,
     kept: Path,
     excluded: Path,

@@ -13,6 +13,7 @@ import yaml
 from regional_lv import config as study_config
 from regional_lv import data
 from regional_lv.criticism.hypotheses import __main__ as causes
+from regional_lv.inputs import __main__ as inputs
 from regional_lv.schema.keys import describe
 from regional_lv.study import Study
 
@@ -100,8 +101,9 @@ def test_notebook_is_stored_with_its_outputs():
     assert sum("image/png" in output.get("data", {}) for output in outputs) == 2
 
 
-def test_page_of_causes_is_the_catalogue():
-    assert (ROOT / "docs" / "causes.md").read_text() == causes.document(), "run `make format`"
+@pytest.mark.parametrize(("page", "of"), [("causes", causes), ("inputs", inputs)])
+def test_pages_of_catalogues_are_these(page, of):
+    assert (ROOT / "docs" / f"{page}.md").read_text() == of.document(), "run `make format`"
 
 
 def test_page_of_the_papers_figures_is_complete():

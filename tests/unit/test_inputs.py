@@ -236,5 +236,7 @@ def test_closed_forms_and_their_derivatives(model):
         for sign in (1, -1):
             beside = z.copy()
             beside[k] += sign * h
-            sides.append(evaluate_all(simulate, inputs, inputs.coordinates.natural(beside), channels)[0])
+            sides.append(
+                evaluate_all(simulate, inputs, inputs.coordinates.natural(beside), channels)[0]
+            )
         np.testing.assert_allclose((sides[0] - sides[1]) / (2 * h), slopes[:, k], atol=1e-7)

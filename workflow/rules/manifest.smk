@@ -5,6 +5,7 @@ SHOWN = [
     *TABLES,
     *SUMMARIES,
     *([] if FROM_TABLES else rules.criticism.input),
+    *(INPUTS_RESULTS if config["inputs"] else []),
     *PAGES,
 ]
 BEHIND = [

@@ -16,7 +16,7 @@ from regional_lv.channels import Channels
 from regional_lv.emulators.architecture import Architecture
 from regional_lv.errors import InputError
 from regional_lv.inputs.coordinates import Coordinates
-from regional_lv.parameters import Parameterisation, repeated
+from regional_lv.parameters import Parameterisation, from_spec, repeated
 from regional_lv.schema import load_schema
 
 FORMAT = 3
@@ -334,9 +334,7 @@ class Emulator(ABC):
                 "emulators.load"
             )
         emulator = cls(**content["common"]["settings"])
-        spec = content["parameters"]
-        kind = Parameterisation if "law" in spec else Coordinates
-        emulator.parameters = kind.from_spec(spec)
+        emulator.parameters = from_spec(content["parameters"])
         for key, value in content["common"].items():
             setattr(emulator, key, value)
         emulator._restore(content["state"])
@@ -372,8 +370,7 @@ class Emulator(ABC):
     @property
     def coordinates(self) -> Coordinates:
         """The scaled coordinates of theta."""
-        known = self.parameters
-        return known if isinstance(known, Coordinates) else known.coordinates
+        return self.parameters.coordinates
 
     def _scaled(self, theta: torch.Tensor) -> torch.Tensor:
         return self.coordinates.scaled(theta) if self._log else theta

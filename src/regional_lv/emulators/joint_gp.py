@@ -18,17 +18,17 @@ class JointGP(Emulator):
     learns_from_sensitivities = True
 
     def fit(self, theta, y, sensitivities=None, *, parameters, outputs, seed=0):
-        """As in the base class. Raises InputError for a volume or a strain that none can be, too.
-        """
+        """As in the base class; also raises InputError for what no volume or strain can be."""
         self.parameters, self.outputs = parameters, tuple(outputs)
         self.scale = OutputScale.of(outputs, self.coordinates)
         here, found = torch.as_tensor(theta), torch.as_tensor(y)
         v = self.scale.of_outputs(found, here)
         bad = ~torch.isfinite(v).all(0) & torch.isfinite(found).all(0)
         if bad.any():
+            which = self.outputs[int(bad.nonzero()[0])]
             raise InputError(
-                f"training set: {self.outputs[int(bad.nonzero()[0])]} has values that no volume, or "
-                "no strain of its exponent, can have; check the outputs' units"
+                f"training set: {which} has values that no volume, or no strain of its exponent, "
+                "can have; check the outputs' units"
             )
         slopes = sensitivities
         if slopes is not None:

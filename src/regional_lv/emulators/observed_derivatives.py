@@ -121,7 +121,8 @@ class Weighted:
 
     def with_slopes(self, x: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """`mean`, and its derivatives (m, D, P) about x."""
-        means, slopes = zip(*(self._with_slopes(part) for part in x.split(POINTS_AT_ONCE)))
+        parts = [self._with_slopes(part) for part in x.split(POINTS_AT_ONCE)]
+        means, slopes = zip(*parts, strict=True)
         return torch.cat(means), torch.cat(slopes)
 
     def _with_slopes(self, x):

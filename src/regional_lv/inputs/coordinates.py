@@ -5,6 +5,7 @@ import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 
@@ -37,6 +38,11 @@ class Coordinates:
 
     def __len__(self) -> int:
         return len(self.names)
+
+    @property
+    def coordinates(self) -> "Coordinates":
+        """Itself, so that it can stand for the parameters of an emulator."""
+        return self
 
     def scaled(self, x):
         """Scaled coordinates (..., K) of values."""
@@ -101,4 +107,4 @@ class Coordinates:
 def blocks_of(keys: Sequence) -> list[slice]:
     """Slices of neighbours with the same key."""
     edges = [0, *(i for i in range(1, len(keys)) if keys[i] != keys[i - 1]), len(keys)]
-    return [slice(a, b) for a, b in zip(edges, edges[1:], strict=False)]
+    return [slice(a, b) for a, b in pairwise(edges)]

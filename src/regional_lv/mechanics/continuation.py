@@ -19,6 +19,7 @@ from regional_lv.parameters import Parameterisation
 
 # How far the residual may grow in a step, and the smallest share of a step that is tried.
 MOST_GROWTH = 2.0
+LEAST_STEP = 1 / 16  # on the way from one solution to another
 LEAST_SHARE = 1 / 16
 
 # A kept factorisation: how many steps are mixed, and after how many without a gain it is given up.
@@ -251,7 +252,7 @@ class Solver(Generic[AnyEquilibrium]):
         simulator, found = self.simulator, {}
         for load in simulator.channels.load_fractions:
             state = self.inflate(theta, load * simulator.full_pressure, effort)
-            found[load] = Solution(state, simulator.differentiated(state, load)[2])
+            found[load] = Solution(state, simulator.tangents(state))
         return found
 
 
@@ -310,7 +311,37 @@ class Runner:
             guess = self._guess(theta, fraction, known)
             return self.solver.newton(guess, theta, pressure, effort, tangent=self.sensitivities)
         except NotConverged:
-            return self.solver.inflate(theta, pressure, effort)
+            pass
+        try:
+            if fraction == 1.0:
+                return self._walk(theta, effort)
+        except NotConverged:
+            pass
+        return self.solver.inflate(theta, pressure, effort)
+
+    def _walk(self, theta: np.ndarray, effort: Effort) -> State:
+        """The end-diastolic state by way of others, from the nearest solution that is known, each
+        predicted by the tangents of the one before. Raises `NotConverged`."""
+        solver, scales, known = self.solver, self.coordinates, self.guesses[1.0]
+        pressure, start = solver.simulator.full_pressure, known.nearest(theta)
+        state = solver.newton(known.field(start), start, pressure, effort)
+        first, last = scales.scaled(start), scales.scaled(theta)
+        share, step, tangents = 0.0, 0.5, solver.simulator.tangents(state)
+        while share < 1:
+            there = min(1.0, share + step)
+            goal = theta if there == 1 else scales.natural(first + there * (last - first))
+            guess = state.w + (there - share) * (last - first) @ tangents
+            try:
+                state = solver.newton(guess, goal, pressure, effort)
+            except NotConverged:
+                step /= 2
+                if step < LEAST_STEP:
+                    raise
+                continue
+            share, step = there, 2 * step
+            if share < 1:
+                tangents = solver.simulator.tangents(state)
+        return state
 
     def _guess(self, theta: np.ndarray, fraction: float, known: dict) -> np.ndarray:
         """Guessed field, with what the guess at the next larger load missed, as much smaller."""
@@ -368,24 +399,3 @@ class GrowingRunner(Runner):
         while waiting:
             row = waiting.pop(int(np.argmin(known.distance(thetas[waiting]))))
             yield row, self.run(thetas[row])
-
-    def _reach(self, theta, fraction: float, effort: Effort, known: dict) -> State:
-        if known:
-            return super()._reach(theta, fraction, effort, known)
-        return self._by_halves(theta, effort, halvings=3)
-
-    def _by_halves(self, theta: np.ndarray, effort: Effort, halvings: int) -> State:
-        """The end-diastolic state, by way of points in between where the guess is too far."""
-        if not halvings:
-            return super()._reach(theta, 1.0, effort, {})
-        solver, guess = self.solver, self.guesses[1.0]
-        pressure = solver.simulator.full_pressure
-        try:
-            return solver.newton(guess.field(theta), theta, pressure, effort)
-        except NotConverged:
-            scales = self.coordinates
-            ends = scales.scaled(theta), scales.scaled(guess.nearest(theta))
-            halfway = scales.natural(sum(ends) / 2)
-        state = self._by_halves(halfway, effort, halvings - 1)
-        guess.add(halfway, state.w, solver.simulator.differentiated(state, 1.0)[2])
-        return self._by_halves(theta, effort, halvings - 1)

@@ -200,6 +200,9 @@ class Problem(Simulator):
     def observer(self, observer: Observer | None) -> None:
         self._observer = observer
 
+    def tangents(self, state):
+        return self.linearised(state).fields
+
     def differentiated(self, state, fraction):
         found = self.linearised(state)
         return *self.observed(found, fraction), found.fields

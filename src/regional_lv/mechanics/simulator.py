@@ -245,13 +245,17 @@ class Simulator(Equilibrium):
 
     # -------------------------------------------------------------- what is observed
 
+    def tangents(self, state: State) -> np.ndarray:
+        """Derivatives (k, size) of the field about the scaled coordinates of theta, by
+        back-substitution with the factor at hand."""
+        return self.field_sensitivities(state.w)
+
     def differentiated(
         self, state: State, fraction: float
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Values (d,) of the channels at a load whose solution `state` is, their derivatives (k, d)
-        about the scaled coordinates of theta, and those of the field (k, size), by
-        back-substitution with the factor at hand."""
-        fields = self.field_sensitivities(state.w)
+        about the scaled coordinates of theta, and the `tangents`."""
+        fields = self.tangents(state)
         values, slopes = self.observables(state.w, fields, fraction)
         assert slopes is not None
         return values, slopes, fields

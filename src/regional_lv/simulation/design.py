@@ -10,8 +10,10 @@ from regional_lv.inputs.base import Input
 from regional_lv.inputs.space import Inputs, Role
 from regional_lv.seeds import derive
 
-OFF = 0.6
-"""Share of the simulations in which a suspected input is at its nominal value."""
+MOST_ON, FEW = 0.4, 4
+"""A suspected input is on in this share of the simulations, or in fewer if that makes more than a
+few be on at a time: so many at once are in no heart that is looked for, and many do not converge.
+"""
 
 MOST_OF_A_KIND = 2
 """Suspected inputs of one kind that every segment has (scars) which are on at a time."""
@@ -24,9 +26,9 @@ def draw_inputs(inputs: Inputs, n: int, seed: int) -> np.ndarray:
     """Values (n, K) of the inputs.
 
     Inferred inputs are spread over their ranges, measured ones over `REACH` standard deviations to
-    either side within theirs, both evenly on their scales. Suspected ones are off in `OFF` of the
-    simulations, so that few act at a time, and else spread over their ranges; of a kind that every
-    segment has at most `MOST_OF_A_KIND` are on.
+    either side within theirs, both evenly on their scales. Suspected ones are at their nominal
+    value in most simulations (`MOST_ON`, `FEW`), and else spread over their ranges; of a kind that
+    every segment has at most `MOST_OF_A_KIND` are on.
     """
     from scipy.stats import qmc  # slow to import
 
@@ -35,10 +37,12 @@ def draw_inputs(inputs: Inputs, n: int, seed: int) -> np.ndarray:
     exponent = max(int(np.ceil(np.log2(max(n, 1)))), 0)
     points = qmc.Sobol(dimensions, seed=seed).random_base2(exponent)[:n]
     values = np.tile(inputs.nominal, (n, 1))
+    suspected = sum(inputs.roles[group[0]].kind == "suspected" for group in groups)
+    off = 1 - min(MOST_ON, FEW / max(suspected, 1))
     first = 0
     for group in groups:
         width = _dimensions(group, inputs)
-        _put(values, inputs, group, points[:, first : first + width])
+        _put(values, inputs, group, points[:, first : first + width], off)
         first += width
     return values
 
@@ -58,22 +62,23 @@ def _dimensions(group: list[int], inputs: Inputs) -> int:
     return 1 if len(group) == 1 else 2 * min(MOST_OF_A_KIND, len(group))
 
 
-def _put(values: np.ndarray, inputs: Inputs, group: list[int], u: np.ndarray) -> None:
-    """Fill in the columns of a group from uniform numbers u (n, dimensions)."""
+def _put(values: np.ndarray, inputs: Inputs, group: list[int], u: np.ndarray, off: float) -> None:
+    """Fill in the columns of a group from uniform numbers u (n, dimensions); suspected inputs are
+    at their nominal value in a share `off`."""
     k = group[0]
     if inputs.roles[k].kind != "suspected":
         low, high = _range(inputs[k], inputs.roles[k])
         values[:, k] = _between(inputs[k], low, high, u[:, 0])
     elif len(group) == 1:
-        on = u[:, 0] >= OFF
-        share = (u[on, 0] - OFF) / (1 - OFF)
+        on = u[:, 0] >= off
+        share = (u[on, 0] - off) / (1 - off)
         values[on, k] = _between(inputs[k], inputs[k].low, inputs[k].high, share)
     else:
         for slot in range(u.shape[1] // 2):
             which, share = u[:, 2 * slot], u[:, 2 * slot + 1]
-            chosen = np.floor((which - OFF) / (1 - OFF) * len(group)).astype(int)
+            chosen = np.floor((which - off) / (1 - off) * len(group)).astype(int)
             for place, k in enumerate(group):
-                on = (which >= OFF) & (chosen == place)
+                on = (which >= off) & (chosen == place)
                 values[on, k] = _between(inputs[k], inputs[k].low, inputs[k].high, share[on])
 
 
@@ -91,18 +96,18 @@ def _range(each: Input, role: Role) -> tuple[float, float]:
     return max(each.low, at - REACH * role.sd), min(each.high, at + REACH * role.sd)
 
 
-def write_inputs_design(
-    config: Mapping, sets: Mapping[str, int], seed: int, folder: str | Path
+def write_design(
+    physics: Mapping, sizes: Mapping[str, int], seed: int, train: str | Path, test: str | Path
 ) -> None:
-    """Write `<set>.parquet` into the folder for each of the `sets`, by its number of simulations:
-    `sample`, `scale`, and the inputs that are simulated.
+    """Write the sets `train` and `test` (Parquet) of as many simulations as `sizes` says: `sample`,
+    `scale`, and the inputs that are simulated.
 
-    config: what `inputs.space.sections_of` gives. seed: the study's.
+    physics: what `inputs.space.sections_of` gives. seed: the study's.
     """
-    inputs = Inputs.from_config(config).simulated
-    for name, n in sets.items():
-        values = draw_inputs(inputs, n, derive(seed, "design", "inputs", name))
+    inputs = Inputs.from_config(physics).simulated
+    for name, path in (("train", train), ("test", test)):
+        values = draw_inputs(inputs, sizes[name], derive(seed, "design", "inputs", name))
         table = pd.DataFrame(values, columns=list(inputs.names))
         table.insert(0, "scale", "log")
-        table.insert(0, "sample", np.arange(n))
-        table.to_parquet(Path(folder) / f"{name}.parquet", index=False)
+        table.insert(0, "sample", np.arange(len(table)))
+        table.to_parquet(path, index=False)
