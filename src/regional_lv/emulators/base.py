@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import torch
@@ -134,6 +134,7 @@ class Emulator(ABC):
     Raises InputError for a setting that the schema, or `defaults`, does not have or allow.
     """
 
+    parameters: Any  # a Parameterisation, or the Coordinates of all inputs
     name: ClassVar[str]
     architecture: ClassVar[Architecture]
     learns_from_sensitivities: ClassVar[bool] = False

@@ -30,11 +30,9 @@ class OutputScale:
     @classmethod
     def of(cls, outputs, coordinates: Coordinates) -> "OutputScale":
         kinds = [channel.kind for channel in Channels.parse(outputs)]
-        masks = (
-            torch.tensor([bool(getattr(kind, name)) for kind in kinds])
-            for name in ("is_positive", "is_strain")
-        )
-        return cls(*masks, coordinates)
+        positive = torch.tensor([kind.is_positive for kind in kinds])
+        strain = torch.tensor([kind.is_strain for kind in kinds])
+        return cls(positive, strain, coordinates)
 
     def exponent(self, theta: torch.Tensor) -> torch.Tensor:
         """n (..., 1) of the strains at theta."""

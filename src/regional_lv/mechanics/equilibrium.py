@@ -95,6 +95,7 @@ class Equilibrium:
         self._residual = api.compile_form(residual)
         self._tangent = api.compile_form(tangent)
         self._ksp: Any = None
+        self._petsc_matrix: Any = None
         self._matrix: Any = None  # built when it is first needed: it takes most of the memory
         self._turn(turned.angle)
 

@@ -17,8 +17,9 @@ from regional_lv.inputs.coordinates import Coordinates
 from regional_lv.inputs.space import coordinates_of
 
 # The kernel in log theta (other inputs: `Coordinates.place`), a product over the zones. Of 24
-# anchors held out of 120 it misses the field by 2.0 % (mean; at most 4.6 %); length scales of 8 to 20 and an alpha of 0.03 to 0.4 by 1.9
-# to 2.8 %. One kernel of all ten parameters missed it by 3.7 % (at most 13 %).
+# anchors held out of 120 it misses the field by 2.0 % (mean; at most 4.6 %); length scales of 8 to
+# 20 and an alpha of 0.03 to 0.4 by 1.9 to 2.8 %. One kernel of all ten parameters missed it by
+# 3.7 % (at most 13 %).
 LENGTHSCALE, ALPHA, NUGGET = 12.0, 0.1, 1e-8
 TANGENT_WEIGHT = 0.3  # a typical step in log theta: what a tangent is worth beside a field
 MOST_OBSERVED = 3000  # fields and tangents that a field is guessed from, those of the nearest
