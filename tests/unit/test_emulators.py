@@ -61,8 +61,8 @@ def toy(theta):
     first = torch.tensor([0.5, 0.3, 0.2, 0.4, 0.1], dtype=x.dtype)
     second = torch.tensor([0.2, 0.1, 0.3, 0.1, 0.2], dtype=x.dtype)
     a, b = x[..., ::2] @ first, x[..., 1::2] @ second
-    columns = [150 - 20 * torch.tanh(a), -0.2 + 0.05 * a, torch.exp(-a), torch.sin(b)]
-    return torch.stack([*columns, a * b + 0.1 * b], dim=-1)
+    columns = [150 - 20 * torch.tanh(a), -0.2 + 0.05 * a, torch.exp(-a), 0.3 * torch.sin(b)]
+    return torch.stack([*columns, 0.05 * (a * b + 0.1 * b)], dim=-1)
 
 
 def many_outputs(theta: np.ndarray) -> np.ndarray:
@@ -127,7 +127,8 @@ def predictions(fitted, theta):
 
 def test_registry_and_schema_name_the_same():
     section = load_schema()["properties"]["emulators"]["properties"]
-    assert list(emulators.REGISTRY) == section["names"]["default"]
+    compared = [name for name in emulators.REGISTRY if name != "joint_gp"]
+    assert compared == section["names"]["default"]
     assert set(emulators.REGISTRY) == set(section) - {"names", "shortlist", "final"}
 
 
@@ -668,7 +669,7 @@ def test_calibration_is_of_the_errors_that_move_estimates():
     basis, white = np.linalg.qr(slopes)[0], rng.normal(size=(3000, 8, 1))
     along = basis @ (basis.swapaxes(1, 2) @ white)
     errors = 1.5 * along + 3.0 * (white - along)
-    known = [torch.as_tensor(a) for a in (errors[..., 0], slopes, np.ones((3000, 3)))]
+    known = [torch.as_tensor(a) for a in (errors[..., 0], slopes, np.zeros(3000))]
     assert Calibration.fit("variance_factor", *known).factor == pytest.approx(2.25, rel=0.05)
     assert Calibration.fit("none", *known) == Calibration()
 

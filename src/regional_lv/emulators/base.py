@@ -195,7 +195,7 @@ class Emulator(ABC):
         an output that does not vary, or sensitivities that are needed and missing.
         """
         theta, y = np.asarray(theta, dtype=float), np.asarray(y, dtype=float)
-        _check_training_set(theta, y, parameters, outputs)
+        check_training_set(theta, y, parameters, outputs)
         self.parameters, self.outputs = parameters, tuple(outputs)
         theta, y = torch.as_tensor(theta), torch.as_tensor(y)
         self.output_mean, self.output_sd = y.mean(0), y.std(0)
@@ -440,12 +440,13 @@ def _check_sensitivities(name: str, sensitivities, shape: tuple[int, ...]) -> to
     return torch.as_tensor(sensitivities)
 
 
-def _check_training_set(
+def check_training_set(
     theta: np.ndarray,
     y: np.ndarray,
     parameters: Parameterisation | Coordinates,
     outputs: Sequence[str],
 ) -> None:
+    """Raise InputError for what no emulator can learn from; arguments as for `Emulator.fit`."""
     inputs = len(parameters)
     if theta.ndim != 2 or theta.shape[1] != inputs or y.shape != (len(theta), len(outputs)):
         raise InputError(

@@ -14,7 +14,7 @@ from regional_lv.emulators.optimise import fit
 from regional_lv.emulators.shared_kernel import subset
 from regional_lv.seeds import derive
 
-LEAST_NUGGET, LEAST_GRADIENT_NOISE = 1e-8, 1e-7
+LEAST_NUGGET, LEAST_GRADIENT_NOISE = 1e-8, 1e-6
 """Relative to the variance of the values, and of derivatives about inputs in length scales."""
 
 BOUNDS = {

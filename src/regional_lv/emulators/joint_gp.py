@@ -1,8 +1,9 @@
 """The gradient-enhanced process over all inputs, on the scale on which effects add up."""
 
+import numpy as np
 import torch
 
-from regional_lv.emulators.base import Emulator, Prediction
+from regional_lv.emulators.base import Emulator, Prediction, check_training_set
 from regional_lv.emulators.gradient_gp import GradientGP
 from regional_lv.emulators.output_scale import OutputScale
 from regional_lv.errors import InputError
@@ -19,6 +20,7 @@ class JointGP(Emulator):
 
     def fit(self, theta, y, sensitivities=None, *, parameters, outputs, seed=0):
         """As in the base class; also raises InputError for what no volume or strain can be."""
+        check_training_set(np.asarray(theta), np.asarray(y), parameters, outputs)
         self.parameters, self.outputs = parameters, tuple(outputs)
         self.scale = OutputScale.of(outputs, self.coordinates)
         here, found = torch.as_tensor(theta), torch.as_tensor(y)
