@@ -4,6 +4,7 @@ import copy
 
 import numpy as np
 import pytest
+import torch
 
 from regional_lv import config
 from regional_lv.channels import Channels
@@ -11,7 +12,7 @@ from regional_lv.criticism.hypotheses import REGISTRY
 from regional_lv.errors import InputError
 from regional_lv.inputs.base import KeyInput
 from regional_lv.inputs.catalogue import INPUTS
-from regional_lv.inputs.closed_forms import evaluate_all
+from regional_lv.inputs.evaluation import AllInputs
 from regional_lv.inputs.model import model_of
 from regional_lv.inputs.space import Inputs, catalogue, stencil
 from regional_lv.registry import temporary
@@ -204,39 +205,65 @@ def test_differences_stay_in_the_range(here):
 def test_closed_forms_and_their_derivatives(model):
     """Of a made-up simulator whose outputs depend on stress over load and springs."""
     names = ("C_a_anterior", "C_b_septal", "epicardial_support", "basal_motion", "helix_epi")
+    names += ("helix_endo", "fibre_rotation")
     forms = ("end_diastolic_pressure", "mixed_frames", "radial_scale", "size")
     every = Inputs(model, catalogue(model))
     inputs = every.subset(name in names + forms for name in every.names)
     inner = inputs.simulated
+    assert "fibre_rotation" not in inner.names and len(inner) == 6
     channels = Channels.of(["volume", "radial", "circumferential"])
     rng = np.random.default_rng(0)
-    weights = rng.normal(size=(len(channels), len(inner)))
+    weights = torch.as_tensor(rng.normal(size=(len(channels), len(inner))))
 
     def simulate(x):
-        z = inner.coordinates.scaled(x)
-        values = np.sin(weights @ z) + 2
-        return values, np.cos(weights @ z)[:, None] * weights
+        phase = inner.coordinates.scaled(x) @ weights.T
+        by_x = torch.cos(phase)[..., None] * weights / inner.coordinates.slope(x)[:, None]
+        return torch.sin(phase) + 2, by_x
 
-    x = inputs.nominal
     at = {"C_a_anterior": 1.3, "epicardial_support": 0.1, "basal_motion": 2.0, "helix_epi": 5.0}
     at |= {"end_diastolic_pressure": 10.0, "mixed_frames": 0.2, "radial_scale": 0.8, "size": 1.1}
-    x = np.array([at.get(name, v) for name, v in zip(inputs.names, x, strict=True)])
-    values, slopes = evaluate_all(simulate, inputs, x, channels)
+    at |= {"fibre_rotation": 4.0}
+    x = [at.get(name, v) for name, v in zip(inputs.names, inputs.nominal, strict=True)]
+    x = torch.tensor([x, inputs.nominal], dtype=torch.float64)
+    outputs = AllInputs(inputs, channels)
+    values, slopes = outputs(simulate, x)
     # By hand: the volume at 10 / 8 of the load and 1.1 times the size.
     load = 10 / 8
     scaled = {"C_a_anterior": 1.3 / load, "epicardial_support": 0.1 * 1.1 / load}
-    scaled["basal_motion"] = 2.0 * load / 1.1
-    there = np.array([{**at, **scaled}.get(n, 1.0) for n in inner.names])
-    there[inner.names.index("C_b_septal")] = x[inputs.names.index("C_b_septal")]
-    volume = channels.of_quantity("volume")
-    np.testing.assert_allclose(values[volume], simulate(there)[0][volume] * 1.1**3)
+    scaled |= {"basal_motion": 2.0 * load / 1.1, "helix_endo": 4.0, "helix_epi": 1.0}
+    there = dict(zip(inputs.names, x[0].tolist(), strict=True)) | scaled
+    expected = simulate(torch.tensor([[there[name] for name in inner.names]]).double())[0][0]
+    volume, radial = (channels.of_quantity(name) for name in ("volume", "radial"))
+    torch.testing.assert_close(values[0][volume], expected[volume] * 1.1**3)
+    torch.testing.assert_close(outputs.factor(x)[0][radial], torch.full((17,), 0.8).double())
+    # Nothing is changed where everything is at rest.
+    rest = simulate(x[1:, torch.as_tensor(inputs.are_simulated)])[0]
+    torch.testing.assert_close(values[1:], rest)
     z, h = inputs.coordinates.scaled(x), 1e-6
     for k in range(len(inputs)):
-        sides = []
-        for sign in (1, -1):
-            beside = z.copy()
-            beside[k] += sign * h
-            sides.append(
-                evaluate_all(simulate, inputs, inputs.coordinates.natural(beside), channels)[0]
-            )
-        np.testing.assert_allclose((sides[0] - sides[1]) / (2 * h), slopes[:, k], atol=1e-7)
+        step = h * torch.eye(len(inputs)).double()[k]
+        sides = [outputs(simulate, inputs.coordinates.natural(z + s * step))[0] for s in (1, -1)]
+        torch.testing.assert_close(
+            (sides[0] - sides[1]) / (2 * h), slopes[..., k], atol=1e-7, rtol=0
+        )
+
+
+def test_a_direction_is_carried_by_what_it_moves(model):
+    """The model with the direction is that of its parts, moved."""
+    every = Inputs(model, catalogue(model))
+    for name, value in (("fibre_rotation", 7.0), ("wall_thickness", 1.2)):
+        direction = every[every.names.index(name)]
+        x = every.nominal.copy()
+        x[every.names.index(name)] = value
+        parts = every.nominal.copy()
+        for k, each in enumerate(every):
+            if each.name in direction.moves:
+                parts[k], *_ = direction.carry(each, parts[k], value)
+        one, other = every.model(x), every.model(parts)
+        if name == "fibre_rotation":
+            for angles in ("helix_endo_deg", "helix_epi_deg"):
+                assert one["fibres"][angles] == other["fibres"][angles]
+        else:
+            shapes = one["geometry"], other["geometry"]
+            scaled = [g["wall_thickness_mm"] * g["wall_thickness_scale"] for g in shapes]
+            np.testing.assert_allclose(scaled[0], scaled[1], rtol=1e-12)

@@ -90,6 +90,14 @@ class Input(ABC):
         nominal value as it was. Closed forms change no model."""
         raise NotImplementedError
 
+    carries: ClassVar[bool] = False
+    """Whether it is nothing but a change of the inputs in `moves`: `carry` says which."""
+
+    def carry(self, other: "Input", there, value):
+        """The value of one of the inputs in `moves`, which is `there` (M,) without it, when this
+        input is at `value` (M,), and its derivatives (M,) about both."""
+        raise NotImplementedError
+
     @property
     def is_simulated(self) -> bool:
         """Whether the simulator has it; if not, it is an exact transform of its outputs, or

@@ -4,8 +4,6 @@ A ventricle whose stresses, loads and springs are all multiplied by one number m
 so does one that is scaled as a whole, if its springs are scaled along.
 """
 
-from collections.abc import Callable
-
 import numpy as np
 
 from regional_lv.channels import Channels
@@ -36,17 +34,18 @@ class ClosedForm(Input):
         """The `other` input is multiplied by `share` to the minus this power."""
         return 0
 
-    def share(self, value: float) -> tuple[float, float]:
-        """A number above 0 at `value`, 1 at the nominal one, and its derivative."""
+    def share(self, value):
+        """A number above 0 at `value` (number, array or tensor), 1 at the nominal one, and its
+        derivative."""
         return 1.0, 0.0
 
     def concerned(self, channels: Channels) -> np.ndarray:
         """Mask (D,) of the channels that are looked up there."""
         return np.ones(len(channels), dtype=bool)
 
-    def reported(self, channels: Channels, value: float) -> tuple[np.ndarray, np.ndarray]:
-        """Factors (D,) of what is reported, and their derivatives (D,) about the value."""
-        return np.ones(len(channels)), np.zeros(len(channels))
+    def reported(self, channels: Channels) -> np.ndarray:
+        """Powers (D,) of the value that outputs are multiplied by."""
+        return np.zeros(len(channels))
 
 
 class LoadForm(ClosedForm):
@@ -144,9 +143,8 @@ class RadialScale(ClosedForm):
     def value_in(self, model):
         return 1.0
 
-    def reported(self, channels, value):
-        radial = channels.of_quantity(RADIAL)
-        return np.where(radial, value, 1.0), np.where(radial, 1.0, 0.0)
+    def reported(self, channels):
+        return channels.of_quantity(RADIAL).astype(float)
 
 
 class Size(ClosedForm):
@@ -177,9 +175,8 @@ class Size(ClosedForm):
     def share(self, value):
         return value, 1.0
 
-    def reported(self, channels, value):
-        powers = np.array([LENGTH_POWERS[channel.unit] for channel in channels], dtype=float)
-        return value**powers, powers * value ** (powers - 1)
+    def reported(self, channels):
+        return np.array([LENGTH_POWERS[channel.unit] for channel in channels], dtype=float)
 
 
 class HeavyTails(ClosedForm):
@@ -201,44 +198,3 @@ class HeavyTails(ClosedForm):
 
     def value_in(self, model):
         return 0.0
-
-
-Evaluate = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
-"""From values (k,) of the simulated inputs to outputs (D,) and their derivatives (D, k) about the
-scaled coordinates."""
-
-
-def evaluate_all(evaluate: Evaluate, inputs, x: np.ndarray, channels: Channels):
-    """Outputs (D,) at values x (K,) of all `inputs`, and their derivatives (D, K) about the scaled
-    coordinates, from what `evaluate` gives of the simulated ones.
-
-    Channels that closed forms look up at the same values are evaluated together.
-    """
-    scales = [each.scale for each in inputs]
-    simulated = np.array([each.is_simulated for each in inputs])
-    forms = [(j, each) for j, each in enumerate(inputs) if isinstance(each, ClosedForm)]
-    looked_up = np.array([form.concerned(channels) for _, form in forms]).reshape(-1, len(channels))
-    values, slopes = np.empty(len(channels)), np.zeros((len(channels), len(inputs)))
-    for pattern in np.unique(looked_up, axis=1).T:
-        rows = (looked_up == pattern[:, None]).all(axis=0)
-        there, by_form = np.array(x, dtype=float), {}
-        for (j, form), concerned in zip(forms, pattern, strict=True):
-            share, slope = form.share(float(x[j])) if concerned else (1.0, 0.0)
-            powers = np.array([form.power(each) for each in inputs], dtype=float)
-            there, by_form[j] = there * share**-powers, -powers * slope / share
-        found, gradient = evaluate(there[simulated])
-        values[rows] = found[rows]
-        # d(scaled coordinate there)/d(value there), and the value there about the scaled one here.
-        inner = np.array([1 / s.slope(v) for s, v in zip(scales, there, strict=True)])
-        ratio = np.divide(there, x, out=np.ones(len(x)), where=np.asarray(x) != 0)
-        outer = ratio * [s.slope(v) for s, v in zip(scales, x, strict=True)]
-        slopes[np.ix_(rows, simulated)] = gradient[rows] * (inner * outer)[simulated]
-        for j, logarithm in by_form.items():
-            along = (logarithm * there * inner)[simulated] * scales[j].slope(x[j])
-            slopes[rows, j] = gradient[rows] @ along
-    for j, form in forms:
-        factor, of_factor = form.reported(channels, float(x[j]))
-        slopes *= factor[:, None]
-        slopes[:, j] += values * of_factor * scales[j].slope(x[j])
-        values = values * factor
-    return values, slopes

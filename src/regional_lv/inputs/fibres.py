@@ -45,11 +45,16 @@ class FibreRotation(FibreInput):
     parameter = "rotation of the helix angle"
     signs = (("helix_endo_deg", 1), ("helix_epi_deg", -1))
     moves = (HelixEndo.name, HelixEpi.name)
+    carries = True
     description = (
         "Both helix angles steeper by as much (60 and -60 become 60 + psi and -60 - psi): the wall "
         "gets stiffer along its length and softer around it."
     )
     source = HELIX
+
+    def carry(self, other, there, value):
+        sign = dict(self.signs)[other.signs[0][0]] * other.signs[0][1]
+        return there + sign * value, 1 + 0 * value, sign + 0 * value
 
 
 class SheetAngle(FibreInput):

@@ -76,12 +76,17 @@ class WallThickness(KeyInput):
     low, high = 0.75, 1.25
     scale = LOGARITHMIC
     moves = tuple(f"{SegmentThickness.stem}_{segment}" for segment in range(1, 18))
+    carries = True
     description = (
         "Wall thickness is measured on slices of finite depth, with a border between muscle, fat "
         "and trabeculae that observers draw differently. Multiplies it everywhere, with the "
         "endocardium as it is: a thicker wall strains less, while the cavity hardly changes."
     )
     source = KAWEL
+
+    def carry(self, other, there, value):
+        share = value / self.nominal
+        return share * there, share, there / self.nominal
 
 
 class Length(KeyInput):

@@ -99,9 +99,27 @@ class Inputs(Sequence[Input]):
         return Inputs(self.base, members, dict(zip(self.names, self.roles, strict=True)))
 
     @cached_property
+    def directions(self) -> list[tuple[int, Input]]:
+        """Places of the inputs that are directions in others which are there, too."""
+        known = {each.name for each in self if each.is_simulated}
+        return [
+            (k, each)
+            for k, each in enumerate(self)
+            if each.is_simulated and each.moves and not set(each.moves) - known and each.carries
+        ]
+
+    @cached_property
+    def are_simulated(self) -> np.ndarray:
+        """Mask (K,) of the inputs without closed forms and directions."""
+        directions = {k for k, _ in self.directions}
+        return np.array(
+            [each.is_simulated and k not in directions for k, each in enumerate(self)], dtype=bool
+        )
+
+    @cached_property
     def simulated(self) -> "Inputs":
-        """Without closed forms."""
-        return self.subset(each.is_simulated for each in self)
+        """Those of `are_simulated`."""
+        return self.subset(self.are_simulated)
 
     def of_role(self, kind: str) -> np.ndarray:
         """Mask (K,) of the inputs of one role."""

@@ -1,0 +1,84 @@
+"""Outputs as a function of all inputs of a study, from those of the inputs that are simulated.
+
+Closed forms change the values at which outputs are looked up, and what is reported; a direction
+changes the inputs that it moves.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+import torch
+
+from regional_lv.channels import Channels
+from regional_lv.inputs.closed_forms import ClosedForm
+from regional_lv.inputs.space import Inputs
+
+Evaluate = Callable[[torch.Tensor], tuple[torch.Tensor, torch.Tensor]]
+"""From values (M, k) of the simulated inputs to outputs (M, D) and their derivatives (M, D, k)
+about these values, as `Emulator.linearise`."""
+
+
+class AllInputs:
+    """What closed forms and directions make of an emulator of the simulated inputs.
+
+    inputs: all K of a study. channels: the D outputs.
+    """
+
+    def __init__(self, inputs: Inputs, channels: Channels):
+        self.inputs, self.channels = inputs, channels
+        self.simulated = np.flatnonzero(inputs.are_simulated)
+        self._forms = [(j, e) for j, e in enumerate(inputs) if isinstance(e, ClosedForm)]
+        looked_up = np.array([form.concerned(channels) for _, form in self._forms])
+        looked_up = looked_up.reshape(len(self._forms), len(channels))
+        self._patterns = [
+            (pattern, np.flatnonzero((looked_up == pattern[:, None]).all(axis=0)))
+            for pattern in np.unique(looked_up, axis=1).T
+        ]
+        self._powers = np.array([[form.power(each) for each in inputs] for _, form in self._forms])
+        reported = [(j, form.reported(channels)) for j, form in self._forms]
+        self._reported = [(j, torch.as_tensor(powers)) for j, powers in reported if powers.any()]
+
+    def looked_up(self, x: torch.Tensor, pattern: np.ndarray) -> tuple[torch.Tensor, torch.Tensor]:
+        """Values (M, K) at which the simulator has outputs that a `pattern` of the closed forms
+        concerns, and their derivatives (M, K, K) about x (M, K)."""
+        size = x.shape[1]
+        there, by_x = x.clone(), torch.eye(size, dtype=x.dtype).repeat(len(x), 1, 1)
+        for j, direction in self.inputs.directions:
+            for k, each in enumerate(self.inputs):
+                if each.name in direction.moves:
+                    there[:, k], by_own, by_it = direction.carry(each, there[:, k], x[:, j])
+                    by_x[:, k] = by_own[:, None] * by_x[:, k]
+                    by_x[:, k, j] += by_it
+        for (j, form), powers, concerned in zip(self._forms, self._powers, pattern, strict=True):
+            if not concerned or not powers.any():
+                continue
+            share, slope = form.share(x[:, j])
+            factor = share[:, None] ** -torch.as_tensor(powers, dtype=x.dtype)
+            there, by_x = there * factor, by_x * factor[..., None]
+            by_x[:, :, j] -= torch.as_tensor(powers) * there * (slope / share)[:, None]
+        return there, by_x
+
+    def __call__(self, evaluate: Evaluate, x: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Outputs (M, D) at values x (M, K), and their derivatives (M, D, K) about the scaled
+        coordinates. Channels that are looked up at the same values are evaluated together."""
+        count, size = len(self.channels), x.shape[1]
+        values, slopes = x.new_empty(len(x), count), x.new_empty(len(x), count, size)
+        for pattern, rows in self._patterns:
+            there, by_x = self.looked_up(x, pattern)
+            found, gradient = evaluate(there[:, self.simulated])
+            values[:, rows] = found[:, rows]
+            slopes[:, rows] = gradient[:, rows] @ by_x[:, self.simulated]
+        for j, power in self._reported:
+            value = x[:, j, None]
+            factor = value**power
+            slopes = slopes * factor[..., None]
+            slopes[:, :, j] += values * power * value ** (power - 1)
+            values = values * factor
+        return values, slopes * self.inputs.coordinates.slope(x)[:, None]
+
+    def factor(self, x: torch.Tensor) -> torch.Tensor:
+        """What outputs (M, D) that are looked up are multiplied by at values x (M, K)."""
+        found = torch.ones(len(x), len(self.channels), dtype=x.dtype)
+        for j, power in self._reported:
+            found = found * x[:, j, None] ** power
+        return found
