@@ -100,9 +100,20 @@ def facet_points(mesh, points):
 
 def facet_normals(mesh, points):
     """Normals (facets, q, 3) at reference points (q, 2), of length area per reference area."""
+    return np.cross(*_facet_tangents(mesh, points, mesh.points))
+
+
+def facet_normal_changes(mesh, points, moves):
+    """Changes (K, facets, q, 3) of `facet_normals` per unit of moves (K, n, 3) of the nodes."""
+    first, second = _facet_tangents(mesh, points, mesh.points)
+    moved = _facet_tangents(mesh, points, moves)
+    return np.cross(moved[0], second) + np.cross(first, moved[1])
+
+
+def _facet_tangents(mesh, points, nodal):
+    """Derivatives (2, ..., facets, q, 3) of a field (..., n, 3) at reference points (q, 2)."""
     gradient = lagrange(points, facet_nodes_of(mesh))[1]
-    tangents = np.einsum("knx,qnd->kqdx", mesh.points[mesh.facets], gradient)
-    return np.cross(tangents[..., 0, :], tangents[..., 1, :])
+    return np.einsum("...knx,qnd->d...kqx", nodal[..., mesh.facets, :], gradient, optimize=True)
 
 
 def exterior_faces(cells):

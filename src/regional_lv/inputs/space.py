@@ -131,16 +131,27 @@ class Inputs(Sequence[Input]):
         """Values (K,) of scaled coordinates z (K,)."""
         return np.array([each.scale.inverse(float(v)) for each, v in zip(self, z, strict=True)])
 
-    def beside(self, x: Sequence[float] | np.ndarray, k: int) -> Iterator[tuple[Mapping, float]]:
-        """Models beside x (K,) along the scaled coordinate of input k, with the weights of a
+    def beside(self, x: Sequence[float] | np.ndarray) -> Iterator[list[tuple[Mapping, float]]]:
+        """By input, models beside x (K,) along its scaled coordinate, with the weights of a
         difference of second order: on either side, or at the end of the range on one."""
-        each = self[k]
-        here, low, high = (each.scale(float(v)) for v in (x[k], each.low, each.high))
-        step = each.step * (high - low)
-        for offset, weight in stencil(here, step, low, high):
-            there = np.array(x, dtype=float)
-            there[k] = each.scale.inverse(here + offset)
-            yield self.model(there), weight
+        here = self.model(x)
+        for k, each in enumerate(self):
+            at, low, high = (each.scale(float(v)) for v in (x[k], each.low, each.high))
+            step = each.step * (high - low)
+            sides = []
+            for offset, weight in stencil(at, step, low, high):
+                there = np.array(x, dtype=float)
+                there[k] = each.scale.inverse(at + offset)
+                sides.append((self._with_section(here, each.changes, there), weight))
+            yield sides
+
+    def _with_section(self, model: Mapping, section: str, x: np.ndarray) -> Mapping:
+        """The model with one section as at x (K,): what the inputs that change it make of it."""
+        model = {**model, section: self.base[section]}
+        for each, value in zip(self, x, strict=True):
+            if each.changes == section:
+                model = each.act(model, float(value))
+        return model
 
     def model(self, x: Sequence[float] | np.ndarray) -> Mapping:
         """The model at values x (K,)."""
