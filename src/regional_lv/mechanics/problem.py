@@ -282,8 +282,8 @@ class Problem(Simulator):
         """Changes (k, size) of the residual in place, in x, y and nothing held."""
         changes = np.zeros((len(told.factors), self.size))
         if told.factors.any():
-            forces = self._factor_forces(self.segment, len(SEGMENTS)).swapaxes(0, 1)
-            changes += np.tensordot(told.factors, forces, 2)
+            which = np.flatnonzero(told.factors.any(axis=(1, 2)))
+            changes[which] += self._factor_forces(told.factors[which][..., self.segment])
         constants = {name: each for name, each in told.constants.items() if each.any()}
         if constants:
             changes += np.stack(list(constants.values()), axis=1) @ self._forces_of(constants)
@@ -372,20 +372,19 @@ class Problem(Simulator):
             nodes = np.zeros((len(self.inputs), *self.mesh.points.shape))
             for k, move in found.nodes.items():
                 nodes[k] = move
+        looks = {
+            k: [
+                (wall.looking({**other["observables"], **(looking or {})}), weight)
+                for other, weight in beside
+            ]
+            for k, beside in enumerate(self.inputs.beside(state.theta))
+            if self.inputs[k].changes == "observables"
+        }
         moves = self.displacement(found.fields)
         values, slopes = wall.looking(look).observe(
-            channels, displacement, dilation, moves, dilation_moves, nodes
+            channels, displacement, dilation, moves, dilation_moves, nodes, looks
         )
         assert slopes is not None
-        for k, beside in enumerate(self.inputs.beside(state.theta)):
-            if self.inputs[k].changes == "observables":
-                slopes[k] = sum(
-                    weight
-                    * wall.looking({**other["observables"], **(looking or {})}).values(
-                        channels, displacement, dilation
-                    )
-                    for other, weight in beside
-                )
         return values, slopes
 
     # -------------------------------------------------- equilibrium in the base's coordinates
@@ -495,19 +494,19 @@ class Problem(Simulator):
         if self._share[1] == 1:
             data[self._base_entries[0, 1]] = 1.0
         self._scale = scale
+        self._inverse_scale = np.divide(1.0, scale, np.zeros(self.size), where=scale != 0)
 
     def solve(self, vectors: np.ndarray) -> np.ndarray:
         """Solve with the last factorised tangent for vectors (..., size) as `residual` gives."""
-        scale = self._scale
-        prescribed = scale == 0
+        scale, right = self._scale, vectors.copy()
         known = np.zeros_like(vectors)
-        known[..., self._base_dofs] = vectors[..., self._base_dofs] / self._stiffness
+        of_base = scale[self._base_dofs] == 0
+        known[..., self._base_dofs] = of_base * vectors[..., self._base_dofs] / self._stiffness
         if self._share[1] == 1:
             known[..., self._y[0]] = 0.0
-        known[..., ~prescribed] = 0.0
-        right = vectors - (self._plain @ known.T).T * scale**2
-        right[..., prescribed] = 0.0
-        right /= np.where(prescribed, 1.0, scale)
+        if known.any():
+            right -= (self._plain @ known.T).T * scale**2
+        right *= self._inverse_scale
         found = self._back_substituted(right) * scale + known
         return self._rotate(found, -1.0)
 

@@ -247,23 +247,17 @@ class Simulator(Equilibrium):
     def field_sensitivities(self, w: np.ndarray) -> np.ndarray:
         """d(w)/d(log theta), (P, size), by back-substitution with the factor at hand."""
         self._place(w)
-        inferred = [list(self._factors).index(name) for name in self.parameters.factors]
-        zone = self.parameters.segment_zone
-        forces = self._factor_forces(zone[self.segment], zone.max() + 1)[:, inferred]
-        return -self.solve(self._resisted(forces.reshape(-1, self.size)))
+        zones, factors = len(self.parameters.zones), self.parameters.factors
+        in_zone = np.arange(zones)[:, None] == self.parameters.segment_zone[self.segment]
+        inferred = np.array([[name == factor for name in self._factors] for factor in factors])
+        logs = in_zone[:, None, None] * inferred[..., None]
+        return -self.solve(self._resisted(self._factor_forces(logs.reshape(-1, *logs.shape[2:]))))
 
-    def _factor_forces(self, part: np.ndarray, parts: int) -> np.ndarray:
-        """Derivatives (parts, factors, size) of the residual in place, in x, y and nothing held,
-        about the logarithm of each of the law's factors in each part of the wall.
-
-        part (cells,): number of the part that each cell belongs to.
-        """
-        mine = np.arange(parts)[:, None] == part
-        own = np.stack([function.x.array for function in self._factors.values()])
-        # Direction of one part's factor: its values on the cells of the part, about itself.
-        directions = mine[:, None, :, None] * np.einsum("fc,fg->fcg", own, np.eye(len(own)))
-        forces = self._by_factors.along(directions.reshape(-1, *directions.shape[2:]))
-        return forces.reshape(len(mine), len(own), -1)
+    def _factor_forces(self, logs: np.ndarray) -> np.ndarray:
+        """Changes (K, size) of the residual in place, in x, y and nothing held, per unit of changes
+        `logs` (K, factors, cells) of the logarithms of the law's factors."""
+        values = np.stack([function.x.array for function in self._factors.values()])
+        return self._by_factors.along((logs * values).swapaxes(1, 2))
 
     def dilation(self, w: np.ndarray) -> float:
         """Volume average of |det F - 1|, zero for an incompressible wall."""
