@@ -131,11 +131,15 @@ class Inputs(Sequence[Input]):
         """Values (K,) of scaled coordinates z (K,)."""
         return np.array([each.scale.inverse(float(v)) for each, v in zip(self, z, strict=True)])
 
-    def beside(self, x: Sequence[float] | np.ndarray) -> Iterator[list[tuple[Mapping, float]]]:
-        """By input, models beside x (K,) along its scaled coordinate, with the weights of a
-        difference of second order: on either side, or at the end of the range on one."""
+    def beside(
+        self, x: Sequence[float] | np.ndarray, which: Iterable[int]
+    ) -> Iterator[tuple[int, list[tuple[Mapping, float]]]]:
+        """Of the inputs numbered `which`: number, and models beside x (K,) along its scaled
+        coordinate, with the weights of a difference of second order: on either side, or at the end
+        of the range on one."""
         here = self.model(x)
-        for k, each in enumerate(self):
+        for k in which:
+            each = self[k]
             at, low, high = (each.scale(float(v)) for v in (x[k], each.low, each.high))
             step = each.step * (high - low)
             sides = []
@@ -143,15 +147,22 @@ class Inputs(Sequence[Input]):
                 there = np.array(x, dtype=float)
                 there[k] = each.scale.inverse(at + offset)
                 sides.append((self._with_section(here, each.changes, there), weight))
-            yield sides
+            yield k, sides
 
     def _with_section(self, model: Mapping, section: str, x: np.ndarray) -> Mapping:
         """The model with one section as at x (K,): what the inputs that change it make of it."""
         model = {**model, section: self.base[section]}
-        for each, value in zip(self, x, strict=True):
-            if each.changes == section:
-                model = each.act(model, float(value))
+        for k in self._of_section[section]:
+            model = self[k].act(model, float(x[k]))
         return model
+
+    @cached_property
+    def _of_section(self) -> dict[str, list[int]]:
+        """Numbers of the inputs that change each section."""
+        found: dict[str, list[int]] = {}
+        for k, each in enumerate(self):
+            found.setdefault(each.changes, []).append(k)
+        return found
 
     def model(self, x: Sequence[float] | np.ndarray) -> Mapping:
         """The model at values x (K,)."""

@@ -11,7 +11,7 @@ s = 0 the displacement is prescribed, and the derivative about s is known: d = -
 """
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -27,7 +27,7 @@ from regional_lv.geometry.elements import (
     lagrange,
 )
 from regional_lv.geometry.mesh import BASE, Mesh
-from regional_lv.geometry.shape import NodePlaces
+from regional_lv.geometry.shape import FIGURES, NodePlaces
 from regional_lv.geometry.thickness import thickened
 from regional_lv.inputs.space import Inputs
 from regional_lv.mechanics import dolfinx_api as api
@@ -245,38 +245,34 @@ class Problem(Simulator):
     def _told(self, theta: np.ndarray) -> "Told":
         """What the inputs' scaled coordinates change of the numbers of the problem, at values
         theta."""
-        k = len(self.inputs)
-        shape = self.model["geometry"]
+        model, k = self.model, len(self.inputs)
         factors, shares = np.zeros((k, len(self._factors), len(SEGMENTS))), np.zeros((k, 3))
-        constants = {name: np.zeros(k) for name in self._numbers}
-        moves, figures = {}, None
-        for i, (each, beside) in enumerate(
-            zip(self.inputs, self.inputs.beside(theta), strict=True)
-        ):
-            if each.changes == "geometry":
-                figures = figures or self._places.moves(shape)
-                moves[i] = sum(
-                    np.tensordot(
-                        sum(weight * model["geometry"][key] for model, weight in beside),
-                        move,
-                        np.ndim(shape[key]),
-                    )
-                    for key, move in figures.items()
+        names = list(self._constants(model))
+        numbers, figures = np.zeros((k, len(names))), {}
+        acting = [i for i, each in enumerate(self.inputs) if each.changes != "observables"]
+        for i, beside in self.inputs.beside(theta, acting):
+            section = self.inputs[i].changes
+            if section == "geometry":
+                figures[i] = _slope(_figures, model, beside)
+            elif section == "factors":
+                factors[i] = _slope(self._logs, model, beside)
+            else:
+                shares[i] = _slope(_shares, model, beside)
+                numbers[i] = _slope(
+                    lambda model: np.array(list(self._constants(model).values())), model, beside
                 )
-            elif each.changes == "factors":
-                for model, weight in beside:
-                    mine = np.stack([model["factors"][name] for name in self._factors])
-                    factors[i] += weight * np.log(mine)
-            elif each.changes != "observables":
-                for model, weight in beside:
-                    shares[i] += weight * _shares(model)
-                    for name, value in self._constants(model).items():
-                        constants[name][i] += weight * value
-        which = np.array(list(moves), dtype=int)
-        places = np.array(list(moves.values())).reshape(-1, *self.mesh.points.shape)
-        if len(which):
-            constants["valves"][which] = valve_plane_share_changes(self.mesh, places)
-        return Told(factors, constants, shares, which, places)
+        constants = dict(zip(names, numbers.T, strict=True)) | {"valves": np.zeros(k)}
+        which, moves = np.array(list(figures), dtype=int), np.zeros((0, *self.mesh.points.shape))
+        if figures:
+            each = self._places.moves(model["geometry"])
+            each = [each[name].reshape(-1, *self.mesh.points.shape) for name in each]
+            moves = np.tensordot(np.array(list(figures.values())), np.concatenate(each), 1)
+            constants["valves"][which] = valve_plane_share_changes(self.mesh, moves)
+        return Told(factors, constants, shares, which, moves)
+
+    def _logs(self, model: Mapping) -> np.ndarray:
+        """Logarithms (factors, 17) of the law's factors."""
+        return np.log([model["factors"][name] for name in self._factors])
 
     def _changes(self, told: "Told") -> np.ndarray:
         """Changes (k, size) of the residual in place, in x, y and nothing held."""
@@ -372,13 +368,13 @@ class Problem(Simulator):
             nodes = np.zeros((len(self.inputs), *self.mesh.points.shape))
             for k, move in found.nodes.items():
                 nodes[k] = move
+        own = [k for k, each in enumerate(self.inputs) if each.changes == "observables"]
         looks = {
             k: [
                 (wall.looking({**other["observables"], **(looking or {})}), weight)
                 for other, weight in beside
             ]
-            for k, beside in enumerate(self.inputs.beside(state.theta))
-            if self.inputs[k].changes == "observables"
+            for k, beside in self.inputs.beside(state.theta, own)
         }
         moves = self.displacement(found.fields)
         values, slopes = wall.looking(look).observe(
@@ -509,6 +505,19 @@ class Problem(Simulator):
         right *= self._inverse_scale
         found = self._back_substituted(right) * scale + known
         return self._rotate(found, -1.0)
+
+
+def _slope(number: Callable, model: Mapping, beside) -> np.ndarray:
+    """Derivative of what `number` says of a model, from models beside it with weights."""
+    here = number(model)
+    return sum(weight * (number(other) - here) for other, weight in beside)
+
+
+def _figures(model: Mapping) -> np.ndarray:
+    """Numbers of the shape, one after the other, as `NodePlaces.moves` has them."""
+    shape = model["geometry"]
+    names = ("wall_thickness_scale", *FIGURES)
+    return np.concatenate([np.ravel(shape[name]) for name in names if name in shape])
 
 
 def _polar_changes(move: np.ndarray, radius: np.ndarray, angle: np.ndarray):
