@@ -11,7 +11,7 @@ from regional_lv.channels import Channel
 from regional_lv.geometry.mesh import Mesh
 from regional_lv.mechanics.observables.motion import Motion, PointMotion
 from regional_lv.mechanics.observables.strain_measure import StrainMeasure
-from regional_lv.mechanics.observables.wall import Cavity, Wall
+from regional_lv.mechanics.observables.wall import Cavity, Shares, Wall
 
 WHOLE = ((0.0, 1.0), 0.0)
 """Layer and rotation of the segments that leave nothing out."""
@@ -194,7 +194,7 @@ class Observer:
             _along(self._spreading(self._whole), node_moves) * self.wall.segment_volumes,
         ]
 
-    def _spreading(self, shares) -> np.ndarray:
+    def _spreading(self, shares: Shares) -> np.ndarray:
         """Derivatives (17, n, 3), about the nodes' places, of the logarithm of the volume that
         points stand for, averaged."""
         every = np.broadcast_to(np.eye(3), (len(self.wall.volume), 3, 3))
@@ -208,6 +208,10 @@ class Observer:
         leaves = [point.displacement, point.deformation_gradient, point.place, point.depth_gradient]
         if isinstance(point.dilation, torch.Tensor):
             leaves.append(point.dilation)
+        spreading = {}
+        if node_moves is not None:
+            every = {id(shares): shares for _, shares in densities.values()}
+            spreading = {number: self._spreading(shares) for number, shares in every.items()}
         slopes = []
         for density, shares in densities.values():
             by_leaf = torch.autograd.grad(
@@ -230,7 +234,7 @@ class Observer:
                 following -= stretch.swapaxes(1, 2) @ by_F
                 following -= self.wall.depth_gradient[:, :, None] * by_depth[:, None]
                 on_nodes = self.wall.on_nodes(shares, by_place, following)
-                on_nodes -= (shares @ value)[:, None, None] * self._spreading(shares)
+                on_nodes -= (shares @ value)[:, None, None] * spreading[id(shares)]
                 slope += _along(on_nodes, node_moves)
             slopes.append(slope)
         return slopes
