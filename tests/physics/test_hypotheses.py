@@ -261,7 +261,7 @@ def test_turned_segments(simulator, small_mesh, physics, solved):
     for angle in (0.0, 10.0):
         # What a point counts for in a segment is its share times its volume over the segment's.
         wall = ten.observer.wall
-        shares = wall.shares((0.0, 1.0), angle).T.toarray()
+        shares = wall.shares((0.0, 1.0), angle).matrix.T.toarray()
         volumes.append(np.linalg.lstsq(shares, wall.volume, rcond=None)[0])
     for level in aha.LEVELS.values():
         mine = np.array(level) - 1

@@ -68,12 +68,20 @@ def gauss(dimension, n=POINTS_PER_EDGE):
 def gauss_shares(first, last, n):
     """What each of n Gauss points of [-1, 1] counts for in the integral from `first` to `last`,
     (...), of the polynomial through the points: a multiple (n, ...) of its weight."""
+    both = np.polynomial.polynomial.polyval(np.stack([first, last]), _gauss_integrals(n))
+    return both[:, 1] - both[:, 0]
+
+
+@cache
+def _gauss_integrals(n):
+    """Coefficients (n + 1, n), by power, of the integrals of the polynomials that are one at a
+    Gauss point and zero at the others, over the point's weight."""
     x, w = legendre.leggauss(n)
     basis = (np.poly1d(np.poly(np.delete(x, i))) for i in range(n))
     integrals = [
         np.polyint(p / (p(at) * weight)) for p, at, weight in zip(basis, x, w, strict=True)
     ]
-    return np.stack([integral(last) - integral(first) for integral in integrals])
+    return np.stack([integral.coeffs[::-1] for integral in integrals], axis=1)
 
 
 def nodes_of(mesh):
@@ -100,9 +108,20 @@ def facet_points(mesh, points):
 
 def facet_normals(mesh, points):
     """Normals (facets, q, 3) at reference points (q, 2), of length area per reference area."""
+    return np.cross(*_facet_tangents(mesh, points, mesh.points))
+
+
+def facet_normal_changes(mesh, points, moves):
+    """Changes (K, facets, q, 3) of `facet_normals` per unit of moves (K, n, 3) of the nodes."""
+    first, second = _facet_tangents(mesh, points, mesh.points)
+    moved = _facet_tangents(mesh, points, moves)
+    return np.cross(moved[0], second) + np.cross(first, moved[1])
+
+
+def _facet_tangents(mesh, points, nodal):
+    """Derivatives (2, ..., facets, q, 3) of a field (..., n, 3) at reference points (q, 2)."""
     gradient = lagrange(points, facet_nodes_of(mesh))[1]
-    tangents = np.einsum("knx,qnd->kqdx", mesh.points[mesh.facets], gradient)
-    return np.cross(tangents[..., 0, :], tangents[..., 1, :])
+    return np.einsum("...knx,qnd->d...kqx", nodal[..., mesh.facets, :], gradient, optimize=True)
 
 
 def exterior_faces(cells):

@@ -29,6 +29,7 @@ from functools import cache
 
 import numpy as np
 from numpy.polynomial import chebyshev, legendre
+from scipy import sparse
 from scipy.linalg import eigh
 
 from regional_lv.errors import InputError
@@ -46,10 +47,14 @@ STEP = 1e-5  # rad, of differences along the latitude
 
 def polynomials(x, y, dx=0, dy=0, degree=DEGREE):
     """Chebyshev products of this total degree at (n,) points, or a derivative: (n, basis)."""
-    unit = np.eye(degree + 1)
-    px = chebyshev.chebval(x, chebyshev.chebder(unit, dx) if dx else unit)
-    py = chebyshev.chebval(y, chebyshev.chebder(unit, dy) if dy else unit)
-    return np.stack([px[i] * py[j] for i, j in powers(degree)], axis=-1)
+    px, py = (_chebyshev(at, order, degree) for at, order in ((x, dx), (y, dy)))
+    return np.concatenate([row * py[: degree + 1 - i] for i, row in enumerate(px)]).T
+
+
+def _chebyshev(x, order, degree):
+    """Derivatives (degree + 1, n) of this order of the polynomials at (n,) points."""
+    values = chebyshev.chebvander(x, degree - order).T
+    return chebyshev.chebder(np.eye(degree + 1), order).T @ values if order else values
 
 
 def powers(degree):
@@ -84,20 +89,25 @@ def _smooth_modes():
     return modes, np.maximum(energies, 1.0)
 
 
+def _totals(average):
+    """Sums of the rows (m,) of a sparse matrix."""
+    return np.asarray(average.sum(axis=1)).ravel()
+
+
 class Field:
     """Positive smooth function on the bullseye with given averages.
 
     F = s log(1 + exp(f / s)), which is f where f is well above s, with the polynomial f of least
-    energy for which `average @ F` equals `values`. `average` (m, q) holds weights at the q bullseye
-    points `at` = (X, Y). `apex` optionally fixes F in the centre, with zero slope. `settled` tells
-    whether such a function was found. `sharp` makes it that of least energy to round-off, which
-    derivatives need: the averages are met, to the square of what it still moves, long before.
+    energy for which `average @ F` equals `values`. `average` (m, q), sparse, holds weights at the q
+    bullseye points where the smooth modes are `basis` (q, modes). `apex` optionally fixes F in the
+    centre, with zero slope. `settled` tells whether such a function was found. `sharp` makes it
+    that of least energy to round-off, which derivatives need: the averages are met, to the square
+    of what it still moves, long before.
     """
 
-    def __init__(self, at, average, values, apex=None, sharp=False):
+    def __init__(self, basis, average, values, apex=None, sharp=False):
         modes, energies = _smooth_modes()
-        basis = polynomials(*at) @ modes
-        self._mean = (values / average.sum(axis=1)).mean()
+        self._mean = (values / _totals(average)).mean()
         self._scale = SOFTNESS * self._mean
         fixed, right = np.zeros((0, len(energies))), np.zeros(0)
         if apex is not None:
@@ -111,7 +121,7 @@ class Field:
         self._problem = basis, energies, average, fixed, apex
         # Least energy under the constraints linearised about the last f, until they hold.
         for _ in range(200):
-            slope = average * self._slope(f)
+            slope = average.multiply(self._slope(f)).tocsr()
             gap = values - average @ self._bend(f)
             still = not sharp or np.abs(f - last).max() < 1e-11 * self._mean
             if coefficients is not None and np.abs(gap).max() < 1e-8 * values.max() and still:
@@ -139,15 +149,15 @@ class Field:
         follow from the conditions of the least energy, differentiated.
         """
         basis, energies, average, fixed, apex = self._problem
-        values, pinned = len(average), len(fixed)
+        values, pinned = average.shape[0], len(fixed)
         f = self._mean + basis @ np.linalg.solve(_smooth_modes()[0], self._coefficients)
         scale, slope = self._scale, self._slope(f)
         # The mean of the values moves f and the softness; each value has its part in it.
-        of_mean = np.concatenate([1 / average.sum(axis=1) / values, np.zeros(int(pinned > 0))])
+        of_mean = np.concatenate([1 / _totals(average) / values, np.zeros(int(pinned > 0))])
         bent = slope + SOFTNESS * self._by_scale(f)
         curved = slope * (1 - slope) / scale
         load = average.T @ self._multipliers[:values]
-        rows = np.concatenate([(average * slope) @ basis, fixed])
+        rows = np.concatenate([average.multiply(slope).tocsr() @ basis, fixed])
         tangent = np.diag(energies) - (basis.T * (load * curved)) @ basis
         zeros = np.zeros((len(rows), len(rows)))
         right = np.zeros((len(energies) + len(rows), len(of_mean)))
@@ -196,16 +206,15 @@ class Surfaces:
         thickness = table["wall_thickness_mm"].to_numpy(float)
         self._tilt = (endo_apex_z_mm - epi_apex_z_mm) / thickness.mean()
         phi, u, weight, row = self._quadrature(table)
-        average = np.zeros((len(table), len(phi)))
-        average[row, np.arange(len(phi))] = weight
-        average /= average.sum(axis=1, keepdims=True)
-        at = bullseye(phi, u)
+        weight = weight / np.bincount(row, weight)[row]
+        average = sparse.csr_matrix((weight, (row, np.arange(len(phi)))))
+        basis = polynomials(*bullseye(phi, u)) @ _smooth_modes()[0]
         radius = table["endo_radius_mm"].to_numpy(float)
-        self._radius = Field(at, average * np.cos(u), radius, sharp=sharp)
+        self._radius = Field(basis, average.multiply(np.cos(u)).tocsr(), radius, sharp=sharp)
         # At the pole T is the distance of the apices and has no slope, so that both surfaces are
         # perpendicular to the long axis there.
         apex = endo_apex_z_mm - epi_apex_z_mm
-        self._thickness = Field(at, average, thickness, apex, sharp)
+        self._thickness = Field(basis, average, thickness, apex, sharp)
         for what, field in (
             ("endo_radius_mm", self._radius),
             ("wall_thickness_mm", self._thickness),
@@ -260,13 +269,26 @@ class Surfaces:
         return self.endo_apex * np.sin(u) - self.thickness(phi, u) * sine / np.hypot(cosine, sine)
 
     def epicardial_latitude(self, phi, z):
-        """Latitude at which the epicardium crosses the height z, by bisection."""
+        """Latitude at which the epicardium crosses the height z, by the Illinois algorithm (Dowell
+        and Jarratt 1971, doi 10.1007/BF01934364): a bracket's line, halved where one end stays."""
         low, high = np.zeros(np.shape(phi)), np.full(np.shape(phi), QUARTER)
+        at_low, at_high = (self._epicardial_height(phi, u) - z for u in (low, high))
+        before = None
         for _ in range(50):
-            middle = (low + high) / 2
-            above = self._epicardial_height(phi, middle) > z
-            low, high = np.where(above, middle, low), np.where(above, high, middle)
-        return (low + high) / 2
+            gap = at_low - at_high
+            share = np.divide(at_low, gap, np.zeros_like(gap), where=gap > 0)
+            middle = low + share * (high - low)
+            here = self._epicardial_height(phi, middle) - z
+            if np.abs(here).max(initial=0.0) < 1e-13 * np.abs(self.endo_apex):
+                break
+            above = here > 0
+            if before is not None:
+                at_high = np.where(above & before, at_high / 2, at_high)
+                at_low = np.where(~above & ~before, at_low / 2, at_low)
+            low, at_low = np.where(above, middle, low), np.where(above, here, at_low)
+            high, at_high = np.where(above, high, middle), np.where(above, at_high, here)
+            before = above
+        return middle
 
     def wall(self, phi, rho, t, rho_border):
         """Points (n, 3) at angle phi, distance rho from the bullseye's centre, transmural depth t.

@@ -168,16 +168,38 @@ class Inputs(Sequence[Input]):
             float(self.base["observables"]["strain_exponent"]),
         )
 
-    def beside(self, x: Sequence[float] | np.ndarray, k: int) -> Iterator[tuple[Mapping, float]]:
-        """Models beside x (K,) along the scaled coordinate of input k, with the weights of a
-        difference of second order: on either side, or at the end of the range on one."""
-        each = self[k]
-        here, low, high = (each.scale(float(v)) for v in (x[k], each.low, each.high))
-        step = each.step * (high - low)
-        for offset, weight in stencil(here, step, low, high):
-            there = np.array(x, dtype=float)
-            there[k] = each.scale.inverse(here + offset)
-            yield self.model(there), weight
+    def beside(
+        self, x: Sequence[float] | np.ndarray, which: Iterable[int]
+    ) -> Iterator[tuple[int, list[tuple[Mapping, float]]]]:
+        """Of the inputs numbered `which`: number, and models beside x (K,) along its scaled
+        coordinate, with the weights of a difference of second order: on either side, or at the end
+        of the range on one."""
+        here = self.model(x)
+        for k in which:
+            each = self[k]
+            at, low, high = (each.scale(float(v)) for v in (x[k], each.low, each.high))
+            step = each.step * (high - low)
+            sides = []
+            for offset, weight in stencil(at, step, low, high):
+                there = np.array(x, dtype=float)
+                there[k] = each.scale.inverse(at + offset)
+                sides.append((self._with_section(here, each.changes, there), weight))
+            yield k, sides
+
+    def _with_section(self, model: Mapping, section: str, x: np.ndarray) -> Mapping:
+        """The model with one section as at x (K,): what the inputs that change it make of it."""
+        model = {**model, section: self.base[section]}
+        for k in self._of_section[section]:
+            model = self[k].act(model, float(x[k]))
+        return model
+
+    @cached_property
+    def _of_section(self) -> dict[str, list[int]]:
+        """Numbers of the inputs that change each section."""
+        found: dict[str, list[int]] = {}
+        for k, each in enumerate(self):
+            found.setdefault(each.changes, []).append(k)
+        return found
 
     def model(self, x: Sequence[float] | np.ndarray) -> Mapping:
         """The model at values x (K,)."""

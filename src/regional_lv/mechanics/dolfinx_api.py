@@ -42,6 +42,7 @@ import ufl
 from dolfinx import cpp, fem
 from mpi4py import MPI
 from petsc4py import PETSc
+from scipy import sparse
 
 from regional_lv.errors import InputError
 
@@ -257,6 +258,22 @@ def _element(mesh, family, degree, components, **given):
     return ufl.VectorElement(*kind, dim=components, **given)
 
 
+def columns_space(mesh, family: str, degree: int, components: int):
+    """Space of vector fields each of whose degrees of freedom is a column of a matrix."""
+    if _LEGACY:
+        # Its matrices take no blocks, which a vector element has.
+        element = ufl.FiniteElement(family, mesh.ufl_cell(), degree)
+        return _function_space(mesh, ufl.MixedElement([element] * components))
+    return _function_space(mesh, (family, degree, (components,)))
+
+
+def cellwise_dofs(space, components: int) -> np.ndarray:
+    """Degrees of freedom (cells, components) of a `columns_space` of piecewise constants."""
+    maps = [space.sub(i).dofmap for i in range(components)]
+    cells = range(len(space.mesh.topology.original_cell_index))
+    return np.array([[each.cell_dofs(cell)[0] for each in maps] for cell in cells])
+
+
 def require_cellwise_order(mesh) -> None:
     """Raise if the degree of freedom of a piecewise constant is not the number of its cell."""
     dofmap = space(mesh, "DG", 0).dofmap
@@ -326,16 +343,28 @@ def create_matrix(form):
     return fem.create_matrix(form)
 
 
-def assemble_matrix(matrix, form) -> None:
-    """Assemble a compiled bilinear form into `matrix`, replacing what it held."""
+def assemble_matrix(matrix, *forms) -> None:
+    """Assemble the sum of compiled bilinear forms into `matrix`, replacing what it held."""
     matrix.set(0.0) if _LEGACY else matrix.set_value(0.0)
-    fem.assemble_matrix(matrix, form)
+    for form in forms:
+        fem.assemble_matrix(matrix, form)
 
 
-def assemble_vector(array: np.ndarray, form) -> np.ndarray:
-    """Assemble a compiled linear form into `array`, replacing what it held."""
+def as_scipy(matrix, form) -> sparse.spmatrix:
+    """A matrix of `create_matrix` as scipy's, with which it shares its entries."""
+    if not _LEGACY:
+        return matrix.to_scipy()
+    spaces = form.function_spaces
+    shape = tuple(s.dofmap.index_map.size_local * s.dofmap.index_map_bs for s in spaces)
+    entries = (np.asarray(each) for each in (matrix.data, matrix.indices, matrix.indptr))
+    return sparse.csr_matrix(tuple(entries), shape, copy=False)
+
+
+def assemble_vector(array: np.ndarray, *forms) -> np.ndarray:
+    """Assemble the sum of compiled linear forms into `array`, replacing what it held."""
     array[:] = 0.0
-    fem.assemble_vector(array, form)
+    for form in forms:
+        fem.assemble_vector(array, form)
     return array
 
 
@@ -344,6 +373,19 @@ def tabulated_dofs(subspace) -> tuple[np.ndarray, np.ndarray]:
     collapsed, parent = subspace.collapse()
     # From 0.11 on there is one array for each type of cell; these meshes have one type.
     return np.asarray(parent).ravel(), collapsed.tabulate_dof_coordinates()
+
+
+def solve_many(ksp, vectors: np.ndarray) -> np.ndarray:
+    """Solutions (K, size) for the right-hand sides `vectors` (K, size) with a factorisation that
+    has been made, all at once."""
+    columns = np.asfortranarray(vectors.T)
+    right = PETSc.Mat().createDense(columns.shape, array=columns, comm=PETSc.COMM_SELF)
+    left = PETSc.Mat().createDense(columns.shape, comm=PETSc.COMM_SELF).setUp()
+    ksp.getPC().getFactorMatrix().matSolve(right, left)
+    found = left.getDenseArray().T.copy()
+    for matrix in (right, left):
+        matrix.destroy()
+    return found
 
 
 def release_unused() -> None:

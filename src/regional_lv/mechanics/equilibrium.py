@@ -4,11 +4,14 @@ It knows neither heart nor material: `Simulator` is the left ventricle, the veri
 are others.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 import ufl
+from ufl.algorithms import expand_derivatives
 
 from regional_lv.mechanics import dolfinx_api as api
 
@@ -63,6 +66,32 @@ def displacement_nodes(space) -> tuple[np.ndarray, np.ndarray]:
     return dofs, coordinates[0][order[0]]
 
 
+class Term:
+    """A part of a residual that is nothing where all its numbers are zero: it is compiled when it
+    first acts, and assembled only while it does.
+
+    numbers: constants of the form. residual: linear form of the field w, in the space of `trial`.
+    """
+
+    def __init__(self, numbers: Sequence, residual, w, trial):
+        self._numbers, self.form = numbers, residual
+        self._w, self._trial = w, trial
+
+    @property
+    def acts(self) -> bool:
+        return any(number.value != 0 for number in self._numbers)
+
+    @cached_property
+    def residual(self):
+        return api.compile_form(self.form)
+
+    @cached_property
+    def tangents(self) -> tuple:
+        """Its compiled derivative; none of a dead load along a direction that stays."""
+        slope = expand_derivatives(ufl.derivative(self.form, self._w, self._trial))
+        return () if slope.empty() else (api.compile_form(slope),)
+
+
 class Equilibrium:
     """Equilibrium of the field `w` (u, p): residual(w; test) = 0, with `fixed` dofs held at zero.
 
@@ -72,6 +101,7 @@ class Equilibrium:
     residual: linear form; tangent: its derivative.
     fixed: degrees of freedom that stay zero, after `rotation` (optional) of some nodes.
     symmetric: whether the tangent is; a symmetric factorisation takes half the operations.
+    terms: further parts of the residual, with their tangents.
     """
 
     displacement_dofs: np.ndarray
@@ -84,11 +114,13 @@ class Equilibrium:
         fixed: np.ndarray,
         rotation: Rotation | None = None,
         symmetric: bool = False,
+        terms: Sequence[Term] = (),
     ):
         self.w = w
         self.size = len(w.x.array)
         self.fixed = np.unique(fixed)
         self._symmetric = symmetric
+        self._terms = terms
         nobody = np.zeros(0, dtype=int)
         turned = rotation or Rotation(nobody, nobody, np.zeros(0))
         self._x, self._y, self._circle = turned.x, turned.y, turned.circle
@@ -183,12 +215,13 @@ class Equilibrium:
         return w
 
     def _rotate(self, vector: np.ndarray, sign: float = 1.0) -> np.ndarray:
-        """Nodes to turn from x, y to r, theta (`sign` 1) or back (-1), in place."""
-        x, y = vector[self._x].copy(), vector[self._y].copy()
+        """Nodes to turn from x, y to r, theta (`sign` 1) or back (-1), in place; of a vector or
+        of vectors (..., size)."""
+        x, y = vector[..., self._x], vector[..., self._y]
         # Residuals of a step that went astray may be infinite; whoever took it looks at their norm.
         with np.errstate(invalid="ignore"):
-            vector[self._x] = self._cos * x + sign * self._sin * y
-            vector[self._y] = self._cos * y - sign * self._sin * x
+            vector[..., self._x] = self._cos * x + sign * self._sin * y
+            vector[..., self._y] = self._cos * y - sign * self._sin * x
         return vector
 
     def supported(self, w: np.ndarray) -> np.ndarray:
@@ -197,16 +230,24 @@ class Equilibrium:
         held[self.fixed] = 0.0
         return self._rotate(held, -1.0)
 
-    def _assembled(self, form) -> np.ndarray:
-        """A linear form as a vector (size,), turned nodes in r, theta, supports zero."""
-        vector = self._rotate(api.assemble_vector(np.zeros(self.size), form))
-        vector[self.fixed] = 0.0
-        return vector
+    def _acting(self) -> list[Term]:
+        return [term for term in self._terms if term.acts]
+
+    def _forces(self) -> np.ndarray:
+        """Residual (size,) of the field in place, in x, y, nothing held."""
+        forms = [self._residual, *(term.residual for term in self._acting())]
+        return api.assemble_vector(np.zeros(self.size), *forms)
+
+    def _resisted(self, forces: np.ndarray) -> np.ndarray:
+        """Forces (..., size) with turned nodes in r, theta, and none on what is held, in place."""
+        forces = self._rotate(forces)
+        forces[..., self.fixed] = 0.0
+        return forces
 
     def residual(self, w: np.ndarray) -> np.ndarray:
         """Residual (size,) in kPa mm^2, turned nodes in r, theta, supports zero."""
         self._place(w)
-        return self._assembled(self._residual)
+        return self._resisted(self._forces())
 
     def factorise(self, w: np.ndarray) -> None:
         """Assemble and factorise the tangent at `w`; `solve` then uses it."""
@@ -225,7 +266,8 @@ class Equilibrium:
             self._build_linear_solver()
         self._place(w)
         data = self._data
-        api.assemble_matrix(self._matrix, self._tangent)
+        further = [tangent for term in self._acting() for tangent in term.tangents]
+        api.assemble_matrix(self._matrix, self._tangent, *further)
         if not np.isfinite(data).all():
             raise LinearSolveError("the tangent is not finite")
         for (a, b), node in (
@@ -240,17 +282,25 @@ class Equilibrium:
         """Put the supports into the entries of the turned tangent, in place."""
         if self._circle is not None:
             # A node that moves on turns the force that its circle takes up.
-            force = self._rotate(api.assemble_vector(np.zeros(self.size), self._residual))
+            force = self._rotate(self._forces())
             data[self._around_diagonal] -= force[self._x] / np.linalg.norm(self._circle, axis=1)
         data[self._fixed_entries] = 0.0
         data[self._fixed_diagonal] = 1.0
 
-    def solve(self, vector: np.ndarray) -> np.ndarray:
-        """Solve with the last factorised tangent; `vector` as `residual` gives it."""
-        self._rhs.setArray(vector)
-        self._ksp.solve(self._rhs, self._solution)
-        solution = self._solution.getArray().copy()
-        if not np.isfinite(solution).all():
+    def solve(self, vectors: np.ndarray) -> np.ndarray:
+        """Solve with the last factorised tangent for vectors (..., size) as `residual` gives."""
+        return self._rotate(self._back_substituted(vectors), -1.0)
+
+    def _back_substituted(self, vectors: np.ndarray) -> np.ndarray:
+        """Solutions (..., size) of the factorised system; together they cost much less than one by
+        one."""
+        if vectors.ndim == 1:
+            self._rhs.setArray(vectors)
+            self._ksp.solve(self._rhs, self._solution)
+            found = self._solution.getArray().copy()
+        else:
+            found = api.solve_many(self._ksp, vectors)
+        if not np.isfinite(found).all():
             self._reset_solver()
             raise LinearSolveError("the Newton step is not finite")
-        return self._rotate(solution, -1.0)
+        return found

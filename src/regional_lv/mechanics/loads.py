@@ -11,7 +11,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from regional_lv.geometry.elements import facet_normals, gauss
+from regional_lv.geometry.elements import facet_normal_changes, facet_normals, gauss
 from regional_lv.geometry.mesh import BASE, ENDOCARDIUM, EPICARDIUM, Mesh
 from regional_lv.registry import Registry
 
@@ -76,12 +76,22 @@ def valve_plane_potential(surroundings, pressure, share):
 
 def valve_plane_share(mesh: Mesh) -> float:
     """Unloaded area of the valve plane over that of the base."""
-    points, weights = gauss(2)
-
-    def towards_base(surface):
-        """Area of a surface's projection along the axis; normals point out of the wall."""
-        mine = replace(mesh, facets=mesh.facets[mesh.surface == surface])
-        return (facet_normals(mine, points)[..., 2] @ weights).sum()
-
     # Over the closed surface of the cavity normals cancel.
-    return float(towards_base(ENDOCARDIUM) / towards_base(BASE))
+    return float(np.divide(*(_towards_base(mesh, surface) for surface in (ENDOCARDIUM, BASE))))
+
+
+def valve_plane_share_changes(mesh: Mesh, moves: np.ndarray) -> np.ndarray:
+    """Changes (K,) of `valve_plane_share` per unit of moves (K, n, 3) of the nodes."""
+    valves, base = (_towards_base(mesh, surface, moves) for surface in (ENDOCARDIUM, BASE))
+    area = _towards_base(mesh, BASE)
+    return (valves - valve_plane_share(mesh) * base) / area
+
+
+def _towards_base(mesh: Mesh, surface: int, moves: np.ndarray | None = None):
+    """Area (mm2) of a surface's projection along the axis, or its changes (K,); normals point out
+    of the wall."""
+    points, weights = gauss(2)
+    mine = replace(mesh, facets=mesh.facets[mesh.surface == surface])
+    if moves is None:
+        return (facet_normals(mine, points)[..., 2] @ weights).sum()
+    return (facet_normal_changes(mine, points, moves)[..., 2] @ weights).sum(axis=-1)

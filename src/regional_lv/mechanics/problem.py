@@ -11,22 +11,30 @@ s = 0 the displacement is prescribed, and the derivative about s is known: d = -
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from functools import cached_property
 
 import numpy as np
 from scipy import sparse
 
-from regional_lv.geometry.elements import facet_nodes_of, facet_normals, gauss, lagrange
+from regional_lv.aha import SEGMENTS
+from regional_lv.geometry.elements import (
+    facet_nodes_of,
+    facet_normal_changes,
+    facet_normals,
+    gauss,
+    lagrange,
+)
 from regional_lv.geometry.mesh import BASE, Mesh
-from regional_lv.geometry.shape import NodePlaces
+from regional_lv.geometry.shape import FIGURES, NodePlaces
 from regional_lv.geometry.thickness import thickened
 from regional_lv.inputs.space import Inputs
 from regional_lv.mechanics import dolfinx_api as api
-from regional_lv.mechanics.equilibrium import LinearSolveError, Rotation
+from regional_lv.mechanics.derivatives import ByCell, ByNode
+from regional_lv.mechanics.equilibrium import Rotation
 from regional_lv.mechanics.fibres import fibre_angles
-from regional_lv.mechanics.loads import LOADS, valve_plane_share
+from regional_lv.mechanics.loads import LOADS, valve_plane_share, valve_plane_share_changes
 from regional_lv.mechanics.observables.observer import Observer
 from regional_lv.mechanics.simulator import Simulator, State
 from regional_lv.mechanics.supports import COMPONENTS, Base, supports_from_config
@@ -34,10 +42,6 @@ from regional_lv.units import KPA_PER_MMHG
 
 HALF_WAY = 1.0
 """c0, mm/kPa: about as compliant as the base itself."""
-
-
-NODE_STEP = 1e-4
-"""mm, by which the nodes are moved to either side to differentiate the residual."""
 
 
 @dataclass(frozen=True)
@@ -52,6 +56,22 @@ class Linearised:
     fields: np.ndarray
     nodes: Mapping[int, np.ndarray]
     softening: np.ndarray
+
+
+@dataclass(frozen=True)
+class Told:
+    """Changes of what a problem is told per unit of the scaled coordinates of k inputs.
+
+    factors (k, factors, 17): logarithms of the law's factors; constants: of the forms, by name
+    (k,); shares (k, 3) of the base's compliance; which (K,): inputs that move the unloaded nodes,
+    by moves (K, n, 3) mm.
+    """
+
+    factors: np.ndarray
+    constants: Mapping[str, np.ndarray]
+    shares: np.ndarray
+    which: np.ndarray
+    moves: np.ndarray
 
 
 class Problem(Simulator):
@@ -79,8 +99,11 @@ class Problem(Simulator):
 
     # ------------------------------------------------------------------- forms and supports
 
-    def _parts(self):
-        return self.segment, tuple(self.material.references)
+    def _build_forms(self, *given):
+        residual, tangent, terms = super()._build_forms(*given)
+        self._forms = [residual, *(term.form for term in terms)]
+        self._by_nodes: ByNode | None = None
+        return residual, tangent, terms
 
     def _potentials(self, surroundings, supports, loads, valves):
         others = [support for support in supports if not isinstance(support, Base)]
@@ -99,14 +122,23 @@ class Problem(Simulator):
         mesh = self.mesh
         x, y, _ = mesh.points[self._ring].T
         self._radius, self._angle = np.hypot(x, y), np.arctan2(y, x)
-        points, weights = gauss(2)
-        base = replace(mesh, facets=mesh.facets[mesh.surface == BASE])
-        normal = np.linalg.norm(facet_normals(base, points), axis=-1)
-        area = np.zeros(len(mesh.points))
-        each = normal * weights @ lagrange(points, facet_nodes_of(mesh))[0]
-        np.add.at(area, base.facets, each)
-        self._stiffness = area[self._ring, None] / HALF_WAY
+        points, _ = gauss(2)
+        normals = facet_normals(self._base_of(mesh), points)
+        self._stiffness = self._to_nodes(np.linalg.norm(normals, axis=-1))[:, None] / HALF_WAY
         self._numbers["valves"].value = valve_plane_share(mesh)
+
+    def _base_of(self, mesh: Mesh) -> Mesh:
+        return replace(mesh, facets=mesh.facets[mesh.surface == BASE])
+
+    def _to_nodes(self, density: np.ndarray) -> np.ndarray:
+        """Integrals (..., b) over the base of a density (..., facets, q) at its Gauss points, times
+        the shape functions of the base's nodes."""
+        points, weights = gauss(2)
+        each = density * weights @ lagrange(points, facet_nodes_of(self.mesh))[0]
+        at = np.searchsorted(self._ring, self._base_of(self.mesh).facets)
+        total = np.zeros((*density.shape[:-2], len(self._ring)))
+        np.add.at(total, (..., at), each)
+        return total
 
     def _build_linear_solver(self) -> None:
         super()._build_linear_solver()
@@ -119,11 +151,18 @@ class Problem(Simulator):
         def entries(row, column):
             return order[np.searchsorted(keys, row * size + column, sorter=order)]
 
+        of_base = np.zeros(self.size, dtype=bool)
+        of_base[self._base_dofs] = True
+        # What supports scale: rows and columns of the base. `solve` needs the columns as they were.
+        self._scaled_entries = np.flatnonzero(of_base[rows] | of_base[indices])
+        self._scaled_at = rows[self._scaled_entries], indices[self._scaled_entries]
+        self._columns = np.flatnonzero(of_base[indices])
+        starts = np.searchsorted(self._columns, indptr)
+        self._columns_pattern = indices[self._columns], starts
         radial, around, _ = self._base_dofs.T
         self._mixed_entries = entries(radial, around), entries(around, radial)
         self._around_entries = entries(around, around)
         self._base_entries = entries(self._base_dofs, self._base_dofs)
-        self._rows = rows
 
     # ------------------------------------------------------------------------- values
 
@@ -139,19 +178,22 @@ class Problem(Simulator):
             self.place_nodes(self._places(model["geometry"]))
         for name, function in self._factors.items():
             function.x.array[:] = model["factors"][name][self.segment]
+        values = {**self._constants(model), "pressure_kpa": pressure * KPA_PER_MMHG}
+        for name, value in values.items():
+            self._numbers[name].value = value
+        self._compressibility = values["compressibility"]
+        self._share = _shares(model)
+
+    def _constants(self, model: Mapping) -> dict[str, float]:
+        """Values of the forms' constants that a model says, all but the pressure."""
         material, loading = model["material"], model["loading"]
-        self._compressibility = material["compressibility_per_kpa"]
         values = {**material["constants"], **material["reference"], **fibre_angles(model["fibres"])}
-        values["compressibility"] = self._compressibility
+        values["compressibility"] = material["compressibility_per_kpa"]
         for support in supports_from_config(model["supports"]):
             if not isinstance(support, Base):
                 values |= support.springs
-        values |= {name: loading[name] / self.full_pressure for name in LOADS if name in loading}
-        values["pressure_kpa"] = pressure * KPA_PER_MMHG
-        for name, value in values.items():
-            self._numbers[name].value = value
-        base = model["supports"]["base"]
-        self._share = np.array([_share(base[component]) for component in COMPONENTS])
+        loads = (name for name in LOADS if name in loading)
+        return values | {name: loading[name] / self.full_pressure for name in loads}
 
     @property
     def coordinates(self):
@@ -212,54 +254,122 @@ class Problem(Simulator):
 
         state: a solution, with which the last factorisation was made.
         """
-        w, inputs = state.w, self.inputs
+        w = state.w
         self.set(state.theta, state.pressure)
-        model, points = self.model, self.mesh.points
         self._place(w)
-        of_parts = moves = None
-        changes = np.zeros((len(inputs), self.size))
-        nodes: dict[int, Any] = {}
-        softening = np.zeros(len(inputs))
-        for k, each in enumerate(inputs):
-            if each.changes == "observables":
-                continue
-            beside = list(inputs.beside(state.theta, k))
-            if each.changes == "factors":
-                # Exact, and on the cells of each segment alone.
-                if of_parts is None:
-                    of_parts = np.stack([self._assembled(form) for form in self._parameter_forms])
-                slopes = sum(
-                    weight * np.log(np.stack([other["factors"][name] for name in self._factors]))
-                    for other, weight in beside
-                )
-                changes[k] = slopes.T.ravel() @ of_parts
-            elif each.changes == "geometry":
-                moves = moves or self._places.moves(model["geometry"])
-                nodes[k] = sum(
-                    np.tensordot(
-                        sum(weight * other["geometry"][key] for other, weight in beside),
-                        move,
-                        np.ndim(model["geometry"][key]),
-                    )
-                    for key, move in moves.items()
-                )
-                step = NODE_STEP / np.abs(nodes[k]).max()
-                for sign in (1, -1):
-                    self.place_nodes(points + sign * step * nodes[k])
-                    changes[k] += sign / (2 * step) * self.residual(w)
-                self.place_nodes(points)
+        told = self._told(state.theta)
+        changes = self._resisted(self._changes(told))
+        changes[:, self._base_dofs] += self._changes_at_base(w, told)
+        fields, moving = np.zeros_like(changes), changes.any(axis=1)
+        if moving.any():
+            fields[moving] = -self.solve(changes[moving])
+        nodes = dict(zip(told.which, told.moves, strict=True))
+        return Linearised(state, fields, nodes, told.constants["compressibility"])
+
+    def _told(self, theta: np.ndarray) -> "Told":
+        """What the inputs' scaled coordinates change of the numbers of the problem, at values
+        theta."""
+        model, k = self.model, len(self.inputs)
+        factors, shares = np.zeros((k, len(self._factors), len(SEGMENTS))), np.zeros((k, 3))
+        names = list(self._constants(model))
+        numbers, figures = np.zeros((k, len(names))), {}
+        acting = [i for i, each in enumerate(self.inputs) if each.changes != "observables"]
+        for i, beside in self.inputs.beside(theta, acting):
+            section = self.inputs[i].changes
+            if section == "geometry":
+                figures[i] = _slope(_figures, model, beside)
+            elif section == "factors":
+                factors[i] = _slope(self._logs, model, beside)
             else:
-                for other, weight in beside:
-                    self.apply(other, state.pressure)
-                    changes[k] += weight * self.residual(w)
-                self.apply(model, state.pressure)
-                softening[k] = sum(
-                    weight * other["material"]["compressibility_per_kpa"]
-                    for other, weight in beside
+                shares[i] = _slope(_shares, model, beside)
+                numbers[i] = _slope(
+                    lambda model: np.array(list(self._constants(model).values())), model, beside
                 )
-        self._place(w)
-        fields = np.stack([-self.solve(change) if change.any() else change for change in changes])
-        return Linearised(state, fields, nodes, softening)
+        constants = dict(zip(names, numbers.T, strict=True)) | {"valves": np.zeros(k)}
+        which, moves = np.array(list(figures), dtype=int), np.zeros((0, *self.mesh.points.shape))
+        if figures:
+            each = self._places.moves(model["geometry"])
+            each = [each[name].reshape(-1, *self.mesh.points.shape) for name in each]
+            moves = np.tensordot(np.array(list(figures.values())), np.concatenate(each), 1)
+            constants["valves"][which] = valve_plane_share_changes(self.mesh, moves)
+        return Told(factors, constants, shares, which, moves)
+
+    def _logs(self, model: Mapping) -> np.ndarray:
+        """Logarithms (factors, 17) of the law's factors."""
+        return np.log([model["factors"][name] for name in self._factors])
+
+    def _changes(self, told: "Told") -> np.ndarray:
+        """Changes (k, size) of the residual in place, in x, y and nothing held."""
+        changes = np.zeros((len(told.factors), self.size))
+        if told.factors.any():
+            which = np.flatnonzero(told.factors.any(axis=(1, 2)))
+            changes[which] += self._factor_forces(told.factors[which][..., self.segment])
+        constants = {name: each for name, each in told.constants.items() if each.any()}
+        if constants:
+            changes += np.stack(list(constants.values()), axis=1) @ self._forces_of(constants)
+        if len(told.which):
+            if self._by_nodes is None:
+                order = api.element_order(self.mesh.cells)
+                self._by_nodes = ByNode(self.domain, self._forms, self.mesh.points, order)
+            acting = [0, *(1 + i for i, term in enumerate(self._terms) if term.acts)]
+            changes[told.which] += self._by_nodes.along(told.moves, acting)
+        return changes
+
+    @cached_property
+    def _by_constants(self) -> ByCell:
+        return ByCell(
+            self.domain, sum(self._forms[1:], self._forms[0]), list(self._numbers.values())
+        )
+
+    def _forces_of(self, names: Iterable[str]) -> np.ndarray:
+        """Derivatives (m, size) of the residual in place about m constants."""
+        known = list(self._numbers)
+        each = np.eye(len(known))[[known.index(name) for name in names], None]
+        return self._by_constants.along(np.repeat(each, len(self.segment), axis=1))
+
+    def _changes_at_base(self, w: np.ndarray, told: "Told") -> np.ndarray:
+        """Changes (k, b, 3) of the residual at the base's nodes under fixed forces: of the share of
+        compliance, and of the nodes' places, with their coordinates and springs."""
+        share, stiffness, stretch = self._share, self._stiffness, self._stretch
+        forces, displacement = self._forces()[self._base_dofs], self._displacement_at_base(w)
+        x, y, axial = forces.T
+        radial, around = self._cos * x + self._sin * y, self._cos * y - self._sin * x
+        turned = np.stack([radial, stretch * around, axial], axis=1)
+        changes = told.shares[:, None] * (turned - stiffness * displacement)
+        if not len(told.which):
+            return changes
+        # In polar coordinates, of the nodes in the unloaded and in the loaded state.
+        move = told.moves[:, self._ring]
+        (radius, angle), (there, direction) = (self._radius, self._angle), self._polar(w)
+        wider, turn = _polar_changes(move, radius, angle)
+        wider_there, turn_there = _polar_changes(move, there, direction)
+        stretching = (wider_there - stretch * wider) / radius
+        of_forces = np.stack(
+            [
+                turn_there * around,
+                stretching * around - stretch * turn_there * radial,
+                np.zeros_like(turn),
+            ],
+            axis=-1,
+        )
+        of_displacement = np.stack(
+            [
+                wider_there - wider,
+                wider * displacement[:, 1] / radius + radius * (turn_there - turn),
+                np.zeros_like(turn),
+            ],
+            axis=-1,
+        )
+        base, (points, _) = self._base_of(self.mesh), gauss(2)
+        normal = facet_normals(base, points)
+        normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
+        larger = np.einsum("kfqx,fqx->kfq", facet_normal_changes(base, points, told.moves), normal)
+        stiffening = self._to_nodes(larger)[..., None] / HALF_WAY
+        changes[told.which] += share * of_forces
+        changes[told.which] += (1 - share) * (
+            stiffening * displacement + stiffness * of_displacement
+        )
+        return changes
 
     def observed(
         self, found: "Linearised", fraction: float = 1.0, looking: Mapping | None = None
@@ -282,20 +392,19 @@ class Problem(Simulator):
             nodes = np.zeros((len(self.inputs), *self.mesh.points.shape))
             for k, move in found.nodes.items():
                 nodes[k] = move
+        own = [k for k, each in enumerate(self.inputs) if each.changes == "observables"]
+        looks = {
+            k: [
+                (wall.looking({**other["observables"], **(looking or {})}), weight)
+                for other, weight in beside
+            ]
+            for k, beside in self.inputs.beside(state.theta, own)
+        }
         moves = self.displacement(found.fields)
         values, slopes = wall.looking(look).observe(
-            channels, displacement, dilation, moves, dilation_moves, nodes
+            channels, displacement, dilation, moves, dilation_moves, nodes, looks
         )
         assert slopes is not None
-        for k, each in enumerate(self.inputs):
-            if each.changes == "observables":
-                slopes[k] = sum(
-                    weight
-                    * wall.looking({**other["observables"], **(looking or {})}).values(
-                        channels, displacement, dilation
-                    )
-                    for other, weight in self.inputs.beside(state.theta, k)
-                )
         return values, slopes
 
     # -------------------------------------------------- equilibrium in the base's coordinates
@@ -325,11 +434,11 @@ class Problem(Simulator):
     def _rotate(self, vector: np.ndarray, sign: float = 1.0) -> np.ndarray:
         """Forces to the base's coordinates (`sign` 1), or displacements back (-1), in place."""
         if sign < 0:
-            vector[self._y] *= self._stretch
+            vector[..., self._y] *= self._stretch
             return super()._rotate(vector, sign)
         vector = super()._rotate(vector)
         with np.errstate(invalid="ignore"):
-            vector[self._y] *= self._stretch
+            vector[..., self._y] *= self._stretch
         return vector
 
     def retract(self, w: np.ndarray) -> np.ndarray:
@@ -368,16 +477,14 @@ class Problem(Simulator):
     def supported(self, w: np.ndarray) -> np.ndarray:
         return self.retract(w)
 
-    def _scaled_by_share(self, vector: np.ndarray) -> np.ndarray:
-        """Forces at the base's nodes times the share of compliance, what pins it zero, in place."""
-        vector[self._base_dofs] *= self._share
+    def _resisted(self, forces: np.ndarray) -> np.ndarray:
+        """Forces (..., size) in the base's coordinates times the share of compliance, what pins it
+        zero, in place."""
+        forces = self._rotate(forces)
+        forces[..., self._base_dofs] *= self._share
         if self._share[1] == 1:
-            vector[self._y[0]] = 0.0
-        return vector
-
-    def _assembled(self, form) -> np.ndarray:
-        vector = self._rotate(api.assemble_vector(np.zeros(self.size), form))
-        return self._scaled_by_share(vector)
+            forces[..., self._y[0]] = 0.0
+        return forces
 
     def residual(self, w: np.ndarray) -> np.ndarray:
         """Residual (size,): of the base's nodes as the module describes it."""
@@ -387,47 +494,68 @@ class Problem(Simulator):
         return residual
 
     def _support(self, data: np.ndarray) -> None:
-        force = api.assemble_vector(np.zeros(self.size), self._residual)
+        force = self._forces()
         x, y = force[self._x], force[self._y]
         radial, around = self._cos * x + self._sin * y, self._cos * y - self._sin * x
         # A node that moves around the axis turns its coordinates.
         for entries in self._mixed_entries:
             data[entries] += around / self._radius
         data[self._around_entries] -= self._stretch * radial / self._radius
-        _, indices = self._pattern
         scale = np.ones(self.size)
         scale[self._base_dofs] = np.sqrt(self._share)
         if self._share[1] == 1:
             scale[self._y[0]] = 0.0
-        self._plain = data.copy()
-        data *= scale[self._rows] * scale[indices]
+        self._plain = sparse.csr_matrix(
+            (data[self._columns], *self._columns_pattern), (self.size, self.size)
+        )
+        rows, columns = self._scaled_at
+        data[self._scaled_entries] *= scale[rows] * scale[columns]
         data[self._base_entries] += (1 - self._share) * self._stiffness
         if self._share[1] == 1:
             data[self._base_entries[0, 1]] = 1.0
         self._scale = scale
-        self._prescribed = np.flatnonzero(scale == 0)
+        self._inverse_scale = np.divide(1.0, scale, np.zeros(self.size), where=scale != 0)
 
-    def solve(self, vector: np.ndarray) -> np.ndarray:
-        """Solve with the last factorised tangent; `vector` as `residual` gives it."""
-        prescribed, scale = self._prescribed, self._scale
-        known = np.zeros(self.size)
-        known[self._base_dofs] = vector[self._base_dofs] / self._stiffness
+    def solve(self, vectors: np.ndarray) -> np.ndarray:
+        """Solve with the last factorised tangent for vectors (..., size) as `residual` gives."""
+        scale, right = self._scale, vectors.copy()
+        known = np.zeros_like(vectors)
+        of_base = scale[self._base_dofs] == 0
+        known[..., self._base_dofs] = of_base * vectors[..., self._base_dofs] / self._stiffness
         if self._share[1] == 1:
-            known[self._y[0]] = 0.0
-        known[scale != 0] = 0.0
-        right = vector.copy()
+            known[..., self._y[0]] = 0.0
         if known.any():
-            indptr, indices = self._pattern
-            right -= sparse.csr_matrix((self._plain, indices, indptr)) @ known * scale**2
-        right[prescribed] = 0.0
-        right[scale != 0] /= scale[scale != 0]
-        self._rhs.setArray(right)
-        self._ksp.solve(self._rhs, self._solution)
-        solution = self._solution.getArray() * scale + known
-        if not np.isfinite(solution).all():
-            self._reset_solver()
-            raise LinearSolveError("the Newton step is not finite")
-        return self._rotate(solution, -1.0)
+            right -= (self._plain @ known.T).T * scale**2
+        right *= self._inverse_scale
+        found = self._back_substituted(right) * scale + known
+        return self._rotate(found, -1.0)
+
+
+def _slope(number: Callable, model: Mapping, beside) -> np.ndarray:
+    """Derivative of what `number` says of a model, from models beside it with weights."""
+    here = number(model)
+    return sum(weight * (number(other) - here) for other, weight in beside)
+
+
+def _figures(model: Mapping) -> np.ndarray:
+    """Numbers of the shape, one after the other, as `NodePlaces.moves` has them."""
+    shape = model["geometry"]
+    names = ("wall_thickness_scale", *FIGURES)
+    return np.concatenate([np.ravel(shape[name]) for name in names if name in shape])
+
+
+def _polar_changes(move: np.ndarray, radius: np.ndarray, angle: np.ndarray):
+    """Changes (K, b) of radius and angle (b,) of nodes under moves (K, b, 3)."""
+    cos, sin = np.cos(angle), np.sin(angle)
+    return cos * move[..., 0] + sin * move[..., 1], (
+        cos * move[..., 1] - sin * move[..., 0]
+    ) / radius
+
+
+def _shares(model: Mapping) -> np.ndarray:
+    """c / (c + c0) of the base's compliances (mm/kPa) that a model says, (3,)."""
+    base = model["supports"]["base"]
+    return np.array([_share(base[component]) for component in COMPONENTS])
 
 
 def _share(compliance: float) -> float:

@@ -19,8 +19,10 @@ from regional_lv.channels import Channels
 from regional_lv.geometry.mesh import BASE, Mesh
 from regional_lv.inputs.coordinates import Coordinates
 from regional_lv.mechanics import dolfinx_api as api
+from regional_lv.mechanics.derivatives import ByCell
 from regional_lv.mechanics.equilibrium import (
     Equilibrium,
+    Term,
     deformation_gradient,
     displacement_nodes,
     virtual_work,
@@ -62,9 +64,8 @@ class Simulator(Equilibrium):
     mesh: geometry with segments, surfaces and the transmural coordinate (mm).
     physics: sections `material`, `fibres`, `loading`, `supports`, `observables` of the
         configuration, and `parameters`, the `spec` of the parameterisation.
-    extended: whether all optional terms (springs, dead loads, compressibility) are in the forms
-        although they are off; what follows one of them from nothing needs that. They add a tenth to
-        a Newton step.
+    extended: whether all optional terms (springs, dead loads, compressibility) are there although
+        they are off; what follows one of them from nothing needs that.
     """
 
     def __init__(self, mesh: Mesh, physics: Mapping, extended: bool = False):
@@ -86,7 +87,7 @@ class Simulator(Equilibrium):
         base = next((s for s in supports if isinstance(s, Base)), None)
         held_axially = base is not None and base.holds("axial")
         loads = {name: loading[name] for name in LOADS if name in loading}
-        residual, tangent = self._build_forms(
+        residual, tangent, terms = self._build_forms(
             space, mesh, physics["fibres"], supports, loads, held_axially
         )
         self.displacement_dofs, self.displacement_nodes = displacement_nodes(space)
@@ -99,7 +100,7 @@ class Simulator(Equilibrium):
         flat = np.ptp(mesh.points[mesh.nodes_on(BASE), 2]) < FLAT_MM
         symmetric = flat and held_axially and api.element_order(mesh.cells) == 2
         fixed, rotation = self._held(mesh, base)
-        super().__init__(self.w, residual, tangent, fixed, rotation, symmetric)
+        super().__init__(self.w, residual, tangent, fixed, rotation, symmetric, terms)
 
     # ---------------------------------------------------------------- the weak form
 
@@ -115,13 +116,8 @@ class Simulator(Equilibrium):
         self._numbers[name] = api.fem.Constant(self.domain, float(value))
         return self._numbers[name]
 
-    def _parts(self) -> tuple[np.ndarray, tuple[str, ...]]:
-        """Part of the wall (cells,) that each cell belongs to, and the factors of the law about
-        which, part by part, the residual is differentiated."""
-        return self.parameters.segment_zone[self.segment], self.parameters.factors
-
     def _build_forms(self, space, mesh: Mesh, fibres, supports, loads, held_axially: bool):
-        """Compile all forms but residual and tangent, which are returned."""
+        """Residual, tangent and further terms, not compiled yet."""
         self.w = api.fem.Function(space)
         domain = self.domain
         quadrature = {"quadrature_degree": QUADRATURE_DEGREE}
@@ -139,35 +135,29 @@ class Simulator(Equilibrium):
         fibre, sheet = fibre_directions(transmural, fibres, self._constant)
         constants = self.material.scaled(self._factors, self._constant)
         energy = self.material.energy(F, fibre, sheet, constants)
-        if self._extended or self._compressibility:
-            energy -= self._constant(self._compressibility, "compressibility") * p**2 / 2
-        test = ufl.TestFunction(space)
+        test, trial = ufl.TestFunction(space), ufl.TrialFunction(space)
         v, _ = ufl.split(test)
-        residual = virtual_work(energy, self.w, test, dx)
-        residual += self.pressure_kpa * cavity_work(u, v, domain, ds)
+        inside = virtual_work(energy, self.w, test, dx)
+        self._by_factors = ByCell(domain, inside, list(self._factors.values()))
+        residual = inside + self.pressure_kpa * cavity_work(u, v, domain, ds)
+        terms = []
         surroundings = Surroundings(domain, u, ds, self.segment)
         valves = None
         if self._extended or not held_axially:
             valves = self._constant(valve_plane_share(mesh), "valves")
-        for potential in self._potentials(surroundings, supports, loads, valves):
-            residual += ufl.derivative(potential, self.w, test)
-
-        # d(residual)/d(log factor) of one part: the same kernel on that part's cells only.
-        self._parameter_forms = []
-        part, factors = self._parts()
-        for number in range(part.max() + 1):
-            cells = api.cell_tags(domain, np.flatnonzero(part == number))
-            dz = ufl.Measure("dx", domain, subdomain_data=cells, metadata=quadrature)
-            in_part = virtual_work(energy, self.w, test, dz(1))
-            for name in factors:
-                factor = self._factors[name]
-                form = ufl.derivative(in_part, factor, factor)
-                self._parameter_forms.append(api.compile_form(form))
+        potentials = self._potentials(surroundings, supports, loads, valves)
+        if self._extended or self._compressibility:
+            number = self._constant(self._compressibility, "compressibility")
+            potentials = [*potentials, ([number], -number * p**2 / 2 * dx)]
+        for numbers, potential in potentials:
+            derivative = ufl.derivative(potential, self.w, test)
+            terms.append(Term(numbers, derivative, self.w, trial))
         self._dilation = api.compile_form(abs(ufl.det(F) - 1) * dx)
-        return residual, ufl.derivative(residual, self.w, ufl.TrialFunction(space))
+        return residual, ufl.derivative(residual, self.w, trial), terms
 
     def _potentials(self, surroundings, supports, loads, valves):
-        """Potentials of springs and dead loads: those that are on, or all of them.
+        """Potentials of springs and dead loads, each with its numbers: those that are on, or all of
+        them.
 
         valves: constant of the load on the valves, None where the base does not move along it.
         """
@@ -177,14 +167,14 @@ class Simulator(Equilibrium):
                 springs = {name: stiffness for name, stiffness in springs.items() if stiffness}
             if springs:
                 sizes = {name: self._constant(value, name) for name, value in springs.items()}
-                yield support.energy(surroundings, sizes)
+                yield list(sizes.values()), support.energy(surroundings, sizes)
         # Dead loads grow with the cavity's pressure up to their own size.
         for name, size in loads.items():
             if size or self._extended:
                 share = self._constant(size / self.full_pressure, name)
-                yield LOADS[name]().potential(surroundings, share * self.pressure_kpa)
+                yield [share], LOADS[name]().potential(surroundings, share * self.pressure_kpa)
         if valves is not None:
-            yield valve_plane_potential(surroundings, self.pressure_kpa, valves)
+            yield [valves], valve_plane_potential(surroundings, self.pressure_kpa, valves)
 
     def _build_observer(self, mesh: Mesh, observed: dict) -> None:
         self.observer = Observer(mesh, observed)
@@ -292,10 +282,17 @@ class Simulator(Equilibrium):
     def field_sensitivities(self, w: np.ndarray) -> np.ndarray:
         """d(w)/d(log theta), (P, size), by back-substitution with the factor at hand."""
         self._place(w)
-        rows = []
-        for form in self._parameter_forms:
-            rows.append(-self.solve(self._assembled(form)))
-        return np.stack(rows)
+        zones, factors = len(self.parameters.zones), self.parameters.factors
+        in_zone = np.arange(zones)[:, None] == self.parameters.segment_zone[self.segment]
+        inferred = np.array([[name == factor for name in self._factors] for factor in factors])
+        logs = in_zone[:, None, None] * inferred[..., None]
+        return -self.solve(self._resisted(self._factor_forces(logs.reshape(-1, *logs.shape[2:]))))
+
+    def _factor_forces(self, logs: np.ndarray) -> np.ndarray:
+        """Changes (K, size) of the residual in place, in x, y and nothing held, per unit of changes
+        `logs` (K, factors, cells) of the logarithms of the law's factors."""
+        values = np.stack([function.x.array for function in self._factors.values()])
+        return self._by_factors.along((logs * values).swapaxes(1, 2))
 
     def dilation(self, w: np.ndarray) -> float:
         """Volume average of |det F - 1|, zero for an incompressible wall."""

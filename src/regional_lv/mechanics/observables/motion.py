@@ -1,5 +1,6 @@
 """The motion of the wall as quantities see it: at its points, and averaged over its segments."""
 
+import copy
 from functools import cached_property
 
 import torch
@@ -35,6 +36,13 @@ class PointMotion:
         self.measure: StrainMeasure = measure
         self._unloaded_share = unloaded_share
 
+    def measured(self, measure: StrainMeasure, unloaded_share: float) -> "PointMotion":
+        """The same motion with strains of another measure, or along other directions."""
+        other = copy.copy(self)
+        other.measure, other._unloaded_share = measure, unloaded_share
+        vars(other).pop("strains", None)
+        return other
+
     @cached_property
     def _adjugate(self) -> torch.Tensor:
         """det F times F^-1 (M, 3, 3)."""
@@ -51,8 +59,9 @@ class PointMotion:
         cannot thin as they should at each depth. How the wall stretches along its surfaces is not
         affected, so that the stretch along its normal is what is put right, from the other two.
         """
-        determinant = torch.linalg.det(self.deformation_gradient)[:, None, None]
-        inverse = self._adjugate / determinant
+        adjugate = self._adjugate
+        determinant = (self.deformation_gradient[:, 0] * adjugate[..., 0]).sum(-1)[:, None, None]
+        inverse = adjugate / determinant
         if self.dilation is None:
             return inverse
         normal = self.directions[1]
@@ -63,6 +72,11 @@ class PointMotion:
         return inverse + (determinant / wanted - 1) * along
 
     @cached_property
+    def _backward_stretch(self) -> torch.Tensor:
+        """Right Cauchy-Green tensor (M, 3, 3) of the motion back."""
+        return self.back.mT @ self.back
+
+    @cached_property
     def directions(self) -> torch.Tensor:
         """Circumferential, radial and longitudinal unit vectors (3, M, 3) of the loaded state."""
         return local_directions(torch.einsum("mij,mi->mj", self._adjugate, self.depth_gradient))
@@ -70,7 +84,7 @@ class PointMotion:
     @cached_property
     def strains(self) -> dict[str, torch.Tensor]:
         """Strains (M,) by direction, of the motion from the loaded to the unloaded state."""
-        C, share = self.back.mT @ self.back, self._unloaded_share
+        C, share = self._backward_stretch, self._unloaded_share
         found = self.measure.along(C, self.directions)
         if share:
             unloaded = self.measure.along(C, self.unloaded_directions)

@@ -11,7 +11,10 @@ from regional_lv.channels import Channel
 from regional_lv.geometry.mesh import Mesh
 from regional_lv.mechanics.observables.motion import Motion, PointMotion
 from regional_lv.mechanics.observables.strain_measure import StrainMeasure
-from regional_lv.mechanics.observables.wall import Cavity, Wall
+from regional_lv.mechanics.observables.wall import Cavity, Shares, Wall
+
+WHOLE = ((0.0, 1.0), 0.0)
+"""Layer and rotation of the segments that leave nothing out."""
 
 
 class Observer:
@@ -27,7 +30,8 @@ class Observer:
 
     def __init__(self, mesh: Mesh, observed: Mapping):
         self.wall, self.cavity = Wall(mesh), Cavity(mesh)
-        self._whole = self.wall.shares((0.0, 1.0), 0.0)
+        self._whole = self._sampled = self.wall.shares(*WHOLE)
+        self._asked = WHOLE
         self._place = torch.as_tensor(self.wall.place)
         self._depth_gradient = torch.as_tensor(self.wall.depth_gradient)
         self._look(observed)
@@ -42,8 +46,9 @@ class Observer:
         self.measure = StrainMeasure(observed["strain_exponent"], observed["line_share"])
         self._unloaded_share = observed["unloaded_share"]
         asked = tuple(observed["layer"]), observed["segment_rotation_deg"]
-        whole = asked == ((0.0, 1.0), 0.0)
-        self._sampled = self._whole if whole else self.wall.shares(*asked)
+        if asked != self._asked:
+            self._asked = asked
+            self._sampled = self._whole if asked == WHOLE else self.wall.shares(*asked)
         self._scale = observed["scale"]
 
     def values(
@@ -68,70 +73,97 @@ class Observer:
         moves: np.ndarray | None = None,
         dilation_moves: np.ndarray | None = None,
         node_moves: np.ndarray | None = None,
+        looks: Mapping[int, Sequence[tuple["Observer", float]]] | None = None,
     ) -> tuple[np.ndarray, np.ndarray | None]:
         """As `values`, and if there are `moves`, the values' derivatives (k, D) along these.
 
         moves: (k, n, 3) changes of the displacement, dilation_moves (k, cells, 8) those of the
-        dilation and node_moves (k, n, 3) those of the unloaded nodes that go with them. Derivatives
-        are exact: those of the values that are returned. Of moving nodes they take the angles about
-        the axis, which turned segments depend on, as fixed.
+        dilation and node_moves (k, n, 3) those of the unloaded nodes that go with them. looks: of
+        some moves, observers of the same wall (`looking`) with weights: a difference of what they
+        see is added. Derivatives are exact: those of the values that are returned. Of moving nodes
+        they take the angles about the axis, which turned segments depend on, as fixed.
         """
         kinds: dict = {}
         for at, channel in enumerate(channels):
             kinds.setdefault(channel.kind, []).append((at, channel.place))
+        order = [at for asked in kinds.values() for at, _ in asked]
         point = self.point_motion(displacement, dilation, moves is not None)
         with torch.set_grad_enabled(moves is not None):
-            densities = {}
-            for kind in kinds:
-                for name, density in kind().densities(point).items():
-                    densities[name] = density, self._sampled if kind.is_strain else self._whole
-        means = {
-            name: torch.tensor(shares @ density.detach().numpy())
-            for name, (density, shares) in densities.items()
-        }
+            densities = self._densities(kinds, point)
         cavity, cavity_gradient = self.cavity.volume_and_gradient(displacement[self.cavity.nodes])
-        axis, axis_gradient = self._long_axis(displacement)
-        loaded, unloaded = (torch.tensor(length, dtype=torch.float64) for length in axis)
-        volumes = torch.tensor(self.wall.segment_volumes)
-        leaves = [*means.values(), torch.tensor(cavity, dtype=torch.float64), loaded]
-        leaves += [unloaded, volumes]
+        lengths, axis_gradient = self._long_axis(displacement)
+        rest = [torch.tensor(each, dtype=torch.float64) for each in (cavity, *lengths)]
+        rest.append(torch.tensor(self.wall.segment_volumes))
+        means = self._means(densities)
+        leaves = [*means.values(), *rest]
         for leaf in leaves:
             leaf.requires_grad_(moves is not None)
-        with torch.set_grad_enabled(moves is not None):
-            motion = Motion(
-                dict(zip(means, leaves, strict=False)),
-                level_shares(volumes),
-                leaves[len(means)],
-                (loaded, unloaded),
-            )
-            order: list[int] = []
-            found = []
-            for kind, asked in kinds.items():
-                rows, places = zip(*asked, strict=True)
-                order += rows
-                found.append(self._scale.get(kind.name, 1.0) * kind().values(motion, places))
-            found = torch.cat(found)
+        found = self._found(kinds, means, rest)
         values = np.empty(len(order))
         values[order] = found.detach().numpy()
         if moves is None:
             return values, None
-        carried, nodes = moves, None
-        if node_moves is not None:
-            carried, nodes = moves + node_moves, NodeMoves(self.wall, node_moves)
+        carried = moves if node_moves is None else moves + node_moves
         slopes = [
-            *self._mean_slopes(point, densities, moves, dilation_moves, nodes),
+            *self._mean_slopes(point, densities, moves, dilation_moves, node_moves),
             np.einsum("mx,kmx->k", cavity_gradient, carried[:, self.cavity.nodes])[:, None],
             np.einsum("nx,knx->k", axis_gradient, carried[:, self.cavity.nodes])[:, None],
         ]
-        if nodes is not None:
-            slopes += self._unloaded_slopes(axis_gradient, nodes, len(moves))
-        derivatives = np.zeros((len(moves), len(order)))
-        for column, value in zip(order, found, strict=True):
-            by_leaf = torch.autograd.grad(value, leaves, retain_graph=True, allow_unused=True)
-            for gradient, slope in zip(by_leaf, slopes, strict=False):
-                if gradient is not None:
-                    derivatives[:, column] += slope @ np.atleast_1d(gradient.numpy())
+        if node_moves is not None:
+            slopes += self._unloaded_slopes(axis_gradient, node_moves)
+        by_leaf = torch.autograd.grad(
+            found, leaves, torch.eye(len(found)), is_grads_batched=True, allow_unused=True
+        )
+        along = np.zeros((len(moves), len(order)))
+        for gradient, slope in zip(by_leaf, slopes, strict=False):
+            if gradient is not None:
+                along += slope @ gradient.numpy().reshape(len(order), -1).T
+        for k, sides in (looks or {}).items():
+            for look, weight in sides:
+                seen = look._means(look._seen(kinds, point, self, densities))
+                along[k] += weight * look._found(kinds, seen, rest).detach().numpy()
+        derivatives = np.empty_like(along)
+        derivatives[:, order] = along
         return values, derivatives
+
+    def _densities(self, kinds, point: PointMotion) -> dict:
+        """What is averaged, name -> (density (M,), shares (17, M))."""
+        return {
+            name: (density, self._sampled if kind.is_strain else self._whole)
+            for kind in kinds
+            for name, density in kind().densities(point).items()
+        }
+
+    def _seen(self, kinds, point: PointMotion, other: "Observer", densities: dict) -> dict:
+        """As `_densities`, of a motion of which another observer's are known."""
+        mine, others = ((o.measure, o._unloaded_share) for o in (self, other))
+        if mine != others:
+            with torch.no_grad():
+                return self._densities(kinds, point.measured(*mine))
+        strains = {kind.name for kind in kinds if kind.is_strain}
+        return {
+            name: (density, self._sampled if name in strains else shares)
+            for name, (density, shares) in densities.items()
+        }
+
+    def _means(self, densities: dict) -> dict[str, torch.Tensor]:
+        """Averages (17,) of densities over the segments, by name."""
+        return {
+            name: torch.tensor(shares @ density.detach().numpy())
+            for name, (density, shares) in densities.items()
+        }
+
+    def _found(self, kinds, means, rest) -> torch.Tensor:
+        """Values of the channels, kind by kind, from the means, and from the cavity's volume, the
+        two lengths of the long axis and the segments' volumes."""
+        cavity, loaded, unloaded, volumes = rest
+        motion = Motion(means, level_shares(volumes), cavity, (loaded, unloaded))
+        return torch.cat(
+            [
+                self._scale.get(kind.name, 1.0) * kind().values(motion, [p for _, p in asked])
+                for kind, asked in kinds.items()
+            ]
+        )
 
     def point_motion(
         self,
@@ -153,70 +185,58 @@ class Observer:
         allowed = varying[0] if varying else dilation
         return PointMotion(place, u, F, allowed, depth_gradient, self.measure, self._unloaded_share)
 
-    def _unloaded_slopes(self, axis_gradient, nodes: "NodeMoves", k: int) -> list[np.ndarray]:
+    def _unloaded_slopes(self, axis_gradient, node_moves: np.ndarray) -> list[np.ndarray]:
         """Derivatives of the unloaded length (k, 1) and the segments' volumes (k, 17)."""
-        length, volumes = np.zeros((k, 1)), np.zeros((k, len(SEGMENTS)))
-        at_cavity = nodes.moves[:, self.cavity.nodes]
-        length[nodes.which, 0] = np.einsum("nx,knx->k", axis_gradient, at_cavity)
-        whole = self._whole @ nodes.spreading
-        volumes[nodes.which] = (self.wall.segment_volumes[:, None] * whole).T
-        return [length, volumes]
-
-    def _mean_slopes(
-        self, point, densities, moves, dilation_moves, nodes: "NodeMoves | None"
-    ) -> list[np.ndarray]:
-        """Derivatives (k, 17) of the segments' means of each density, along the moves."""
-        k, n = moves.shape[:2]
-        side_by_side = np.ascontiguousarray(moves.transpose(1, 0, 2).reshape(n, 3 * k))
-        leaves = [point.displacement, point.deformation_gradient]
-        # (M, k, c) of the displacement, of F row by row, and of the dilation.
-        changes = [
-            lambda: self.wall.values(side_by_side).reshape(-1, k, 3),
-            lambda: self.wall.gradients(side_by_side).reshape(-1, 3, k, 3).transpose(0, 2, 3, 1),
+        at_cavity = node_moves[:, self.cavity.nodes]
+        length = np.einsum("nx,knx->k", axis_gradient, at_cavity)[:, None]
+        return [
+            length,
+            _along(self._spreading(self._whole), node_moves) * self.wall.segment_volumes,
         ]
+
+    def _spreading(self, shares: Shares) -> np.ndarray:
+        """Derivatives (17, n, 3), about the nodes' places, of the logarithm of the volume that
+        points stand for, averaged."""
+        every = np.broadcast_to(np.eye(3), (len(self.wall.volume), 3, 3))
+        return self.wall.on_nodes(shares, None, every)
+
+    def _mean_slopes(self, point, densities, moves, dilation_moves, node_moves) -> list[np.ndarray]:
+        """Derivatives (k, 17) of the segments' means of each density, along the moves.
+
+        What a mean changes with is brought to the nodes first, so that each move is one product.
+        """
+        leaves = [point.displacement, point.deformation_gradient, point.place, point.depth_gradient]
         if isinstance(point.dilation, torch.Tensor):
             leaves.append(point.dilation)
-            changes.append(
-                lambda: self.wall.corner_values(np.moveaxis(dilation_moves, 0, -1))[..., None]
-            )
-        if nodes is not None:
-            # The displacement stays, its gradient follows the nodes: d(du/dx) = -du/dx dV/dx.
-            stretch = point.deformation_gradient.detach().numpy() - np.eye(3)
-            depth, of_motion = self.wall.depth_gradient, changes[1]
-
-            def placed(values):
-                """(M, k, ...) of values for the moves that move nodes."""
-                found = np.zeros((len(values), k, *values.shape[2:]))
-                found[:, nodes.which] = values
-                return found
-
-            following = np.matmul(stretch[:, None], nodes.gradients.swapaxes(2, 3))
-            changes[1] = lambda: of_motion() - placed(following)
-            leaves += [point.place, point.depth_gradient]
-            changes.append(lambda: placed(nodes.places))
-            changes.append(
-                lambda: -placed(np.matmul(nodes.gradients, depth[:, None, :, None])[..., 0])
-            )
-        made: dict[int, np.ndarray] = {}
+        spreading = {}
+        if node_moves is not None:
+            every = {id(shares): shares for _, shares in densities.values()}
+            spreading = {number: self._spreading(shares) for number, shares in every.items()}
         slopes = []
         for density, shares in densities.values():
             by_leaf = torch.autograd.grad(
                 density.sum(), leaves, retain_graph=True, allow_unused=True
             )
-            total = np.zeros((len(density), k))
-            for i, gradient in enumerate(by_leaf):
-                if gradient is None:
-                    continue
-                if i not in made:
-                    made[i] = np.ascontiguousarray(changes[i]().reshape(len(density), k, -1))
-                flat = gradient.numpy().reshape(len(density), -1, 1)
-                total += np.matmul(made[i], flat)[..., 0]
-            along = shares @ total
-            if nodes is not None:
-                value, spreading = density.detach().numpy(), nodes.spreading
-                along[:, nodes.which] += shares @ (value[:, None] * spreading)
-                along[:, nodes.which] -= (shares @ value)[:, None] * (shares @ spreading)
-            slopes.append(along.T)
+            by_u, by_F, by_place, by_depth, *by_dilation = (
+                np.zeros(leaf.shape) if gradient is None else gradient.numpy()
+                for leaf, gradient in zip(leaves, by_leaf, strict=True)
+            )
+            slope = _along(self.wall.on_nodes(shares, by_u, by_F), moves)
+            if by_dilation:
+                on_corners = self.wall.on_corners(shares, by_dilation[0])
+                slope += _along(on_corners, dilation_moves)
+            if node_moves is not None:
+                # The displacement stays, its gradient follows the nodes, d(du/dx) = -du/dx dV/dx,
+                # as the depth's does, and points stand for more or less of the wall.
+                stretch = point.deformation_gradient.detach().numpy() - np.eye(3)
+                value = density.detach().numpy()
+                following = value[:, None, None] * np.eye(3)
+                following -= stretch.swapaxes(1, 2) @ by_F
+                following -= self.wall.depth_gradient[:, :, None] * by_depth[:, None]
+                on_nodes = self.wall.on_nodes(shares, by_place, following)
+                on_nodes -= (shares @ value)[:, None, None] * spreading[id(shares)]
+                slope += _along(on_nodes, node_moves)
+            slopes.append(slope)
         return slopes
 
     def _long_axis(self, displacement) -> tuple[tuple[float, float], np.ndarray]:
@@ -231,20 +251,9 @@ class Observer:
         return (float(unloaded + gradient[:, 2] @ moved), float(unloaded)), gradient
 
 
-class NodeMoves:
-    """Moves (k, n, 3) of the unloaded nodes: `which` of them move any, and of those K the `moves`
-    (K, n, 3), `places` (M, K, 3), `gradients` (M, K, 3, 3), d(move)/dx with x first, and
-    `spreading` (M, K), the relative change of the volume that each point stands for."""
-
-    def __init__(self, wall: Wall, moves: np.ndarray):
-        self.which = np.flatnonzero(moves.any(axis=(1, 2)))
-        self.moves = moves[self.which]
-        beside = np.ascontiguousarray(self.moves.transpose(1, 0, 2).reshape(moves.shape[1], -1))
-        count = len(self.which)
-        self.places = wall.values(beside).reshape(-1, count, 3)
-        gradients = wall.gradients(beside).reshape(-1, 3, count, 3)
-        self.gradients = gradients.swapaxes(1, 2)
-        self.spreading = np.trace(self.gradients, axis1=2, axis2=3)
+def _along(gradients: np.ndarray, moves: np.ndarray) -> np.ndarray:
+    """Products (k, 17) of gradients (17, ...) with moves (k, ...)."""
+    return moves.reshape(len(moves), -1) @ gradients.reshape(len(gradients), -1).T
 
 
 def level_shares(volumes: torch.Tensor) -> dict[str, torch.Tensor]:

@@ -27,31 +27,31 @@ def turned_membership(angle, cell, corner_angle, segment, rotation: float) -> sp
     centre = np.angle(np.exp(1j * corner_angle).mean(axis=1))
     extent = _wrapped(corner_angle - centre[:, None])
     low, high = extent.min(axis=1), extent.max(axis=1)
-    width = (high - low)[cell]
-    reference = 2 * (_wrapped(angle - centre[cell]) - low[cell]) / width - 1
+    half, middle = (high - low) / 2, centre + (low + high) / 2
+    reference = _wrapped(angle - middle[cell]) / half[cell]
     which = np.abs(reference[:, None] - gauss(1, POINTS_PER_EDGE)[0].T).argmin(axis=1)
-    begin = centre[cell] + low[cell]
 
     table = np.zeros((len(aha.SEGMENTS), len(angle)))
     for numbers in aha.LEVELS.values():
-        mine = np.isin(segment[cell], np.array(numbers) - 1)
+        level = np.isin(segment, np.array(numbers) - 1)
+        mine = level[cell]
         if len(numbers) == 1:
             table[numbers[0] - 1, mine] = 1.0
             continue
+        # Places of the level's cells among themselves.
+        at_level = (np.cumsum(level) - 1)[cell[mine]]
         for number in numbers:
             own = segment == number - 1
             at = np.angle(np.exp(1j * centre[own]).mean())
             first = (_wrapped(centre[own] - at) + low[own]).min()
             last = (_wrapped(centre[own] - at) + high[own]).max()
-            # Reference coordinates, in [-1, 1], between which the arc covers the cell.
-            half = width[mine] / 2
-            gap = _wrapped(begin[mine] + half - at - rotation)
-            begins, ends = (np.clip((edge - gap) / half, -1, 1) for edge in (first, last))
-            shares = gauss_shares(begins, ends, POINTS_PER_EDGE)
-            table[number - 1, mine] = shares[which[mine], np.arange(mine.sum())]
+            # Reference coordinates, in [-1, 1], between which the arc covers the cells.
+            gap = _wrapped(middle[level] - at - rotation)
+            ends = (np.clip((edge - gap) / half[level], -1, 1) for edge in (first, last))
+            table[number - 1, mine] = gauss_shares(*ends, POINTS_PER_EDGE)[which[mine], at_level]
     return sparse.csr_matrix(table / table.sum(axis=0))
 
 
 def _wrapped(angle):
     """To (-pi, pi]."""
-    return np.angle(np.exp(1j * angle))
+    return np.pi - (np.pi - angle) % (2 * np.pi)

@@ -1,8 +1,10 @@
 """The wall at its quadrature points: what of the mesh the motion there and its averages need."""
 
+import itertools
 from functools import cached_property
 
 import numpy as np
+from scipy import sparse
 
 from regional_lv import aha
 from regional_lv.geometry.elements import (
@@ -59,8 +61,33 @@ class Wall:
         """d(field)/dx (M, 3, c), derivatives along x first, of a field (n, c) at the nodes."""
         return (self._local @ nodal[self.mesh.cells]).reshape(-1, 3, nodal.shape[1])
 
-    def shares(self, layer: tuple[float, float], rotation_deg: float):
-        """Sparse (17, M): what each point counts for in the mean over each segment."""
+    def on_nodes(self, shares: "Shares", of_values: np.ndarray | None, of_gradients: np.ndarray):
+        """The transpose of `values` and `gradients`, averaged: (17, n, c), by segment and node.
+
+        of_values (M, c) and of_gradients (M, c, 3), x last: what an average changes with, per unit
+        of a field and of its gradient at each point.
+        """
+        q, c = self.points_per_cell, of_gradients.shape[1]
+        found = np.zeros((len(shares.by_cell), len(self.mesh.points), c))
+        of_gradients = of_gradients.reshape(-1, q, c, 3).swapaxes(2, 3)
+        for each, (cells, weight) in zip(found, shares.by_cell, strict=True):
+            rows = weight[..., None, None] * of_gradients[cells]
+            here = self._local[cells].swapaxes(1, 2) @ rows.reshape(len(cells), 3 * q, c)
+            if of_values is not None:
+                here += self._shape.T @ (weight[..., None] * of_values.reshape(-1, q, c)[cells])
+            np.add.at(each, self.mesh.cells[cells], here)
+        return found
+
+    def on_corners(self, shares: "Shares", of_values: np.ndarray) -> np.ndarray:
+        """The transpose of `corner_values`, averaged: (17, cells, 8), of of_values (M,)."""
+        found = np.zeros((len(shares.by_cell), len(self.segment), 8))
+        of_values = of_values.reshape(len(self.segment), -1)
+        for each, (cells, weight) in zip(found, shares.by_cell, strict=True):
+            each[cells] = (weight * of_values[cells]) @ self._corner_shape
+        return found
+
+    def shares(self, layer: tuple[float, float], rotation_deg: float) -> "Shares":
+        """What each point counts for in the mean over each segment."""
         depth = self.mesh.transmural[self.mesh.cells[:, :8]]
         weight = self.volume * window_weights(depth, *layer, POINTS_PER_EDGE).ravel()
         if rotation_deg:
@@ -74,9 +101,9 @@ class Wall:
             )
         else:
             part = membership(self.segment, self.points_per_cell)
-        shares = part.multiply(weight).tocsr()
-        total = np.asarray(shares.sum(axis=1))
-        return shares.multiply(1 / np.where(total > 0, total, 1.0)).tocsr()
+        total = part @ weight
+        mean = sparse.diags(1 / np.where(total > 0, total, 1.0)) @ part @ sparse.diags(weight)
+        return Shares(mean.tocsr(), self.points_per_cell)
 
     @cached_property
     def segment_of_points(self) -> np.ndarray:
@@ -87,6 +114,29 @@ class Wall:
     def segment_volumes(self) -> np.ndarray:
         """Volumes (17,) of the segments, mm3."""
         return np.bincount(self.segment_of_points, self.volume, len(aha.SEGMENTS))
+
+
+class Shares:
+    """Sparse matrix (17, M) of what each point of a wall counts for in the mean over each segment,
+    q points in each cell."""
+
+    def __init__(self, matrix: sparse.csr_matrix, q: int):
+        self.matrix, self._q = matrix, q
+
+    def __matmul__(self, values: np.ndarray) -> np.ndarray:
+        return self.matrix @ values
+
+    @cached_property
+    def by_cell(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """By segment, the cells (m,) that have a share in it, and their points' weights (m, q)."""
+        found = []
+        for first, last in itertools.pairwise(self.matrix.indptr):
+            cell, point = np.divmod(self.matrix.indices[first:last], self._q)
+            cells, at = np.unique(cell, return_inverse=True)
+            weight = np.zeros((len(cells), self._q))
+            weight[at, point] = self.matrix.data[first:last]
+            found.append((cells, weight))
+        return found
 
 
 class Cavity:
