@@ -36,7 +36,7 @@ def make_simulator(mesh: str | Path | Mesh, physics: Mapping, extended: bool = F
     `Simulator`, with the section `geometry` for the wall's thickness."""
     mesh = mesh if isinstance(mesh, Mesh) else read_mesh(mesh)
     if SECTION in physics:
-        return Problem(mesh, Inputs.from_config(physics))
+        return Problem(mesh, Inputs.from_config(physics).simulated)
     scale = physics["geometry"]["wall_thickness_scale"]
     return Simulator(thickened(mesh, scale), physics, extended)
 

@@ -88,7 +88,7 @@ class Problem(Simulator):
     _observer: Observer | None
 
     def __init__(self, mesh: Mesh, inputs: Inputs):
-        self.inputs = inputs.simulated
+        self.inputs = inputs.subset(each.is_simulated for each in inputs)
         model = self.inputs.base
         self._places = NodePlaces(mesh, model["geometry"])
         self.mesh = thickened(mesh, model["geometry"]["wall_thickness_scale"])
