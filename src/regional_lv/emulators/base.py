@@ -195,12 +195,17 @@ class Emulator(ABC):
         an output that does not vary, or sensitivities that are needed and missing.
         """
         theta, y = np.asarray(theta, dtype=float), np.asarray(y, dtype=float)
-        check_training_set(theta, y, parameters, outputs)
+        taught = self.learns_from_sensitivities and sensitivities is not None
+        check_training_set(theta, y, parameters, outputs, taught)
         self.parameters, self.outputs = parameters, tuple(outputs)
         theta, y = torch.as_tensor(theta), torch.as_tensor(y)
         self.output_mean, self.output_sd = y.mean(0), y.std(0)
         transformed = self._scaled(theta)
         self.input_mean, self.input_sd = transformed.mean(0), transformed.std(0)
+        still = self.input_sd == 0
+        if still.any():
+            ends = self._scaled(torch.stack([self.lower, self.upper]))
+            self.input_sd = torch.where(still, (ends[1] - ends[0]) / 12**0.5, self.input_sd)
         self.inputs = self.standardise(theta)
         gaps = torch.cdist(self.inputs, self.inputs).fill_diagonal_(torch.inf).amin(1)
         self.reach = torch.quantile(gaps, OUTSIDE_QUANTILE)
@@ -445,8 +450,12 @@ def check_training_set(
     y: np.ndarray,
     parameters: Parameterisation | Coordinates,
     outputs: Sequence[str],
+    taught: bool = False,
 ) -> None:
-    """Raise InputError for what no emulator can learn from; arguments as for `Emulator.fit`."""
+    """Raise InputError for what no emulator can learn from; arguments as for `Emulator.fit`.
+
+    taught: whether there are sensitivities, which tell of what does not vary, too.
+    """
     inputs = len(parameters)
     if theta.ndim != 2 or theta.shape[1] != inputs or y.shape != (len(theta), len(outputs)):
         raise InputError(
@@ -477,7 +486,7 @@ def check_training_set(
     fixed = [
         name for name, column in zip(parameters.names, theta.T, strict=True) if np.ptp(column) == 0
     ]
-    if fixed:
+    if fixed and not taught:
         raise InputError(
             f"training set: {', '.join(fixed)} has one and the same value in every simulation; "
             "leave the factor out (parameters.factors), give its segments to another zone "

@@ -20,7 +20,8 @@ class JointGP(Emulator):
 
     def fit(self, theta, y, sensitivities=None, *, parameters, outputs, seed=0):
         """As in the base class; also raises InputError for what no volume or strain can be."""
-        check_training_set(np.asarray(theta), np.asarray(y), parameters, outputs)
+        known = np.asarray(theta), np.asarray(y)
+        check_training_set(*known, parameters, outputs, sensitivities is not None)
         self.parameters, self.outputs = parameters, tuple(outputs)
         self.scale = OutputScale.of(outputs, self.coordinates)
         here, found = torch.as_tensor(theta), torch.as_tensor(y)
