@@ -76,6 +76,23 @@ class AllInputs:
             values = values * factor
         return values, slopes * self.inputs.coordinates.slope(x)[:, None]
 
+    def values(self, evaluate: Callable[[torch.Tensor], torch.Tensor], x: torch.Tensor):
+        """Outputs (M, D) alone at values x (M, K), from those (M, D) of the simulated inputs."""
+        values = x.new_empty(len(x), len(self.channels))
+        for pattern, rows in self._patterns:
+            there, _ = self.looked_up(x, pattern)
+            values[:, rows] = evaluate(there[:, self.simulated])[:, rows]
+        return values * self.factor(x)
+
+    def covariance(self, evaluate: Callable[[torch.Tensor], torch.Tensor], x: torch.Tensor):
+        """Of the errors of the outputs (M, D, D) at values x (M, K), from that of the simulated
+        inputs, where most of the channels are looked up."""
+        pattern, _ = max(self._patterns, key=lambda each: len(each[1]))
+        there, _ = self.looked_up(x, pattern)
+        factor = self.factor(x)
+        found = evaluate(there[:, self.simulated])
+        return factor[:, :, None] * found * factor[:, None]
+
     def factor(self, x: torch.Tensor) -> torch.Tensor:
         """What outputs (M, D) that are looked up are multiplied by at values x (M, K)."""
         found = torch.ones(len(x), len(self.channels), dtype=x.dtype)

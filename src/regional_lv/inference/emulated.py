@@ -1,0 +1,39 @@
+"""The emulator over all inputs as a posterior sees it (`potential.Emulated`)."""
+
+import torch
+
+from regional_lv.emulators.base import Emulator
+from regional_lv.inputs.evaluation import AllInputs
+from regional_lv.inputs.space import Inputs
+
+
+class EmulatedInputs:
+    """D observed outputs at scaled coordinates x (M, K) of all inputs of a study, closed forms and
+    directions among them.
+
+    emulator: of the simulated inputs and the observed channels. inputs: all K.
+    """
+
+    def __init__(self, emulator: Emulator, inputs: Inputs):
+        self.emulator, self.coordinates = emulator, inputs.coordinates
+        self._outputs = AllInputs(inputs, emulator.channels)
+
+    def mean(self, x: torch.Tensor) -> torch.Tensor:
+        """(M, D), natural units."""
+        return self._outputs.values(self.emulator.predict_mean, self.coordinates.natural(x))
+
+    def linearise(self, x: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Mean (M, D) and its derivatives (M, D, K) about the scaled coordinates."""
+        return self._outputs(self.emulator.linearise, self.coordinates.natural(x))
+
+    def covariance(self, x: torch.Tensor) -> torch.Tensor:
+        """Of the errors of the mean, (M, D, D).
+
+        All of them are taken where most of the channels are looked up.
+        """
+        values = self.coordinates.natural(x)
+        with torch.no_grad():
+            found = self._outputs.covariance(
+                lambda at: self.emulator.predict(at).covariance, values
+            )
+        return found
