@@ -15,7 +15,6 @@ import numpy as np
 import pandas as pd
 import torch
 import xarray as xr
-from statsmodels.stats.weightstats import DescrStatsW
 
 from regional_lv.inference import importance
 from regional_lv.inference.evidence import Fits, fit
@@ -52,7 +51,8 @@ which an evidence by sampling counts."""
 ITERATIONS, LEAST_GAIN = 60, 1e-7
 """Of the fit of a model that is sampled."""
 
-LEVELS = (0.025, 0.975)
+RESAMPLED, LEVELS = 4000, (0.025, 0.975)
+"""Equally weighted draws of which tables are made, and the ends of their intervals."""
 
 
 @dataclass(frozen=True)
@@ -153,9 +153,9 @@ class Averaged:
 
     def _summary(self, numbers: Sequence[int]) -> pd.DataFrame:
         x, weight = self.weighted(numbers)
-        found = DescrStatsW(self.natural(x), weight.numpy())
-        ends = found.quantile(np.array(LEVELS), return_pandas=False)
-        columns = {"mean": found.mean, "sd": found.std, "lower95": ends[0], "upper95": ends[1]}
+        values = self.natural(x[importance.resample(weight, RESAMPLED)])
+        low, high = np.quantile(values, LEVELS, axis=0)
+        columns = {"mean": values.mean(0), "sd": values.std(0), "lower95": low, "upper95": high}
         return pd.DataFrame(columns, index=pd.Index(self.potential.inputs.names, name="input"))
 
     def inference_data(self, draws: int, seed: int) -> az.InferenceData:
@@ -220,10 +220,11 @@ def average(potential: Potential, largest: int, seed: int, draws: int = DRAWS) -
     """
     candidates = search(potential, largest, seed)
     probability = _probabilities(candidates)
+    counting = _counting(candidates, probability)
     sampled: dict[int, Sampled] = {}
-    for n in _counting(candidates, probability):
+    fits = _settled(potential, [candidates[n] for n in counting])
+    for n, settled in zip(counting, fits, strict=True):
         candidate = candidates[n]
-        settled = _settled(potential, candidate)
         candidates[n] = replace(candidate, fit=settled, log_evidence=float(settled.log_evidence))
         names = (*candidate.members, candidate.amplitude)
         least = LEAST_DRAWS if candidate.departs else LEAST_DRAWS_AS_IS
@@ -263,11 +264,11 @@ def _counting(candidates: Sequence[Candidate], probability: np.ndarray) -> list[
     return chosen
 
 
-def _settled(potential: Potential, candidate: Candidate) -> Fits:
-    """Its fit to the end, with the emulator's covariance there."""
-    assert candidate.fit is not None
-    old = candidate.fit
-    return fit(potential, old.free, old.amplitude, old.x, old.error, ITERATIONS, LEAST_GAIN)
+def _settled(potential: Potential, candidates: Sequence[Candidate]) -> list[Fits]:
+    """Their fits to the end, with the emulator's covariance there."""
+    old = Fits.join([candidate.fit for candidate in candidates if candidate.fit is not None])
+    fits = fit(potential, old.free, old.amplitude, old.x, old.error, ITERATIONS, LEAST_GAIN)
+    return [fits.row(m) for m in range(len(fits))]
 
 
 def sample(potential: Potential, fitted: Fits, draws: int, seed: int) -> Sampled:
@@ -290,7 +291,7 @@ def sample(potential: Potential, fitted: Fits, draws: int, seed: int) -> Sampled
 
     found = importance.sample(
         log_density,
-        transform.outside(fitted.mean[0][free]),
+        fitted.mean[0][free],  # an sd from any end, where the transform changes little
         SPREAD * covariance,
         draws,
         torch.Generator().manual_seed(seed),

@@ -168,30 +168,30 @@ class _Search:
             for m, a in enumerate(AMPLITUDES)
         ]
 
-    def _fit(self, starts: dict[Members, list[tuple[torch.Tensor, Fits]]]) -> None:
-        """Fit each set from the most probable of its starts (P,), each with the parent whose
-        covariance the fit keeps; what is found replaces what was worse."""
-        rows = [(members, *start) for members, some in starts.items() for start in some]
+    def _fit(self, rows: list[tuple[Members, torch.Tensor, Fits]]) -> None:
+        """Fit sets from starts (P,) with the covariance of their parents; what is found replaces
+        what was worse."""
         if not rows:
             return
+        free = torch.stack([self.potential.free(members) for members, _, _ in rows])
         x = torch.stack([start for _, start, _ in rows])
-        error = self.found[()].error
-        value = self.potential.log_density(self.potential.mean(x), x, error)
+        errors = torch.cat([parent.error for _, _, parent in rows])
+        amplitude = torch.zeros(len(rows), dtype=x.dtype)
+        fits = fit(self.potential, free, amplitude, x, errors, ITERATIONS, LEAST_GAIN)
+        for row, (members, _, _) in enumerate(rows):
+            evidence = float(fits.log_evidence[row])
+            if members not in self.found or evidence > self.expected[members]:
+                self.found[members], self.expected[members] = fits.row(row), evidence
+
+    def _most_probable(self, rows: list[tuple[Members, torch.Tensor, Fits]]) -> list:
+        """One start of each set."""
+        x = torch.stack([start for _, start, _ in rows])
+        value = self.potential.log_density(self.potential.mean(x), x, self.found[()].error)
         best: dict[Members, int] = {}
         for row, (members, _, _) in enumerate(rows):
             if members not in best or value[row] > value[best[members]]:
                 best[members] = row
-        kept = list(best.values())
-        errors = torch.cat([rows[row][2].error for row in kept])
-        free = torch.stack([self.potential.free(members) for members in best])
-        fits = fit(
-            *(self.potential, free, torch.zeros(len(kept), dtype=x.dtype), x[kept], errors),
-            *(ITERATIONS, LEAST_GAIN),
-        )
-        for row, members in enumerate(best):
-            evidence = float(fits.log_evidence[row])
-            if members not in self.found or evidence > self.expected[members]:
-                self.found[members], self.expected[members] = fits.row(row), evidence
+        return [rows[row] for row in best.values()]
 
     # -------------------------------------------------------------------------------- growing
 
@@ -204,22 +204,18 @@ class _Search:
             starts.sort(key=lambda s: -s[0])
             self.expected.setdefault(members, starts[0][0])
         ranked = sorted(grown, key=lambda m: -grown[m][0][0])[:most]
-        chosen = {m: [(x, parent) for _, x, parent in grown[m][:STARTS]] for m in ranked}
-        if max(map(len, ranked), default=0) == 1:
-            self._fit_singles(chosen)
-        else:
-            self._fit(chosen)
+        rows = [(m, x, parent) for m in ranked for _, x, parent in grown[m][:STARTS]]
+        if () in parents:  # what single effects are like is not known yet
+            rows += [row for members, x, parent in rows for row in self._spread(members, x, parent)]
+        elif rows:
+            rows = self._most_probable(rows)
+        self._fit(rows)
 
-    def _fit_singles(self, chosen) -> None:
-        """Every start of a single input is followed: what its effect is like is not known yet."""
-        self._fit(chosen)
+    def _spread(self, members: Members, x: torch.Tensor, parent: Fits) -> Iterable:
         for share in SHARES:
-            others = {}
-            for members, ((start, parent),) in chosen.items():
-                at, x = members[0], start.clone()
-                x[at] = self.potential.low[at] + share * self.potential.width[at]
-                others[members] = [(x, parent)]
-            self._fit(others)
+            start = x.clone()
+            start[members[0]] = (self.potential.low + share * self.potential.width)[members[0]]
+            yield members, start, parent
 
     def _grow(self, parents: Sequence[Members]) -> Iterable:
         """(members, expected log evidence, start, parent) for every further input of each parent.
@@ -262,7 +258,7 @@ class _Search:
         set of the smaller size."""
         while size > 0 and self._best(size):
             before = max(map(self.expected.__getitem__, self._best(size - 1)), default=-math.inf)
-            starts: dict[Members, list[tuple[torch.Tensor, Fits]]] = {}
+            rows = []
             for members in self._best(size)[:BEAM]:
                 for k in members:
                     left = tuple(m for m in members if m != k)
@@ -270,8 +266,8 @@ class _Search:
                         self._tried.add((left, members))
                         x = self.found[members].x[0].clone()
                         x[k] = self.potential.nominal[k]
-                        starts.setdefault(left, []).append((x, self.found[members]))
-            self._fit(starts)
+                        rows.append((left, x, self.found[members]))
+            self._fit(rows)
             size -= 1
             if self.expected[self._best(size)[0]] <= before + LEAST_GAIN:
                 break
