@@ -6,7 +6,8 @@ import pytest
 import torch
 from scipy import integrate, stats
 
-from regional_lv.inference.averaging import average, sample
+from regional_lv.inference.averaging import average
+from regional_lv.inference.drawing import sample
 from regional_lv.inference.evidence import fit
 from regional_lv.inference.likelihood import Noise
 from regional_lv.inference.potential import Potential
@@ -25,7 +26,7 @@ def test_average_is_the_mixture(linear_average):
     found, potential, slopes, covariance = linear_average
     table = found.table()
     mean, square = np.zeros(6), np.zeros(6)
-    for p, candidate in zip(found.probability, found.candidates, strict=True):
+    for p, candidate in zip(found.probability, found.models, strict=True):
         wider = covariance + candidate.amplitude**2 * (potential.departure)
         _, centre, spread = closed_form(potential, slopes, wider, candidate.members)
         free = potential.free(candidate.members).numpy()
@@ -43,19 +44,19 @@ def test_average_is_the_mixture(linear_average):
 
 def test_evidence_by_sampling(linear_average):
     found, potential, slopes, covariance = linear_average
-    for n, one in found.sampled.items():
-        candidate = found.candidates[n]
-        wider = covariance + candidate.amplitude**2 * potential.departure
-        expected, _, _ = closed_form(potential, slopes, wider, candidate.members)
-        assert one.reliable
-        assert one.log_evidence == pytest.approx(expected, abs=4 * one.evidence_error)
+    sampled = [model for model in found.models if model.drawn and model.drawn.reliable]
+    assert len(sampled) >= 5
+    for model in sampled:
+        wider = covariance + model.amplitude**2 * potential.departure
+        expected, _, _ = closed_form(potential, slopes, wider, model.members)
+        assert model.log_evidence == pytest.approx(expected, abs=4 * model.drawn.evidence_error)
 
 
 def test_suspected_inputs(linear_average):
     found, potential, _, _ = linear_average
     table = found.table().loc[["c0", "c1", "c2"]]
     for k in potential.suspected:
-        free = [k in c.members for c in found.candidates]
+        free = [k in c.members for c in found.models]
         assert found.probability_of(k) == pytest.approx(found.probability[free].sum())
     table = table[table["probability"] > 0.01]
     assert (table["free_lower95"] < table["free_mean"]).all() and len(table) >= 2
@@ -101,7 +102,7 @@ def test_inferred_noise():
     emulator = Emulator(lambda x: x.expand(-1, d), 1e-8 * torch.eye(d).double())
     y = torch.as_tensor(np.random.default_rng(0).normal(0.4, 0.2, d))
     found = average(Potential(emulator, inputs, y, noise), 0, 0)
-    (one,) = found.sampled.values()
+    (one,) = (model.drawn for model in found.models)
 
     t, sigma = np.linspace(-1, 1, 401), np.linspace(0.05, 3, 401)[:, None, None]
     values = stats.norm(t[:, None], 0.5 * sigma).logpdf(y.numpy()).sum(-1)

@@ -1,11 +1,10 @@
 """The answer averaged over models: probabilities, weighted draws, and tables of the inputs.
 
-The models that count are sampled by importance from the normal distribution that resembles them
-(`importance.sample`), which gives their evidence as well. What sampling finds and Laplace's
-approximation misses is much the same in all models, so that the others get it in the mean.
+The models that matter are sampled, which gives their evidence as well. What sampling finds and
+Laplace's approximation misses is much the same in all models, so that the others get it in the
+mean; their draws are those of the normal distribution that resembles them.
 """
 
-import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -17,36 +16,23 @@ import torch
 import xarray as xr
 
 from regional_lv.inference import importance
-from regional_lv.inference.evidence import Fits, fit
+from regional_lv.inference.drawing import approximate, sample
+from regional_lv.inference.evidence import fit
 from regional_lv.inference.potential import Potential
 from regional_lv.inference.sets import Candidate, search
-from regional_lv.inference.transform import BoundedTransform
 from regional_lv.seeds import derive
 
-log = logging.getLogger(__name__)
+SHARE, MOST = 0.999, 200
+"""Of the probability: what models hold of which there are draws, and how many these are at most."""
 
-SHARE, MOST = 0.999, 40
-"""Of the probability, that models hold which are sampled; and how many are, at most."""
+LEAST_PROBABILITY = 0.02
+"""Of a model that is sampled; the model as it is always is."""
 
-ROUNDS, MOST_ROUNDS = 4, 8
-"""Of importance sampling: rounds of proposals of one distribution, and rounds at most."""
+DRAWS, LEAST_DRAWS = 4000, 1000
+"""Of a round of sampling: for all of the probability, and of one model at least."""
 
-DRAWS, LEAST_DRAWS, LEAST_DRAWS_AS_IS = 4000, 250, 1000
-"""Of a round of a model, for all of the probability; and at least."""
-
-EFFICIENCY = 0.25
-"""Effective draws that suffice, as a share of those of a round: a normal posterior in thirty
-dimensions has 0.3, in ten 0.6."""
-
-SPREAD = 1.2
-"""Of the covariance of the first proposal over that of the posterior as it is expected."""
-
-LARGEST_SD = 0.4
-"""Of a proposal, as a share of the range: a uniform density has 0.29."""
-
-LEAST_ESS, LARGEST_SHAPE = 50.0, 0.7
-"""Effective draws, and shape of the weights' tail (Vehtari et al. 2024, arXiv:1507.02646), with
-which an evidence by sampling counts."""
+APPROXIMATED = 250
+"""Draws of a model that is not sampled."""
 
 ITERATIONS, LEAST_GAIN = 60, 1e-7
 """Of the fit of a model that is sampled."""
@@ -56,71 +42,62 @@ RESAMPLED, LEVELS = 4000, (0.025, 0.975)
 
 
 @dataclass(frozen=True)
-class Sampled:
-    """Weighted draws of one model: coordinates x (N, P), normalised Pareto-smoothed `weight` (N,);
-    log evidence and its standard error, effective sample size, and shape of the weights' tail (NaN
-    where these are even)."""
-
-    x: torch.Tensor
-    weight: torch.Tensor
-    log_evidence: float
-    evidence_error: float
-    ess: float
-    pareto_k: float
-
-    @property
-    def reliable(self) -> bool:
-        """Whether its evidence counts."""
-        return self.ess >= LEAST_ESS and not self.pareto_k > LARGEST_SHAPE
-
-
-@dataclass(frozen=True)
 class Averaged:
-    """Models, the most probable first, their probabilities (L,), and the draws of those that count
-    by their number."""
+    """Models, the most probable first, and their probabilities (L,)."""
 
     potential: Potential
-    candidates: tuple[Candidate, ...]
-    probability: np.ndarray
-    sampled: dict[int, Sampled]
+    models: tuple[Candidate, ...]
+
+    @cached_property
+    def probability(self) -> np.ndarray:
+        return _probabilities(self.models)
+
+    @cached_property
+    def drawn(self) -> list[int]:
+        """Numbers of the models of which there are draws."""
+        return [n for n, model in enumerate(self.models) if model.drawn is not None]
 
     @cached_property
     def base(self) -> int:
         """Number of the model as it is."""
-        return next(n for n, c in enumerate(self.candidates) if not c.departs)
+        return next(n for n, model in enumerate(self.models) if not model.departs)
 
     @property
     def names(self) -> list[str]:
         """Of the models: their inputs; `as it is`; `departure` and its amplitude."""
-        return [self._name(c) for c in self.candidates]
+        return [self._name(model) for model in self.models]
 
-    def _name(self, candidate: Candidate) -> str:
-        if candidate.amplitude:
-            return f"departure {candidate.amplitude:g}"
-        names = [self.potential.inputs.names[k] for k in candidate.members]
+    def _name(self, model: Candidate) -> str:
+        if model.amplitude:
+            return f"departure {model.amplitude:g}"
+        names = [self.potential.inputs.names[k] for k in model.members]
         return " + ".join(names) or "as it is"
 
     @property
     def departure_probability(self) -> float:
         """Of a smooth departure of unknown shape."""
-        return float(sum(self.probability[n] for n, c in enumerate(self.candidates) if c.amplitude))
+        return self._total(lambda model: model.amplitude > 0)
 
     def probability_of(self, k: int) -> float:
         """That the suspected input at place k is free."""
-        return float(
-            sum(p for p, c in zip(self.probability, self.candidates, strict=True) if k in c.members)
-        )
+        return self._total(lambda model: k in model.members)
 
-    def weighted(self, numbers: Sequence[int]) -> tuple[torch.Tensor, torch.Tensor]:
-        """Draws x (N, P) of some models that were sampled and their normalised weights (N,)."""
-        weight = torch.cat([float(self.probability[n]) * self.sampled[n].weight for n in numbers])
-        return torch.cat([self.sampled[n].x for n in numbers]), weight / weight.sum()
+    def _total(self, counts) -> float:
+        return float(self.probability[[bool(counts(model)) for model in self.models]].sum())
 
-    def natural(self, x: torch.Tensor) -> np.ndarray:
+    def _draw(self, numbers: Sequence[int], count: int, generator=None):
+        """Equally weighted draws x (count, P) of some models together, and of which each is."""
+        drawn = [self.models[n].drawn for n in numbers]
+        weights = [self.probability[n] * d.weight for n, d in zip(numbers, drawn, strict=True)]
+        owner = np.repeat(numbers, [len(d.x) for d in drawn])
+        weight = torch.cat(weights)
+        kept = importance.resample(weight / weight.sum(), count, generator)
+        return torch.cat([d.x for d in drawn])[kept], owner[kept.numpy()]
+
+    def _natural(self, x: torch.Tensor) -> np.ndarray:
         """Values (N, K) of the inputs in their units."""
-        columns = x[:, : len(self.potential.inputs)].unbind(1)
-        scaled = zip(self.potential.inputs, columns, strict=True)
-        return torch.stack([each.scale.inverse(column) for each, column in scaled], 1).numpy()
+        columns = zip(self.potential.inputs, x.unbind(1), strict=False)
+        return torch.stack([each.scale.inverse(column) for each, column in columns], 1).numpy()
 
     # ------------------------------------------------------------------------------- summaries
 
@@ -128,32 +105,25 @@ class Averaged:
         """By input: role, unit; mean, sd, lower95 and upper95 (central) averaged over models; the
         same of the model as it is (`as_is_mean`, ...); and of suspected inputs the probability that
         they are free, and the same of the models in which they are (`free_mean`, ...; NaN where
-        none was sampled)."""
+        there are no draws of any)."""
         inputs = self.potential.inputs
         table = pd.DataFrame(
             {"role": [role.kind for role in inputs.roles], "unit": [each.unit for each in inputs]},
             index=pd.Index(inputs.names, name="input"),
         )
-        everything = [*self.sampled]
-        columns = {
-            "": self._summary(everything),
-            "as_is_": self._summary([self.base]),
-        }
-        for prefix, values in columns.items():
-            table = table.join(values.add_prefix(prefix))
+        table = table.join(self._summary(self.drawn))
+        table = table.join(self._summary([self.base]).add_prefix("as_is_"))
         table["probability"] = np.nan
         for k in self.potential.suspected:
             name = inputs.names[k]
             table.loc[name, "probability"] = self.probability_of(k)
-            free = [n for n in everything if k in self.candidates[n].members]
-            if free:
-                for column, value in self._summary(free).loc[name].items():
-                    table.loc[name, f"free_{column}"] = value
+            free = [n for n in self.drawn if k in self.models[n].members]
+            for column, value in self._summary(free).loc[name].items() if free else ():
+                table.loc[name, f"free_{column}"] = value
         return table
 
     def _summary(self, numbers: Sequence[int]) -> pd.DataFrame:
-        x, weight = self.weighted(numbers)
-        values = self.natural(x[importance.resample(weight, RESAMPLED)])
+        values = self._natural(self._draw(numbers, RESAMPLED)[0])
         low, high = np.quantile(values, LEVELS, axis=0)
         columns = {"mean": values.mean(0), "sd": values.std(0), "lower95": low, "upper95": high}
         return pd.DataFrame(columns, index=pd.Index(self.potential.inputs.names, name="input"))
@@ -164,51 +134,39 @@ class Averaged:
         posterior: value (chain, draw, input), in the units of the inputs; sigma (chain, draw,
         quantity), scales of the noise where they are inferred; model_number (chain, draw).
         sample_stats of the models (model,): probability, log_evidence, evidence_error, ess,
-        pareto_k (NaN of those that were not sampled), and free (model, input).
+        pareto_k (NaN of those without draws), and free (model, input).
         """
         generator = torch.Generator().manual_seed(derive(seed, "average"))
-        numbers = [*self.sampled]
-        share = torch.as_tensor(self.probability[numbers])
-        counts = torch.bincount(
-            importance.resample(share / share.sum(), draws, generator), minlength=len(numbers)
-        )
-        x, model = [], []
-        for n, count in zip(numbers, counts.tolist(), strict=True):
-            one = self.sampled[n]
-            x.append(one.x[importance.resample(one.weight, count, generator)])
-            model += [n] * count
+        x, number = self._draw(self.drawn, draws, generator)
         order = torch.randperm(draws, generator=generator)
-        together, inputs = torch.cat(x)[order], self.potential.inputs
-        posterior = xr.Dataset(
-            {
-                "value": (("chain", "draw", "input"), self.natural(together)[None]),
-                "model_number": (("chain", "draw"), np.array(model)[order.numpy()][None]),
-            },
-            coords={"chain": [0], "draw": np.arange(draws), "input": list(inputs.names)},
-        )
-        groups = list(self.potential.noise.groups)
+        x, inputs, groups = x[order], self.potential.inputs, list(self.potential.noise.groups)
+        each = ("chain", "draw")
+        columns = {
+            "value": ((*each, "input"), self._natural(x)[None]),
+            "model_number": (each, number[order.numpy()][None]),
+        }
+        coordinates = {"chain": [0], "draw": np.arange(draws), "input": list(inputs.names)}
         if groups:
-            sigma = together[:, len(inputs) :].exp().numpy()
-            posterior = posterior.assign_coords(quantity=groups)
-            posterior["sigma"] = (("chain", "draw", "quantity"), sigma[None])
+            columns["sigma"] = ((*each, "quantity"), x[:, len(inputs) :].exp().numpy()[None])
+            coordinates["quantity"] = groups
+        posterior = xr.Dataset(columns, coords=coordinates)
         return az.InferenceData(posterior=posterior, sample_stats=self._statistics())
 
     def _statistics(self) -> xr.Dataset:
-        free = np.zeros((len(self.candidates), len(self.potential.inputs)), dtype=bool)
-        for n, candidate in enumerate(self.candidates):
-            free[n] = self.potential.free(candidate.members)[: free.shape[1]].numpy()
-        columns: dict = {
-            "probability": ("model", self.probability),
-            "free": (("model", "input"), free),
-        }
-        columns["log_evidence"] = ("model", np.array([c.log_evidence for c in self.candidates]))
+        names = self.potential.inputs.names
+        free = torch.stack([self.potential.free(model.members) for model in self.models])
+        statistics = xr.Dataset(
+            {
+                "probability": ("model", self.probability),
+                "log_evidence": ("model", [model.log_evidence for model in self.models]),
+                "free": (("model", "input"), free[:, : len(names)].numpy()),
+            },
+            coords={"model": self.names, "input": list(names)},
+        )
         for key in ("evidence_error", "ess", "pareto_k"):
-            values = np.full(len(self.candidates), np.nan)
-            for n, one in self.sampled.items():
-                values[n] = getattr(one, key)
-            columns[key] = ("model", values)
-        names = {"model": self.names, "input": list(self.potential.inputs.names)}
-        return xr.Dataset(columns, coords=names)
+            values = [getattr(model.drawn, key, np.nan) for model in self.models]
+            statistics[key] = ("model", values)
+        return statistics
 
 
 def average(potential: Potential, largest: int, seed: int, draws: int = DRAWS) -> Averaged:
@@ -218,91 +176,43 @@ def average(potential: Potential, largest: int, seed: int, draws: int = DRAWS) -
     draws: of a round of importance sampling of a model that is certain; others have their share of
     them. The same seed gives the same answer.
     """
-    candidates = search(potential, largest, seed)
-    probability = _probabilities(candidates)
-    counting = _counting(candidates, probability)
-    sampled: dict[int, Sampled] = {}
-    fits = _settled(potential, [candidates[n] for n in counting])
-    for n, settled in zip(counting, fits, strict=True):
-        candidate = candidates[n]
-        candidates[n] = replace(candidate, fit=settled, log_evidence=float(settled.log_evidence))
-        names = (*candidate.members, candidate.amplitude)
-        least = LEAST_DRAWS if candidate.departs else LEAST_DRAWS_AS_IS
-        own = max(round(draws * probability[n]), min(least, draws))
-        sampled[n] = sample(potential, settled, own, derive(seed, "model", *names))
-    reliable = {n: s for n, s in sampled.items() if s.reliable}
+    models = search(potential, largest, seed)
+    probability, total, drawn = _probabilities(models), 0.0, 0
+    for n, model in enumerate(models):
+        counts = total < SHARE and drawn < MOST and model.fit is not None
+        if counts or not model.departs:
+            count = max(round(draws * probability[n]), min(LEAST_DRAWS, draws))
+            small = model.departs and probability[n] < LEAST_PROBABILITY
+            own = derive(seed, "model", *model.members, model.amplitude)
+            models[n] = (
+                _approximated(potential, model, own)
+                if small
+                else _sampled(potential, model, count, own)
+            )
+            drawn += 1
+        total += probability[n]
+    reliable = {n: m for n, m in enumerate(models) if m.drawn is not None and m.drawn.reliable}
     if reliable:
-        weight = probability[[*reliable]]
-        missed = [s.log_evidence - candidates[n].log_evidence for n, s in reliable.items()]
-        shift = float(np.average(missed, weights=weight + 1e-300))
-        for n, candidate in enumerate(candidates):
-            known = reliable[n].log_evidence if n in reliable else candidate.log_evidence + shift
-            candidates[n] = replace(candidate, log_evidence=known)
-    order = sorted(range(len(candidates)), key=lambda n: -candidates[n].log_posterior)
-    ranked = [candidates[n] for n in order]
-    place = {n: at for at, n in enumerate(order)}
-    numbered = {place[n]: one for n, one in sampled.items()}
-    return Averaged(
-        potential, tuple(ranked), _probabilities(ranked), dict(sorted(numbered.items()))
-    )
+        missed = [m.drawn.log_evidence - m.log_evidence for m in reliable.values()]
+        shift = float(np.average(missed, weights=probability[[*reliable]] + 1e-300))
+        for n, model in enumerate(models):
+            known = model.drawn.log_evidence if n in reliable else model.log_evidence + shift
+            models[n] = replace(model, log_evidence=known)
+    return Averaged(potential, tuple(sorted(models, key=lambda m: -m.log_posterior)))
 
 
-def _probabilities(candidates: Sequence[Candidate]) -> np.ndarray:
-    logs = torch.tensor([c.log_posterior for c in candidates], dtype=torch.float64)
+def _probabilities(models: Sequence[Candidate]) -> np.ndarray:
+    logs = torch.tensor([model.log_posterior for model in models], dtype=torch.float64)
     return torch.softmax(logs, 0).numpy()
 
 
-def _counting(candidates: Sequence[Candidate], probability: np.ndarray) -> list[int]:
-    """Numbers of the models that are sampled: of those that were fitted the fewest that hold
-    `SHARE` of the probability, and the model as it is."""
-    total, chosen = 0.0, []
-    for n, candidate in enumerate(candidates):
-        counts = total < SHARE and len(chosen) < MOST and candidate.fit is not None
-        if counts or not candidate.departs:
-            chosen.append(n)
-        total += probability[n]
-    return chosen
+def _approximated(potential: Potential, model: Candidate, seed: int) -> Candidate:
+    return replace(model, drawn=approximate(potential, model.fit, APPROXIMATED, seed))
 
 
-def _settled(potential: Potential, candidates: Sequence[Candidate]) -> list[Fits]:
-    """Their fits to the end, with the emulator's covariance there."""
-    old = Fits.join([candidate.fit for candidate in candidates if candidate.fit is not None])
-    fits = fit(potential, old.free, old.amplitude, old.x, old.error, ITERATIONS, LEAST_GAIN)
-    return [fits.row(m) for m in range(len(fits))]
-
-
-def sample(potential: Potential, fitted: Fits, draws: int, seed: int) -> Sampled:
-    """Sample one model (M = 1) by importance, `draws` a round."""
-    free = fitted.free[0]
-    low, high = potential.low[free], potential.high[free]
-    covariance = fitted.covariance[0][free][:, free]
-    transform = BoundedTransform(low, high, covariance.diagonal().sqrt())
-    uniform = float(potential.log_uniform(fitted.free))
-
-    def whole(u):
-        x = fitted.x.repeat(len(u), 1)
-        x[:, free] = transform.inside(u)
-        return x
-
-    def log_density(u):
-        x = whole(u)
-        value = potential.log_density(potential.mean(x), x, fitted.error)
-        return value + uniform + transform.log_slope(u).sum(-1)
-
-    found = importance.sample(
-        log_density,
-        fitted.mean[0][free],  # an sd from any end, where the transform changes little
-        SPREAD * covariance,
-        draws,
-        torch.Generator().manual_seed(seed),
-        rounds=ROUNDS,
-        most_rounds=MOST_ROUNDS,
-        least_ess=EFFICIENCY * draws,
-        largest_sd=LARGEST_SD * (high - low),
-    )
-    log_weight, k = importance.smooth(found.log_weight)
-    weight = torch.softmax(log_weight, 0)
-    return Sampled(
-        *(whole(found.u), weight, found.log_evidence, found.evidence_error),
-        *(importance.effective(weight), k),
-    )
+def _sampled(potential: Potential, model: Candidate, draws: int, seed: int) -> Candidate:
+    """Fitted to the end, with the emulator's covariance there, and sampled."""
+    old = model.fit
+    fitted = fit(potential, old.free, old.amplitude, old.x, old.error, ITERATIONS, LEAST_GAIN)
+    drawn = sample(potential, fitted, draws, seed)
+    return replace(model, fit=fitted, log_evidence=float(fitted.log_evidence), drawn=drawn)

@@ -98,7 +98,7 @@ class Potential:
     certain.
 
     Attributes: low, high, nominal (P,); always (P,), what is free in every model; suspected, the
-    places of the suspected inputs.
+    places of the suspected inputs; tails, that of `heavy_tails`, or None.
 
     Parameters
     ----------
@@ -132,7 +132,7 @@ class Potential:
         self.suspected = tuple(np.flatnonzero(doubted).tolist())
         self._measured = [_prior(inputs, k) for k in np.flatnonzero(inputs.of_role("measured"))]
         tails = [k for k, each in enumerate(inputs) if isinstance(each, HeavyTails)]
-        self._tails = tails[0] if tails else None
+        self.tails = tails[0] if tails else None
 
     @property
     def width(self) -> torch.Tensor:
@@ -186,7 +186,7 @@ class Potential:
     def log_density(self, mean: torch.Tensor, x: torch.Tensor, error: torch.Tensor) -> torch.Tensor:
         """Log posterior density (M,), not normalised, at x (M, P) where outputs have the mean
         (M, D); without the uniform priors (`log_uniform`)."""
-        whitening = self._whitening(x, error)
+        whitening = self.whitening(x, error)
         logs = whitening.diagonal(dim1=-2, dim2=-1).log().sum(-1)
         errors = self._white(whitening, self.y - mean)
         return self._of_errors(errors, x).sum(-1) + logs + self._log_prior(x)
@@ -203,14 +203,14 @@ class Potential:
         count = len(self.inputs)
         gradient[:, :count] += (by_mean[:, None] @ slopes)[:, 0]
         curvature = x.new_zeros(*x.shape, x.shape[1])
-        whitening = self._whitening(x, error)
+        whitening = self.whitening(x, error)
         white, weight = whitening @ slopes, 1.0
         diagonal = curvature.diagonal(dim1=-2, dim2=-1)
-        if self._tails is not None:
+        if self.tails is not None:
             nu = self._freedom(x)
             squares = self._white(whitening, self.y - mean.detach()).square()
             weight = ((nu + 1) / (nu + squares))[..., None]
-            diagonal[:, self._tails] += len(self.y) * _information_of_tails(nu[:, 0])
+            diagonal[:, self.tails] += len(self.y) * _information_of_tails(nu[:, 0])
         curvature[:, :count, :count] += white.mT @ (weight * white)
         for prior in self._measured:
             diagonal[:, prior.at] += prior.precision(x)
@@ -222,8 +222,9 @@ class Potential:
             diagonal[:, count:] += 2 * (sigma / self.noise.prior_scale).square()
         return Quadratic(value.detach(), gradient, curvature)
 
-    def _whitening(self, x, error) -> torch.Tensor:
-        """W (M or 1, D, D), lower triangular, with W S W' = I for the covariance S."""
+    def whitening(self, x: torch.Tensor, error: torch.Tensor) -> torch.Tensor:
+        """W (M or 1, D, D), lower triangular, with W S W' = I for the covariance S of errors and
+        noise at x (M, P)."""
         log_sigma = x[:, len(self.inputs) :] if self.noise.groups else x.new_zeros(1, 0)
         factor = torch.linalg.cholesky(error + torch.diag_embed(self.noise.variance(log_sigma)))
         identity = torch.eye(len(self.y), dtype=x.dtype).expand_as(factor)
@@ -237,12 +238,12 @@ class Potential:
 
     def _of_errors(self, white, x) -> torch.Tensor:
         """Log density (M, D) of whitened errors."""
-        if self._tails is None:
+        if self.tails is None:
             return -0.5 * (white.square() + LOG_2PI)
         return torch.distributions.StudentT(self._freedom(x)).log_prob(white)
 
     def _freedom(self, x) -> torch.Tensor:
-        return 1 / (x[:, self._tails, None] + LEAST_TAIL)
+        return 1 / (x[:, self.tails, None] + LEAST_TAIL)
 
     def _log_prior(self, x) -> torch.Tensor:
         total = x.new_zeros(len(x))

@@ -21,6 +21,7 @@ import numpy as np
 import torch
 
 from regional_lv.design import sobol
+from regional_lv.inference.drawing import Drawn
 from regional_lv.inference.evidence import WEAK, Fits, cut, fit, held_at_ends
 from regional_lv.inference.potential import Potential
 from regional_lv.seeds import derive
@@ -49,7 +50,7 @@ STARTS = 4
 SCREENED, FOLLOWED = 256, 8
 """Sobol points from which the model as it is starts: points tried, and followed."""
 
-ITERATIONS, LEAST_GAIN = 25, 1e-3
+ITERATIONS, LEAST_GAIN = 25, 1e-2
 """Of a fit in the search, and of its last step; what counts is fitted to the end later."""
 
 AMPLITUDES = (1.0, 2.0, 4.0, 8.0, 16.0)
@@ -62,13 +63,14 @@ Members = tuple[int, ...]
 class Candidate:
     """A model: the places of its suspected inputs among all inputs, ascending, or the `amplitude`
     of a smooth departure in their place; log prior probability, log evidence and fit (M = 1). A set
-    without fit has the log evidence that the search expects."""
+    without fit has the log evidence that the search expects. `drawn` later, if at all."""
 
     members: Members
     log_prior: float
     log_evidence: float
     fit: Fits | None = None
     amplitude: float = 0.0
+    drawn: Drawn | None = None
 
     @property
     def log_posterior(self) -> float:
