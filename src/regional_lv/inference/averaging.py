@@ -1,0 +1,218 @@
+"""The answer averaged over models: probabilities, weighted draws, and tables of the inputs.
+
+The models that matter are sampled, which gives their evidence as well. What sampling finds and
+Laplace's approximation misses is much the same in all models, so that the others get it in the
+mean; their draws are those of the normal distribution that resembles them.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import arviz as az
+import numpy as np
+import pandas as pd
+import torch
+import xarray as xr
+
+from regional_lv.inference import importance
+from regional_lv.inference.drawing import approximate, sample
+from regional_lv.inference.evidence import fit
+from regional_lv.inference.potential import Potential
+from regional_lv.inference.sets import Candidate, search
+from regional_lv.seeds import derive
+
+SHARE, MOST = 0.999, 200
+"""Of the probability: what models hold of which there are draws, and how many these are at most."""
+
+LEAST_PROBABILITY = 0.02
+"""Of a model that is sampled; the model as it is always is."""
+
+DRAWS, LEAST_DRAWS = 4000, 1000
+"""Of a round of sampling: for all of the probability, and of one model at least."""
+
+APPROXIMATED = 250
+"""Draws of a model that is not sampled."""
+
+ITERATIONS, LEAST_GAIN = 60, 1e-7
+"""Of the fit of a model that is sampled."""
+
+RESAMPLED, LEVELS = 4000, (0.025, 0.975)
+"""Equally weighted draws of which tables are made, and the ends of their intervals."""
+
+
+@dataclass(frozen=True)
+class Averaged:
+    """Models, the most probable first, and their probabilities (L,)."""
+
+    potential: Potential
+    models: tuple[Candidate, ...]
+
+    @cached_property
+    def probability(self) -> np.ndarray:
+        return _probabilities(self.models)
+
+    @cached_property
+    def drawn(self) -> list[int]:
+        """Numbers of the models of which there are draws."""
+        return [n for n, model in enumerate(self.models) if model.drawn is not None]
+
+    @cached_property
+    def base(self) -> int:
+        """Number of the model as it is."""
+        return next(n for n, model in enumerate(self.models) if not model.departs)
+
+    @property
+    def names(self) -> list[str]:
+        """Of the models: their inputs; `as it is`; `departure` and its amplitude."""
+        return [self._name(model) for model in self.models]
+
+    def _name(self, model: Candidate) -> str:
+        if model.amplitude:
+            return f"departure {model.amplitude:g}"
+        names = [self.potential.inputs.names[k] for k in model.members]
+        return " + ".join(names) or "as it is"
+
+    @property
+    def departure_probability(self) -> float:
+        """Of a smooth departure of unknown shape."""
+        return self._total(lambda model: model.amplitude > 0)
+
+    def probability_of(self, k: int) -> float:
+        """That the suspected input at place k is free."""
+        return self._total(lambda model: k in model.members)
+
+    def _total(self, counts) -> float:
+        return float(self.probability[[bool(counts(model)) for model in self.models]].sum())
+
+    def _draw(self, numbers: Sequence[int], count: int, generator=None):
+        """Equally weighted draws x (count, P) of some models together, and of which each is."""
+        drawn = [self.models[n].drawn for n in numbers]
+        weights = [self.probability[n] * d.weight for n, d in zip(numbers, drawn, strict=True)]
+        owner = np.repeat(numbers, [len(d.x) for d in drawn])
+        weight = torch.cat(weights)
+        kept = importance.resample(weight / weight.sum(), count, generator)
+        return torch.cat([d.x for d in drawn])[kept], owner[kept.numpy()]
+
+    def _natural(self, x: torch.Tensor) -> np.ndarray:
+        """Values (N, K) of the inputs in their units."""
+        columns = zip(self.potential.inputs, x.unbind(1), strict=False)
+        return torch.stack([each.scale.inverse(column) for each, column in columns], 1).numpy()
+
+    # ------------------------------------------------------------------------------- summaries
+
+    def table(self) -> pd.DataFrame:
+        """By input: role, unit; mean, sd, lower95 and upper95 (central) averaged over models; the
+        same of the model as it is (`as_is_mean`, ...); and of suspected inputs the probability that
+        they are free, and the same of the models in which they are (`free_mean`, ...; NaN where
+        there are no draws of any)."""
+        inputs = self.potential.inputs
+        table = pd.DataFrame(
+            {"role": [role.kind for role in inputs.roles], "unit": [each.unit for each in inputs]},
+            index=pd.Index(inputs.names, name="input"),
+        )
+        table = table.join(self._summary(self.drawn))
+        table = table.join(self._summary([self.base]).add_prefix("as_is_"))
+        table["probability"] = np.nan
+        for k in self.potential.suspected:
+            name = inputs.names[k]
+            table.loc[name, "probability"] = self.probability_of(k)
+            free = [n for n in self.drawn if k in self.models[n].members]
+            for column, value in self._summary(free).loc[name].items() if free else ():
+                table.loc[name, f"free_{column}"] = value
+        return table
+
+    def _summary(self, numbers: Sequence[int]) -> pd.DataFrame:
+        values = self._natural(self._draw(numbers, RESAMPLED)[0])
+        low, high = np.quantile(values, LEVELS, axis=0)
+        columns = {"mean": values.mean(0), "sd": values.std(0), "lower95": low, "upper95": high}
+        return pd.DataFrame(columns, index=pd.Index(self.potential.inputs.names, name="input"))
+
+    def inference_data(self, draws: int, seed: int) -> az.InferenceData:
+        """`draws` equally weighted draws of the average, in random order, as ArviZ has them.
+
+        posterior: value (chain, draw, input), in the units of the inputs; sigma (chain, draw,
+        quantity), scales of the noise where they are inferred; model_number (chain, draw).
+        sample_stats of the models (model,): probability, log_evidence, evidence_error, ess,
+        pareto_k (NaN of those without draws), and free (model, input).
+        """
+        generator = torch.Generator().manual_seed(derive(seed, "average"))
+        x, number = self._draw(self.drawn, draws, generator)
+        order = torch.randperm(draws, generator=generator)
+        x, inputs, groups = x[order], self.potential.inputs, list(self.potential.noise.groups)
+        each = ("chain", "draw")
+        columns = {
+            "value": ((*each, "input"), self._natural(x)[None]),
+            "model_number": (each, number[order.numpy()][None]),
+        }
+        coordinates = {"chain": [0], "draw": np.arange(draws), "input": list(inputs.names)}
+        if groups:
+            columns["sigma"] = ((*each, "quantity"), x[:, len(inputs) :].exp().numpy()[None])
+            coordinates["quantity"] = groups
+        posterior = xr.Dataset(columns, coords=coordinates)
+        return az.InferenceData(posterior=posterior, sample_stats=self._statistics())
+
+    def _statistics(self) -> xr.Dataset:
+        names = self.potential.inputs.names
+        free = torch.stack([self.potential.free(model.members) for model in self.models])
+        statistics = xr.Dataset(
+            {
+                "probability": ("model", self.probability),
+                "log_evidence": ("model", [model.log_evidence for model in self.models]),
+                "free": (("model", "input"), free[:, : len(names)].numpy()),
+            },
+            coords={"model": self.names, "input": list(names)},
+        )
+        for key in ("evidence_error", "ess", "pareto_k"):
+            values = [getattr(model.drawn, key, np.nan) for model in self.models]
+            statistics[key] = ("model", values)
+        return statistics
+
+
+def average(potential: Potential, largest: int, seed: int, draws: int = DRAWS) -> Averaged:
+    """The posterior averaged over all sets of suspected inputs up to the `largest`, the model as it
+    is and a smooth departure.
+
+    draws: of a round of importance sampling of a model that is certain; others have their share of
+    them. The same seed gives the same answer.
+    """
+    models = search(potential, largest, seed)
+    probability, total, drawn = _probabilities(models), 0.0, 0
+    for n, model in enumerate(models):
+        counts = total < SHARE and drawn < MOST and model.fit is not None
+        if counts or not model.departs:
+            count = max(round(draws * probability[n]), min(LEAST_DRAWS, draws))
+            small = model.departs and probability[n] < LEAST_PROBABILITY
+            own = derive(seed, "model", *model.members, model.amplitude)
+            models[n] = (
+                _approximated(potential, model, own)
+                if small
+                else _sampled(potential, model, count, own)
+            )
+            drawn += 1
+        total += probability[n]
+    reliable = {n: m for n, m in enumerate(models) if m.drawn is not None and m.drawn.reliable}
+    if reliable:
+        missed = [m.drawn.log_evidence - m.log_evidence for m in reliable.values()]
+        shift = float(np.average(missed, weights=probability[[*reliable]] + 1e-300))
+        for n, model in enumerate(models):
+            known = model.drawn.log_evidence if n in reliable else model.log_evidence + shift
+            models[n] = replace(model, log_evidence=known)
+    return Averaged(potential, tuple(sorted(models, key=lambda m: -m.log_posterior)))
+
+
+def _probabilities(models: Sequence[Candidate]) -> np.ndarray:
+    logs = torch.tensor([model.log_posterior for model in models], dtype=torch.float64)
+    return torch.softmax(logs, 0).numpy()
+
+
+def _approximated(potential: Potential, model: Candidate, seed: int) -> Candidate:
+    return replace(model, drawn=approximate(potential, model.fit, APPROXIMATED, seed))
+
+
+def _sampled(potential: Potential, model: Candidate, draws: int, seed: int) -> Candidate:
+    """Fitted to the end, with the emulator's covariance there, and sampled."""
+    old = model.fit
+    fitted = fit(potential, old.free, old.amplitude, old.x, old.error, ITERATIONS, LEAST_GAIN)
+    drawn = sample(potential, fitted, draws, seed)
+    return replace(model, fit=fitted, log_evidence=float(fitted.log_evidence), drawn=drawn)

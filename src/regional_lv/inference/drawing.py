@@ -1,0 +1,159 @@
+"""Weighted draws and the evidence of one model, by importance sampling about its fit.
+
+Where outputs are linear in the inputs, these have a normal posterior given the scales of the noise,
+whose width goes with the scales. In coordinates that are counted from its mean in its standard
+deviations the posterior is the same for all scales, and scales that are hardly known leave no
+funnel (Papaspiliopoulos, Roberts and Skold 2007, doi 10.1214/088342307000000014).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+from regional_lv.inference import importance
+from regional_lv.inference.evidence import Fits
+from regional_lv.inference.point import CHUNK
+from regional_lv.inference.potential import Potential
+from regional_lv.inference.transform import BoundedTransform
+
+ROUNDS, MOST_ROUNDS, EFFICIENCY = 4, 8, 0.2
+"""Rounds of proposals of one distribution; rounds at most; and effective draws that suffice, as a
+share of those of a round: a normal posterior in thirty dimensions has 0.3, in ten 0.6."""
+
+SPREAD = 1.2
+"""Of the covariance of the first proposal over that of the posterior as it is expected."""
+
+LARGEST_SD = 3.0
+"""Of a proposal, in standard deviations of the posterior as it is expected."""
+
+LEAST_ESS, LARGEST_SHAPE = 50.0, 0.7
+"""Effective draws, and shape of the weights' tail (Vehtari et al. 2024, arXiv:1507.02646), with
+which an evidence by sampling counts."""
+
+SCALES = {"draws": 300, "rounds": 3}
+"""Of the scales of the noise in the linear model, to find out where they are."""
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """Weighted draws of one model: coordinates x (N, P), normalised Pareto-smoothed `weight` (N,);
+    log evidence and its standard error, effective sample size, and shape of the weights' tail (NaN
+    where these are even). Draws of an approximation have an infinite error."""
+
+    x: torch.Tensor
+    weight: torch.Tensor
+    log_evidence: float
+    evidence_error: float
+    ess: float
+    pareto_k: float
+
+    @property
+    def reliable(self) -> bool:
+        """Whether its evidence counts."""
+        fitting = self.ess >= LEAST_ESS and not self.pareto_k > LARGEST_SHAPE
+        return fitting and np.isfinite(self.evidence_error)
+
+
+def approximate(potential: Potential, fitted: Fits, draws: int, seed: int) -> Drawn:
+    """Draws of the normal distribution that resembles a model (M = 1), cut at its ranges."""
+    generator = torch.Generator().manual_seed(seed)
+    free, x = fitted.free[0], fitted.x.repeat(draws, 1)
+    factor = torch.linalg.cholesky(fitted.covariance[0][free][:, free])
+    deviates = torch.randn(draws, len(factor), generator=generator, dtype=x.dtype)
+    x[:, free] = fitted.mean[0, free] + deviates @ factor.mT
+    x = torch.minimum(torch.maximum(x, potential.low), potential.high)
+    weight = torch.full((draws,), 1 / draws, dtype=x.dtype)
+    return Drawn(x, weight, float(fitted.log_evidence), np.inf, float(draws), np.nan)
+
+
+def sample(potential: Potential, fitted: Fits, draws: int, seed: int) -> Drawn:
+    """Sample one model (M = 1) by importance, `draws` a round."""
+    generator = torch.Generator().manual_seed(seed)
+    coordinates = Standardised(potential, fitted, generator)
+    uniform = float(potential.log_uniform(fitted.free))
+
+    def log_density(v):
+        x, slope = coordinates.open(v)
+        return potential.log_density(potential.mean(x), x, fitted.error) + uniform + slope
+
+    found = importance.sample(
+        lambda v: torch.cat([log_density(part) for part in v.split(CHUNK)]),
+        *(coordinates.mean, SPREAD * coordinates.covariance, draws, generator),
+        rounds=ROUNDS,
+        most_rounds=MOST_ROUNDS,
+        least_ess=EFFICIENCY * draws,
+        largest_sd=LARGEST_SD,
+    )
+    log_weight, k = importance.smooth(found.log_weight)
+    weight = torch.softmax(log_weight, 0)
+    x = torch.cat([coordinates.open(part)[0] for part in found.u.split(CHUNK)])
+    ess = importance.effective(weight)
+    return Drawn(x, weight, found.log_evidence, found.evidence_error, ess, k)
+
+
+class Standardised:
+    """Coordinates v (N, n + G) in which the posterior of a fitted model (M = 1) is nearly standard
+    normal: of its n free inputs, then G log noise scales as they are.
+
+    Attributes: mean (n + G,) and covariance (n + G, n + G), about those of the posterior.
+    """
+
+    def __init__(self, potential: Potential, fitted: Fits, generator: torch.Generator):
+        self._potential, self._fitted = potential, fitted
+        count = len(potential.inputs)
+        self._free = free = fitted.free[0].clone()
+        free[count:] = False
+        covariance = fitted.covariance[0][free][:, free]
+        self._transform = BoundedTransform(
+            potential.low[free], potential.high[free], covariance.diagonal().sqrt()
+        )
+        mean, slopes = potential.linearise(fitted.x)
+        self._residual, self._slopes = (potential.y - mean)[0], slopes[0][:, free[:count]]
+        # The ends of the ranges count with the normal factors that stand for them.
+        self._precision = torch.linalg.inv(covariance)
+        self._pull = self._precision @ (fitted.mean - fitted.x)[0, free]
+        self._at_fit = potential.whitening(fitted.x, fitted.error)[0]
+        tails = potential.tails is not None and bool(free[potential.tails])
+        self._follows_noise = bool(potential.noise.groups) and not tails
+        self.mean = torch.zeros(len(covariance), dtype=covariance.dtype)
+        self.covariance = torch.eye(len(covariance), dtype=covariance.dtype)
+        if potential.noise.groups:
+            scales = fitted.mean[0, count:], fitted.covariance[0, count:, count:]
+            found = importance.sample(self._marginal, *scales, generator=generator, **SCALES)
+            centre, spread = importance.moments(found.u, found.weight)
+            self.mean = torch.cat([self.mean, centre])
+            self.covariance = torch.block_diag(self.covariance, spread)
+
+    def open(self, v: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Coordinates x (N, P) of the model, and log |dx / dv| (N,)."""
+        n, x = len(self._pull), self._fitted.x.repeat(len(v), 1)
+        centre, factor, _ = self._normal(v[:, n:])
+        away = torch.linalg.solve_triangular(factor.mT, v[:, :n, None], upper=True)[..., 0]
+        u = self._fitted.x[0, self._free] + centre + away
+        x[:, self._free], x[:, len(self._potential.inputs) :] = self._transform.inside(u), v[:, n:]
+        stretch = self._transform.log_slope(u).sum(-1)
+        return x, stretch - factor.diagonal(dim1=-2, dim2=-1).log().sum(-1)
+
+    def _normal(self, log_sigma):
+        """Of the linear model with scales (N, G): mean (N or 1, n) less the fit, Cholesky factor
+        (N or 1, n, n) of the precision, and log density (N or 1,) of the observations."""
+        precision, pull, white = self._precision[None], self._pull[None], self._at_fit[None]
+        if self._follows_noise:
+            x = self._fitted.x.repeat(len(log_sigma), 1)
+            x[:, len(self._potential.inputs) :] = log_sigma
+            white = self._potential.whitening(x, self._fitted.error)
+            change = white.mT @ white - self._at_fit.mT @ self._at_fit
+            precision = precision + self._slopes.mT @ change @ self._slopes
+            pull = pull + (change @ self._residual) @ self._slopes
+        factor = torch.linalg.cholesky(precision)
+        centre = torch.cholesky_solve(pull[..., None], factor)[..., 0]
+        logs = white.diagonal(dim1=-2, dim2=-1).log().sum(-1)
+        logs = logs - factor.diagonal(dim1=-2, dim2=-1).log().sum(-1)
+        error = (white @ self._residual).square().sum(-1)
+        return centre, factor, logs - 0.5 * error + 0.5 * (pull * centre).sum(-1)
+
+    def _marginal(self, log_sigma):
+        """Log posterior density (N,) of the scales in the linear model."""
+        prior = self._potential.noise.log_prior(log_sigma) + log_sigma.sum(-1)
+        return prior + torch.cat([self._normal(part)[2] for part in log_sigma.split(CHUNK)])

@@ -1,0 +1,298 @@
+"""The posterior of many models at once, over the scaled coordinates of their inputs.
+
+A model is a set of suspected inputs that are free beside the inferred and the measured ones; all
+others are at their nominal values. Coordinates x (P,) are the scaled coordinates of all K inputs,
+then the log noise scale of each of the G quantities whose noise is inferred.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+import torch
+from scipy import stats
+
+from regional_lv.channels import Channels
+from regional_lv.errors import InputError
+from regional_lv.gaussian import LOG_2PI
+from regional_lv.inference.likelihood import Noise
+from regional_lv.inference.point import CHUNK, LOG_SIGMA_BOUNDS
+from regional_lv.inputs.closed_forms import HeavyTails
+from regional_lv.inputs.scales import Scale
+from regional_lv.inputs.space import Inputs
+from regional_lv.reduction import VOLUME
+
+VOLUME_SHARE = 0.005
+"""Sd of a volume that comes without one, as a share of it (about 1 mL): nobody measures better."""
+
+FIRST_SIGMA = 0.3
+"""Noise scale that fits start from, in its unit."""
+
+LEAST_TAIL = 1e-5
+"""Added to the inverse of the degrees of freedom: at 0 the noise is normal but for 1e-5."""
+
+
+class Emulated(Protocol):
+    """The simulator as a posterior sees it: D observed outputs in natural units, at scaled
+    coordinates (M, K) of all inputs, float64. Points are asked for by `CHUNK` at most."""
+
+    def mean(self, x: torch.Tensor) -> torch.Tensor:
+        """(M, D)."""
+
+    def linearise(self, x: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Mean (M, D) and its derivatives (M, D, K) about the scaled coordinates."""
+
+    def covariance(self, x: torch.Tensor) -> torch.Tensor:
+        """Of the errors of the mean, (M, D, D), or (1, D, D) if they are the same everywhere."""
+
+
+@dataclass(frozen=True)
+class Measured:
+    """The prior of a measured input: normal, of `mean` and `sd` in its unit, cut at its range.
+
+    at: its coordinate. log_mass: log probability of the range.
+    """
+
+    at: int
+    scale: Scale
+    mean: float
+    sd: float
+    log_mass: float
+
+    def log_density(self, x: torch.Tensor) -> torch.Tensor:
+        """(M,) of the scaled coordinate, at x (M, P)."""
+        value, slope = self._open(x)
+        square = ((value - self.mean) / self.sd).square()
+        return slope.log() - 0.5 * (square + LOG_2PI) - np.log(self.sd) - self.log_mass
+
+    def precision(self, x: torch.Tensor) -> torch.Tensor:
+        """(M,)."""
+        return (self._open(x)[1] / self.sd).square()
+
+    def _open(self, x):
+        value = self.scale.inverse(x[:, self.at])
+        return value, self.scale.slope(value) * torch.ones_like(value)
+
+
+@dataclass(frozen=True)
+class Quadratic:
+    """Log densities (M,), their gradients (M, P), and curvatures (M, P, P), which are positive
+    semi-definite: the expected information, about all coordinates, free or not."""
+
+    value: torch.Tensor
+    gradient: torch.Tensor
+    curvature: torch.Tensor
+
+
+class Potential:
+    """Log posterior densities of observations y (D,) for any point of any model.
+
+    Inferred and suspected inputs are uniform on their scales within their ranges, measured ones
+    normal in their units, scales of the noise half-normal. Errors are normal; with `heavy_tails`
+    among the inputs each channel's, given those before it, is Student's t.
+
+    The emulator's covariance is an argument, `error` (M or 1, D, D): it is taken at the fit of a
+    model (`settle`) and kept there, so that no estimate is drawn to where the emulator is least
+    certain.
+
+    Attributes: low, high, nominal (P,); always (P,), what is free in every model; suspected, the
+    places of the suspected inputs; tails, that of `heavy_tails`, or None.
+
+    Parameters
+    ----------
+    emulated: of the D channels that were observed.
+    inputs: K of them, with roles.
+    departure: covariance (D, D) of a smooth departure of unknown shape, at an amplitude of one.
+    """
+
+    def __init__(
+        self,
+        emulated: Emulated,
+        inputs: Inputs,
+        y: torch.Tensor,
+        noise: Noise,
+        departure: torch.Tensor | None = None,
+    ):
+        self.emulated, self.inputs, self.y = emulated, inputs, y
+        self.noise, self.departure = noise, departure
+        groups = len(noise.groups)
+        self.low, self.high, self.nominal = (
+            torch.as_tensor(np.append(inputs.scaled(values), [of_sigma] * groups))
+            for values, of_sigma in (
+                (inputs.lower, LOG_SIGMA_BOUNDS[0]),
+                (inputs.upper, LOG_SIGMA_BOUNDS[1]),
+                (inputs.nominal, np.log(FIRST_SIGMA)),
+            )
+        )
+        doubted = inputs.of_role("suspected")
+        known = doubted | inputs.of_role("fixed")
+        self.always = torch.as_tensor(np.append(~known, np.ones(groups, dtype=bool)))
+        self.suspected = tuple(np.flatnonzero(doubted).tolist())
+        self._measured = [_prior(inputs, k) for k in np.flatnonzero(inputs.of_role("measured"))]
+        tails = [k for k, each in enumerate(inputs) if isinstance(each, HeavyTails)]
+        self.tails = tails[0] if tails else None
+
+    @property
+    def width(self) -> torch.Tensor:
+        """Of the ranges, (P,)."""
+        return self.high - self.low
+
+    def free(self, members: Sequence[int] = ()) -> torch.Tensor:
+        """Mask (P,) of what is free where the suspected inputs at the places `members` are."""
+        free = self.always.clone()
+        free[list(members)] = True
+        return free
+
+    def log_uniform(self, free: torch.Tensor) -> torch.Tensor:
+        """Log density (M,) of all uniform priors of models whose coordinates `free` (M, P) are."""
+        return -(free[:, self._uniform] * self.width[self._uniform].log()).sum(-1)
+
+    @cached_property
+    def _uniform(self) -> torch.Tensor:
+        uniform = torch.arange(len(self.low)) < len(self.inputs)
+        uniform[[prior.at for prior in self._measured]] = False
+        return uniform
+
+    # ----------------------------------------------------------------------------- evaluation
+
+    def settle(self, x: torch.Tensor, amplitude: torch.Tensor) -> torch.Tensor:
+        """Covariance (M or 1, D, D) of all errors but the noise at x (M, P), with a departure of
+        `amplitude` (M,)."""
+        parts = [self.emulated.covariance(part) for part in self._points(x)]
+        error = parts[0] if len(parts[0]) == 1 else torch.cat(parts)
+        if self.departure is None:
+            return error
+        return error + amplitude.square()[:, None, None] * self.departure
+
+    @torch.no_grad()
+    def mean(self, x: torch.Tensor) -> torch.Tensor:
+        """Of the outputs (M, D) at x (M, P)."""
+        return torch.cat([self.emulated.mean(part) for part in self._points(x)])
+
+    @torch.no_grad()
+    def linearise(self, x: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """The same, and its derivatives (M, D, K)."""
+        parts = [self.emulated.linearise(part) for part in self._points(x)]
+        means, slopes = zip(*parts, strict=True)
+        return torch.cat(means), torch.cat(slopes)
+
+    def _points(self, x):
+        return x[:, : len(self.inputs)].split(CHUNK)
+
+    # -------------------------------------------------------------------------------- density
+
+    def log_density(self, mean: torch.Tensor, x: torch.Tensor, error: torch.Tensor) -> torch.Tensor:
+        """Log posterior density (M,), not normalised, at x (M, P) where outputs have the mean
+        (M, D); without the uniform priors (`log_uniform`)."""
+        whitening = self.whitening(x, error)
+        logs = whitening.diagonal(dim1=-2, dim2=-1).log().sum(-1)
+        errors = self._white(whitening, self.y - mean)
+        return self._of_errors(errors, x).sum(-1) + logs + self._log_prior(x)
+
+    def quadratic(
+        self, mean: torch.Tensor, slopes: torch.Tensor, x: torch.Tensor, error: torch.Tensor
+    ) -> Quadratic:
+        """The same with derivatives, from those of the mean, `slopes` (M, D, K)."""
+        mean, at = mean.detach().requires_grad_(), x.detach().requires_grad_()
+        value = self.log_density(mean, at, error)
+        by_mean, gradient = torch.autograd.grad(
+            value.sum(), (mean, at), allow_unused=True, materialize_grads=True
+        )
+        count = len(self.inputs)
+        gradient[:, :count] += (by_mean[:, None] @ slopes)[:, 0]
+        curvature = x.new_zeros(*x.shape, x.shape[1])
+        whitening = self.whitening(x, error)
+        white, weight = whitening @ slopes, 1.0
+        diagonal = curvature.diagonal(dim1=-2, dim2=-1)
+        if self.tails is not None:
+            nu = self._freedom(x)
+            squares = self._white(whitening, self.y - mean.detach()).square()
+            weight = ((nu + 1) / (nu + squares))[..., None]
+            diagonal[:, self.tails] += len(self.y) * _information_of_tails(nu[:, 0])
+        curvature[:, :count, :count] += white.mT @ (weight * white)
+        for prior in self._measured:
+            diagonal[:, prior.at] += prior.precision(x)
+        if self.noise.groups:
+            sigma = x[:, count:].exp()
+            change = 2 * sigma.square()[..., None] * self.noise.units.square()
+            squares = (whitening.mT @ whitening).square() / 2
+            curvature[:, count:, count:] += change @ squares @ change.mT
+            diagonal[:, count:] += 2 * (sigma / self.noise.prior_scale).square()
+        return Quadratic(value.detach(), gradient, curvature)
+
+    def whitening(self, x: torch.Tensor, error: torch.Tensor) -> torch.Tensor:
+        """W (M or 1, D, D), lower triangular, with W S W' = I for the covariance S of errors and
+        noise at x (M, P)."""
+        log_sigma = x[:, len(self.inputs) :] if self.noise.groups else x.new_zeros(1, 0)
+        factor = torch.linalg.cholesky(error + torch.diag_embed(self.noise.variance(log_sigma)))
+        identity = torch.eye(len(self.y), dtype=x.dtype).expand_as(factor)
+        return torch.linalg.solve_triangular(factor, identity, upper=False)
+
+    @staticmethod
+    def _white(whitening, residual):
+        if len(whitening) == 1:
+            return residual @ whitening[0].mT
+        return (whitening @ residual[..., None])[..., 0]
+
+    def _of_errors(self, white, x) -> torch.Tensor:
+        """Log density (M, D) of whitened errors."""
+        if self.tails is None:
+            return -0.5 * (white.square() + LOG_2PI)
+        return torch.distributions.StudentT(self._freedom(x)).log_prob(white)
+
+    def _freedom(self, x) -> torch.Tensor:
+        return 1 / (x[:, self.tails, None] + LEAST_TAIL)
+
+    def _log_prior(self, x) -> torch.Tensor:
+        total = x.new_zeros(len(x))
+        for prior in self._measured:
+            total = total + prior.log_density(x)
+        if self.noise.groups:
+            log_sigma = x[:, len(self.inputs) :]
+            total = total + self.noise.log_prior(log_sigma) + log_sigma.sum(-1)
+        return total
+
+
+def _prior(inputs: Inputs, k: int) -> Measured:
+    mean, sd = float(inputs.nominal[k]), inputs.roles[k].sd
+    ends = (np.array([inputs.lower[k], inputs.upper[k]]) - mean) / sd
+    log_mass = float(np.log(np.diff(stats.norm.cdf(ends))[0]))
+    return Measured(int(k), inputs[k].scale, mean, float(sd), log_mass)
+
+
+def _information_of_tails(nu: torch.Tensor) -> torch.Tensor:
+    """Expected information (M,) of one error about 1 / nu (Lange, Little and Taylor 1989,
+    doi 10.1080/01621459.1989.10478852, appendix B); its limit is 3.5."""
+    nu = nu.clamp(max=1e3)  # beyond, digits cancel
+    halves = torch.special.polygamma(1, nu / 2) - torch.special.polygamma(1, (nu + 1) / 2)
+    return nu**4 * (halves / 4 - (nu + 5) / (2 * nu * (nu + 1) * (nu + 3)))
+
+
+def noise_of(
+    channels: Channels, y: np.ndarray, sd: np.ndarray, unit: np.ndarray, prior_scale: float
+) -> Noise:
+    """The noise of measured values y (D,) whose `sd` (D,) is NaN where it was not given.
+
+    Volumes are known to `VOLUME_SHARE` then; other quantities have an unknown scale each, times the
+    `unit` (D,) of a channel, with a half-normal prior of `prior_scale`.
+
+    Raises InputError for an sd that is not above 0.
+    """
+    volumes = channels.of_quantity(VOLUME)
+    known = np.where(volumes & np.isnan(sd), VOLUME_SHARE * np.abs(y), sd)
+    for name, value in zip(channels.names, known, strict=True):
+        if value <= 0 or np.isinf(value):
+            raise InputError(
+                f"{name}: noise of standard deviation {value:g}; give a number above 0 in the "
+                "column sd, or leave it empty"
+            )
+    unknown = np.isnan(known)
+    groups = {
+        quantity: torch.as_tensor(np.where(unknown & channels.of_quantity(quantity), unit, 0.0))
+        for quantity in dict.fromkeys(
+            c.quantity for c, u in zip(channels, unknown, strict=True) if u
+        )
+    }
+    return Noise(torch.as_tensor(np.nan_to_num(known)), groups, float(prior_scale))

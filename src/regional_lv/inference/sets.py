@@ -1,0 +1,275 @@
+"""The search over sets of suspected inputs: which explain the data, and with what evidence.
+
+Every set up to three is judged. A set grows from those with one input less: the quadratic form at
+the fit of such a parent says what evidence one more input would bring, and where; the sets that
+promise most are fitted from there, and the others keep the evidence that is promised. Beyond three
+only the best sets grow, in a floating search (Pudil et al. 1994, doi
+10.1016/0167-8655(94)90127-9): each input of a set found is taken away, too, so that one that
+imitated several others in small sets gives way to them in large ones.
+
+All sizes are equally probable, and all sets of one size (Scott and Berger 2010, doi
+10.1214/10-AOS792), so that a longer catalogue does not make it more likely that something is found.
+A smooth departure of unknown shape counts as one size more; it takes any of `AMPLITUDES`.
+"""
+
+import logging
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+from regional_lv.design import sobol
+from regional_lv.inference.drawing import Drawn
+from regional_lv.inference.evidence import WEAK, Fits, cut, fit, held_at_ends
+from regional_lv.inference.potential import Potential
+from regional_lv.seeds import derive
+
+log = logging.getLogger(__name__)
+
+EXHAUSTIVE = 3
+"""Size up to which every set is judged."""
+
+FITTED, FITTED_BEYOND = 300, 40
+"""Sets of a size that are fitted, those that promise most; and of a size beyond `EXHAUSTIVE`."""
+
+BEAM = 10
+"""Sets from which larger ones than `EXHAUSTIVE` grow, and that are tried with one input less."""
+
+HOPELESS = 15.0
+"""Log posterior probability behind the best set, at which the best one of a size beyond
+`EXHAUSTIVE` ends the search."""
+
+SHARES = (0.1, 0.5, 0.9)
+"""Of the range of a single input: where its fits start, beside where the parent says."""
+
+STARTS = 4
+"""Of one set, of which the most probable is followed."""
+
+SCREENED, FOLLOWED = 256, 8
+"""Sobol points from which the model as it is starts: points tried, and followed."""
+
+ITERATIONS, LEAST_GAIN = 25, 1e-2
+"""Of a fit in the search, and of its last step; what counts is fitted to the end later."""
+
+AMPLITUDES = (1.0, 2.0, 4.0, 8.0, 16.0)
+"""Of a smooth departure, in units of its covariance; all equally probable."""
+
+Members = tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A model: the places of its suspected inputs among all inputs, ascending, or the `amplitude`
+    of a smooth departure in their place; log prior probability, log evidence and fit (M = 1). A set
+    without fit has the log evidence that the search expects. `drawn` later, if at all."""
+
+    members: Members
+    log_prior: float
+    log_evidence: float
+    fit: Fits | None = None
+    amplitude: float = 0.0
+    drawn: Drawn | None = None
+
+    @property
+    def log_posterior(self) -> float:
+        """Not normalised."""
+        return self.log_evidence + self.log_prior
+
+    @property
+    def departs(self) -> bool:
+        """Whether it is another one than the model as it is."""
+        return bool(self.members or self.amplitude)
+
+
+def search(potential: Potential, largest: int, seed: int) -> list[Candidate]:
+    """All models that were judged, the most probable first.
+
+    largest: of the sets. The same seed gives the same answer.
+    """
+    return _Search(potential, largest).run(seed)
+
+
+class _Search:
+    def __init__(self, potential: Potential, largest: int):
+        self.potential = potential
+        self.largest = min(largest, len(potential.suspected))
+        self.found: dict[Members, Fits] = {}
+        self.expected: dict[Members, float] = {}
+        self._tried: set[tuple[Members, Members]] = set()
+
+    def run(self, seed: int) -> list[Candidate]:
+        self.found[()] = base = self._base(seed)
+        for size in range(1, self.largest + 1):
+            if size <= EXHAUSTIVE:
+                self._enlarge(self._best(size - 1), FITTED)
+            else:
+                self._enlarge(self._best(size - 1)[:BEAM], FITTED_BEYOND)
+            self._shrink(size)
+            best = max(map(self._log_posterior, self.found))
+            if size > EXHAUSTIVE and self._log_posterior(self._best(size)[0]) < best - HOPELESS:
+                break
+        departures = [] if self.potential.departure is None else self._departures(base)
+        sets = [
+            Candidate(members, self._log_prior(len(members)), evidence, self.found.get(members))
+            for members, evidence in self.expected.items()
+        ]
+        log.info("models: %d of %d sets fitted", len(self.found), len(sets))
+        return sorted([*sets, *departures], key=lambda c: -c.log_posterior)
+
+    # --------------------------------------------------------------------------------- priors
+
+    def _log_prior(self, size: int) -> float:
+        sizes = self.largest + 1 + (self.potential.departure is not None)
+        return -math.log(sizes) - math.log(math.comb(len(self.potential.suspected), size))
+
+    def _log_posterior(self, members: Members) -> float:
+        return self.expected[members] + self._log_prior(len(members))
+
+    def _best(self, size: int) -> list[Members]:
+        """The fitted sets of one size, that with the largest evidence first."""
+        return sorted((m for m in self.found if len(m) == size), key=lambda m: -self.expected[m])
+
+    # ----------------------------------------------------------------------------------- fits
+
+    def _base(self, seed: int) -> Fits:
+        """The model as it is, from its nominal values and from the most probable Sobol points."""
+        potential = self.potential
+        inferred = np.flatnonzero(potential.inputs.of_role("inferred"))
+        x, zero = potential.nominal[None], potential.nominal.new_zeros(1)
+        error = potential.settle(x, zero)
+        if len(inferred):
+            ends = (end[inferred].numpy() for end in (potential.low, potential.high))
+            others = x.repeat(SCREENED, 1)
+            points = sobol(SCREENED, *ends, "natural", derive(seed, "starts"))
+            others[:, inferred] = torch.as_tensor(points)
+            value = potential.log_density(potential.mean(others), others, error)
+            x = torch.cat([x, others[value.topk(FOLLOWED).indices]])
+        free = potential.free().expand_as(x)
+        for _ in range(2):  # the second time with the covariance where the first one ended
+            fits = fit(
+                *(potential, free, zero.expand(len(x)), x, error),
+                *(3 * ITERATIONS, LEAST_GAIN),
+            )
+            best = fits.row(int(fits.log_evidence.argmax()))
+            x, error, free = best.x, best.error, free[:1]
+        self.expected[()] = float(best.log_evidence)
+        return best
+
+    def _departures(self, base: Fits) -> list[Candidate]:
+        amplitude = torch.tensor(AMPLITUDES, dtype=base.x.dtype)
+        x = base.x.repeat(len(amplitude), 1)
+        fits = fit(
+            *(self.potential, base.free.expand_as(x), amplitude, x),
+            *(self.potential.settle(x, amplitude), ITERATIONS, LEAST_GAIN),
+        )
+        prior = self._log_prior(0) - math.log(len(amplitude))
+        return [
+            Candidate((), prior, float(fits.log_evidence[m]), fits.row(m), a)
+            for m, a in enumerate(AMPLITUDES)
+        ]
+
+    def _fit(self, rows: list[tuple[Members, torch.Tensor, Fits]]) -> None:
+        """Fit sets from starts (P,) with the covariance of their parents; what is found replaces
+        what was worse."""
+        if not rows:
+            return
+        free = torch.stack([self.potential.free(members) for members, _, _ in rows])
+        x = torch.stack([start for _, start, _ in rows])
+        errors = torch.cat([parent.error for _, _, parent in rows])
+        amplitude = torch.zeros(len(rows), dtype=x.dtype)
+        fits = fit(self.potential, free, amplitude, x, errors, ITERATIONS, LEAST_GAIN)
+        for row, (members, _, _) in enumerate(rows):
+            evidence = float(fits.log_evidence[row])
+            if members not in self.found or evidence > self.expected[members]:
+                self.found[members], self.expected[members] = fits.row(row), evidence
+
+    def _most_probable(self, rows: list[tuple[Members, torch.Tensor, Fits]]) -> list:
+        """One start of each set."""
+        x = torch.stack([start for _, start, _ in rows])
+        value = self.potential.log_density(self.potential.mean(x), x, self.found[()].error)
+        best: dict[Members, int] = {}
+        for row, (members, _, _) in enumerate(rows):
+            if members not in best or value[row] > value[best[members]]:
+                best[members] = row
+        return [rows[row] for row in best.values()]
+
+    # -------------------------------------------------------------------------------- growing
+
+    def _enlarge(self, parents: Sequence[Members], most: int) -> None:
+        """Judge all sets with one input more than `parents`, and fit the `most` promising ones."""
+        grown: dict[Members, list[tuple[float, torch.Tensor, Fits]]] = {}
+        for members, evidence, start, parent in self._grow(parents):
+            grown.setdefault(members, []).append((evidence, start, parent))
+        for members, starts in grown.items():
+            starts.sort(key=lambda s: -s[0])
+            self.expected.setdefault(members, starts[0][0])
+        ranked = sorted(grown, key=lambda m: -grown[m][0][0])[:most]
+        rows = [(m, x, parent) for m in ranked for _, x, parent in grown[m][:STARTS]]
+        if () in parents:  # what single effects are like is not known yet
+            rows += [row for members, x, parent in rows for row in self._spread(members, x, parent)]
+        elif rows:
+            rows = self._most_probable(rows)
+        self._fit(rows)
+
+    def _spread(self, members: Members, x: torch.Tensor, parent: Fits) -> Iterable:
+        for share in SHARES:
+            start = x.clone()
+            start[members[0]] = (self.potential.low + share * self.potential.width)[members[0]]
+            yield members, start, parent
+
+    def _grow(self, parents: Sequence[Members]) -> Iterable:
+        """(members, expected log evidence, start, parent) for every further input of each parent.
+
+        The parent's coordinates follow the new one, but for those that are held at an end.
+        """
+        if not parents:
+            return
+        potential, width = self.potential, self.potential.width
+        fits = Fits.join([self.found[m] for m in parents])
+        x, gradient = fits.x, fits.gradient * width
+        held = held_at_ends(potential, fits.free, x, gradient)
+        inner = (fits.free & ~held).to(x.dtype)
+        curvature = fits.curvature * width[:, None] * width
+        coupled = curvature * inner[:, :, None]
+        own = coupled * inner[:, None, :] + torch.diag_embed(1 - inner + WEAK * inner)
+        follow = torch.linalg.solve(own, coupled)
+        steps = torch.linalg.solve(own, (gradient * inner)[..., None])[..., 0]
+        precision = (curvature.diagonal(dim1=-2, dim2=-1) - (coupled * follow).sum(1)).clamp(
+            min=WEAK
+        )
+        slope = gradient - (coupled * steps[..., None]).sum(1)
+        low, high = (potential.low - x) / width, (potential.high - x) / width
+        centre = slope / precision
+        log_mass, _, _ = cut(centre, 1 / precision, low, high)
+        gain = 0.5 * (slope * centre - precision.log() + math.log(2 * math.pi)) + log_mass
+        move = torch.minimum(torch.maximum(centre, low), high)
+        for row, members in enumerate(parents):
+            parent = self.found[members]
+            for k in set(potential.suspected) - set(members):
+                grown = tuple(sorted((*members, k)))
+                evidence = self.expected[members] + float(gain[row, k])
+                start = x[row] + (steps[row] - follow[row, :, k] * move[row, k]) * width
+                start[k] = x[row, k] + move[row, k] * width[k]
+                start = torch.minimum(torch.maximum(start, potential.low), potential.high)
+                yield grown, evidence, start, parent
+
+    def _shrink(self, size: int) -> None:
+        """Take each input of the best sets of `size` away, and go on while that betters the best
+        set of the smaller size."""
+        while size > 0 and self._best(size):
+            before = max(map(self.expected.__getitem__, self._best(size - 1)), default=-math.inf)
+            rows = []
+            for members in self._best(size)[:BEAM]:
+                for k in members:
+                    left = tuple(m for m in members if m != k)
+                    if (left, members) not in self._tried:
+                        self._tried.add((left, members))
+                        x = self.found[members].x[0].clone()
+                        x[k] = self.potential.nominal[k]
+                        rows.append((left, x, self.found[members]))
+            self._fit(rows)
+            size -= 1
+            if self.expected[self._best(size)[0]] <= before + LEAST_GAIN:
+                break

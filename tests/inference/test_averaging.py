@@ -1,0 +1,146 @@
+"""The average over models: against mixtures in closed form and quadrature, and its files."""
+
+import arviz as az
+import numpy as np
+import pytest
+import torch
+from scipy import integrate, stats
+
+from regional_lv.inference.averaging import average
+from regional_lv.inference.drawing import sample
+from regional_lv.inference.evidence import fit
+from regional_lv.inference.likelihood import Noise
+from regional_lv.inference.potential import Potential
+from tests.inference.toys import Emulator, closed_form, known_noise, linear_problem, toy_inputs
+
+
+@pytest.fixture(scope="module")
+def linear_average():
+    inputs = toy_inputs(2, measured=(0.3,), suspected=3, half=2.0)
+    truth = [0.5, -0.3, 0.0, 0.15, 0.0, 0.2]
+    problem = linear_problem(inputs, 12, truth, departure=1e-3 * torch.eye(12).double())
+    return average(problem[0], 3, 0), *problem
+
+
+def test_average_is_the_mixture(linear_average):
+    found, potential, slopes, covariance = linear_average
+    table = found.table()
+    mean, square = np.zeros(6), np.zeros(6)
+    for p, candidate in zip(found.probability, found.models, strict=True):
+        wider = covariance + candidate.amplitude**2 * (potential.departure)
+        _, centre, spread = closed_form(potential, slopes, wider, candidate.members)
+        free = potential.free(candidate.members).numpy()
+        mean[free] += p * centre.numpy()
+        square[free] += p * (spread.diagonal() + centre.square()).numpy()
+    sd = np.sqrt(square - mean**2)
+    assert (np.abs(table["mean"] - mean) < 0.06 * sd + 1e-3).all()
+    np.testing.assert_allclose(table["sd"], sd, rtol=0.1, atol=3e-3)
+    as_is = closed_form(potential, slopes, covariance)
+    free = table[potential.free().numpy()]
+    np.testing.assert_allclose(free["as_is_sd"], as_is[2].diagonal().sqrt(), rtol=0.1)
+    width = free["as_is_upper95"] - free["as_is_lower95"]
+    np.testing.assert_allclose(width, 2 * 1.96 * free["as_is_sd"], rtol=0.1)
+
+
+def test_evidence_by_sampling(linear_average):
+    found, potential, slopes, covariance = linear_average
+    sampled = [model for model in found.models if model.drawn and model.drawn.reliable]
+    assert len(sampled) >= 5
+    for model in sampled:
+        wider = covariance + model.amplitude**2 * potential.departure
+        expected, _, _ = closed_form(potential, slopes, wider, model.members)
+        assert model.log_evidence == pytest.approx(expected, abs=4 * model.drawn.evidence_error)
+
+
+def test_suspected_inputs(linear_average):
+    found, potential, _, _ = linear_average
+    table = found.table().loc[["c0", "c1", "c2"]]
+    for k in potential.suspected:
+        free = [k in c.members for c in found.models]
+        assert found.probability_of(k) == pytest.approx(found.probability[free].sum())
+    table = table[table["probability"] > 0.01]
+    assert (table["free_lower95"] < table["free_mean"]).all() and len(table) >= 2
+    # The mean over all models is that of the models in which it is free, and 0 elsewhere.
+    expected = table["probability"] * table["free_mean"]
+    np.testing.assert_allclose(table["mean"], expected, atol=2e-3)
+
+
+def test_files(linear_average, tmp_path):
+    found = linear_average[0]
+    found.inference_data(500, 3).to_netcdf(str(tmp_path / "a.nc"), engine="h5netcdf")
+    data = az.from_netcdf(tmp_path / "a.nc")
+    assert dict(data.posterior.sizes) == {"chain": 1, "draw": 500, "input": 6}
+    t0 = data.posterior["value"].sel(input="t0").to_numpy()
+    row = found.table().loc["t0"]
+    assert t0.mean() == pytest.approx(row["mean"], abs=0.2 * row["sd"])
+    statistics = data.sample_stats
+    assert float(statistics["probability"].sum()) == pytest.approx(1.0)
+    assert list(statistics["model"].to_numpy()) == found.names and "as it is" in found.names
+    # Draws of a model have the inputs at their nominal values that are not free in it.
+    number = data.posterior["model_number"].to_numpy()[0]
+    values = data.posterior["value"].to_numpy()[0]
+    fixed = ~statistics["free"].to_numpy()[number]
+    assert (values[fixed] == 0).all()
+    share = np.bincount(number, minlength=len(found.probability)) / 500
+    np.testing.assert_allclose(share, found.probability, atol=0.01)
+
+
+def test_same_seed_same_answer():
+    inputs = toy_inputs(2, suspected=3)
+    potential, _, _ = linear_problem(inputs, 10, [0.3, 0.1, 0.2, 0.0, 0.0])
+    first, second, other = (average(potential, 2, seed, draws=500) for seed in (1, 1, 2))
+    assert first.table().equals(second.table())
+    assert first.inference_data(50, 1).posterior.equals(second.inference_data(50, 1).posterior)
+    assert not first.table().equals(other.table())
+
+
+def test_inferred_noise():
+    """Against quadrature over one input and the scale of its noise."""
+    d = 8
+    inputs = toy_inputs(1)
+    noise = Noise(torch.zeros(d).double(), {"all": torch.full((d,), 0.5).double()}, 0.7)
+    emulator = Emulator(lambda x: x.expand(-1, d), 1e-8 * torch.eye(d).double())
+    y = torch.as_tensor(np.random.default_rng(0).normal(0.4, 0.2, d))
+    found = average(Potential(emulator, inputs, y, noise), 0, 0)
+    (one,) = (model.drawn for model in found.models)
+
+    t, sigma = np.linspace(-1, 1, 401), np.linspace(0.05, 3, 401)[:, None, None]
+    values = stats.norm(t[:, None], 0.5 * sigma).logpdf(y.numpy()).sum(-1)
+    density = np.exp(values) * stats.halfnorm(scale=0.7).pdf(sigma[:, :, 0]) / 2
+    sigma, of_sigma = sigma[:, 0, 0], integrate.simpson(density, x=t)
+    evidence = integrate.simpson(of_sigma, x=sigma)
+    mean = integrate.simpson(sigma * of_sigma, x=sigma)
+    assert one.log_evidence == pytest.approx(np.log(evidence), abs=4 * one.evidence_error)
+    sigma = found.inference_data(2000, 0).posterior["sigma"]
+    assert float(sigma.mean()) == pytest.approx(mean / evidence, rel=0.05)
+
+
+@pytest.mark.parametrize("at", [(0.5, 0.5), (1.3, 1.2), (-0.4, 0.5)])
+def test_bent_posterior_at_its_bounds(at):
+    """A nonlinear effect of two inputs: evidence and mean against quadrature."""
+    inputs = toy_inputs(1, suspected=1, ends=(("t0", 0.0, 1.0), ("c0", 0.0, 1.0)))
+    a = torch.tensor([[1.0, 0.6], [0.3, 0.9], [0.8, 0.8], [0.5, 0.1]]).double()
+
+    def function(x):
+        return torch.sin(1.2 * x @ a.mT) + 0.3 * (x[:, :1] * x[:, 1:])
+
+    y = function(torch.tensor([at]).double())[0]
+    emulator = Emulator(function, torch.zeros(4, 4).double())
+    potential = Potential(emulator, inputs, y, known_noise(4, 0.2))
+    t = np.linspace(0, 1, 401)
+    grid = torch.as_tensor(np.stack(np.meshgrid(t, t, indexing="ij"), -1).reshape(-1, 2))
+    density = np.exp(stats.norm(0, 0.2).logpdf((y - function(grid)).numpy()).sum(-1))
+    density = density.reshape(401, 401)
+
+    def whole(values):
+        return integrate.simpson(integrate.simpson(values, x=t), x=t)
+
+    free = potential.free((1,))[None]
+    zero = torch.zeros(1).double()
+    x = potential.nominal[None]
+    fitted = fit(potential, free, zero, x, potential.settle(x, zero), 60, 1e-8)
+    found = sample(potential, fitted, 2000, 0)
+    evidence = whole(density)
+    assert found.log_evidence == pytest.approx(np.log(evidence), abs=4 * found.evidence_error)
+    mean = [whole(density * t[:, None]) / evidence, whole(density * t) / evidence]
+    np.testing.assert_allclose(found.weight @ found.x, mean, atol=0.02)
