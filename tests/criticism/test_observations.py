@@ -7,7 +7,8 @@ import torch
 from regional_lv import aha
 from regional_lv.channels import Channels
 from regional_lv.criticism.model import Layout
-from regional_lv.criticism.observations import REACHED, contrasts, noise_units, observe
+from regional_lv.criticism.observations import contrasts, observe
+from regional_lv.inference.departure import REACHED, noise_units
 from regional_lv.measured import synthetic_subject
 from regional_lv.parameters import ZONES, Parameterisation
 from tests.criticism.toy import ToyEmulator

@@ -7,11 +7,10 @@ simulator is. Where it explains the data better than any set of causes, the cata
 something.
 """
 
-import numpy as np
 import torch
 
-from regional_lv import aha
-from regional_lv.criticism.observations import Observations, noise_units
+from regional_lv.criticism.observations import Observations
+from regional_lv.inference.departure import departure_covariance
 
 AMPLITUDES = (1.0, 2.0, 4.0, 8.0, 16.0)
 """Its sd, in a good measurement's noise (`noise_units`); all equally likely."""
@@ -27,19 +26,4 @@ def unlisted_covariance(observations: Observations, emulator) -> torch.Tensor:
 
 def unlisted_pattern(observations: Observations, emulator) -> torch.Tensor:
     """(D, D) covariance of all channels at an amplitude of one."""
-    channels = observations.channels
-    unit = noise_units(channels, emulator.output_sd.numpy())
-    quantity = np.array([channel.quantity for channel in channels])
-    load = np.array([channel.load_fraction for channel in channels])
-    same = (quantity[:, None] == quantity) & (load[:, None] == load)
-    segments = np.array([channel.segment or 0 for channel in channels])
-    level, wall = (
-        np.array([next((k for k, members in places.items() if s in members), "") for s in segments])
-        for places in (aha.LEVELS, aha.WALLS)
-    )
-    pattern = same + np.eye(len(unit))
-    for place in (level, wall):
-        pattern = pattern + (same & (place[:, None] == place) & (place != ""))
-    # A volume has no level, an apex no wall: each channel's own sd is the amplitude nevertheless.
-    unit = unit / np.sqrt(pattern.diagonal())
-    return torch.as_tensor(pattern * unit[:, None] * unit)
+    return departure_covariance(observations.channels, emulator.output_sd.numpy())

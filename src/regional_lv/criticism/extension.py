@@ -19,12 +19,12 @@ from regional_lv.criticism.hypotheses.base import (
     ReportHypothesis,
     SimulatorHypothesis,
 )
-from regional_lv.criticism.observations import noise_units
 from regional_lv.criticism.polynomial import lagrange
 from regional_lv.emulators.base import Emulator, Prediction
 from regional_lv.emulators.gradient_gp import GradientGP
 from regional_lv.errors import InputError
 from regional_lv.gaussian import Z95
+from regional_lv.inference.departure import noise_units
 from regional_lv.parameters import Parameterisation
 from regional_lv.progress import Progress
 from regional_lv.seeds import derive

@@ -15,25 +15,6 @@ from regional_lv.errors import InputError
 from regional_lv.inference.likelihood import Noise
 from regional_lv.inference.target import BLUR
 
-REACHED = {"strain": 0.01, "volume": 1.0, "torsion": 0.01, "shortening": 0.005}
-"""Noise that good tagged MRI reaches, by a quantity's `noise` and in its unit."""
-
-SHARE_OF_SPREAD = 0.1
-"""The same for other quantities: this share of their spread over the design."""
-
-
-def noise_units(channels: Channels, spread: np.ndarray) -> np.ndarray:
-    """What differences of the channels are counted in, (D,): a good measurement's noise.
-
-    spread: (D,) sd of the channels over the design.
-    """
-    return np.array(
-        [
-            REACHED.get(channel.kind.noise, SHARE_OF_SPREAD * sd)
-            for channel, sd in zip(channels, spread, strict=True)
-        ]
-    )
-
 
 @dataclass(frozen=True)
 class Observations:

@@ -8,8 +8,8 @@ import torch
 from regional_lv.channels import Channels
 from regional_lv.criticism.confirmation import correct
 from regional_lv.criticism.extended import ExtendedEmulator
-from regional_lv.criticism.observations import noise_units
 from regional_lv.emulators.base import Emulator
+from regional_lv.inference.departure import noise_units
 
 MENTIONED = 3
 

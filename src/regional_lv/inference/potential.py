@@ -119,7 +119,7 @@ class Potential:
         self.noise, self.departure = noise, departure
         groups = len(noise.groups)
         self.low, self.high, self.nominal = (
-            torch.as_tensor(np.append(inputs.scaled(values), [of_sigma] * groups))
+            torch.as_tensor(np.append(inputs.coordinates.scaled(values), [of_sigma] * groups))
             for values, of_sigma in (
                 (inputs.lower, LOG_SIGMA_BOUNDS[0]),
                 (inputs.upper, LOG_SIGMA_BOUNDS[1]),
