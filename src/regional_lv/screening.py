@@ -11,7 +11,16 @@ from regional_lv.inputs.coordinates import Coordinates
 from regional_lv.parameters import Parameterisation
 
 
-def screen(batches: list[Path], parameters: Parameterisation | Coordinates, channels: Channels):
+UNSTABLE = "next to a limit of stability: derivatives are many times those of the others"
+"""Reason of a simulation that is left out although it converged."""
+
+
+def screen(
+    batches: list[Path],
+    parameters: Parameterisation | Coordinates,
+    channels: Channels,
+    steepest: float | None = None,
+):
     """Merge batch tables; return (converged, excluded, summary).
 
     `converged` holds the simulations to learn from, sorted by sample. `excluded` lists the rest
@@ -19,12 +28,22 @@ def screen(batches: list[Path], parameters: Parameterisation | Coordinates, chan
     bound, 1 at its upper one on its scale. `summary` is one row of counts, costs and the range
     of the channels that are no wall strain.
 
+    steepest: simulations whose derivatives are, root mean square, more than as many times the
+    median's are left out (None: none). Next to a state at which the wall loses its stability, as
+    soft ones do between the cavity's pressure and stiff springs outside, derivatives grow without
+    bound, and an emulator of smooth functions that learns from one is wrong far around it.
+
     Raises InputError if nothing converged.
     """
     table = pd.concat([pd.read_parquet(path) for path in batches], ignore_index=True)
     table = table.sort_values("sample", ignore_index=True)
     finite = np.isfinite(table[list(channels.names)].to_numpy(dtype=float)).all(axis=1)
     kept = (table["status"] == "converged") & finite
+    if steepest is not None:
+        steep = _steepness(table[kept], parameters.coordinates, len(channels))
+        unstable = steep > steepest * steep.median()
+        table.loc[unstable.index[unstable], "reason"] = UNSTABLE
+        kept &= ~unstable.reindex(table.index, fill_value=False)
     if not kept.any():
         raise InputError(
             f"{batches[0]}: none of {len(table)} simulations converged; see the column `reason`, "
@@ -60,6 +79,19 @@ def screen(batches: list[Path], parameters: Parameterisation | Coordinates, chan
     )
 
 
+def _steepness(table: pd.DataFrame, space: Coordinates, outputs: int) -> pd.Series:
+    """By simulation, the root mean square over the outputs of what they change by over the range
+    of an input, each in the median of the table."""
+    theta = table[list(space.names)].to_numpy(float)
+    slopes = np.stack(table["sensitivity"].to_list()).reshape(len(table), outputs, len(space))
+    range_ = space.scaled(space.upper) - space.scaled(space.lower)
+    change = slopes * (space.slope(theta) * range_)[:, None]
+    size = np.sqrt(np.square(change).mean(axis=2))
+    # In medians over the table, so that no simulation makes its own measure.
+    relative = size / np.median(size, axis=0)
+    return pd.Series(np.sqrt(np.square(relative).mean(axis=1)), index=table.index)
+
+
 def screen_simulations(
     batches: list[Path],
     parameters: Parameterisation | Coordinates,
@@ -67,9 +99,10 @@ def screen_simulations(
     kept: Path,
     excluded: Path,
     summary: Path,
+    steepest: float | None = None,
 ) -> None:
     """Write the three tables of `screen`: Parquet, CSV, CSV."""
-    converged, others, counts = screen(batches, parameters, channels)
+    converged, others, counts = screen(batches, parameters, channels, steepest)
     converged.to_parquet(kept, index=False)
     others.to_csv(excluded, index=False)
     counts.to_csv(summary, index=False)

@@ -121,6 +121,7 @@ if config["inputs"]:
             call="screening:screen_simulations",
             parameters=COORDINATES,
             channels=OUTPUTS,
+            steepest=ALL_INPUTS["steepest"],
         script:
             "../scripts/call.py"
 
