@@ -23,7 +23,7 @@ class _Derivative:
     def __init__(self, forms: Sequence, space):
         self._forms, self._space = forms, space
         self._compiled: dict[int, Any] = {}
-        self._matrix: Any = None
+        self._matrix: api.Matrix | None = None
 
     def _form(self, which: int):
         if which not in self._compiled:
@@ -35,9 +35,9 @@ class _Derivative:
         (K, ...) of the degrees of freedom `columns` (...)."""
         forms = [self._form(number) for number in which]
         if self._matrix is None:
-            self._matrix = api.create_matrix(forms[0])
-        api.assemble_matrix(self._matrix, *forms)
-        matrix = api.as_scipy(self._matrix, forms[0])
+            self._matrix = api.Matrix(forms[0])
+        self._matrix.assemble(*forms)
+        matrix = self._matrix.to_scipy()
         each = np.zeros((matrix.shape[1], len(directions)))
         each[columns.ravel()] = directions.reshape(len(directions), -1).T
         return (matrix @ each).T

@@ -336,28 +336,53 @@ def _facet_corners(mesh, facets: np.ndarray) -> np.ndarray:
     return np.asarray(corners)
 
 
-def create_matrix(form):
-    """Empty sparse matrix with the pattern of a compiled bilinear form."""
-    if _LEGACY:
-        return fem.assemble.create_matrix(form)
-    return fem.create_matrix(form)
+class Matrix:
+    """Sparse matrix for compiled bilinear forms with the pattern of the first one, row by row:
+    `indptr`, `indices` and `data`.
 
+    dolfinx 0.5 looks for the place of each entry of each cell, which takes three times as long as
+    the integrals themselves; here places are kept.
+    """
 
-def assemble_matrix(matrix, *forms) -> None:
-    """Assemble the sum of compiled bilinear forms into `matrix`, replacing what it held."""
-    matrix.set(0.0) if _LEGACY else matrix.set_value(0.0)
-    for form in forms:
-        fem.assemble_matrix(matrix, form)
+    def __init__(self, form):
+        create = fem.assemble.create_matrix if _LEGACY else fem.create_matrix
+        self._made = create(form)
+        self.indptr, self.indices, self.data = (
+            np.asarray(each) for each in (self._made.indptr, self._made.indices, self._made.data)
+        )
+        spaces = form.function_spaces
+        self._shape = tuple(s.dofmap.index_map.size_local * s.dofmap.index_map_bs for s in spaces)
+        self._places: dict[tuple[bytes, bytes], np.ndarray] = {}
 
+    def assemble(self, *forms) -> None:
+        """Assemble the sum of some forms, replacing what there was."""
+        self.data[:] = 0.0
+        for form in forms:
+            if _LEGACY:
+                cpp.fem.assemble_matrix(self._insert, form, [])
+            else:
+                fem.assemble_matrix(self._made, form)
 
-def as_scipy(matrix, form) -> sparse.spmatrix:
-    """A matrix of `create_matrix` as scipy's, with which it shares its entries."""
-    if not _LEGACY:
-        return matrix.to_scipy()
-    spaces = form.function_spaces
-    shape = tuple(s.dofmap.index_map.size_local * s.dofmap.index_map_bs for s in spaces)
-    entries = (np.asarray(each) for each in (matrix.data, matrix.indices, matrix.indptr))
-    return sparse.csr_matrix(tuple(entries), shape, copy=False)
+    def _insert(self, rows: np.ndarray, columns: np.ndarray, values: np.ndarray) -> int:
+        """Add what one cell or facet contributes."""
+        key = rows.tobytes(), columns.tobytes()
+        places = self._places.get(key)
+        if places is None:
+            starts, ends = self.indptr[rows], self.indptr[rows + 1]
+            each = [
+                first + np.searchsorted(self.indices[first:last], columns)
+                for first, last in zip(starts, ends, strict=True)
+            ]
+            places = self._places[key] = np.concatenate(each).astype(np.int32)
+        self.data[places] += values.ravel()
+        return 0
+
+    def to_scipy(self) -> sparse.spmatrix:
+        """As scipy's, with the same entries."""
+        if not _LEGACY:
+            return self._made.to_scipy()
+        entries = self.data, self.indices, self.indptr
+        return sparse.csr_matrix(entries, self._shape, copy=False)
 
 
 def assemble_vector(array: np.ndarray, *forms) -> np.ndarray:
