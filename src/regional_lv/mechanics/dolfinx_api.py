@@ -42,7 +42,6 @@ import ufl
 from dolfinx import cpp, fem
 from mpi4py import MPI
 from petsc4py import PETSc
-from scipy import sparse
 
 from regional_lv.errors import InputError
 
@@ -340,8 +339,8 @@ class Matrix:
     """Sparse matrix for compiled bilinear forms with the pattern of the first one, row by row:
     `indptr`, `indices` and `data`.
 
-    dolfinx 0.5 looks for the place of each entry of each cell, which takes three times as long as
-    the integrals themselves; here places are kept.
+    dolfinx 0.5 looks for the place of each entry of each cell, which takes as long as the integrals
+    themselves; here places are kept.
     """
 
     def __init__(self, form):
@@ -350,8 +349,6 @@ class Matrix:
         self.indptr, self.indices, self.data = (
             np.asarray(each) for each in (self._made.indptr, self._made.indices, self._made.data)
         )
-        spaces = form.function_spaces
-        self._shape = tuple(s.dofmap.index_map.size_local * s.dofmap.index_map_bs for s in spaces)
         self._places: dict[tuple[bytes, bytes], np.ndarray] = {}
 
     def assemble(self, *forms) -> None:
@@ -377,12 +374,27 @@ class Matrix:
         self.data[places] += values.ravel()
         return 0
 
-    def to_scipy(self) -> sparse.spmatrix:
-        """As scipy's, with the same entries."""
-        if not _LEGACY:
-            return self._made.to_scipy()
-        entries = self.data, self.indices, self.indptr
-        return sparse.csr_matrix(entries, self._shape, copy=False)
+
+def dimension(space) -> int:
+    """Number of degrees of freedom of a function space."""
+    return space.dofmap.index_map.size_local * space.dofmap.index_map_bs
+
+
+def product(columns: np.ndarray, *forms) -> np.ndarray:
+    """The matrix of the sum of compiled bilinear forms times `columns` (m, K), without making it
+    where dolfinx gives what cells contribute."""
+    found = np.zeros((dimension(forms[0].function_spaces[0]), columns.shape[1]))
+
+    def add(rows: np.ndarray, at: np.ndarray, values: np.ndarray) -> int:
+        found[rows] += values.reshape(len(rows), -1) @ columns[at]
+        return 0
+
+    for form in forms:
+        if _LEGACY:
+            cpp.fem.assemble_matrix(add, form, [])
+        else:
+            found += fem.assemble_matrix(form).to_scipy() @ columns
+    return found
 
 
 def assemble_vector(array: np.ndarray, *forms) -> np.ndarray:
