@@ -306,14 +306,6 @@ def facet_tags(mesh, facets: np.ndarray, tags: np.ndarray):
     return dolfinx.mesh.meshtags(mesh, dim, exterior, values)
 
 
-def cell_tags(mesh, cells: np.ndarray):
-    """Tag 1 on the given cells."""
-    cells = np.sort(cells).astype(np.int32)
-    return dolfinx.mesh.meshtags(
-        mesh, mesh.topology.dim, cells, np.ones(len(cells), dtype=np.int32)
-    )
-
-
 def _facet_corners(mesh, facets: np.ndarray) -> np.ndarray:
     """Geometry nodes of the four corners of exterior facets, (k, 4)."""
     # Corners of the reference hexahedron's faces, in its own order; the first eight geometry
