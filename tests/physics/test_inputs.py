@@ -5,9 +5,10 @@ import pytest
 
 from regional_lv.geometry.mesh import read_mesh
 from regional_lv.inputs.model import model_of
-from regional_lv.inputs.space import Inputs, catalogue
+from regional_lv.inputs.space import Inputs, catalogue, stencil
 from regional_lv.mechanics.continuation import Effort, Solver
 from regional_lv.mechanics.problem import Problem
+from regional_lv.quantities import QUANTITIES
 from regional_lv.simulations import make_simulator
 from regional_lv.verification.input_derivatives import TIGHT, check_derivatives
 
@@ -34,16 +35,25 @@ EVERYTHING = {
 }
 
 
-@pytest.fixture(scope="module")
-def solver(small_mesh, smoke_config):
-    model = model_of(smoke_config)
+def made(mesh, config):
+    model = model_of(config)
     members = [
         each
         for each in catalogue(model)
         if getattr(each, "segment", None) is None or each.segment in SEGMENTS
     ]
-    problem = Problem(read_mesh(small_mesh), Inputs(model, members))
-    return Solver(problem, smoke_config["solver"] | TIGHT)
+    return Solver(Problem(read_mesh(mesh), Inputs(model, members)), config["solver"] | TIGHT)
+
+
+@pytest.fixture(scope="module")
+def solver(small_mesh, smoke_config):
+    return made(small_mesh, smoke_config)
+
+
+@pytest.fixture(scope="module")
+def twisted(small_mesh, smoke_config):
+    """One that observes every quantity, also those that turn on the unloaded shape itself."""
+    return made(small_mesh, merged(smoke_config, {"observables": {"quantities": list(QUANTITIES)}}))
 
 
 def values(problem, **given):
@@ -100,14 +110,55 @@ def merged(base, changed):
 
 
 @pytest.mark.parametrize("given", [{"segment_rotation": 1.0}, EVERYTHING], ids=["held", "all"])
-def test_derivatives_about_every_input(solver, given):
+def test_derivatives_about_every_input(twisted, given):
     """Where the base is held, free around the axis and nothing else acts, derivatives are those at
     the ends of ranges. Segments counted from where mesh lines are have none at no rotation."""
-    start = solver.inflate(values(solver.simulator, **given), PRESSURE, Effort())
-    table = check_derivatives(solver, start)
-    assert len(table) == len(solver.simulator.inputs)
+    problem = twisted.simulator
+    start = twisted.inflate(values(problem, **given), PRESSURE, Effort())
+    table = check_derivatives(twisted, start)
+    assert len(table) == len(problem.inputs)
     worse = table[table["error"] > 1e-4]
     assert worse.empty, worse.to_string()
+
+
+@pytest.mark.parametrize("given", [{}, EVERYTHING], ids=["held", "all"])
+def test_changes_of_the_residual_are_those_of_differences(solver, given):
+    """Away from equilibrium, too, where forces on held nodes count; but for the node that is held
+    against a rotation of the whole, which bears nothing in equilibrium."""
+    problem = solver.simulator
+    inputs, at = problem.inputs, values(problem, **given)
+    rng = np.random.default_rng(5)
+    w = 0.01 * rng.normal(size=problem.size)
+    problem.set(at, PRESSURE)
+    w = problem.retract(w)
+    told = problem._told(at)
+    problem._place(w)
+    exact = problem._resisted(problem._changes(told))
+    exact[:, problem._base_dofs] += problem._changes_at_base(w, told)
+    for k, each in enumerate(inputs):
+        if each.changes == "observables":
+            assert not exact[k].any()
+            continue
+        here, low, high = (each.scale(float(v)) for v in (at[k], each.low, each.high))
+        numeric = np.zeros(problem.size)
+        for offset, weight in stencil(here, 1e-4 * (high - low), low, high):
+            x = at.copy()
+            x[k] = each.scale.inverse(here + offset)
+            problem.set(x, PRESSURE)
+            numeric += weight * problem.residual(w)
+        numeric[problem._y[0]] = exact[k, problem._y[0]]
+        scale = np.abs(numeric).max()
+        np.testing.assert_allclose(exact[k], numeric, atol=2e-4 * scale, err_msg=each.name)
+    problem.set(at, PRESSURE)
+
+
+def test_solutions_of_many_vectors_are_those_of_each(solver, held):
+    problem = solver.simulator
+    problem.set(held.theta, PRESSURE)
+    problem.factorise(held.w)
+    vectors = np.random.default_rng(3).normal(size=(4, problem.size))
+    each = np.stack([problem.solve(vector) for vector in vectors])
+    np.testing.assert_allclose(problem.solve(vectors), each, atol=1e-10 * np.abs(each).max())
 
 
 def test_a_solution_is_observed_many_times(solver, held, small_mesh, physics):

@@ -245,3 +245,21 @@ def test_a_compressible_wall_is_seen_with_its_dilation(mesh, moved, physics):
     radial = np.array([channel.quantity == "radial" for channel in CHANNELS])
     np.testing.assert_allclose(1 + 2 * grown[radial], (1 + 2 * kept[radial]) / 4, rtol=1e-12)
     np.testing.assert_allclose(grown[~radial], kept[~radial], rtol=1e-12)
+
+
+@pytest.mark.parametrize("rotation", [0.0, 7.0])
+def test_what_is_brought_to_the_nodes_gives_the_same_averages(mesh, simulator, rotation):
+    """Of a random field: with its values and gradients at the points, or with its nodal values."""
+    wall, rng = simulator.observer.wall, np.random.default_rng(2)
+    shares = wall.shares((0.2, 0.7), rotation)
+    nodal = rng.normal(size=mesh.points.shape)
+    of_values = rng.normal(size=(len(wall.volume), 3))
+    of_gradients = rng.normal(size=(len(wall.volume), 3, 3))
+    density = (of_values * wall.values(nodal)).sum(axis=1)
+    density += np.einsum("mcx,mxc->m", of_gradients, wall.gradients(nodal))
+    on_nodes = wall.on_nodes(shares, of_values, of_gradients)
+    np.testing.assert_allclose(np.einsum("snc,nc->s", on_nodes, nodal), shares @ density)
+    corners = rng.normal(size=(len(mesh.cells), 8))
+    linear = wall.corner_values(corners[..., None])[:, 0] * of_values[:, 0]
+    on_corners = wall.on_corners(shares, of_values[:, 0])
+    np.testing.assert_allclose(np.einsum("scq,cq->s", on_corners, corners), shares @ linear)

@@ -389,3 +389,19 @@ def test_equal_sectors_have_equal_strains(tmp_path, smoke_config, physics, name)
         np.testing.assert_allclose(mine, np.roll(mine, sectors // 2, axis=1), rtol=0, atol=1e-6)
         # Neither the patch at the apex nor the smoothest surfaces have more than this symmetry.
         assert np.ptp(mine, axis=1).max() < 5e-3
+
+
+def test_entries_of_the_tangent_are_those_of_dolfinx(simulator, solved):
+    """To the last bit; and a product needs no matrix."""
+    simulator.set(THETA, PRESSURE)
+    simulator._place(solved.w)
+    form = simulator._tangent
+    matrix, expected = api.Matrix(form), api.fem.assemble_matrix(form)
+    for _ in range(2):
+        matrix.assemble(form)
+        np.testing.assert_array_equal(matrix.data, np.asarray(expected.data))
+    columns = np.random.default_rng(0).normal(size=(simulator.size, 3))
+    entries = csr_matrix((matrix.data, matrix.indices, matrix.indptr))
+    np.testing.assert_allclose(
+        api.product(columns, form), entries @ columns, atol=1e-10 * np.abs(matrix.data).max()
+    )

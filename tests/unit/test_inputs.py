@@ -267,3 +267,18 @@ def test_a_direction_is_carried_by_what_it_moves(model):
             shapes = one["geometry"], other["geometry"]
             scaled = [g["wall_thickness_mm"] * g["wall_thickness_scale"] for g in shapes]
             np.testing.assert_allclose(scaled[0], scaled[1], rtol=1e-12)
+
+
+def test_models_beside_are_those_of_other_values(every):
+    """Although only one section of them is made again."""
+    inputs = every.simulated
+    rng = np.random.default_rng(4)
+    ends = np.stack([inputs.scaled(inputs.lower), inputs.scaled(inputs.upper)])
+    z = ends[0] + rng.uniform(0.2, 0.8, len(inputs)) * (ends[1] - ends[0])
+    for k, sides in inputs.beside(inputs.natural(z), range(len(inputs))):
+        step = inputs[k].step * (ends[1, k] - ends[0, k])
+        assert sum(weight for _, weight in sides) == pytest.approx(0, abs=1e-9 / step)
+        for offset, (model, _) in zip((step, -step), sides, strict=True):
+            there = z.copy()
+            there[k] += offset
+            assert same(dict(model), dict(inputs.model(inputs.natural(there)))), inputs[k].name

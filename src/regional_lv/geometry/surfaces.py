@@ -25,7 +25,7 @@ What the table's figures mean: `endo_radius_mm` is the endocardium's distance fr
 axis and `wall_thickness_mm` is T; both are means over the segment's range of angle and latitude.
 """
 
-from functools import cache
+from functools import cache, lru_cache
 
 import numpy as np
 from numpy.polynomial import chebyshev, legendre
@@ -192,6 +192,25 @@ class Field:
         return self._bend(f) / self._scale - self._slope(f) * f / self._scale
 
 
+@lru_cache(maxsize=8)
+def _averages(parts):
+    """Gauss points of segments from angle to angle and from latitude to latitude, `parts`, m of
+    them: latitudes (q,), weights of the averages (m, q), and the smooth modes (q, modes)."""
+    nodes, weights = legendre.leggauss(12)
+    points = []
+    for i, (low, high, top, bottom) in enumerate(parts):
+        pieces = max(1, round((high - low) / np.radians(60)))
+        edges = np.linspace(low, high, pieces + 1)
+        angles = ((edges[1:] + edges[:-1])[:, None] + np.diff(edges)[:, None] * nodes) / 2
+        phi, u = np.meshgrid(angles.ravel(), (top + bottom + (bottom - top) * nodes) / 2)
+        weight = np.outer(weights, np.tile(weights, pieces))
+        points.append([a.ravel() for a in (phi, u, weight, np.full(phi.shape, i))])
+    phi, u, weight, row = (np.concatenate(column) for column in zip(*points, strict=True))
+    weight = weight / np.bincount(row, weight)[row]
+    average = sparse.csr_matrix((weight, (row, np.arange(len(phi)))))
+    return u, average, polynomials(*bullseye(phi, u)) @ _smooth_modes()[0]
+
+
 class Surfaces:
     """Smooth endocardium and epicardium through the averages of a segment table.
 
@@ -205,10 +224,13 @@ class Surfaces:
         self.endo_apex, self.epi_apex = endo_apex_z_mm, epi_apex_z_mm
         thickness = table["wall_thickness_mm"].to_numpy(float)
         self._tilt = (endo_apex_z_mm - epi_apex_z_mm) / thickness.mean()
-        phi, u, weight, row = self._quadrature(table)
-        weight = weight / np.bincount(row, weight)[row]
-        average = sparse.csr_matrix((weight, (row, np.arange(len(phi)))))
-        basis = polynomials(*bullseye(phi, u)) @ _smooth_modes()[0]
+        parts = zip(
+            *np.radians(table[["angle_from_deg", "angle_to_deg"]].to_numpy(float)).T.tolist(),
+            # Shapes of one table differ by round-off here, and share what is made of it.
+            *(self.latitude(table[z]).round(13).tolist() for z in ("z_top_mm", "z_bottom_mm")),
+            strict=True,
+        )
+        u, average, basis = _averages(tuple(parts))
         radius = table["endo_radius_mm"].to_numpy(float)
         self._radius = Field(basis, average.multiply(np.cos(u)).tocsr(), radius, sharp=sharp)
         # At the pole T is the distance of the apices and has no slope, so that both surfaces are
@@ -224,21 +246,6 @@ class Surfaces:
                     f"segment table: no smooth surface goes through the {what} column; look for a "
                     "value that differs too much from its neighbours'"
                 )
-
-    def _quadrature(self, table):
-        """Angles, latitudes, weights and row numbers of Gauss points in all segments."""
-        nodes, weights = legendre.leggauss(12)
-        parts = []
-        for i, row in enumerate(table.itertuples()):
-            low, high = np.radians([row.angle_from_deg, row.angle_to_deg])
-            top, bottom = (self.latitude(z) for z in (row.z_top_mm, row.z_bottom_mm))
-            pieces = max(1, round((high - low) / np.radians(60)))
-            edges = np.linspace(low, high, pieces + 1)
-            angles = ((edges[1:] + edges[:-1])[:, None] + np.diff(edges)[:, None] * nodes) / 2
-            phi, u = np.meshgrid(angles.ravel(), (top + bottom + (bottom - top) * nodes) / 2)
-            weight = np.outer(weights, np.tile(weights, pieces))
-            parts.append([a.ravel() for a in (phi, u, weight, np.full(phi.shape, i))])
-        return (np.concatenate(column) for column in zip(*parts, strict=True))
 
     def latitude(self, z):
         """Latitude of the endocardium at height z; pi/2 below its apex."""

@@ -1,7 +1,7 @@
 """Derivatives of a residual about numbers of the cells and about the places of the nodes.
 
-Each is one matrix, assembled at a solution, and every direction is a product with it: many inputs
-cost as many assemblies as a few.
+Each is one bilinear form, integrated once at a solution, and every direction is a product with what
+cells contribute: many inputs cost as many integrals as a few.
 """
 
 from collections.abc import Sequence
@@ -21,26 +21,21 @@ class _Derivative:
     """
 
     def __init__(self, forms: Sequence, space):
-        self._forms, self._space = forms, space
+        self._forms = forms
+        self._columns = api.dimension(space)
         self._compiled: dict[int, Any] = {}
-        self._matrix: Any = None
 
     def _form(self, which: int):
         if which not in self._compiled:
             self._compiled[which] = api.compile_form(self._forms[which])
         return self._compiled[which]
 
-    def _along(self, columns: np.ndarray, directions: np.ndarray, which=(0,)) -> np.ndarray:
-        """Changes (K, size) of the sum of some forms, the first among them, along `directions`
-        (K, ...) of the degrees of freedom `columns` (...)."""
-        forms = [self._form(number) for number in which]
-        if self._matrix is None:
-            self._matrix = api.create_matrix(forms[0])
-        api.assemble_matrix(self._matrix, *forms)
-        matrix = api.as_scipy(self._matrix, forms[0])
-        each = np.zeros((matrix.shape[1], len(directions)))
-        each[columns.ravel()] = directions.reshape(len(directions), -1).T
-        return (matrix @ each).T
+    def _along(self, dofs: np.ndarray, directions: np.ndarray, which=(0,)) -> np.ndarray:
+        """Changes (K, size) of the sum of some forms along `directions` (K, ...) of the degrees of
+        freedom `dofs` (...)."""
+        columns = np.zeros((self._columns, len(directions)))
+        columns[dofs.ravel()] = directions.reshape(len(directions), dofs.size).T
+        return api.product(columns, *(self._form(number) for number in which)).T
 
 
 class ByCell(_Derivative):
@@ -80,6 +75,5 @@ class ByNode(_Derivative):
         self._dofs = np.stack(dofs, axis=1)
 
     def along(self, moves: np.ndarray, which: Sequence[int]) -> np.ndarray:
-        """Changes (K, size) per unit of moves (K, n, 3) of the nodes, of the sum of some forms, the
-        first among them."""
+        """Changes (K, size) of the sum of some forms per unit of moves (K, n, 3) of the nodes."""
         return self._along(self._dofs, moves, which)

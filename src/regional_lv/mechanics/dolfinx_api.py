@@ -42,7 +42,6 @@ import ufl
 from dolfinx import cpp, fem
 from mpi4py import MPI
 from petsc4py import PETSc
-from scipy import sparse
 
 from regional_lv.errors import InputError
 
@@ -307,14 +306,6 @@ def facet_tags(mesh, facets: np.ndarray, tags: np.ndarray):
     return dolfinx.mesh.meshtags(mesh, dim, exterior, values)
 
 
-def cell_tags(mesh, cells: np.ndarray):
-    """Tag 1 on the given cells."""
-    cells = np.sort(cells).astype(np.int32)
-    return dolfinx.mesh.meshtags(
-        mesh, mesh.topology.dim, cells, np.ones(len(cells), dtype=np.int32)
-    )
-
-
 def _facet_corners(mesh, facets: np.ndarray) -> np.ndarray:
     """Geometry nodes of the four corners of exterior facets, (k, 4)."""
     # Corners of the reference hexahedron's faces, in its own order; the first eight geometry
@@ -336,28 +327,66 @@ def _facet_corners(mesh, facets: np.ndarray) -> np.ndarray:
     return np.asarray(corners)
 
 
-def create_matrix(form):
-    """Empty sparse matrix with the pattern of a compiled bilinear form."""
-    if _LEGACY:
-        return fem.assemble.create_matrix(form)
-    return fem.create_matrix(form)
+class Matrix:
+    """Sparse matrix for compiled bilinear forms with the pattern of the first one, row by row:
+    `indptr`, `indices` and `data`.
+
+    dolfinx 0.5 looks for the place of each entry of each cell, which takes as long as the integrals
+    themselves; here places are kept.
+    """
+
+    def __init__(self, form):
+        create = fem.assemble.create_matrix if _LEGACY else fem.create_matrix
+        self._made = create(form)
+        self.indptr, self.indices, self.data = (
+            np.asarray(each) for each in (self._made.indptr, self._made.indices, self._made.data)
+        )
+        self._places: dict[tuple[bytes, bytes], np.ndarray] = {}
+
+    def assemble(self, *forms) -> None:
+        """Assemble the sum of some forms, replacing what there was."""
+        self.data[:] = 0.0
+        for form in forms:
+            if _LEGACY:
+                cpp.fem.assemble_matrix(self._insert, form, [])
+            else:
+                fem.assemble_matrix(self._made, form)
+
+    def _insert(self, rows: np.ndarray, columns: np.ndarray, values: np.ndarray) -> int:
+        """Add what one cell or facet contributes."""
+        key = rows.tobytes(), columns.tobytes()
+        places = self._places.get(key)
+        if places is None:
+            starts, ends = self.indptr[rows], self.indptr[rows + 1]
+            each = [
+                first + np.searchsorted(self.indices[first:last], columns)
+                for first, last in zip(starts, ends, strict=True)
+            ]
+            places = self._places[key] = np.concatenate(each).astype(np.int32)
+        self.data[places] += values.ravel()
+        return 0
 
 
-def assemble_matrix(matrix, *forms) -> None:
-    """Assemble the sum of compiled bilinear forms into `matrix`, replacing what it held."""
-    matrix.set(0.0) if _LEGACY else matrix.set_value(0.0)
+def dimension(space) -> int:
+    """Number of degrees of freedom of a function space."""
+    return space.dofmap.index_map.size_local * space.dofmap.index_map_bs
+
+
+def product(columns: np.ndarray, *forms) -> np.ndarray:
+    """The matrix of the sum of compiled bilinear forms times `columns` (m, K), without making it
+    where dolfinx gives what cells contribute."""
+    found = np.zeros((dimension(forms[0].function_spaces[0]), columns.shape[1]))
+
+    def add(rows: np.ndarray, at: np.ndarray, values: np.ndarray) -> int:
+        found[rows] += values.reshape(len(rows), -1) @ columns[at]
+        return 0
+
     for form in forms:
-        fem.assemble_matrix(matrix, form)
-
-
-def as_scipy(matrix, form) -> sparse.spmatrix:
-    """A matrix of `create_matrix` as scipy's, with which it shares its entries."""
-    if not _LEGACY:
-        return matrix.to_scipy()
-    spaces = form.function_spaces
-    shape = tuple(s.dofmap.index_map.size_local * s.dofmap.index_map_bs for s in spaces)
-    entries = (np.asarray(each) for each in (matrix.data, matrix.indices, matrix.indptr))
-    return sparse.csr_matrix(tuple(entries), shape, copy=False)
+        if _LEGACY:
+            cpp.fem.assemble_matrix(add, form, [])
+        else:
+            found += fem.assemble_matrix(form).to_scipy() @ columns
+    return found
 
 
 def assemble_vector(array: np.ndarray, *forms) -> np.ndarray:

@@ -137,10 +137,10 @@ class Equilibrium:
         raise NotImplementedError
 
     def _build_linear_solver(self) -> None:
-        self._matrix = api.create_matrix(self._tangent)
-        indptr = np.asarray(self._matrix.indptr).astype(np.int32)
-        indices = np.asarray(self._matrix.indices).astype(np.int32)
-        self._data = np.asarray(self._matrix.data)
+        self._matrix = api.Matrix(self._tangent)
+        indptr = self._matrix.indptr.astype(np.int32)
+        indices = self._matrix.indices.astype(np.int32)
+        self._data = self._matrix.data
         rows = np.repeat(np.arange(self.size, dtype=np.int32), np.diff(indptr))
         fixed = np.zeros(self.size, dtype=bool)
         fixed[self.fixed] = True
@@ -267,7 +267,7 @@ class Equilibrium:
         self._place(w)
         data = self._data
         further = [tangent for term in self._acting() for tangent in term.tangents]
-        api.assemble_matrix(self._matrix, self._tangent, *further)
+        self._matrix.assemble(self._tangent, *further)
         if not np.isfinite(data).all():
             raise LinearSolveError("the tangent is not finite")
         for (a, b), node in (

@@ -28,7 +28,8 @@ class Load(ABC):
 
     @abstractmethod
     def potential(self, surroundings, size):
-        """Potential (kPa mm3), a UFL form, of the load `size` (a constant, kPa) on the wall.
+        """Potential (kPa mm3), a UFL form, of the load `size` (a constant, kPa) on the wall; none
+        at size 0.
 
         surroundings: a `supports.Surroundings`.
         """

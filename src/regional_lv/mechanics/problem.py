@@ -137,7 +137,7 @@ class Problem(Simulator):
         each = density * weights @ lagrange(points, facet_nodes_of(self.mesh))[0]
         at = np.searchsorted(self._ring, self._base_of(self.mesh).facets)
         total = np.zeros((*density.shape[:-2], len(self._ring)))
-        np.add.at(total, (..., at), each)
+        np.add.at(np.moveaxis(total, -1, 0), at, np.moveaxis(each, (-2, -1), (0, 1)))
         return total
 
     def _build_linear_solver(self) -> None:
@@ -288,9 +288,9 @@ class Problem(Simulator):
         constants = dict(zip(names, numbers.T, strict=True)) | {"valves": np.zeros(k)}
         which, moves = np.array(list(figures), dtype=int), np.zeros((0, *self.mesh.points.shape))
         if figures:
-            each = self._places.moves(model["geometry"])
-            each = [each[name].reshape(-1, *self.mesh.points.shape) for name in each]
-            moves = np.tensordot(np.array(list(figures.values())), np.concatenate(each), 1)
+            of_figures = self._places.moves(model["geometry"]).values()
+            each = np.concatenate([move.reshape(-1, *moves.shape[1:]) for move in of_figures])
+            moves = np.tensordot(np.array(list(figures.values())), each, 1)
             constants["valves"][which] = valve_plane_share_changes(self.mesh, moves)
         return Told(factors, constants, shares, which, moves)
 

@@ -39,7 +39,7 @@ class Support(ABC):
 
     @abstractmethod
     def energy(self, surroundings, stiffness: Mapping):
-        """Potential (kPa mm3) of its springs, a UFL form, or 0.
+        """Potential (kPa mm3) of its springs, a UFL form, nothing where all of them have none.
 
         surroundings: a `Surroundings`. stiffness: constants by name of the springs.
         """

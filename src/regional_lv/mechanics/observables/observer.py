@@ -111,9 +111,8 @@ class Observer:
         ]
         if node_moves is not None:
             slopes += self._unloaded_slopes(axis_gradient, node_moves)
-        by_leaf = torch.autograd.grad(
-            found, leaves, torch.eye(len(found)), is_grads_batched=True, allow_unused=True
-        )
+        each = torch.eye(len(found), dtype=found.dtype)
+        by_leaf = torch.autograd.grad(found, leaves, each, is_grads_batched=True, allow_unused=True)
         along = np.zeros((len(moves), len(order)))
         for gradient, slope in zip(by_leaf, slopes, strict=False):
             if gradient is not None:
@@ -121,7 +120,7 @@ class Observer:
         for k, sides in (looks or {}).items():
             for look, weight in sides:
                 seen = look._means(look._seen(kinds, point, self, densities))
-                along[k] += weight * look._found(kinds, seen, rest).detach().numpy()
+                along[k] += weight * (look._found(kinds, seen, rest) - found).detach().numpy()
         derivatives = np.empty_like(along)
         derivatives[:, order] = along
         return values, derivatives

@@ -47,8 +47,9 @@ def turned_membership(angle, cell, corner_angle, segment, rotation: float) -> sp
             last = (_wrapped(centre[own] - at) + high[own]).max()
             # Reference coordinates, in [-1, 1], between which the arc covers the cells.
             gap = _wrapped(middle[level] - at - rotation)
-            ends = (np.clip((edge - gap) / half[level], -1, 1) for edge in (first, last))
-            table[number - 1, mine] = gauss_shares(*ends, POINTS_PER_EDGE)[which[mine], at_level]
+            begin, end = (np.clip((edge - gap) / half[level], -1, 1) for edge in (first, last))
+            shares = gauss_shares(begin, end, POINTS_PER_EDGE)
+            table[number - 1, mine] = shares[which[mine], at_level]
     return sparse.csr_matrix(table / table.sum(axis=0))
 
 
