@@ -98,7 +98,8 @@ class Potential:
     certain.
 
     Attributes: low, high, nominal (P,); always (P,), what is free in every model; suspected, the
-    places of the suspected inputs; tails, that of `heavy_tails`, or None.
+    places of the suspected inputs; measured, the priors of the measured ones; tails, the place of
+    `heavy_tails`, or None.
 
     Parameters
     ----------
@@ -130,7 +131,7 @@ class Potential:
         known = doubted | inputs.of_role("fixed")
         self.always = torch.as_tensor(np.append(~known, np.ones(groups, dtype=bool)))
         self.suspected = tuple(np.flatnonzero(doubted).tolist())
-        self._measured = [_prior(inputs, k) for k in np.flatnonzero(inputs.of_role("measured"))]
+        self.measured = [_prior(inputs, k) for k in np.flatnonzero(inputs.of_role("measured"))]
         tails = [k for k, each in enumerate(inputs) if isinstance(each, HeavyTails)]
         self.tails = tails[0] if tails else None
 
@@ -152,7 +153,7 @@ class Potential:
     @cached_property
     def _uniform(self) -> torch.Tensor:
         uniform = torch.arange(len(self.low)) < len(self.inputs)
-        uniform[[prior.at for prior in self._measured]] = False
+        uniform[[prior.at for prior in self.measured]] = False
         return uniform
 
     # ----------------------------------------------------------------------------- evaluation
@@ -204,15 +205,14 @@ class Potential:
         gradient[:, :count] += (by_mean[:, None] @ slopes)[:, 0]
         curvature = x.new_zeros(*x.shape, x.shape[1])
         whitening = self.whitening(x, error)
-        white, weight = whitening @ slopes, 1.0
+        weight = self.weights(x, self.y - mean.detach(), whitening)
+        white = weight.sqrt()[..., None] * (whitening @ slopes)
         diagonal = curvature.diagonal(dim1=-2, dim2=-1)
+        curvature[:, :count, :count] += white.mT @ white
         if self.tails is not None:
-            nu = self._freedom(x)
-            squares = self._white(whitening, self.y - mean.detach()).square()
-            weight = ((nu + 1) / (nu + squares))[..., None]
-            diagonal[:, self.tails] += len(self.y) * _information_of_tails(nu[:, 0])
-        curvature[:, :count, :count] += white.mT @ (weight * white)
-        for prior in self._measured:
+            information = _information_of_tails(self._freedom(x)[:, 0])
+            diagonal[:, self.tails] += len(self.y) * information
+        for prior in self.measured:
             diagonal[:, prior.at] += prior.precision(x)
         if self.noise.groups:
             sigma = x[:, count:].exp()
@@ -229,6 +229,17 @@ class Potential:
         factor = torch.linalg.cholesky(error + torch.diag_embed(self.noise.variance(log_sigma)))
         identity = torch.eye(len(self.y), dtype=x.dtype).expand_as(factor)
         return torch.linalg.solve_triangular(factor, identity, upper=False)
+
+    def weights(
+        self, x: torch.Tensor, residual: torch.Tensor, whitening: torch.Tensor
+    ) -> torch.Tensor:
+        """What each whitened residual (M, D) counts at x (M, P): 1 if errors are normal, less far
+        off if their tails are heavy."""
+        white = self._white(whitening, residual)
+        if self.tails is None:
+            return torch.ones_like(white)
+        nu = self._freedom(x)
+        return (nu + 1) / (nu + white.square())
 
     @staticmethod
     def _white(whitening, residual):
@@ -247,7 +258,7 @@ class Potential:
 
     def _log_prior(self, x) -> torch.Tensor:
         total = x.new_zeros(len(x))
-        for prior in self._measured:
+        for prior in self.measured:
             total = total + prior.log_density(x)
         if self.noise.groups:
             log_sigma = x[:, len(self.inputs) :]
@@ -256,10 +267,10 @@ class Potential:
 
 
 def _prior(inputs: Inputs, k: int) -> Measured:
-    mean, sd = float(inputs.nominal[k]), inputs.roles[k].sd
+    mean, sd = float(inputs.nominal[k]), float(inputs.roles[k].sd or 0.0)
     ends = (np.array([inputs.lower[k], inputs.upper[k]]) - mean) / sd
     log_mass = float(np.log(np.diff(stats.norm.cdf(ends))[0]))
-    return Measured(int(k), inputs[k].scale, mean, float(sd), log_mass)
+    return Measured(int(k), inputs[k].scale, mean, sd, log_mass)
 
 
 def _information_of_tails(nu: torch.Tensor) -> torch.Tensor:
