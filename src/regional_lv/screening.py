@@ -10,7 +10,6 @@ from regional_lv.errors import InputError
 from regional_lv.inputs.coordinates import Coordinates
 from regional_lv.parameters import Parameterisation
 
-
 UNSTABLE = "next to a limit of stability: derivatives are many times those of the others"
 """Reason of a simulation that is left out although it converged."""
 

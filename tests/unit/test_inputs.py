@@ -273,12 +273,13 @@ def test_models_beside_are_those_of_other_values(every):
     """Although only one section of them is made again."""
     inputs = every.simulated
     rng = np.random.default_rng(4)
-    ends = np.stack([inputs.scaled(inputs.lower), inputs.scaled(inputs.upper)])
+    space = inputs.coordinates
+    ends = space.scaled(np.stack([inputs.lower, inputs.upper]))
     z = ends[0] + rng.uniform(0.2, 0.8, len(inputs)) * (ends[1] - ends[0])
-    for k, sides in inputs.beside(inputs.natural(z), range(len(inputs))):
+    for k, sides in inputs.beside(space.natural(z), range(len(inputs))):
         step = inputs[k].step * (ends[1, k] - ends[0, k])
         assert sum(weight for _, weight in sides) == pytest.approx(0, abs=1e-9 / step)
         for offset, (model, _) in zip((step, -step), sides, strict=True):
             there = z.copy()
             there[k] += offset
-            assert same(dict(model), dict(inputs.model(inputs.natural(there)))), inputs[k].name
+            assert same(dict(model), dict(inputs.model(space.natural(there)))), inputs[k].name
