@@ -18,6 +18,9 @@ from regional_lv.inputs.observation import StrainMeasure
 from regional_lv.parameters import Parameterisation
 from regional_lv.physics import SECTIONS
 
+GREEN = {"strain_exponent": 2.0}
+"""What is observed in a model that does not say."""
+
 SECTION = "inputs"
 """Of the configuration."""
 
@@ -165,7 +168,7 @@ class Inputs(Sequence[Input]):
             blocks_of(keys),
             tuple(np.flatnonzero(stiffness).tolist()),
             exponents[0] if exponents else None,
-            float(self.base["observables"]["strain_exponent"]),
+            float(self.base.get("observables", GREEN)["strain_exponent"]),
         )
 
     def beside(
