@@ -69,3 +69,27 @@ def test_tables_are_written(tmp_path):
     summary = pd.read_csv(files[2])
     assert summary.loc[0, "volume_ml_max"] == 7
     assert not [name for name in summary if "radial" in name]
+
+
+def test_what_is_about_to_become_unstable_is_left_out(tmp_path):
+    """By its derivatives, whatever the unit of an output; it is listed among the failures."""
+    paths = batches(tmp_path, failing={5})
+    rng = np.random.default_rng(2)
+    for path in paths:
+        table = pd.read_parquet(path)
+        for row, sample in enumerate(table["sample"]):
+            if sample != 5:
+                slopes = (
+                    rng.normal(size=(52, 10)) * np.where(np.arange(52) == 0, 50.0, 0.1)[:, None]
+                )
+                size = {3: 30.0, 6: 2.0}.get(sample, 1.0)
+                table.at[row, "sensitivity"] = (
+                    size * slopes / table.loc[row, "C_a_apical"]
+                ).ravel()
+        table.to_parquet(path, index=False)
+    kept, excluded, summary = screen(paths, PARAMETERS, CHANNELS, steepest=8.0)
+    assert kept["sample"].tolist() == [0, 1, 2, 4, 6, 7]
+    assert excluded["sample"].tolist() == [3, 5]
+    assert "limit of stability" in excluded["reason"][0] and "no way" in excluded["reason"][1]
+    assert summary.loc[0, "converged"] == 6
+    assert len(screen(paths, PARAMETERS, CHANNELS)[0]) == 7

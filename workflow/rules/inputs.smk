@@ -54,12 +54,12 @@ if config["inputs"]:
             start=f"{OVER_INPUTS}/baseline.npz",
             design=f"{OVER_INPUTS}/design/train.parquet",
         output:
-            fields=f"{OVER_INPUTS}/anchors/{{batch}}.npz",
-            simulations=f"{OVER_INPUTS}/anchors/{{batch}}.parquet",
+            fields=f"{OVER_INPUTS}/anchors/batch-{{batch}}.npz",
+            simulations=f"{OVER_INPUTS}/anchors/batch-{{batch}}.parquet",
         log:
             f"{LOGS}/all_inputs/solve_anchors-{{batch}}.log",
         benchmark:
-            f"{R}/benchmarks/all_inputs/anchors/{{batch}}.tsv"
+            f"{R}/benchmarks/all_inputs/anchors/batch-{{batch}}.tsv"
         params:
             call="simulations:solve_anchors",
             physics=INPUTS,
@@ -159,4 +159,32 @@ if config["inputs"]:
         script:
             "../scripts/call.py"
 
-    INPUTS_RESULTS = [*rules.judge_inputs_emulator.output, *rules.train_on_inputs.output]
+    rule average_models:
+        """The posterior of a subject over all inputs, averaged over sets of suspected ones."""
+        input:
+            emulator_file=f"{OVER_INPUTS}/emulator.pt",
+            measured=f"{R}/measured/{{subject}}.csv",
+        output:
+            posterior=f"{OVER_INPUTS}/posteriors/{{subject}}.nc",
+            table=f"{OVER_INPUTS}/posteriors/{{subject}}.csv",
+        log:
+            f"{LOGS}/all_inputs/posteriors/{{subject}}.log",
+        benchmark:
+            f"{R}/benchmarks/all_inputs/posteriors/{{subject}}.tsv"
+        wildcard_constraints:
+            subject=any_of(SUBJECTS),
+        threads: 1
+        params:
+            call="inference.subject_average:average_subject",
+            physics=INPUTS,
+            noise_prior_scale=config["clinical"]["noise_prior_scale"],
+            largest=ALL_INPUTS["largest_set"],
+            seed=config["seed"],
+        script:
+            "../scripts/call.py"
+
+    INPUTS_RESULTS = [
+        *rules.judge_inputs_emulator.output,
+        *rules.train_on_inputs.output,
+        *expand(rules.average_models.output, subject=SUBJECTS),
+    ]
