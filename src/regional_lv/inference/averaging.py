@@ -16,8 +16,7 @@ import torch
 import xarray as xr
 
 from regional_lv.inference import importance
-from regional_lv.inference.drawing import approximate, sample
-from regional_lv.inference.evidence import fit
+from regional_lv.inference.drawing import Drawn, approximate, fit_to_the_end, sample
 from regional_lv.inference.potential import Potential
 from regional_lv.inference.sets import Candidate, search
 from regional_lv.seeds import derive
@@ -25,7 +24,7 @@ from regional_lv.seeds import derive
 SHARE, MOST = 0.999, 200
 """Of the probability: what models hold of which there are draws, and how many these are at most."""
 
-LEAST_PROBABILITY = 0.02
+LEAST_PROBABILITY = 0.05
 """Of a model that is sampled; the model as it is always is."""
 
 DRAWS, LEAST_DRAWS = 4000, 1000
@@ -33,9 +32,6 @@ DRAWS, LEAST_DRAWS = 4000, 1000
 
 APPROXIMATED = 250
 """Draws of a model that is not sampled."""
-
-ITERATIONS, LEAST_GAIN = 60, 1e-7
-"""Of the fit of a model that is sampled."""
 
 RESAMPLED, LEVELS = 4000, (0.025, 0.975)
 """Equally weighted draws of which tables are made, and the ends of their intervals."""
@@ -53,9 +49,9 @@ class Averaged:
         return _probabilities(self.models)
 
     @cached_property
-    def drawn(self) -> list[int]:
-        """Numbers of the models of which there are draws."""
-        return [n for n, model in enumerate(self.models) if model.drawn is not None]
+    def drawn(self) -> dict[int, Drawn]:
+        """Draws of the models that have some, by their number."""
+        return {n: m.drawn for n, m in enumerate(self.models) if m.drawn is not None}
 
     @cached_property
     def base(self) -> int:
@@ -87,12 +83,12 @@ class Averaged:
 
     def _draw(self, numbers: Sequence[int], count: int, generator=None):
         """Equally weighted draws x (count, P) of some models together, and of which each is."""
-        drawn = [self.models[n].drawn for n in numbers]
-        weights = [self.probability[n] * d.weight for n, d in zip(numbers, drawn, strict=True)]
-        owner = np.repeat(numbers, [len(d.x) for d in drawn])
-        weight = torch.cat(weights)
+        parts = [self.drawn[n] for n in numbers]
+        shares = self.probability[[*numbers]]
+        weight = torch.cat([p * part.weight for p, part in zip(shares, parts, strict=True)])
         kept = importance.resample(weight / weight.sum(), count, generator)
-        return torch.cat([d.x for d in drawn])[kept], owner[kept.numpy()]
+        owner = np.repeat(np.array(numbers), [len(part.x) for part in parts])
+        return torch.cat([part.x for part in parts])[kept], owner[kept.numpy()]
 
     def _natural(self, x: torch.Tensor) -> np.ndarray:
         """Values (N, K) of the inputs in their units."""
@@ -111,7 +107,7 @@ class Averaged:
             {"role": [role.kind for role in inputs.roles], "unit": [each.unit for each in inputs]},
             index=pd.Index(inputs.names, name="input"),
         )
-        table = table.join(self._summary(self.drawn))
+        table = table.join(self._summary([*self.drawn]))
         table = table.join(self._summary([self.base]).add_prefix("as_is_"))
         table["probability"] = np.nan
         for k in self.potential.suspected:
@@ -137,7 +133,7 @@ class Averaged:
         pareto_k (NaN of those without draws), and free (model, input).
         """
         generator = torch.Generator().manual_seed(derive(seed, "average"))
-        x, number = self._draw(self.drawn, draws, generator)
+        x, number = self._draw([*self.drawn], draws, generator)
         order = torch.randperm(draws, generator=generator)
         x, inputs, groups = x[order], self.potential.inputs, list(self.potential.noise.groups)
         each = ("chain", "draw")
@@ -177,42 +173,37 @@ def average(potential: Potential, largest: int, seed: int, draws: int = DRAWS) -
     them. The same seed gives the same answer.
     """
     models = search(potential, largest, seed)
-    probability, total, drawn = _probabilities(models), 0.0, 0
+    probability, total, known = _probabilities(models), 0.0, 0
     for n, model in enumerate(models):
-        counts = total < SHARE and drawn < MOST and model.fit is not None
-        if counts or not model.departs:
-            count = max(round(draws * probability[n]), min(LEAST_DRAWS, draws))
-            small = model.departs and probability[n] < LEAST_PROBABILITY
+        counts = (total < SHARE and known < MOST) or not model.departs
+        if counts and model.fit is not None:
             own = derive(seed, "model", *model.members, model.amplitude)
-            models[n] = (
-                _approximated(potential, model, own)
-                if small
-                else _sampled(potential, model, count, own)
-            )
-            drawn += 1
+            if probability[n] < LEAST_PROBABILITY and model.departs:
+                approximated = approximate(potential, model.fit, APPROXIMATED, own)
+                models[n] = replace(model, drawn=approximated)
+            else:
+                fitted = fit_to_the_end(potential, model.fit)
+                count = max(round(draws * probability[n]), min(LEAST_DRAWS, draws))
+                evidence, drawn = float(fitted.log_evidence), sample(potential, fitted, count, own)
+                models[n] = replace(model, fit=fitted, log_evidence=evidence, drawn=drawn)
+            known += 1
         total += probability[n]
-    reliable = {n: m for n, m in enumerate(models) if m.drawn is not None and m.drawn.reliable}
-    if reliable:
-        missed = [m.drawn.log_evidence - m.log_evidence for m in reliable.values()]
-        shift = float(np.average(missed, weights=probability[[*reliable]] + 1e-300))
-        for n, model in enumerate(models):
-            known = model.drawn.log_evidence if n in reliable else model.log_evidence + shift
-            models[n] = replace(model, log_evidence=known)
-    return Averaged(potential, tuple(sorted(models, key=lambda m: -m.log_posterior)))
+    return Averaged(potential, tuple(sorted(_by_sampling(models), key=lambda m: -m.log_posterior)))
+
+
+def _by_sampling(models: Sequence[Candidate]) -> list[Candidate]:
+    """With the evidence of sampling, or with what it changes in others, in the mean."""
+    found = {n: m.drawn.log_evidence for n, m in enumerate(models) if m.drawn and m.drawn.reliable}
+    if not found:
+        return list(models)
+    missed = [evidence - models[n].log_evidence for n, evidence in found.items()]
+    shift = float(np.average(missed, weights=_probabilities(models)[[*found]] + 1e-300))
+    return [
+        replace(model, log_evidence=found.get(n, model.log_evidence + shift))
+        for n, model in enumerate(models)
+    ]
 
 
 def _probabilities(models: Sequence[Candidate]) -> np.ndarray:
     logs = torch.tensor([model.log_posterior for model in models], dtype=torch.float64)
     return torch.softmax(logs, 0).numpy()
-
-
-def _approximated(potential: Potential, model: Candidate, seed: int) -> Candidate:
-    return replace(model, drawn=approximate(potential, model.fit, APPROXIMATED, seed))
-
-
-def _sampled(potential: Potential, model: Candidate, draws: int, seed: int) -> Candidate:
-    """Fitted to the end, with the emulator's covariance there, and sampled."""
-    old = model.fit
-    fitted = fit(potential, old.free, old.amplitude, old.x, old.error, ITERATIONS, LEAST_GAIN)
-    drawn = sample(potential, fitted, draws, seed)
-    return replace(model, fit=fitted, log_evidence=float(fitted.log_evidence), drawn=drawn)

@@ -6,13 +6,13 @@ deviations the posterior is the same for all scales, and scales that are hardly 
 funnel (Papaspiliopoulos, Roberts and Skold 2007, doi 10.1214/088342307000000014).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
 
 from regional_lv.inference import importance
-from regional_lv.inference.evidence import Fits
+from regional_lv.inference.evidence import Fits, fit
 from regional_lv.inference.point import CHUNK
 from regional_lv.inference.potential import Potential
 from regional_lv.inference.transform import BoundedTransform
@@ -31,8 +31,11 @@ LEAST_ESS, LARGEST_SHAPE = 50.0, 0.7
 """Effective draws, and shape of the weights' tail (Vehtari et al. 2024, arXiv:1507.02646), with
 which an evidence by sampling counts."""
 
-SCALES = {"draws": 300, "rounds": 3}
-"""Of the scales of the noise in the linear model, to find out where they are."""
+SCALES, SETTLING = 300, 2
+"""Draws of the scales of the noise in the linear model, to find out where they are; how often."""
+
+ITERATIONS, LEAST_GAIN = 60, 1e-7
+"""Of the fit of a model that is sampled."""
 
 
 @dataclass(frozen=True)
@@ -53,6 +56,12 @@ class Drawn:
         """Whether its evidence counts."""
         fitting = self.ess >= LEAST_ESS and not self.pareto_k > LARGEST_SHAPE
         return fitting and np.isfinite(self.evidence_error)
+
+
+def fit_to_the_end(potential: Potential, start: Fits) -> Fits:
+    """Models with the emulator's covariance where they start, until nothing is gained."""
+    models = start.free, start.amplitude, start.x, start.error
+    return fit(potential, *models, ITERATIONS, LEAST_GAIN)
 
 
 def approximate(potential: Potential, fitted: Fits, draws: int, seed: int) -> Drawn:
@@ -100,10 +109,28 @@ class Standardised:
     """
 
     def __init__(self, potential: Potential, fitted: Fits, generator: torch.Generator):
-        self._potential, self._fitted = potential, fitted
-        count = len(potential.inputs)
-        self._free = free = fitted.free[0].clone()
-        free[count:] = False
+        self._potential, count = potential, len(potential.inputs)
+        self._linearise(fitted)
+        n = len(self._pull)
+        self.mean, self.covariance = fitted.x.new_zeros(n), torch.eye(n, dtype=fitted.x.dtype)
+        if potential.noise.groups:
+            # A joint maximum has too small a noise; so inputs are fitted again, where it is.
+            centre, spread = fitted.mean[0, count:], fitted.covariance[0, count:, count:]
+            for _ in range(SETTLING):
+                start = self._marginal, centre, spread, SCALES, generator
+                found = importance.sample(*start, rounds=SETTLING)
+                centre, spread = importance.moments(found.u, found.weight)
+                x, free = fitted.x.clone(), fitted.free.clone()
+                x[:, count:], free[:, count:] = centre, False
+                self._linearise(fit_to_the_end(potential, replace(fitted, x=x, free=free)))
+            self.mean = torch.cat([self.mean, centre])
+            self.covariance = torch.block_diag(self.covariance, spread)
+
+    def _linearise(self, fitted: Fits) -> None:
+        potential, count = self._potential, len(self._potential.inputs)
+        self._fitted, self._free = fitted, fitted.free[0].clone()
+        self._free[count:] = False
+        free = self._free
         covariance = fitted.covariance[0][free][:, free]
         self._transform = BoundedTransform(
             potential.low[free], potential.high[free], covariance.diagonal().sqrt()
@@ -113,17 +140,9 @@ class Standardised:
         # The ends of the ranges count with the normal factors that stand for them.
         self._precision = torch.linalg.inv(covariance)
         self._pull = self._precision @ (fitted.mean - fitted.x)[0, free]
-        self._at_fit = potential.whitening(fitted.x, fitted.error)[0]
-        tails = potential.tails is not None and bool(free[potential.tails])
-        self._follows_noise = bool(potential.noise.groups) and not tails
-        self.mean = torch.zeros(len(covariance), dtype=covariance.dtype)
-        self.covariance = torch.eye(len(covariance), dtype=covariance.dtype)
-        if potential.noise.groups:
-            scales = fitted.mean[0, count:], fitted.covariance[0, count:, count:]
-            found = importance.sample(self._marginal, *scales, generator=generator, **SCALES)
-            centre, spread = importance.moments(found.u, found.weight)
-            self.mean = torch.cat([self.mean, centre])
-            self.covariance = torch.block_diag(self.covariance, spread)
+        whitening = potential.whitening(fitted.x, fitted.error)
+        self._root = potential.weights(fitted.x, potential.y - mean, whitening).sqrt().mT
+        self._at_fit = self._root * whitening[0]
 
     def open(self, v: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Coordinates x (N, P) of the model, and log |dx / dv| (N,)."""
@@ -139,10 +158,10 @@ class Standardised:
         """Of the linear model with scales (N, G): mean (N or 1, n) less the fit, Cholesky factor
         (N or 1, n, n) of the precision, and log density (N or 1,) of the observations."""
         precision, pull, white = self._precision[None], self._pull[None], self._at_fit[None]
-        if self._follows_noise:
+        if self._potential.noise.groups:
             x = self._fitted.x.repeat(len(log_sigma), 1)
             x[:, len(self._potential.inputs) :] = log_sigma
-            white = self._potential.whitening(x, self._fitted.error)
+            white = self._root * self._potential.whitening(x, self._fitted.error)
             change = white.mT @ white - self._at_fit.mT @ self._at_fit
             precision = precision + self._slopes.mT @ change @ self._slopes
             pull = pull + (change @ self._residual) @ self._slopes

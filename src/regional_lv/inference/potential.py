@@ -204,14 +204,13 @@ class Potential:
         gradient[:, :count] += (by_mean[:, None] @ slopes)[:, 0]
         curvature = x.new_zeros(*x.shape, x.shape[1])
         whitening = self.whitening(x, error)
-        white, weight = whitening @ slopes, 1.0
+        weight = self.weights(x, self.y - mean.detach(), whitening)
+        white = weight.sqrt()[..., None] * (whitening @ slopes)
         diagonal = curvature.diagonal(dim1=-2, dim2=-1)
+        curvature[:, :count, :count] += white.mT @ white
         if self.tails is not None:
-            nu = self._freedom(x)
-            squares = self._white(whitening, self.y - mean.detach()).square()
-            weight = ((nu + 1) / (nu + squares))[..., None]
-            diagonal[:, self.tails] += len(self.y) * _information_of_tails(nu[:, 0])
-        curvature[:, :count, :count] += white.mT @ (weight * white)
+            information = _information_of_tails(self._freedom(x)[:, 0])
+            diagonal[:, self.tails] += len(self.y) * information
         for prior in self._measured:
             diagonal[:, prior.at] += prior.precision(x)
         if self.noise.groups:
@@ -229,6 +228,17 @@ class Potential:
         factor = torch.linalg.cholesky(error + torch.diag_embed(self.noise.variance(log_sigma)))
         identity = torch.eye(len(self.y), dtype=x.dtype).expand_as(factor)
         return torch.linalg.solve_triangular(factor, identity, upper=False)
+
+    def weights(
+        self, x: torch.Tensor, residual: torch.Tensor, whitening: torch.Tensor
+    ) -> torch.Tensor:
+        """What each whitened residual (M, D) counts at x (M, P): 1 if errors are normal, less far
+        off if their tails are heavy."""
+        white = self._white(whitening, residual)
+        if self.tails is None:
+            return torch.ones_like(white)
+        nu = self._freedom(x)
+        return (nu + 1) / (nu + white.square())
 
     @staticmethod
     def _white(whitening, residual):
@@ -256,10 +266,10 @@ class Potential:
 
 
 def _prior(inputs: Inputs, k: int) -> Measured:
-    mean, sd = float(inputs.nominal[k]), inputs.roles[k].sd
+    mean, sd = float(inputs.nominal[k]), float(inputs.roles[k].sd or 0.0)
     ends = (np.array([inputs.lower[k], inputs.upper[k]]) - mean) / sd
     log_mass = float(np.log(np.diff(stats.norm.cdf(ends))[0]))
-    return Measured(int(k), inputs[k].scale, mean, float(sd), log_mass)
+    return Measured(int(k), inputs[k].scale, mean, sd, log_mass)
 
 
 def _information_of_tails(nu: torch.Tensor) -> torch.Tensor:

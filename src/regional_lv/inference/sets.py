@@ -140,9 +140,9 @@ class _Search:
         x, zero = potential.nominal[None], potential.nominal.new_zeros(1)
         error = potential.settle(x, zero)
         if len(inferred):
-            ends = (end[inferred].numpy() for end in (potential.low, potential.high))
+            low, high = (end[inferred].numpy() for end in (potential.low, potential.high))
             others = x.repeat(SCREENED, 1)
-            points = sobol(SCREENED, *ends, "natural", derive(seed, "starts"))
+            points = sobol(SCREENED, low, high, "natural", derive(seed, "starts"))
             others[:, inferred] = torch.as_tensor(points)
             value = potential.log_density(potential.mean(others), others, error)
             x = torch.cat([x, others[value.topk(FOLLOWED).indices]])
