@@ -4,14 +4,9 @@ import arviz as az
 import numpy as np
 import pytest
 import torch
-from scipy import integrate, stats
 
 from regional_lv.inference.averaging import average
-from regional_lv.inference.drawing import sample
-from regional_lv.inference.evidence import fit
-from regional_lv.inference.likelihood import Noise
-from regional_lv.inference.potential import Potential
-from tests.inference.toys import Emulator, closed_form, known_noise, linear_problem, toy_inputs
+from tests.inference.toys import closed_form, linear_problem, toy_inputs
 
 
 @pytest.fixture(scope="module")
@@ -92,55 +87,3 @@ def test_same_seed_same_answer():
     assert first.table().equals(second.table())
     assert first.inference_data(50, 1).posterior.equals(second.inference_data(50, 1).posterior)
     assert not first.table().equals(other.table())
-
-
-def test_inferred_noise():
-    """Against quadrature over one input and the scale of its noise."""
-    d = 8
-    inputs = toy_inputs(1)
-    noise = Noise(torch.zeros(d).double(), {"all": torch.full((d,), 0.5).double()}, 0.7)
-    emulator = Emulator(lambda x: x.expand(-1, d), 1e-8 * torch.eye(d).double())
-    y = torch.as_tensor(np.random.default_rng(0).normal(0.4, 0.2, d))
-    found = average(Potential(emulator, inputs, y, noise), 0, 0)
-    (one,) = (model.drawn for model in found.models)
-
-    t, sigma = np.linspace(-1, 1, 401), np.linspace(0.05, 3, 401)[:, None, None]
-    values = stats.norm(t[:, None], 0.5 * sigma).logpdf(y.numpy()).sum(-1)
-    density = np.exp(values) * stats.halfnorm(scale=0.7).pdf(sigma[:, :, 0]) / 2
-    sigma, of_sigma = sigma[:, 0, 0], integrate.simpson(density, x=t)
-    evidence = integrate.simpson(of_sigma, x=sigma)
-    mean = integrate.simpson(sigma * of_sigma, x=sigma)
-    assert one.log_evidence == pytest.approx(np.log(evidence), abs=4 * one.evidence_error)
-    sigma = found.inference_data(2000, 0).posterior["sigma"]
-    assert float(sigma.mean()) == pytest.approx(mean / evidence, rel=0.05)
-
-
-@pytest.mark.parametrize("at", [(0.5, 0.5), (1.3, 1.2), (-0.4, 0.5)])
-def test_bent_posterior_at_its_bounds(at):
-    """A nonlinear effect of two inputs: evidence and mean against quadrature."""
-    inputs = toy_inputs(1, suspected=1, ends=(("t0", 0.0, 1.0), ("c0", 0.0, 1.0)))
-    a = torch.tensor([[1.0, 0.6], [0.3, 0.9], [0.8, 0.8], [0.5, 0.1]]).double()
-
-    def function(x):
-        return torch.sin(1.2 * x @ a.mT) + 0.3 * (x[:, :1] * x[:, 1:])
-
-    y = function(torch.tensor([at]).double())[0]
-    emulator = Emulator(function, torch.zeros(4, 4).double())
-    potential = Potential(emulator, inputs, y, known_noise(4, 0.2))
-    t = np.linspace(0, 1, 401)
-    grid = torch.as_tensor(np.stack(np.meshgrid(t, t, indexing="ij"), -1).reshape(-1, 2))
-    density = np.exp(stats.norm(0, 0.2).logpdf((y - function(grid)).numpy()).sum(-1))
-    density = density.reshape(401, 401)
-
-    def whole(values):
-        return integrate.simpson(integrate.simpson(values, x=t), x=t)
-
-    free = potential.free((1,))[None]
-    zero = torch.zeros(1).double()
-    x = potential.nominal[None]
-    fitted = fit(potential, free, zero, x, potential.settle(x, zero), 60, 1e-8)
-    found = sample(potential, fitted, 2000, 0)
-    evidence = whole(density)
-    assert found.log_evidence == pytest.approx(np.log(evidence), abs=4 * found.evidence_error)
-    mean = [whole(density * t[:, None]) / evidence, whole(density * t) / evidence]
-    np.testing.assert_allclose(found.weight @ found.x, mean, atol=0.02)

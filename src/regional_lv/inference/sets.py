@@ -37,6 +37,9 @@ FITTED, FITTED_BEYOND = 300, 40
 BEAM = 10
 """Sets from which larger ones than `EXHAUSTIVE` grow, and that are tried with one input less."""
 
+ROUNDS = 3
+"""Of growing and taking away, for each size, while that finds further sets to grow."""
+
 HOPELESS = 15.0
 """Log posterior probability behind the best set, at which the best one of a size beyond
 `EXHAUSTIVE` ends the search."""
@@ -97,20 +100,21 @@ class _Search:
         self.largest = min(largest, len(potential.suspected))
         self.found: dict[Members, Fits] = {}
         self.expected: dict[Members, float] = {}
-        self._tried: set[tuple[Members, Members]] = set()
+        self._grown: set[Members] = set()
+        self._reduced: set[tuple[Members, Members]] = set()
 
     def run(self, seed: int) -> list[Candidate]:
-        self.found[()] = base = self._base(seed)
+        self.found[()] = self._base(seed)
         for size in range(1, self.largest + 1):
-            if size <= EXHAUSTIVE:
-                self._enlarge(self._best(size - 1), FITTED)
-            else:
-                self._enlarge(self._best(size - 1)[:BEAM], FITTED_BEYOND)
-            self._shrink(size)
+            beam, most = (None, FITTED) if size <= EXHAUSTIVE else (BEAM, FITTED_BEYOND)
+            for _ in range(ROUNDS):
+                parents = [m for m in self._best(size - 1)[:beam] if m not in self._grown]
+                self._enlarge(parents, most)
+                self._shrink(size)
             best = max(map(self._log_posterior, self.found))
             if size > EXHAUSTIVE and self._log_posterior(self._best(size)[0]) < best - HOPELESS:
                 break
-        departures = [] if self.potential.departure is None else self._departures(base)
+        departures = self._departures() if self.potential.departure is not None else []
         sets = [
             Candidate(members, self._log_prior(len(members)), evidence, self.found.get(members))
             for members, evidence in self.expected.items()
@@ -157,7 +161,8 @@ class _Search:
         self.expected[()] = float(best.log_evidence)
         return best
 
-    def _departures(self, base: Fits) -> list[Candidate]:
+    def _departures(self) -> list[Candidate]:
+        base = self.found[()]
         amplitude = torch.tensor(AMPLITUDES, dtype=base.x.dtype)
         x = base.x.repeat(len(amplitude), 1)
         fits = fit(
@@ -202,9 +207,12 @@ class _Search:
         grown: dict[Members, list[tuple[float, torch.Tensor, Fits]]] = {}
         for members, evidence, start, parent in self._grow(parents):
             grown.setdefault(members, []).append((evidence, start, parent))
+        self._grown.update(parents)
         for members, starts in grown.items():
             starts.sort(key=lambda s: -s[0])
-            self.expected.setdefault(members, starts[0][0])
+            if members not in self.found:
+                known = self.expected.get(members, -math.inf)
+                self.expected[members] = max(known, starts[0][0])
         ranked = sorted(grown, key=lambda m: -grown[m][0][0])[:most]
         rows = [(m, x, parent) for m in ranked for _, x, parent in grown[m][:STARTS]]
         if () in parents:  # what single effects are like is not known yet
@@ -264,8 +272,8 @@ class _Search:
             for members in self._best(size)[:BEAM]:
                 for k in members:
                     left = tuple(m for m in members if m != k)
-                    if (left, members) not in self._tried:
-                        self._tried.add((left, members))
+                    if (left, members) not in self._reduced:
+                        self._reduced.add((left, members))
                         x = self.found[members].x[0].clone()
                         x[k] = self.potential.nominal[k]
                         rows.append((left, x, self.found[members]))

@@ -1,0 +1,117 @@
+"""Draws and evidence of single models, against quadrature."""
+
+import numpy as np
+import pytest
+import torch
+from scipy import integrate, stats
+
+from regional_lv.inference import drawing
+from regional_lv.inference.averaging import average
+from regional_lv.inference.drawing import approximate, sample
+from regional_lv.inference.evidence import fit
+from regional_lv.inference.likelihood import Noise
+from regional_lv.inference.potential import Potential
+from tests.inference.toys import Emulator, closed_form, known_noise, linear, toy_inputs
+
+
+def fitted(potential, members=()):
+    free, zero = potential.free(members)[None], torch.zeros(1).double()
+    x = potential.nominal[None]
+    return fit(potential, free, zero, x, potential.settle(x, zero), 60, 1e-8)
+
+
+def test_inferred_noise():
+    """Against quadrature over one input and the scale of its noise."""
+    d = 8
+    inputs = toy_inputs(1)
+    noise = Noise(torch.zeros(d).double(), {"all": torch.full((d,), 0.5).double()}, 0.7)
+    emulator = Emulator(lambda x: x.expand(-1, d), 1e-8 * torch.eye(d).double())
+    y = torch.as_tensor(np.random.default_rng(0).normal(0.4, 0.2, d))
+    found = average(Potential(emulator, inputs, y, noise), 0, 0)
+    (one,) = (model.drawn for model in found.models)
+
+    t, sigma = np.linspace(-1, 1, 401), np.linspace(0.05, 3, 401)[:, None, None]
+    values = stats.norm(t[:, None], 0.5 * sigma).logpdf(y.numpy()).sum(-1)
+    density = np.exp(values) * stats.halfnorm(scale=0.7).pdf(sigma[:, :, 0]) / 2
+    sigma, of_sigma = sigma[:, 0, 0], integrate.simpson(density, x=t)
+    evidence = integrate.simpson(of_sigma, x=sigma)
+    mean = integrate.simpson(sigma * of_sigma, x=sigma)
+    assert one.log_evidence == pytest.approx(np.log(evidence), abs=4 * one.evidence_error)
+    sigma = found.inference_data(2000, 0).posterior["sigma"]
+    assert float(sigma.mean()) == pytest.approx(mean / evidence, rel=0.05)
+
+
+@pytest.mark.parametrize("at", [(0.5, 0.5), (1.3, 1.2), (-0.4, 0.5)])
+def test_bent_posterior_at_its_bounds(at):
+    """A nonlinear effect of two inputs: evidence and mean against quadrature."""
+    inputs = toy_inputs(1, suspected=1, ends=(("t0", 0.0, 1.0), ("c0", 0.0, 1.0)))
+    a = torch.tensor([[1.0, 0.6], [0.3, 0.9], [0.8, 0.8], [0.5, 0.1]]).double()
+
+    def function(x):
+        return torch.sin(1.2 * x @ a.mT) + 0.3 * (x[:, :1] * x[:, 1:])
+
+    y = function(torch.tensor([at]).double())[0]
+    emulator = Emulator(function, torch.zeros(4, 4).double())
+    potential = Potential(emulator, inputs, y, known_noise(4, 0.2))
+    t = np.linspace(0, 1, 401)
+    grid = torch.as_tensor(np.stack(np.meshgrid(t, t, indexing="ij"), -1).reshape(-1, 2))
+    density = np.exp(stats.norm(0, 0.2).logpdf((y - function(grid)).numpy()).sum(-1))
+    density = density.reshape(401, 401)
+
+    def whole(values):
+        return integrate.simpson(integrate.simpson(values, x=t), x=t)
+
+    found = sample(potential, fitted(potential, (1,)), 2000, 0)
+    evidence = whole(density)
+    assert found.log_evidence == pytest.approx(np.log(evidence), abs=4 * found.evidence_error)
+    mean = [whole(density * t[:, None]) / evidence, whole(density * t) / evidence]
+    np.testing.assert_allclose(found.weight @ found.x, mean, atol=0.02)
+
+
+@pytest.mark.parametrize("d", [9, 20])
+def test_funnel_of_unknown_noise(d, monkeypatch):
+    """Seven inputs beside a noise that few channels tell of: evidence and moments by quadrature
+    over the scale, of closed forms given the scale; and one round of draws suffices."""
+    monkeypatch.setattr(drawing, "MOST_ROUNDS", 1)
+    inputs = toy_inputs(6, measured=(0.3,), half=30.0)
+    slopes, emulator = linear(inputs, d, seed=3, error=0.01)
+    emulator.error = emulator.error + 1e-4 * torch.eye(d)
+    rng = np.random.default_rng(1)
+    y = slopes @ torch.as_tensor(0.3 * rng.normal(size=7))
+    y = y + torch.as_tensor(0.2 * rng.normal(size=d))
+    unit = torch.full((d,), 0.5).double()
+    potential = Potential(emulator, inputs, y, Noise(0 * unit, {"all": unit}, 0.7))
+    found = sample(potential, fitted(potential), 4000, 0)
+
+    known = Potential(emulator, inputs, y, known_noise(d))
+    sigmas, logs, means = np.linspace(0.005, 3, 800), [], []
+    for sigma in sigmas:
+        covariance = emulator.error + torch.diag((sigma * unit).square())
+        evidence, mean, _ = closed_form(known, slopes, covariance)
+        logs.append(evidence + stats.halfnorm(scale=0.7).logpdf(sigma))
+        means.append(mean.numpy())
+    density = np.exp(np.array(logs) - max(logs))
+    total = integrate.simpson(density, x=sigmas)
+    expected = max(logs) + np.log(total)
+    assert found.reliable and found.ess > 800
+    assert found.log_evidence == pytest.approx(expected, abs=4 * found.evidence_error)
+    sigma = float(found.weight @ found.x[:, -1].exp())
+    assert sigma == pytest.approx(integrate.simpson(density * sigmas, x=sigmas) / total, rel=0.05)
+    mean = integrate.simpson(density[:, None] * means, x=sigmas, axis=0) / total
+    sd = ((found.weight @ found.x.square()) - (found.weight @ found.x).square()).sqrt()
+    away = (found.weight @ found.x)[:-1] - torch.as_tensor(mean)
+    assert (away.abs() < 0.15 * sd[:-1]).all()
+
+
+def test_approximation_stays_in_its_ranges():
+    inputs = toy_inputs(2, suspected=1, ends=(("t0", 0.0, 1.0),))
+    slopes, emulator = linear(inputs, 6)
+    y = slopes @ torch.tensor([1.1, 0.3, 0.0]).double()
+    potential = Potential(emulator, inputs, y, known_noise(6))
+    found = approximate(potential, fitted(potential), 4000, 0)
+    assert (found.x >= potential.low).all() and (found.x <= potential.high).all()
+    assert (found.x[:, 2] == 0).all() and not found.reliable
+    exact = sample(potential, fitted(potential), 4000, 0)
+    mean = exact.weight @ exact.x
+    sd = (exact.weight @ (exact.x - mean).square()).sqrt()
+    assert ((found.x.mean(0) - mean).abs() <= 0.15 * sd + 1e-12).all()
