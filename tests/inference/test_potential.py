@@ -98,7 +98,7 @@ def test_tails_against_scipy():
         mean, inverse = bent(row[None, :5])[0].numpy(), float(row[4])
         noise = stats.t(1 / inverse, mean, 0.2) if inverse else stats.norm(mean, 0.2)
         expected = noise.logpdf(potential.y.numpy()).sum()
-        expected += float(potential._measured[0].log_density(row[None])[0])
+        expected += float(potential.measured[0].log_density(row[None])[0])
         assert float(value) == pytest.approx(expected, rel=1e-3)
 
 
@@ -110,7 +110,7 @@ def test_measured_prior_is_normalised(scale, low, high):
     mean, sd = 8.0, 2.0
     inputs = Inputs({}, [Toy("m", low, high, mean, scale)], {"m": Role("measured", sd)})
     potential = Potential(Emulator(bent, torch.eye(D)), inputs, torch.zeros(D), known_noise(D))
-    (prior,) = potential._measured
+    (prior,) = potential.measured
     assert isinstance(prior, Measured)
 
     def density(z):

@@ -34,7 +34,7 @@ which an evidence by sampling counts."""
 SCALES, SETTLING = 300, 2
 """Draws of the scales of the noise in the linear model, to find out where they are; how often."""
 
-ITERATIONS, LEAST_GAIN = 60, 1e-7
+ITERATIONS, LEAST_GAIN = 60, 1e-5
 """Of the fit of a model that is sampled."""
 
 

@@ -98,7 +98,8 @@ class Potential:
     certain.
 
     Attributes: low, high, nominal (P,); always (P,), what is free in every model; suspected, the
-    places of the suspected inputs; tails, that of `heavy_tails`, or None.
+    places of the suspected inputs; measured, the priors of the measured ones; tails, the place of
+    `heavy_tails`, or None.
 
     Parameters
     ----------
@@ -130,7 +131,7 @@ class Potential:
         known = doubted | inputs.of_role("fixed")
         self.always = torch.as_tensor(np.append(~known, np.ones(groups, dtype=bool)))
         self.suspected = tuple(np.flatnonzero(doubted).tolist())
-        self._measured = [_prior(inputs, k) for k in np.flatnonzero(inputs.of_role("measured"))]
+        self.measured = [_prior(inputs, k) for k in np.flatnonzero(inputs.of_role("measured"))]
         tails = [k for k, each in enumerate(inputs) if isinstance(each, HeavyTails)]
         self.tails = tails[0] if tails else None
 
@@ -152,7 +153,7 @@ class Potential:
     @cached_property
     def _uniform(self) -> torch.Tensor:
         uniform = torch.arange(len(self.low)) < len(self.inputs)
-        uniform[[prior.at for prior in self._measured]] = False
+        uniform[[prior.at for prior in self.measured]] = False
         return uniform
 
     # ----------------------------------------------------------------------------- evaluation
@@ -211,7 +212,7 @@ class Potential:
         if self.tails is not None:
             information = _information_of_tails(self._freedom(x)[:, 0])
             diagonal[:, self.tails] += len(self.y) * information
-        for prior in self._measured:
+        for prior in self.measured:
             diagonal[:, prior.at] += prior.precision(x)
         if self.noise.groups:
             sigma = x[:, count:].exp()
@@ -257,7 +258,7 @@ class Potential:
 
     def _log_prior(self, x) -> torch.Tensor:
         total = x.new_zeros(len(x))
-        for prior in self._measured:
+        for prior in self.measured:
             total = total + prior.log_density(x)
         if self.noise.groups:
             log_sigma = x[:, len(self.inputs) :]

@@ -1,0 +1,63 @@
+"""What the uncertainty of the inferred inputs comes from.
+
+About a fit, estimates are linear in what was measured, in the emulator's errors, and in the nominal
+values of measured inputs; their variances add up to that of the posterior. The rest is what the
+ends of ranges leave; and models differ.
+"""
+
+import numpy as np
+import pandas as pd
+import torch
+
+from regional_lv.inference.averaging import Averaged
+from regional_lv.inference.evidence import Fits
+from regional_lv.inference.potential import Potential
+
+NOISE, EMULATOR, RANGES, MODELS = "noise", "emulator", "ranges", "models"
+
+
+def sources_of_variance(averaged: Averaged) -> pd.DataFrame:
+    """Shares of the variance of each inferred input on its scale, averaged over models; rows add up
+    to 1.
+
+    Columns: `noise` of the measurement; `emulator`, its errors; each measured input; `ranges`, what
+    is known by the ends of ranges alone; `models`, between them.
+    """
+    potential = averaged.potential
+    inferred = np.flatnonzero(potential.inputs.of_role("inferred"))
+    weight = averaged.probability[[*averaged.drawn]]
+    weight = weight / weight.sum()
+    means = np.array([d.weight @ d.x[:, inferred] for d in averaged.drawn.values()])
+    fits = [averaged.models[n].fit for n in averaged.drawn]
+    within = [_within(potential, fit)[:, inferred].numpy() for fit in fits if fit is not None]
+    parts = np.tensordot(weight, np.array(within), axes=1)
+    between = weight @ (means - weight @ means) ** 2
+    columns = [NOISE, EMULATOR, *(_measured(potential)), RANGES, MODELS]
+    table = pd.DataFrame(
+        np.vstack([parts, between]).T,
+        index=pd.Index([potential.inputs.names[k] for k in inferred], name="input"),
+        columns=columns,
+    )
+    return table.div(table.sum(axis=1), axis=0)
+
+
+def _measured(potential: Potential) -> list[str]:
+    return [potential.inputs.names[prior.at] for prior in potential.measured]
+
+
+def _within(potential: Potential, fitted: Fits) -> torch.Tensor:
+    """Variances (sources, K) of one model (M = 1), in the order of the columns."""
+    count = len(potential.inputs)
+    covariance = fitted.covariance[0, :count, :count]
+    mean, slopes = potential.linearise(fitted.x)
+    whitening = potential.whitening(fitted.x, fitted.error)
+    weights = potential.weights(fitted.x, potential.y - mean, whitening)
+    # d(estimate)/d(whitened residual), then back in the units of the outputs.
+    gain = covariance @ (weights[0] * (whitening[0] @ slopes[0]).mT) @ whitening[0]
+    error = fitted.error[0]
+    total = torch.linalg.inv(whitening[0].mT @ whitening[0])
+    parts = [((gain @ part) * gain).sum(1) for part in (total - error, error)]
+    for prior in potential.measured:
+        parts.append(covariance[:, prior.at].square() * prior.precision(fitted.x))
+    rest = covariance.diagonal() - torch.stack(parts).sum(0)
+    return torch.stack([*parts, rest.clamp(min=0.0)])
