@@ -87,3 +87,17 @@ def test_same_seed_same_answer():
     assert first.table().equals(second.table())
     assert first.inference_data(50, 1).posterior.equals(second.inference_data(50, 1).posterior)
     assert not first.table().equals(other.table())
+
+
+def test_model_that_is_impossible():
+    """Ten noise sds off in the mean: the model as it is is still shown."""
+    inputs = toy_inputs(2, suspected=1, half=4.0)
+    potential, slopes, covariance = linear_problem(inputs, 30, [0.3, 0.1, 3.0], seed=1, sd=0.02)
+    found = average(potential, 1, 0, draws=500)
+    assert found.probability[found.base] == 0 and found.names[0] == "c0"
+    table = found.table().loc[["t0", "t1"]]
+    _, mean, spread = closed_form(potential, slopes, covariance)
+    assert (
+        np.abs(table["as_is_mean"] - mean.numpy()) < 0.3 * spread.diagonal().sqrt().numpy()
+    ).all()
+    assert (np.abs(table["mean"] - [0.3, 0.1]) < 4 * table["sd"]).all()

@@ -84,9 +84,9 @@ class Averaged:
     def _draw(self, numbers: Sequence[int], count: int, generator=None):
         """Equally weighted draws x (count, P) of some models together, and of which each is."""
         parts = [self.drawn[n] for n in numbers]
-        shares = self.probability[[*numbers]]
+        shares = _probabilities([self.models[n] for n in numbers])
         weight = torch.cat([p * part.weight for p, part in zip(shares, parts, strict=True)])
-        kept = importance.resample(weight / weight.sum(), count, generator)
+        kept = importance.resample(weight, count, generator)
         owner = np.repeat(np.array(numbers), [len(part.x) for part in parts])
         return torch.cat([part.x for part in parts])[kept], owner[kept.numpy()]
 

@@ -169,7 +169,7 @@ def integrate(
     factor = torch.where(bounded, 12 / (high - low).square(), 0.0)
     pull = torch.where(bounded, factor * (low + high) / 2, 0.0)
     mean = torch.full_like(slope, torch.inf)
-    for _ in range(SWEEPS):
+    for sweep in range(SWEEPS):
         half = torch.linalg.cholesky(precision + torch.diag_embed(factor))
         covariance = torch.cholesky_inverse(half)
         before, mean = mean, (covariance @ (slope + pull)[..., None])[..., 0]
@@ -177,7 +177,8 @@ def integrate(
         others = (1 / variance - factor).clamp(min=WEAK)
         centre, spread = (mean / variance - pull) / others, 1 / others
         log_mass, inside, left = cut(centre, spread, low, high)
-        if ((mean - before).abs() < SETTLED * variance.sqrt()).all():
+        settled = ((mean - before).abs() < SETTLED * variance.sqrt()).all()
+        if settled or sweep == SWEEPS - 1:
             break
         wanted = (1 / left - others).clamp(min=0.0)
         factor = factor + DAMPING * (wanted - factor)
