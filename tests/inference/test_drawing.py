@@ -11,7 +11,9 @@ from regional_lv.inference.drawing import approximate, sample
 from regional_lv.inference.evidence import fit
 from regional_lv.inference.likelihood import Noise
 from regional_lv.inference.potential import Potential
-from tests.inference.toys import Emulator, closed_form, known_noise, linear, toy_inputs
+from regional_lv.inputs.scales import Logarithmic
+from regional_lv.inputs.space import Inputs, Role
+from tests.inference.toys import Emulator, Toy, closed_form, known_noise, linear, toy_inputs
 
 
 def fitted(potential, members=()):
@@ -115,3 +117,49 @@ def test_approximation_stays_in_its_ranges():
     mean = exact.weight @ exact.x
     sd = (exact.weight @ (exact.x - mean).square()).sqrt()
     assert ((found.x.mean(0) - mean).abs() <= 0.15 * sd + 1e-12).all()
+
+
+@pytest.mark.parametrize(("nominal", "sd"), [(8.0, 2.0), (5.0, 3.0), (15.0, 30.0)])
+def test_measured_input_on_its_scale(nominal, sd):
+    """A pressure, normal in its unit and cut at its range, beside a stiffness that it acts on: both
+    on logarithmic scales; evidence and means against quadrature in their units."""
+    members = [Toy("c", 0.2, 5.0, scale=Logarithmic()), Toy("p", 4, 16, nominal, Logarithmic())]
+    inputs = Inputs({}, members, {"p": Role("measured", sd)})
+    a = torch.tensor([[0.5, 0.4], [0.3, 0.1], [0.2, 0.4]]).double()
+
+    def function(x):
+        return torch.exp(0.5 * x @ a.mT)
+
+    y = function(torch.tensor([[0.4, 2.0]]).double())[0] + 0.1
+    emulator = Emulator(function, torch.zeros(3, 3).double())
+    potential = Potential(emulator, inputs, y, known_noise(3, 0.15))
+    found = sample(potential, fitted(potential), 4000, 0)
+    z, p = np.linspace(np.log(0.2), np.log(5), 401), np.linspace(4, 16, 401)
+    grid = np.stack(np.meshgrid(z, np.log(p), indexing="ij"), -1).reshape(-1, 2)
+    errors = (y - function(torch.as_tensor(grid))).numpy()
+    prior = stats.truncnorm((4 - nominal) / sd, (16 - nominal) / sd, nominal, sd).pdf(p)
+    density = np.exp(stats.norm(0, 0.15).logpdf(errors).sum(-1)).reshape(401, 401)
+    density = density * prior / np.log(5 / 0.2)
+
+    def whole(values):
+        return integrate.simpson(integrate.simpson(values, x=p), x=z)
+
+    evidence = whole(density)
+    assert found.log_evidence == pytest.approx(np.log(evidence), abs=4 * found.evidence_error)
+    assert float(fitted(potential).log_evidence) == pytest.approx(np.log(evidence), abs=0.3)
+    mean = found.weight @ found.x.exp()
+    expected = [whole(density * np.exp(z)[:, None]) / evidence, whole(density * p) / evidence]
+    np.testing.assert_allclose(mean, expected, rtol=0.03)
+
+
+def test_fewer_channels_than_inputs():
+    """Two channels and six inputs, one of them a cause: nothing is learnt of it."""
+    inputs = toy_inputs(4, measured=(0.3,), suspected=1)
+    slopes, emulator = linear(inputs, 2)
+    y = slopes @ torch.full((6,), 0.2).double()
+    found = average(Potential(emulator, inputs, y, known_noise(2)), 1, 0, draws=2000)
+    assert found.probability_of(4) == pytest.approx(0.5, abs=0.15)
+    table = found.table()
+    assert (table["sd"][:4] > 0.3).all() and (table[["lower95", "upper95"]].abs() <= 1).all(
+        axis=None
+    )

@@ -147,16 +147,18 @@ class Standardised:
     def open(self, v: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Coordinates x (N, P) of the model, and log |dx / dv| (N,)."""
         n, x = len(self._pull), self._fitted.x.repeat(len(v), 1)
-        centre, factor, _ = self._normal(v[:, n:])
+        centre, factor, log_density = self._normal(v[:, n:])
         away = torch.linalg.solve_triangular(factor.mT, v[:, :n, None], upper=True)[..., 0]
         u = self._fitted.x[0, self._free] + centre + away
         x[:, self._free], x[:, len(self._potential.inputs) :] = self._transform.inside(u), v[:, n:]
         stretch = self._transform.log_slope(u).sum(-1)
-        return x, stretch - factor.diagonal(dim1=-2, dim2=-1).log().sum(-1)
+        stretch = stretch - factor.diagonal(dim1=-2, dim2=-1).log().sum(-1)
+        return x, torch.where(log_density.isneginf(), log_density, stretch)
 
     def _normal(self, log_sigma):
         """Of the linear model with scales (N, G): mean (N or 1, n) less the fit, Cholesky factor
-        (N or 1, n, n) of the precision, and log density (N or 1,) of the observations."""
+        (N or 1, n, n) of the precision, and log density (N or 1,) of the observations, -inf where
+        round-off leaves no such factor."""
         precision, pull, white = self._precision[None], self._pull[None], self._at_fit[None]
         if self._potential.noise.groups:
             x = self._fitted.x.repeat(len(log_sigma), 1)
@@ -165,12 +167,15 @@ class Standardised:
             change = white.mT @ white - self._at_fit.mT @ self._at_fit
             precision = precision + self._slopes.mT @ change @ self._slopes
             pull = pull + (change @ self._residual) @ self._slopes
-        factor = torch.linalg.cholesky(precision)
+        factor, failed = torch.linalg.cholesky_ex(precision)
+        lost = failed > 0
+        factor = torch.where(lost[:, None, None], torch.eye(factor.shape[-1]).to(factor), factor)
         centre = torch.cholesky_solve(pull[..., None], factor)[..., 0]
         logs = white.diagonal(dim1=-2, dim2=-1).log().sum(-1)
         logs = logs - factor.diagonal(dim1=-2, dim2=-1).log().sum(-1)
         error = (white @ self._residual).square().sum(-1)
-        return centre, factor, logs - 0.5 * error + 0.5 * (pull * centre).sum(-1)
+        logs = logs - 0.5 * error + 0.5 * (pull * centre).sum(-1)
+        return centre, factor, torch.where(lost, -torch.inf, logs)
 
     def _marginal(self, log_sigma):
         """Log posterior density (N,) of the scales in the linear model."""
