@@ -50,7 +50,7 @@ def test_cut(mean, sd, low, high):
             exponent = ((mode - mean) ** 2 - (t - mean) ** 2) / (2 * sd**2)
             return (t - mode) ** power * np.exp(exponent)
 
-        return integrate.quad(weighted, first, last, epsabs=0, epsrel=1e-10, limit=200)[0]
+        return integrate.quad(weighted, first, last, epsabs=0, epsrel=1e-8, limit=200)[0]
 
     m0, m1, m2 = map(moment, range(3))
     assert centre == pytest.approx(mode + m1 / m0, abs=1e-4 * scale)
