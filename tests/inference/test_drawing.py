@@ -163,3 +163,33 @@ def test_fewer_channels_than_inputs():
     assert (table["sd"][:4] > 0.3).all() and (table[["lower95", "upper95"]].abs() <= 1).all(
         axis=None
     )
+
+
+class Uncertain(Emulator):
+    """With errors that grow from one end of the range of the first input to the other."""
+
+    def covariance(self, x):
+        return self.error * torch.exp(2 * x[:, 0])[:, None, None]
+
+
+@pytest.mark.parametrize("kept", [False, True])
+@pytest.mark.parametrize("truth", [0.0, 0.6])
+def test_errors_that_differ_within_a_posterior(truth, kept, monkeypatch):
+    """Evidence and mean against quadrature, with the determinant of the covariance at each place;
+    or with that of the fit, where no draws are reliable otherwise."""
+    if kept:
+        monkeypatch.setattr(drawing, "LEAST_ESS", np.inf)
+    d = 6
+    inputs = toy_inputs(1)
+    emulator = Uncertain(lambda x: x.expand(-1, d), 0.25 * torch.eye(d).double())
+    y = torch.as_tensor(np.random.default_rng(2).normal(truth, 0.5, d))
+    potential = Potential(emulator, inputs, y, known_noise(d, 0.05))
+    found = sample(potential, fitted(potential), 4000, 0)
+    t = np.linspace(-1, 1, 2001)
+    there = np.full_like(t, float(fitted(potential).x)) if kept else t
+    sd = np.sqrt(0.25 * np.exp(2 * there) + 0.05**2)
+    density = np.exp(stats.norm(t[:, None], sd[:, None]).logpdf(y.numpy()).sum(1)) / 2
+    evidence = integrate.simpson(density, x=t)
+    assert found.log_evidence == pytest.approx(np.log(evidence), abs=4 * found.evidence_error)
+    mean = integrate.simpson(density * t, x=t) / evidence
+    assert float(found.weight @ found.x[:, 0]) == pytest.approx(mean, abs=0.02)

@@ -77,14 +77,26 @@ def approximate(potential: Potential, fitted: Fits, draws: int, seed: int) -> Dr
 
 
 def sample(potential: Potential, fitted: Fits, draws: int, seed: int) -> Drawn:
-    """Sample one model (M = 1) by importance, `draws` a round."""
+    """Sample one model (M = 1) by importance, `draws` a round, with the emulator's covariance at
+    every draw.
+
+    A model that misses the data is drawn to where the emulator is least certain; where that leaves
+    no reliable draws, the covariance is kept at the fit.
+    """
+    found = _sample(potential, fitted, draws, seed, lambda x: potential.settle(x, fitted.amplitude))
+    if found.reliable:
+        return found
+    return _sample(potential, fitted, draws, seed, lambda x: fitted.error)
+
+
+def _sample(potential: Potential, fitted: Fits, draws: int, seed: int, error) -> Drawn:
     generator = torch.Generator().manual_seed(seed)
     coordinates = Standardised(potential, fitted, generator)
     uniform = float(potential.log_uniform(fitted.free))
 
     def log_density(v):
         x, slope = coordinates.open(v)
-        return potential.log_density(potential.mean(x), x, fitted.error) + uniform + slope
+        return potential.log_density(potential.mean(x), x, error(x)) + uniform + slope
 
     found = importance.sample(
         lambda v: torch.cat([log_density(part) for part in v.split(CHUNK)]),

@@ -45,7 +45,8 @@ class Emulated(Protocol):
         """Mean (M, D) and its derivatives (M, D, K) about the scaled coordinates."""
 
     def covariance(self, x: torch.Tensor) -> torch.Tensor:
-        """Of the errors of the mean, (M, D, D), or (1, D, D) if they are the same everywhere."""
+        """Of the errors of the mean, (M, D, D), or (1, D, D) if they are the same everywhere. Asked
+        for as often as the mean."""
 
 
 @dataclass(frozen=True)
@@ -93,9 +94,9 @@ class Potential:
     normal in their units, scales of the noise half-normal. Errors are normal; with `heavy_tails`
     among the inputs each channel's, given those before it, is Student's t.
 
-    The emulator's covariance is an argument, `error` (M or 1, D, D): it is taken at the fit of a
-    model (`settle`) and kept there, so that no estimate is drawn to where the emulator is least
-    certain.
+    The emulator's covariance is an argument, `error` (M or 1, D, D): fits and the evidence of a
+    search keep it while inputs move, so that no estimate is drawn to where the emulator is least
+    certain; draws have their own (`settle`).
 
     Attributes: low, high, nominal (P,); always (P,), what is free in every model; suspected, the
     places of the suspected inputs; measured, the priors of the measured ones; tails, the place of
@@ -160,7 +161,7 @@ class Potential:
 
     def settle(self, x: torch.Tensor, amplitude: torch.Tensor) -> torch.Tensor:
         """Covariance (M or 1, D, D) of all errors but the noise at x (M, P), with a departure of
-        `amplitude` (M,)."""
+        `amplitude` (M or 1,)."""
         parts = [self.emulated.covariance(part) for part in self._points(x)]
         error = parts[0] if len(parts[0]) == 1 else torch.cat(parts)
         if self.departure is None:
