@@ -59,7 +59,8 @@ def test_suspected_inputs_are_mostly_off(count):
     at_rest = (found.coordinates.scaled(found.nominal)) - found.coordinates.scaled(found.lower)
     at_rest /= found.coordinates.scaled(found.upper) - found.coordinates.scaled(found.lower)
     on = ~np.isclose(places, at_rest, atol=1e-12)[:, 10:]
-    assert on.mean(axis=0) == pytest.approx(min(MOST_ON, FEW / count), abs=0.05)
+    assert on.mean(axis=0) == pytest.approx(min(MOST_ON, FEW / count) / 2, abs=0.05)
+    assert 0.1 < (~on.any(axis=1)).mean() < 0.5
     for column, mask in zip(places[:, 10:].T, on.T, strict=True):
         counts, _ = np.histogram(column[mask], 4, (0, 1))
         assert counts.min() > 0.15 * mask.sum()
@@ -71,7 +72,7 @@ def test_at_most_two_scars():
     on = (scars != 1).sum(axis=1)
     assert set(on) == {0, 1, 2}
     assert (scars != 1).any(axis=0).all()
-    assert np.isclose((scars != 1).sum(), 2 * MOST_ON * N, rtol=0.1)
+    assert np.isclose((scars != 1).sum(), MOST_ON * N, rtol=0.1)
 
 
 def test_the_seed_says_it_all():

@@ -10,10 +10,9 @@ from regional_lv.inputs.base import Input
 from regional_lv.inputs.space import Inputs, Role
 from regional_lv.seeds import derive
 
-MOST_ON, FEW = 0.4, 4
-"""A suspected input is on in this share of the simulations, or in fewer if that makes more than a
-few be on at a time: so many at once are in no heart that is looked for, and many do not converge.
-"""
+MOST_ON, FEW = 0.8, 5
+"""Between no suspected input and this share of them, or a few if that is less, are on at a time:
+hearts with more are not looked for, and many do not converge."""
 
 MOST_OF_A_KIND = 2
 """Suspected inputs of one kind that every segment has (scars) which are on at a time."""
@@ -27,19 +26,19 @@ def draw_inputs(inputs: Inputs, n: int, seed: int) -> np.ndarray:
 
     Inferred inputs are spread over their ranges, measured ones over `REACH` standard deviations to
     either side within theirs, both evenly on their scales. Suspected ones are at their nominal
-    value in most simulations (`MOST_ON`, `FEW`), and else spread over their ranges; of a kind that
-    every segment has at most `MOST_OF_A_KIND` are on.
+    value in most simulations and else spread over their ranges: how many are on differs, from none
+    to the mean of the fullest simulations (`MOST_ON`, `FEW`). Of a kind that every segment has at
+    most `MOST_OF_A_KIND` are on.
     """
     from scipy.stats import qmc  # slow to import
 
     groups = _groups(inputs)
     dimensions = sum(_dimensions(group, inputs) for group in groups)
     exponent = max(int(np.ceil(np.log2(max(n, 1)))), 0)
-    points = qmc.Sobol(dimensions, seed=seed).random_base2(exponent)[:n]
+    points = qmc.Sobol(1 + dimensions, seed=seed).random_base2(exponent)[:n]
     values = np.tile(inputs.nominal, (n, 1))
     suspected = sum(inputs.roles[group[0]].kind == "suspected" for group in groups)
-    off = 1 - min(MOST_ON, FEW / max(suspected, 1))
-    first = 0
+    off, first = 1 - min(MOST_ON, FEW / max(suspected, 1)) * points[:, 0], 1
     for group in groups:
         width = _dimensions(group, inputs)
         _put(values, inputs, group, points[:, first : first + width], off)
@@ -62,21 +61,23 @@ def _dimensions(group: list[int], inputs: Inputs) -> int:
     return 1 if len(group) == 1 else 2 * min(MOST_OF_A_KIND, len(group))
 
 
-def _put(values: np.ndarray, inputs: Inputs, group: list[int], u: np.ndarray, off: float) -> None:
+def _put(
+    values: np.ndarray, inputs: Inputs, group: list[int], u: np.ndarray, off: np.ndarray
+) -> None:
     """Fill in the columns of a group from uniform numbers u (n, dimensions); suspected inputs are
-    at their nominal value in a share `off`."""
+    at their nominal value with a probability `off` (n,)."""
     k = group[0]
     if inputs.roles[k].kind != "suspected":
         low, high = _range(inputs[k], inputs.roles[k])
         values[:, k] = _between(inputs[k], low, high, u[:, 0])
     elif len(group) == 1:
         on = u[:, 0] >= off
-        share = (u[on, 0] - off) / (1 - off)
+        share = (u[on, 0] - off[on]) / (1 - off[on])
         values[on, k] = _between(inputs[k], inputs[k].low, inputs[k].high, share)
     else:
         for slot in range(u.shape[1] // 2):
             which, share = u[:, 2 * slot], u[:, 2 * slot + 1]
-            chosen = np.floor((which - off) / (1 - off) * len(group)).astype(int)
+            chosen = np.floor((which - off) / np.maximum(1 - off, 1e-12) * len(group))
             for place, k in enumerate(group):
                 on = (which >= off) & (chosen == place)
                 values[on, k] = _between(inputs[k], inputs[k].low, inputs[k].high, share[on])
