@@ -1,6 +1,7 @@
 """Exact Gaussian process that learns from sensitivities as well as from outputs."""
 
 import math
+from typing import NamedTuple
 
 import gpytorch
 import torch
@@ -11,7 +12,7 @@ from regional_lv.emulators.exact_gp import ExactGP
 from regional_lv.emulators.kernels import BlockRQKernel, Blocks
 from regional_lv.emulators.observed_derivatives import Seen, Weighted, covariance, crossed
 from regional_lv.emulators.optimise import fit
-from regional_lv.emulators.shared_kernel import subset
+from regional_lv.emulators.shared_kernel import cholesky, projected_precision, subset
 from regional_lv.seeds import derive
 
 LEAST_NUGGET, LEAST_GRADIENT_NOISE = 1e-8, 1e-6
@@ -93,6 +94,17 @@ class GradientModel(gpytorch.models.ExactGP):
         return determinant / len(y) + 0.5 * white.square().mean(0).log().mean()
 
 
+class Few(NamedTuple):
+    """A part of the observations: derivatives that are seen, Cholesky factor of the correlations,
+    what each observation sees of the mean, that whitened, and its squared length."""
+
+    seen: Seen
+    factor: torch.Tensor
+    constant: torch.Tensor
+    ones: torch.Tensor
+    total: torch.Tensor
+
+
 class GradientGP(ExactGP):
     """The exact GP with the kernel `zonal_rq` on values and derivatives.
 
@@ -101,7 +113,9 @@ class GradientGP(ExactGP):
     of them (at random) as fit into `max_observations`. Sensitivities become derivatives about the
     standardised inputs by the chain rule. Settings: max_observations; hyperparameter_rows, the
     simulations that the hyperparameters are fitted to (the cost grows with the cube of their
-    number); iterations; calibration as for the exact GP.
+    number); iterations; calibration as for the exact GP; variance_observations, those that the
+    variance is computed from, all (None) or a part that is large enough to say where the errors are
+    large: how large is calibrated by the errors of leaving out simulations.
     """
 
     name = "gradient_gp"
@@ -118,15 +132,17 @@ class GradientGP(ExactGP):
         self.model.learn(self.settings["iterations"])
         self.nugget = self.model.nugget
         n, most = len(training.x), self.settings["max_observations"]
-        self.seen = self._choose(n, most, derive(seed, "derivatives"))
+        # What is nearly linear needs few of them.
+        weight = self.model.length_scales**-2
+        self.seen = self._choose(n, most, derive(seed, "derivatives"), weight)
         return {
             "hyperparameter_rows": len(rows),
             "derivatives": len(self.seen.at),
         }
 
-    def _choose(self, n: int, most: int, seed: int) -> Seen:
+    def _choose(self, n: int, most: int, seed: int, weight=None) -> Seen:
         """Derivatives of n simulations, `most` observations in all."""
-        return Seen.some(n, len(self.parameters), most - n, seed)
+        return Seen.some(n, len(self.parameters), most - n, seed, weight)
 
     def _make_model(self) -> GradientModel:
         return GradientModel(self.parameters.blocks)
@@ -138,8 +154,11 @@ class GradientGP(ExactGP):
         return found
 
     def _training_covariance(self):
+        return self._covariance_of(self.seen)
+
+    def _covariance_of(self, seen: Seen) -> tuple[torch.Tensor, torch.Tensor]:
         n = len(self.inputs)
-        matrix = covariance(self.model.of_values, self.inputs, self.seen)
+        matrix = covariance(self.model.of_values, self.inputs, seen)
         noise = (self.model.gradient_noise - self.nugget).clamp(min=0.0).detach()
         matrix.diagonal()[n:].add_(noise)
         constant = torch.zeros(len(matrix), 1, dtype=matrix.dtype)
@@ -163,12 +182,43 @@ class GradientGP(ExactGP):
             self._summed = kept = self.weights, made
         return kept[1]
 
-    def _leave_one_out(self, precision, targets):
-        """Without a simulation's derivatives, too: blocks of the projected precision.
+    def _factorise(self):
+        super()._factorise()
+        most, n = self.settings["variance_observations"], len(self.inputs)
+        self._few: Few | None = None
+        if most is None or most >= len(self.cholesky):
+            return
+        weight = self.model.length_scales**-2
+        seen = self._choose(n, most, derive(0, "derivatives for the variance"), weight)
+        matrix, constant = self._covariance_of(seen)
+        factor, _ = cholesky(matrix, self.nugget, self.name)
+        ones = torch.linalg.solve_triangular(factor, constant, upper=False)
+        self._few = Few(seen, factor, constant, ones, ones.square().sum())
 
-        The errors of the block are Q_ii^-1 [Q y]_i, their covariance Q_ii^-1.
-        """
-        n, at = len(self.inputs), self.seen.at
+    def _predict(self, theta):
+        if self._few is None:
+            return super()._predict(theta)
+        few, x = self._few, self.standardise(theta.reshape(-1, theta.shape[-1]))
+        k = crossed(self.model.of_values, x, self.inputs, few.seen)
+        half = torch.linalg.solve_triangular(few.factor, k.T, upper=False)
+        rest = 1 - (few.ones.T @ half)[0]
+        variance = 1 + self.nugget - half.square().sum(0) + rest.square() / few.total
+        variance = variance.clamp(min=self.nugget).reshape(theta.shape[:-1])
+        scale = self.calibration.scale(self._stiffness(theta))
+        return self._separable(self.predict_mean(theta), scale * variance)
+
+    def _leave_one_out(self, precision, targets):
+        """Without a simulation's derivatives, too; variances as they are stated."""
+        errors, variances = self._left_out(precision, targets, self.seen)
+        if self._few is not None:
+            few, _ = projected_precision(self._few.factor, self._few.constant)
+            _, variances = self._left_out(few, torch.zeros_like(few[:, :1]), self._few.seen)
+        return errors, variances
+
+    def _left_out(self, precision, targets, seen: Seen):
+        """Blocks of the projected precision: the errors of a block are Q_ii^-1 [Q y]_i, their
+        covariance Q_ii^-1."""
+        n, at = len(self.inputs), seen.at
         weighted = precision @ targets
         errors, variances = targets.new_empty(n, targets.shape[1]), targets.new_empty(n)
         counts = torch.bincount(at, minlength=n)

@@ -32,14 +32,18 @@ class Seen:
     along: torch.Tensor
 
     @classmethod
-    def some(cls, points: int, inputs: int, most: int, seed: int) -> "Seen":
+    def some(
+        cls, points: int, inputs: int, most: int, seed: int, weight: torch.Tensor | None = None
+    ) -> "Seen":
         """At most `most` of all derivatives, input by input: as many at every point, or one more,
-        chosen at random."""
+        chosen at random with probabilities as `weight` (P,), all alike by default (Efraimidis and
+        Spirakis 2006, doi 10.1016/j.ipl.2005.11.003)."""
         generator = torch.Generator().manual_seed(seed)
         each, more = divmod(min(max(most, 0), points * inputs), points)
         count = torch.full((points,), each)
         count[torch.randperm(points, generator=generator)[:more]] += 1
-        order = torch.rand(points, inputs, generator=generator).argsort(1).argsort(1)
+        late = -torch.rand(points, inputs, generator=generator).log()
+        order = (late if weight is None else late / weight).argsort(1).argsort(1)
         along, at = (order < count[:, None]).T.nonzero(as_tuple=True)
         return cls(at, along)
 
