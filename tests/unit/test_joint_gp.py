@@ -82,6 +82,13 @@ def test_coordinates_are_kept():
 # -------------------------------------------------------------------------- observed derivatives
 
 
+def test_derivatives_are_chosen_by_their_weight():
+    weight = torch.tensor([1.0, 1.0, 0.01, 1.0, 0.2]).double()
+    seen = Seen.some(400, 5, 800, seed=1, weight=weight)
+    counts = torch.bincount(seen.along, minlength=5)
+    assert counts[2] < 0.1 * counts[0] and counts[2] < counts[4] < 0.7 * counts[0]
+
+
 @pytest.mark.parametrize("most", [0, 7, 15, 30])
 def test_as_many_derivatives_as_fit(most):
     seen = Seen.some(6, 5, most, seed=1)
@@ -174,6 +181,26 @@ def test_its_derivatives(emulator):
             sides = [emulator.predict_mean(theta + s * step) for s in (1, -1)]
         numeric = (sides[0] - sides[1]) / (2e-4 * size)
         torch.testing.assert_close(by_theta[..., k], numeric, rtol=1e-4, atol=1e-5)
+
+
+def test_the_stated_error_of_a_part_of_the_observations():
+    """As wide as that of all of them where it matters: calibrated by the same errors left out."""
+    theta, at = points(60, 1), torch.as_tensor(points(100, 9))
+    given = theta, toy(torch.as_tensor(theta)).numpy(), slopes(theta)
+    known = {"parameters": COORDINATES, "outputs": OUTPUTS, "seed": 3}
+    settings = {"hyperparameter_rows": 40}
+    whole, part = (
+        create("joint_gp", settings | {"variance_observations": most}).fit(*given, **known)
+        for most in (None, 200)
+    )
+    with torch.no_grad():
+        exact, found = whole.predict(at), part.predict(at)
+    torch.testing.assert_close(found.mean, exact.mean)
+    ratio = found.sd / exact.sd
+    assert 0.5 < ratio.median() < 2 and (ratio != 1).all()
+    error = (found.mean - toy(at)).abs()
+    covered = [(error < 1.96 * each.sd).double().mean() for each in (exact, found)]
+    assert covered[1] > covered[0] - 0.05
 
 
 def test_it_is_kept_and_selected(emulator, tmp_path):
