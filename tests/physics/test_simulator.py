@@ -20,6 +20,7 @@ from regional_lv.geometry.mesh import BASE, EPICARDIUM, read_mesh
 from regional_lv.geometry.table import read_segments
 from regional_lv.mechanics import dolfinx_api as api
 from regional_lv.mechanics.continuation import Effort, Mixing, Runner, Solver
+from regional_lv.mechanics.equilibrium import LinearSolveError
 from regional_lv.mechanics.fibres import fibre_directions
 from regional_lv.mechanics.predictor import Known
 from regional_lv.mechanics.supports import supports_from_config
@@ -174,6 +175,21 @@ def test_kept_factorisations_lead_to_the_same_solution_with_fewer(solver, solved
         found[kept] = observed(simulator, state), effort.newton_steps
     np.testing.assert_allclose(found[True][0], found[False][0], rtol=1e-7, atol=1e-8)
     assert found[True][1] < found[False][1]
+
+
+def test_a_field_that_is_not_finite_is_refused_and_leaves_no_trace(simulator, solved):
+    """As after a step that went astray; the factorisation after it is a good one."""
+    simulator.set(THETA, PRESSURE)
+    load = np.random.default_rng(0).normal(size=simulator.size)
+    astray = solved.w.copy()
+    astray[simulator.displacement_dofs[0, 2]] = np.nan
+    found = []
+    for _ in range(2):
+        simulator.factorise(solved.w)
+        found.append(simulator.solve(load))
+        with pytest.raises(LinearSolveError, match="the tangent is not finite"):
+            simulator.factorise(astray)
+    np.testing.assert_array_equal(*found)
 
 
 def test_mixed_steps_solve_what_the_old_tangent_cannot():

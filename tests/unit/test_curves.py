@@ -346,6 +346,18 @@ MISTAKES = {
         {},
         "line 8: frame 5 does not follow 14; sort",
     ),
+    "half a frame": (
+        {},
+        setting("frame", 4.5, 4),
+        {},
+        "line 6: frame 4.5 is no whole number; name the column time",
+    ),
+    "nothing moves": (
+        {},
+        lambda t: t.assign(**{name: 0.0 for name in t.columns if name != "frame"}),
+        {},
+        "all strains are zero; export them again",
+    ),
     "two frames": ({}, lambda t: t[:2], {}, "export the whole cycle"),
     "missing frame": ({}, None, {"frame": 40}, "there is no frame 40; the frames go from 1 to 20"),
     "end diastole": (

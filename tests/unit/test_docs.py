@@ -2,8 +2,11 @@
 
 import ast
 import json
+import os
 import re
 import shutil
+import subprocess
+import sys
 import tomllib
 from pathlib import Path
 
@@ -104,6 +107,19 @@ def test_notebook_is_stored_with_its_outputs():
 @pytest.mark.parametrize(("page", "of"), [("causes", causes), ("inputs", inputs)])
 def test_pages_of_catalogues_are_these(page, of):
     assert (ROOT / "docs" / f"{page}.md").read_text() == of.document(), "run `make format`"
+
+
+@pytest.mark.parametrize(
+    ("module", "page"),
+    [("config", "config/README.md"), ("criticism.hypotheses", "docs/causes.md")],
+)
+def test_what_make_format_writes(tmp_path, module, page):
+    """As the Makefile runs it, on a page whose tables are out of date."""
+    made = tmp_path / "page.md"
+    made.write_text(f"{(ROOT / page).read_text()}| old | row |\n")
+    command = [sys.executable, "-m", f"regional_lv.{module}", str(made)]
+    subprocess.run(command, check=True, env=os.environ | {"PYTHONPATH": str(ROOT / "src")})
+    assert made.read_text() == (ROOT / page).read_text()
 
 
 def test_page_of_the_papers_figures_is_complete():

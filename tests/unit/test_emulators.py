@@ -325,6 +325,9 @@ def test_refuses_what_it_cannot_learn_from(name):
     else:
         with pytest.raises(InputError, match=f"{TOY['parameters'].names[3]} has one and the same"):
             create(name).fit(still, y, slopes, **TOY)
+    still[:, 3] = np.arange(30)
+    with pytest.raises(InputError, match="a factor is not above zero; correct the design"):
+        create(name).fit(still, y, slopes, **TOY)
     y[4, 2] = np.nan
     with pytest.raises(InputError, match="row 4"):
         create(name).fit(theta, y, slopes, **TOY)

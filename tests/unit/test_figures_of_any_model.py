@@ -9,6 +9,7 @@ import xarray as xr
 from matplotlib.image import imread
 
 from regional_lv.channels import Channels
+from regional_lv.errors import InputError
 from regional_lv.parameters import ZONES, Parameterisation
 from regional_lv.plots import (
     bullseye_map,
@@ -221,6 +222,16 @@ def test_posterior_predictive(subject, paths):
     assert observed.loc["circumferential_07@0.5", "segment"] == 7
     assert np.isnan(observed.loc["torsion_basal-mid", "segment"])
     assert observed["inside"].astype(str).eq("True").all()
+
+
+def test_posterior_predictive_that_is_not_there(subject, paths):
+    """As in a file that someone wrote with ArviZ from the posterior alone."""
+    posterior, diagnostics = subject(MODELS["whole"])
+    data = az.from_netcdf(posterior).load()
+    del data.posterior_predictive
+    data.to_netcdf(str(posterior))
+    with pytest.raises(InputError, match=r"heart\.nc: no group .*; rerun the subject's inference"):
+        posterior_predictive.draw(posterior, diagnostics, "file", *paths)
 
 
 def test_posterior_predictive_without_strains(subject, paths):

@@ -53,6 +53,7 @@ MISTAKES = [
     (changed("nuts.cases_per_batch", 0), "nuts.cases_per_batch", "give at least 1"),
     (changed("mesh.circumferential", 20), "mesh.circumferential", "one of 16, 24, 32, 40, 48"),
     (changed("mesh.apex", 0), "mesh.apex", "give at least 1"),
+    (changed("simulations.source", "dolfin"), "'dolfin' is not offered", "did you mean dolfinx?"),
     (changed("fibres.helix_endo_deg", 95), "fibres.helix_endo_deg", "give at most 90"),
     (changed("loading.base", "fixed"), "loading.base: has moved", "use `supports.base`"),
     (changed("material.a_f_kpa", 1), "a_f_kpa: has moved", "`material.constants.a_f_kpa`"),
