@@ -14,6 +14,7 @@ from regional_lv.channels import Channels
 from regional_lv.criticism.hypotheses import REGISTRY
 from regional_lv.criticism.hypotheses.base import psi_and_component
 from regional_lv.data import VOLUNTEER
+from regional_lv.emulators import OF_INPUTS
 from regional_lv.emulators import REGISTRY as EMULATORS
 from regional_lv.errors import InputError
 from regional_lv.mechanics.loads import LOADS
@@ -200,6 +201,11 @@ def _check_emulators(emulators: dict, evaluation: bool) -> Iterator[str]:
     known = list(EMULATORS)
     names, shortlist = emulators["names"], emulators["shortlist"]
     yield from _check_names("emulators.names", names, known)
+    if OF_INPUTS in (*names, emulators["final"]):
+        yield (
+            f"emulators: {OF_INPUTS} is of all inputs, and trained where `inputs` gives roles; "
+            "name another one"
+        )
     yield from _check_names("emulators.shortlist.also", shortlist["also"], known)
     for name in emulators:
         if name not in {*known, *own, *names}:

@@ -79,13 +79,14 @@ def test_rules_see_numbers_as_they_are_written(root, tmp_path, pressure, given, 
     assert "Traceback" not in done.stdout + done.stderr
 
 
-@pytest.mark.parametrize("study", ["smoke", "published", "published_heart"])
+@pytest.mark.parametrize("study", ["smoke", "published", "published_heart", "smoke examples/roles"])
 def test_rules_and_functions_agree(root, tmp_path, study):
-    file = root / "config" / f"{study}.yaml"
-    done = listed(tmp_path, CHECK.format(root=root), "--configfile", file)
+    files = [root / "config" / f"{name}.yaml" for name in study.split()]
+    done = listed(tmp_path, CHECK.format(root=root), "--configfile", *files)
     lines = done.stdout.splitlines()
     assert done.returncode == 0, done.stdout + done.stderr
     assert not [line for line in lines if line.startswith("WRONG")], "\n".join(lines)
     assert sum(line.startswith("CALL") for line in lines) > 30
+    assert ("CALL average_models" in lines) == ("roles" in study)
     # Scripts of their own are for what a function cannot take from its rule.
     assert [line for line in lines if line.startswith("SCRIPT")] == ["SCRIPT fetch_published"]

@@ -12,6 +12,7 @@ INPUTS_ANCHOR_BATCHES = batches(INPUTS_ANCHORS, -(-INPUTS_ANCHORS // 2))
 
 if config["inputs"]:
     # The catalogue takes a while to import, and most studies do without.
+    from regional_lv.emulators import OF_INPUTS
     from regional_lv.inputs.space import Inputs, sections_of
 
     INPUTS = sections_of(config)
@@ -137,8 +138,8 @@ if config["inputs"]:
             f"{R}/benchmarks/all_inputs/train.tsv"
         params:
             call="emulators.training:train_emulator",
-            name="joint_gp",
-            settings=config["emulators"]["joint_gp"],
+            name=OF_INPUTS,
+            settings=config["emulators"][OF_INPUTS],
             parameters=COORDINATES,
             channels=OUTPUTS,
             seed=config["seed"],

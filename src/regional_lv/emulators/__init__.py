@@ -90,6 +90,10 @@ REGISTRY = Registry(
 """Name in the configuration -> class."""
 
 
+OF_INPUTS = "joint_gp"
+"""The one that learns from simulations over all inputs, and from nothing else."""
+
+
 def create(name: str, settings: dict | None = None) -> "Emulator":
     """A new emulator. Raises InputError for a name that is not registered."""
     return REGISTRY[name](**(settings or {}))

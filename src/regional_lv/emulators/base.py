@@ -19,7 +19,7 @@ from regional_lv.inputs.coordinates import Coordinates
 from regional_lv.parameters import Parameterisation, from_spec, repeated
 from regional_lv.schema import load_schema
 
-FORMAT = 3
+FORMAT = 4
 """Of emulator files: raised when what they hold changes."""
 
 OUTSIDE_QUANTILE = 0.99
