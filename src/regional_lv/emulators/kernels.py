@@ -11,7 +11,6 @@ import gpytorch
 import torch
 from gpytorch.constraints import Positive
 
-from regional_lv.derivative_kernel import joint_covariance
 from regional_lv.emulators.base import row_jacobian
 
 ZONAL = "zonal_rq"
@@ -108,24 +107,6 @@ class BlockRQKernel(gpytorch.kernels.Kernel):
         rows = max(1, IN_CACHE // x2.shape[-2])
         parts = x1.split(rows, dim=-2)
         return torch.cat([self.of_bases(self.bases(part, x2)) for part in parts], dim=-2)
-
-
-class BlockRQKernelGrad(gpytorch.kernels.Kernel):
-    """`BlockRQKernel` (`of_values`) of values and of their derivatives along every input, in the
-    manner of GPyTorch's `RBFKernelGrad`, but in another order: values of all points first, then the
-    derivatives of all along the first input, and so on."""
-
-    def __init__(self, blocks: Sequence[slice]):
-        super().__init__()
-        self.of_values = BlockRQKernel(blocks)
-
-    def forward(self, x1, x2, diag=False, last_dim_is_batch=False, **params):
-        values = self.of_values
-        matrix = joint_covariance(x1, x2, values.lengthscale[0], values.alpha[0], values.blocks)
-        return matrix.diagonal() if diag else matrix
-
-    def num_outputs_per_input(self, x1, x2):
-        return 1 + x1.shape[-1]
 
 
 class Matern52Kernel(gpytorch.kernels.MaternKernel):
