@@ -10,10 +10,26 @@ from regional_lv.criticism.hypotheses.base import SimulatorHypothesis
 from regional_lv.emulators import REGISTRY as EMULATORS
 from regional_lv.emulators.base import Architecture, Emulator, Prediction
 from regional_lv.geometry.mesh import EPICARDIUM
+from regional_lv.inputs.base import KeyInput
+from regional_lv.inputs.catalogue import INPUTS
 from regional_lv.mechanics.loads import LOADS, Load
 from regional_lv.mechanics.materials import MATERIALS, Constant, Factor, Material
 from regional_lv.mechanics.supports import SUPPORTS, Support
 from regional_lv.quantities import QUANTITIES, Quantity
+
+
+@INPUTS.add
+class SheetAtEpicardium(KeyInput):
+    """The sheet angle at the epicardium alone."""
+
+    name = "sheet_epi"
+    family = "fibres"
+    path = ("fibres", "sheet_epi_deg")
+    parameter = "epicardial sheet angle"
+    unit = "deg"
+    low, high = -75.0, -15.0
+    description = "Sheets of the outer wall are seen in a few hearts only."
+    source = "LeGrice et al. 1995, doi 10.1152/ajpheart.1995.269.2.H571"
 
 
 @MATERIALS.add
