@@ -10,6 +10,7 @@ import vtk
 from scipy.spatial import cKDTree
 
 from regional_lv import aha, data
+from regional_lv import config as study_config
 from regional_lv.aha import LEVELS
 from regional_lv.errors import InputError
 from regional_lv.geometry import meshing
@@ -24,9 +25,11 @@ from regional_lv.geometry.elements import (
 )
 from regional_lv.geometry.make import make_mesh
 from regional_lv.geometry.mesh import BASE, ENDOCARDIUM, EPICARDIUM, SURFACES, read_mesh
+from regional_lv.geometry.shape import NodePlaces
 from regional_lv.geometry.summary import _apex, scaled_jacobians
 from regional_lv.geometry.surfaces import QUARTER, Surfaces
 from regional_lv.geometry.table import read_segments
+from regional_lv.inputs.model import model_of
 from regional_lv.parameters import Parameterisation
 
 TABLE = data.path("volunteer_segments.csv")
@@ -41,7 +44,7 @@ FIBRES = {
 }
 
 
-def make(folder, table=TABLE, circumferential=16, **rows):
+def make(folder, table=TABLE, circumferential=16, apices=APICES, **rows):
     paths = {
         "msh": folder / "mesh.msh",
         "vtu": folder / "mesh.vtu",
@@ -49,7 +52,7 @@ def make(folder, table=TABLE, circumferential=16, **rows):
         "summary": folder / "summary.json",
     }
     mesh_cfg = {"circumferential": circumferential, **ROWS, **rows}
-    make_mesh(table, **APICES, mesh=mesh_cfg, fibres=FIBRES, **paths, zones=PARAMETERS.zones)
+    make_mesh(table, **apices, mesh=mesh_cfg, fibres=FIBRES, **paths, zones=PARAMETERS.zones)
     return read_mesh(paths["vtu"]), folder
 
 
@@ -338,6 +341,36 @@ def test_round_off_between_sectors_changes_nothing(rows, column, slack, tmp_path
 
 
 # --- directions ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("segment", "length", "apex"),
+    [
+        ({"wall_thickness_mm": 1.15, "endo_radius_mm": 0.95}, 1.0, 1.0),
+        ({}, 1.06, 1.0),
+        ({}, 1.0, 1.3),
+    ],
+    ids=["segment 9", "length", "apex"],
+)
+def test_nodes_move_to_where_a_mesh_of_that_shape_has_them(rows, tmp_path, segment, length, apex):
+    """Figures of the table times these, those of one segment, of the cavity and of its apex."""
+    shape = model_of(study_config.load({"study": "mine"}))["geometry"]
+    figures = {"length_mm": length * shape["length_mm"], "apex_mm": apex * shape["apex_mm"]}
+    for column, times in segment.items():
+        rows.loc[8, column] *= times
+        figures[column] = rows[column].to_numpy()
+    rows[["z_top_mm", "z_bottom_mm"]] *= length
+    inner = length * APICES["endo_apex_z_mm"]
+    outer = inner - figures["apex_mm"]
+    rows.loc[16, "z_bottom_mm"] = outer
+    for name in ("own", "other"):
+        (tmp_path / name).mkdir()
+    own, _ = make(tmp_path / "own")
+    apices = {"endo_apex_z_mm": inner, "epi_apex_z_mm": outer}
+    other, _ = make(tmp_path / "other", save(rows, tmp_path), apices=apices)
+    moved = NodePlaces(own, shape)(shape | figures)
+    assert np.abs(other.points - own.points).max() > 0.5
+    np.testing.assert_allclose(moved, other.points, atol=1e-3)
 
 
 def at_gauss_points(mesh):
