@@ -101,6 +101,11 @@ class Weighted:
         dense[seen.along, seen.at] = weights[n:]
         self.of_slopes = dense
         self.at_home = [(self.u.T[b, :, None] * dense[b]).sum(0) for b in kernel.blocks]
+        # By block, the weights on derivatives and what they make at home: (n, (1 + p) D).
+        self._side_by_side = [
+            torch.cat([dense[b], home[None]]).transpose(0, 1).reshape(n, -1)
+            for b, home in zip(kernel.blocks, self.at_home, strict=True)
+        ]
 
     def _parts(self, x):
         bases = self.kernel.bases(x, self.y)
@@ -117,11 +122,13 @@ class Weighted:
 
     def mean(self, x: torch.Tensor) -> torch.Tensor:
         """(m, D) at x (m, P)."""
-        return torch.cat([self._mean(part) for part in x.split(POINTS_AT_ONCE)])
-
-    def _mean(self, x):
-        k, *_, total = self._parts(x)
-        return (k[:, None] @ total)[:, 0]
+        bases = self.kernel.bases(x, self.y)
+        k, u = self.kernel.of_bases(bases), x / self.scale
+        total = k @ self.of_values
+        for b, base, weights in zip(self.kernel.blocks, bases, self._side_by_side, strict=True):
+            found = ((k / base) @ weights).reshape(len(x), -1, total.shape[1])
+            total = total + (u[:, b, None] * found[:, :-1]).sum(1) - found[:, -1]
+        return total
 
     def with_slopes(self, x: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """`mean`, and its derivatives (m, D, P) about x."""
