@@ -4,9 +4,11 @@ import arviz as az
 import numpy as np
 import pandas as pd
 import pytest
+import xarray as xr
 
 from regional_lv import emulators
 from regional_lv.errors import InputError
+from regional_lv.faults import explain
 from regional_lv.inference import sampling
 from regional_lv.inference.summaries import TABLES, summarise_posteriors
 from tests.inference.conftest import PARAMETERS
@@ -118,6 +120,34 @@ def test_subject(study, measured, sampler):
     low, high = predicted.quantile([0.01, 0.99], ("chain", "draw"))
     observed = data.observed_data["y"]
     assert int(((observed < low) | (observed > high)).sum()) <= 3
+
+
+@pytest.fixture
+def posterior():
+    """Two groups with what posteriors have: numbers, truth values, words."""
+    draws = np.random.default_rng(0).normal(size=(2, 5000, 3)).round(1)
+    coords = {"case": ["a", "b", "c"]}
+    dims = ("chain", "draw", "case")
+    theta = xr.Dataset({"theta": (dims, draws), "diverging": (dims, draws > 0)}, coords)
+    constant = xr.Dataset({"sampler": ("case", ["nuts", "importance", "nuts"])}, coords)
+    return az.InferenceData(posterior=theta, constant_data=constant, attrs={"by": "test"})
+
+
+def test_a_file_has_what_was_written(posterior, tmp_path):
+    path = tmp_path / "new" / "posterior.nc"
+    sampling.write(posterior, path)
+    found = az.from_netcdf(path)
+    assert set(found.groups()) == {"posterior", "constant_data"}
+    for group, written in posterior.items():
+        xr.testing.assert_identical(found[group].load(), written)
+    assert found.attrs == posterior.attrs
+    assert path.stat().st_size < posterior.posterior.nbytes / 2
+
+
+def test_a_full_disk_is_an_error_that_can_be_explained(posterior):
+    with pytest.raises(OSError) as error:
+        sampling.write(posterior, "/dev/full")
+    assert "no space left" in explain(error.value, [], ["results/mine/posterior.nc"])
 
 
 def test_outputs_that_the_emulator_lacks(study):

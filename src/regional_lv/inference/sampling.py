@@ -382,6 +382,14 @@ def to_inference_data(sampled: Sampled, nuts: dict) -> az.InferenceData:
 
 
 def write(data: az.InferenceData, path: str | Path) -> None:
-    """NetCDF, compressed; directories are made."""
+    """NetCDF, compressed; directories are made. Raises OSError where it cannot be written."""
+    # HDF5 that cannot close its file, as on a full disk, ends the process: it works in memory.
+    encoding = {
+        f"/{group}": {
+            name: {"zlib": True} for name, v in part.variables.items() if v.dtype.kind in "biufc"
+        }
+        for group, part in data.items()
+    }
+    content = data.to_datatree().to_netcdf(engine="h5netcdf", encoding=encoding)
     Path(path).parent.mkdir(parents=True, exist_ok=True)
-    data.to_netcdf(str(path), engine="h5netcdf")
+    Path(path).write_bytes(content)
