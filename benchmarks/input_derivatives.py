@@ -20,26 +20,13 @@ from regional_lv.inputs.space import Inputs, catalogue
 from regional_lv.mechanics.continuation import Effort, Solver
 from regional_lv.mechanics.problem import Problem
 from regional_lv.study import Study
-from regional_lv.verification.input_derivatives import TIGHT, check_derivatives
+from regional_lv.verification.input_derivatives import (
+    EVERYTHING_ON,
+    TIGHT,
+    check_derivatives,
+)
 
 THETA = (1.3, 0.8, 0.9, 1.2, 0.7, 1.5, 2.0, 0.6, 1.1, 1.0)
-ON = {
-    "basal_motion": 3.0,
-    "basal_axial": 2.0,
-    "basal_twist": 0.5,
-    "epicardial_support": 0.03,
-    "compressibility": 0.01,
-    "septal_load": 2.0,
-    "helix_endo": 5.0,
-    "anisotropy": 0.8,
-    "endocardial_sampling": 0.2,
-    "strain_measure": 1.0,
-    "line_strain": 0.5,
-    "unloaded_directions": 0.3,
-    "wall_thickness": 1.05,
-    "length": 77.0,
-    "segment_rotation": 4.0,
-}
 OBSERVED = {"quantities": [*DEFAULT_QUANTITIES, "torsion", "shortening"]}
 
 
@@ -52,7 +39,7 @@ def main(file: str) -> None:
     model = model_of(study.config)
     problem = Problem(mesh, Inputs(model, catalogue(model)))
     values = dict(zip(problem.inputs.names, problem.inputs.nominal, strict=True))
-    values |= dict(zip(problem.parameters.names, THETA, strict=True)) | ON
+    values |= dict(zip(problem.parameters.names, THETA, strict=True)) | EVERYTHING_ON
     solver = Solver(problem, study.config["solver"] | TIGHT)
     start = solver.inflate(np.array(list(values.values())), problem.full_pressure, Effort())
     table = check_derivatives(solver, start)

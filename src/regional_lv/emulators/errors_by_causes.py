@@ -1,6 +1,5 @@
 """Errors of an emulator over all inputs, by how many suspected inputs are on."""
 
-import logging
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -9,10 +8,8 @@ import pandas as pd
 import torch
 
 from regional_lv.emulators import load
-from regional_lv.emulators.training import read_simulations
+from regional_lv.emulators.training import predict_each, read_simulations
 from regional_lv.gaussian import Z95
-
-log = logging.getLogger(__name__)
 
 MANY = 4
 """As many suspected inputs and more are counted together."""
@@ -29,14 +26,11 @@ def judge(
     """
     emulator = load(emulator_file)
     theta, y, _ = read_simulations(test, emulator.parameters, emulator.outputs)
-    # One by one: covariances of all take room.
-    with torch.no_grad():
-        predictions = [emulator.predict(torch.as_tensor(row)) for row in theta]
-    error = np.abs(np.stack([each.mean.numpy() for each in predictions]) - y)
-    held = error <= Z95 * np.stack([each.sd.numpy() for each in predictions])
-    names = list(emulator.coordinates.names)
-    on = sum(theta[:, names.index(name)] != value for name, value in nominal.items())
-    on = np.zeros(len(theta), dtype=int) if not nominal else on
+    mean, sd = predict_each(emulator, torch.as_tensor(theta), torch.as_tensor(y))
+    error = np.abs(mean.numpy() - y)
+    held = error <= Z95 * sd.numpy()
+    places = [emulator.coordinates.names.index(name) for name in nominal]
+    on = (theta[:, places] != list(nominal.values())).sum(axis=1)
     groups = {str(n): on == n for n in range(MANY)}
     groups |= {f"{MANY}+": on >= MANY, "all": on >= 0}
     quantities = np.array([channel.quantity for channel in emulator.channels])

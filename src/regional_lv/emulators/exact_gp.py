@@ -175,10 +175,8 @@ class ExactGP(Emulator):
 
     def _predict(self, theta: torch.Tensor) -> Prediction:
         k = self._correlations(self.standardise(theta.reshape(-1, theta.shape[-1])))
-        half = torch.linalg.solve_triangular(self.cholesky, k.T, upper=False)
-        rest = 1 - (self._ones.T @ half)[0]
-        variance = 1 + self.nugget - half.square().sum(0) + rest.square() / self._total
-        variance = variance.clamp(min=self.nugget).reshape(theta.shape[:-1])
+        variance = stated_variance(k, self.cholesky, self._ones, self._total, self.nugget)
+        variance = variance.reshape(theta.shape[:-1])
         mean = self._mean(k @ self.weights).reshape(*theta.shape[:-1], -1)
         return self._separable(mean, self.calibration.scale(self._stiffness(theta)) * variance)
 
@@ -284,6 +282,24 @@ _STATE = ("nugget", "mean", "weights", "output_b")
 
 
 # ------------------------------------------------------------------------- linear algebra, LOO
+
+
+def stated_variance(
+    k: torch.Tensor,
+    factor: torch.Tensor,
+    ones: torch.Tensor,
+    total: torch.Tensor,
+    nugget: float,
+) -> torch.Tensor:
+    """Variances (M,) of predictions with an unknown constant mean, of unit prior variance.
+
+    k: (M, n) correlations with the observations. factor: Cholesky factor (n, n) of theirs. ones:
+    what each observation sees of the mean, whitened (n, 1), and `total` its squared length.
+    """
+    half = torch.linalg.solve_triangular(factor, k.T, upper=False)
+    rest = 1 - (ones.T @ half)[0]
+    variance = 1 + nugget - half.square().sum(0) + rest.square() / total
+    return variance.clamp(min=nugget)
 
 
 def leave_one_out(precision: torch.Tensor, y: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:

@@ -8,7 +8,7 @@ import torch
 from gpytorch.constraints import GreaterThan
 
 from regional_lv.emulators.base import TrainingSet
-from regional_lv.emulators.exact_gp import ExactGP
+from regional_lv.emulators.exact_gp import ExactGP, stated_variance
 from regional_lv.emulators.kernels import BlockRQKernel, Blocks
 from regional_lv.emulators.observed_derivatives import Seen, Weighted, covariance, crossed
 from regional_lv.emulators.optimise import fit
@@ -200,10 +200,8 @@ class GradientGP(ExactGP):
             return super()._predict(theta)
         few, x = self._few, self.standardise(theta.reshape(-1, theta.shape[-1]))
         k = crossed(self.model.of_values, x, self.inputs, few.seen)
-        half = torch.linalg.solve_triangular(few.factor, k.T, upper=False)
-        rest = 1 - (few.ones.T @ half)[0]
-        variance = 1 + self.nugget - half.square().sum(0) + rest.square() / few.total
-        variance = variance.clamp(min=self.nugget).reshape(theta.shape[:-1])
+        variance = stated_variance(k, few.factor, few.ones, few.total, self.nugget)
+        variance = variance.reshape(theta.shape[:-1])
         scale = self.calibration.scale(self._stiffness(theta))
         return self._separable(self.predict_mean(theta), scale * variance)
 

@@ -43,17 +43,13 @@ class OutputScale:
 
     def of_outputs(self, y: torch.Tensor, theta: torch.Tensor) -> torch.Tensor:
         """v (..., D); NaN for a strain that no stretch has."""
-        n = self.exponent(theta)
-        small = n.abs() < LEAST
-        safe = torch.where(small, torch.ones_like(n), n)
+        small, safe = self._divisor(theta)
         stretch = torch.where(small, y, torch.log1p(safe * y) / safe)
         return self._choose(y.log(), stretch, y)
 
     def outputs(self, v: torch.Tensor, theta: torch.Tensor) -> torch.Tensor:
         """y (..., D)."""
-        n = self.exponent(theta)
-        small = n.abs() < LEAST
-        safe = torch.where(small, torch.ones_like(n), n)
+        small, safe = self._divisor(theta)
         return self._choose(v.exp(), torch.where(small, v, torch.expm1(safe * v) / safe), v)
 
     def slopes(self, v: torch.Tensor, theta: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
@@ -86,6 +82,12 @@ class OutputScale:
     def select(self, index: torch.Tensor) -> "OutputScale":
         """Of some outputs."""
         return OutputScale(self.positive[index], self.strain[index], self.coordinates)
+
+    def _divisor(self, theta: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Where the exponent is 0 (..., 1), and the exponent, there 1."""
+        n = self.exponent(theta)
+        small = n.abs() < LEAST
+        return small, torch.where(small, torch.ones_like(n), n)
 
     def _choose(self, positive, strain, other):
         return torch.where(self.positive, positive, torch.where(self.strain, strain, other))

@@ -14,6 +14,7 @@ import torch
 
 from regional_lv.channels import Channels
 from regional_lv.emulators import create, load
+from regional_lv.emulators.base import Emulator
 from regional_lv.errors import InputError
 from regional_lv.gaussian import Z95
 from regional_lv.parameters import Parameterisation
@@ -112,6 +113,16 @@ def train_emulator(
     Path(report).write_text(json.dumps(content | emulator.info, indent=2) + "\n")
 
 
+@torch.no_grad()
+def predict_each(
+    emulator: Emulator, theta: torch.Tensor, y: torch.Tensor
+) -> tuple[torch.Tensor, torch.Tensor]:
+    """Means and sds (N, D) at theta (N, P), each by the emulator of its own outputs y (N, D)."""
+    # One by one: a local emulator differs from case to case, and covariances of all take room.
+    found = [emulator.localise(observed).predict(at) for at, observed in zip(theta, y, strict=True)]
+    return torch.stack([each.mean for each in found]), torch.stack([each.sd for each in found])
+
+
 def predict_test_set(
     emulator_file: str | Path, test: str | Path, predictions: str | Path, errors: str | Path
 ) -> None:
@@ -125,15 +136,7 @@ def predict_test_set(
     emulator = load(emulator_file)
     theta, y, samples = read_simulations(test, emulator.parameters, emulator.outputs)
     truth = torch.as_tensor(y)
-    # One by one: a local emulator differs from case to case, and covariances of all take room.
-    means, sds = [], []
-    for at, observed in zip(torch.as_tensor(theta), truth, strict=True):
-        local = emulator.localise(observed)
-        with torch.no_grad():
-            prediction = local.predict(at)
-        means.append(prediction.mean)
-        sds.append(prediction.sd)
-    mean, sd = torch.stack(means), torch.stack(sds)
+    mean, sd = predict_each(emulator, torch.as_tensor(theta), truth)
     far = int(emulator.outside(torch.as_tensor(theta)).sum())
     if far:
         log.info("%s: %d of %d simulations lie outside the design", emulator.name, far, len(truth))

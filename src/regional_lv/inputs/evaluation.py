@@ -68,12 +68,10 @@ class AllInputs:
             found, gradient = evaluate(there[:, self.simulated])
             values[:, rows] = found[:, rows]
             slopes[:, rows] = gradient[:, rows] @ by_x[:, self.simulated]
+        factor = self.factor(x)
+        values, slopes = values * factor, slopes * factor[..., None]
         for j, power in self._reported:
-            value = x[:, j, None]
-            factor = value**power
-            slopes = slopes * factor[..., None]
-            slopes[:, :, j] += values * power * value ** (power - 1)
-            values = values * factor
+            slopes[:, :, j] += values * power / x[:, j, None]
         return values, slopes * self.inputs.coordinates.slope(x)[:, None]
 
     def values(self, evaluate: Callable[[torch.Tensor], torch.Tensor], x: torch.Tensor):

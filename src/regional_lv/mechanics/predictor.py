@@ -36,6 +36,17 @@ def _among(logs: np.ndarray, blocks: Sequence[slice]) -> np.ndarray:
     return covariance
 
 
+def _gaps(places: np.ndarray, place: np.ndarray) -> np.ndarray:
+    """Squared distances (n,) of places (n, K) to one (K,)."""
+    return ((place - places) ** 2).sum(axis=-1)
+
+
+def _nearest(places: np.ndarray, coordinates: Coordinates, theta: np.ndarray) -> np.ndarray:
+    """Theta (K,) of the one of places (n, K) that is nearest to `theta`."""
+    nearest = places[_gaps(places, coordinates.place(theta)).argmin()]
+    return coordinates.natural(nearest * coordinates.units)
+
+
 class Known:
     """Solutions so far at one load, and a field guessed from them.
 
@@ -60,7 +71,7 @@ class Known:
         """Guessed field (size,) at `theta` (K,)."""
         here, blocks = self._coordinates.place(theta), self._coordinates.blocks
         most = max(1, MOST_OBSERVED // (1 + len(here)))
-        near = np.sort(np.argsort(self._gaps(here), kind="stable")[:most])
+        near = np.sort(np.argsort(_gaps(self._places, here), kind="stable")[:most])
         places = self._places[near]
         among = _covariance(here[None], places, blocks)[0]
         weights = np.linalg.solve(_among(places, blocks), among)
@@ -72,16 +83,12 @@ class Known:
 
     def nearest(self, theta: np.ndarray) -> np.ndarray:
         """The theta (K,) of the solution that is nearest to `theta`."""
-        coordinates = self._coordinates
-        place = self._places[self._gaps(coordinates.place(theta)).argmin()]
-        return coordinates.natural(place * coordinates.units)
+        return _nearest(self._places, self._coordinates, theta)
 
     def distance(self, thetas: np.ndarray) -> np.ndarray:
         """Squared distance of the rows of `thetas` (n, K) to what is known, (n,)."""
-        return np.array([self._gaps(place).min() for place in self._coordinates.place(thetas)])
-
-    def _gaps(self, place: np.ndarray) -> np.ndarray:
-        return ((place - self._places) ** 2).sum(axis=-1)
+        places = self._coordinates.place(thetas)
+        return np.array([_gaps(self._places, place).min() for place in places])
 
 
 @dataclass(frozen=True)
@@ -106,8 +113,7 @@ class Predictor:
 
     def nearest(self, theta: np.ndarray) -> np.ndarray:
         """Theta (K,) of the nearest anchor."""
-        gaps = ((self.coordinates.place(theta) - self.places) ** 2).sum(axis=1)
-        return self.coordinates.natural(self.places[gaps.argmin()] * self.coordinates.units)
+        return _nearest(self.places, self.coordinates, theta)
 
     @classmethod
     def fit(

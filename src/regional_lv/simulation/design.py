@@ -6,8 +6,9 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from regional_lv.design import sobol
 from regional_lv.inputs.base import Input
-from regional_lv.inputs.space import Inputs, Role
+from regional_lv.inputs.space import Inputs
 from regional_lv.seeds import derive
 
 MOST_ON, FEW = 0.8, 5
@@ -30,17 +31,14 @@ def draw_inputs(inputs: Inputs, n: int, seed: int) -> np.ndarray:
     to the mean of the fullest simulations (`MOST_ON`, `FEW`). Of a kind that every segment has at
     most `MOST_OF_A_KIND` are on.
     """
-    from scipy.stats import qmc  # slow to import
-
     groups = _groups(inputs)
-    dimensions = sum(_dimensions(group, inputs) for group in groups)
-    exponent = max(int(np.ceil(np.log2(max(n, 1)))), 0)
-    points = qmc.Sobol(1 + dimensions, seed=seed).random_base2(exponent)[:n]
+    dimensions = 1 + sum(map(_dimensions, groups))
+    points = sobol(n, np.zeros(dimensions), np.ones(dimensions), "natural", seed)
     values = np.tile(inputs.nominal, (n, 1))
     suspected = sum(inputs.roles[group[0]].kind == "suspected" for group in groups)
     off, first = 1 - min(MOST_ON, FEW / max(suspected, 1)) * points[:, 0], 1
     for group in groups:
-        width = _dimensions(group, inputs)
+        width = _dimensions(group)
         _put(values, inputs, group, points[:, first : first + width], off)
         first += width
     return values
@@ -55,7 +53,7 @@ def _groups(inputs: Inputs) -> list[list[int]]:
     return list(groups.values())
 
 
-def _dimensions(group: list[int], inputs: Inputs) -> int:
+def _dimensions(group: list[int]) -> int:
     """Of the sequence: whether it is on and its value; of several which one, and all that for as
     many as can be on."""
     return 1 if len(group) == 1 else 2 * min(MOST_OF_A_KIND, len(group))
@@ -68,7 +66,7 @@ def _put(
     at their nominal value with a probability `off` (n,)."""
     k = group[0]
     if inputs.roles[k].kind != "suspected":
-        low, high = _range(inputs[k], inputs.roles[k])
+        low, high = _range(inputs, k)
         values[:, k] = _between(inputs[k], low, high, u[:, 0])
     elif len(group) == 1:
         on = u[:, 0] >= off
@@ -89,12 +87,12 @@ def _between(each: Input, low: float, high: float, share: np.ndarray) -> np.ndar
     return np.array([each.scale.inverse(float(start + s * (end - start))) for s in share])
 
 
-def _range(each: Input, role: Role) -> tuple[float, float]:
+def _range(inputs: Inputs, k: int) -> tuple[float, float]:
     """Ends of what is simulated of an input that is not suspected."""
-    if role.sd is None:
+    each, at, sd = inputs[k], inputs.nominal[k], inputs.roles[k].sd
+    if sd is None:
         return each.low, each.high
-    at = each.middle if role.value is None else role.value
-    return max(each.low, at - REACH * role.sd), min(each.high, at + REACH * role.sd)
+    return max(each.low, at - REACH * sd), min(each.high, at + REACH * sd)
 
 
 def write_design(

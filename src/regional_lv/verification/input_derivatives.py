@@ -20,6 +20,26 @@ LEAST = 1e-6
 TIGHT = {"increment_tolerance_mm": 1e-9, "tangent_tolerance_mm": 1e-4}
 """Solver settings at which differences of solutions are worth comparing."""
 
+EVERYTHING_ON = {
+    "basal_motion": 3.0,
+    "basal_axial": 2.0,
+    "basal_twist": 0.5,
+    "epicardial_support": 0.03,
+    "compressibility": 0.01,
+    "septal_load": 2.0,
+    "helix_endo": 5.0,
+    "anisotropy": 0.8,
+    "endocardial_sampling": 0.2,
+    "strain_measure": 1.0,
+    "line_strain": 0.5,
+    "unloaded_directions": 0.3,
+    "wall_thickness": 1.05,
+    "length": 77.0,
+    "segment_rotation": 4.0,
+}
+"""Values of inputs by name: a state in which springs, loads, compressibility and another
+observation act at once."""
+
 
 def check_derivatives(
     solver: Solver[Problem], start: State, names: Iterable[str] | None = None
