@@ -11,7 +11,8 @@ from typing import TypedDict
 
 
 class Channel(TypedDict):
-    """A measured channel and what the model predicts of it, left out; z is in predictive sds."""
+    """A measured channel and what a model predicts of it, its segment left out; z is in predictive
+    sds."""
 
     subject: str
     output: str
@@ -34,7 +35,7 @@ class Largest(TypedDict):
 
 
 class Misfit(TypedDict):
-    """Whether the model misses the measurements; `families`: a p-value for each kind of test."""
+    """Whether a model misses the measurements; `families`: a p-value for each kind of test."""
 
     detected: bool
     p_value: float
@@ -51,7 +52,17 @@ class Histogram(TypedDict):
 
 
 class Cause(TypedDict):
-    """A cause that was searched, whether or not it is named."""
+    """A cause that was searched, whether or not it is named.
+
+    name: of the cause; component: its most probable place, if it has several (the number of a
+    segment). parameter, description, source, unit, range: of the input. base: the value that the
+    model assumes. z: its score in the model as it is, signed; p_value over the catalogue,
+    p_value_single by itself. probability: that it is present; component_probability: given that,
+    of the place. estimate, interval95, posterior: of the models that hold it (None where there are
+    no draws of any). at_bound: whether the data require more than the range. identifiable, why,
+    absorbed, sd: whether the stiffness could imitate it, in words; the share of its effect that it
+    takes up; and the sd of a first estimate from the model as it is.
+    """
 
     name: str
     component: str | None
@@ -73,13 +84,12 @@ class Cause(TypedDict):
     why: str
     absorbed: float
     sd: float | None
-    fitted: bool
-    fraction_simulated: float
     posterior: Histogram | None
 
 
 class Set(TypedDict):
-    """A set of causes; `fit`: of each, its most probable value."""
+    """A set of causes; `fit`: of each, its most probable value. simulations: how many of it are
+    known; confirmed: whether these are enough, and agree with the emulator."""
 
     causes: list[str]
     components: list[str]
@@ -92,29 +102,36 @@ class Set(TypedDict):
     misfit_p_value: float | None
     confirmed: bool
     simulations: int
-    difference_sd: float | None
-    beyond_sd: dict[str, float] | None
+    emulator_error_sd: float | None
 
 
-class Difference(TypedDict):
-    """Of a channel, what simulations of the best set differ by from the emulators."""
+class EmulatorError(TypedDict):
+    """Of a channel: root mean square of simulated minus emulated over the confirming simulations
+    of the last round, in its unit and in the sds that the emulator stated."""
 
-    subject: str
     output: str
-    difference: float
-    difference_sd: float
+    error: float
+    error_sd: float
 
 
 class Confirmation(TypedDict):
-    """What simulations stand behind the answer, and what share of the probability has none."""
+    """What simulations stand behind the answer.
+
+    simulations: all of them; simulations_of_best: of the best set; failed: that did not converge.
+    emulator_error_sd: root mean square over simulations and channels of simulated minus emulated,
+    in stated sds, by round (before the simulations of that round were known); largest_error_sd: of
+    a channel, in the last round. agrees: whether the last round's errors are as small as stated.
+    probability_not_simulated: of all sets without simulations.
+    """
 
     simulations: int
     simulations_of_best: int
-    largest_difference_sd: float | None
+    failed: int
+    emulator_error_sd: list[float]
+    largest_error_sd: float | None
+    agrees: bool
     probability_not_simulated: float
-    probability_elsewhere: float
-    probability_failed: float
-    channels: list[Difference]
+    channels: list[EmulatorError]
 
 
 class Gain(TypedDict):
@@ -122,7 +139,6 @@ class Gain(TypedDict):
 
     elpd: float | None
     elpd_se: float | None
-    elpd_se_folds: float | None
     elpd_before: float
     rmse_before: float | None
     rmse_after: float | None
@@ -132,17 +148,40 @@ class Gain(TypedDict):
     coverage_after: float
 
 
-class Moved(TypedDict):
-    """Mean and sd of a factor before and after, and by how many sds its mean moves."""
+class Summary(TypedDict):
+    """Of a posterior."""
 
-    parameter: str
-    before: list[float]
-    after: list[float]
+    mean: float
+    sd: float
+    interval95: list[float]
+
+
+class Stiffness(TypedDict):
+    """Of one inferred input (`C_a_septal`): averaged over models, and in the model as it is; the
+    shares of its variance by source (`noise`, `emulator`, measured inputs by their name,
+    `ranges`, `models`), on its scale; and by how many sds of the model as it is the mean moves."""
+
+    name: str
+    unit: str
+    averaged: Summary
+    as_it_is: Summary
+    sources: dict[str, float]
     shift_sd: float
 
 
+class MeasuredInput(TypedDict):
+    """An input that was known with an sd: before, and averaged over models."""
+
+    name: str
+    unit: str
+    prior_mean: float
+    prior_sd: float
+    averaged: Summary
+
+
 class Noise(TypedDict):
-    """Median of an inferred noise scale before and after, in training sd."""
+    """Median of an inferred noise scale in the model as it is, and averaged over models, in units of
+    a good measurement's noise (`inference.departure.noise_units`)."""
 
     quantity: str
     before: float
@@ -150,7 +189,15 @@ class Noise(TypedDict):
 
 
 class Findings(TypedDict):
-    """Of one subject, or of several together."""
+    """Of one subject, or of several together.
+
+    misfit: of the model as it is; remaining: of the best set, None without one. base_probability:
+    of the model as it is; unlisted_probability: of a smooth departure of unknown shape. named:
+    causes; groups: of causes of which one is present; acts_like: causes whose estimate is at the
+    end of its range. explained: whether a set that fits stands behind what is named. trusted:
+    whether any model passes the misfit test, so that the stiffness can be. outliers: why departures
+    are no outliers, empty if they are, or were not tried.
+    """
 
     subject: str
     subjects: list[str]
@@ -164,12 +211,14 @@ class Findings(TypedDict):
     groups: list[list[str]]
     acts_like: list[str]
     explained: bool
+    trusted: bool
     outliers: str
     confirmation: Confirmation
     separating: list[dict]
     best: list[str] | None
     gain: Gain
-    theta: list[Moved]
+    stiffness: list[Stiffness]
+    measured_inputs: list[MeasuredInput]
     noise: list[Noise]
     remaining: Misfit | None
     level: float
