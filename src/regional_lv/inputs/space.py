@@ -271,6 +271,8 @@ def _meant(word: str, asked: dict, every: Sequence[Input], model: Mapping) -> li
     by_name = [each for each in every if each.name == word]
     by_word = [each for each in every if word in each.words and each not in by_name]
     if not by_name and not by_word:
+        if kind == "fixed" and word in INPUTS:
+            return []  # what a study does not have stays as it is
         raise InputError(f"{SECTION}.{word}: {why_unknown(word, every, model)}")
     able = [[each for each in group if kind in each.roles] for group in (by_name, by_word)]
     able = [group for group in able if group]
