@@ -34,6 +34,7 @@ from regional_lv.errors import InputError  # noqa: E402
 from regional_lv.faults import AGAIN, damage_of  # noqa: E402
 from regional_lv.geometry.mesh_config import finer  # noqa: E402
 from regional_lv.input_files import without_braces  # noqa: E402
+from regional_lv.inputs.space import sections_of  # noqa: E402
 from regional_lv.jobs import module_of  # noqa: E402
 from regional_lv.measured import states_noise  # noqa: E402
 from regional_lv.parameters import Parameterisation  # noqa: E402
@@ -402,8 +403,6 @@ def of_shortlist(*files):
 
 
 def ventricle_of(wildcards):
-    """Mesh that a synthetic subject is simulated on: the study's, with its predictor, or a finer
-    one."""
-    if config["synthetic_subjects"][wildcards.subject]["mesh"] == "finer":
-        return {"mesh": f"{R}/geometry/finer/mesh.vtu"}
-    return {"mesh": f"{R}/geometry/mesh.vtu", "predictor": f"{R}/mechanics/predictor.npz"}
+    """Mesh that a synthetic subject is simulated on: the study's, or a finer one."""
+    finer = config["synthetic_subjects"][wildcards.subject]["mesh"] == "finer"
+    return f"{R}/geometry/{'finer/' if finer else ''}mesh.vtu"

@@ -17,9 +17,8 @@ EMULATOR_OF_INPUTS = f"{OVER_INPUTS}/{CONFIRMED_ON}emulator.pt"
 DOUBTS = bool(config["inputs"])
 
 if DOUBTS:
-    # The catalogue takes a while to import, and most studies do without.
     from regional_lv.emulators import OF_INPUTS
-    from regional_lv.inputs.space import Inputs, sections_of
+    from regional_lv.inputs.space import Inputs
 
     INPUTS = sections_of(config)
     SIMULATED = Inputs.from_config(INPUTS).simulated
