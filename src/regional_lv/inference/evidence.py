@@ -37,9 +37,10 @@ class Fits:
     """M models at their fits.
 
     free (M, P): the coordinates that are free. amplitude (M,): of a smooth departure. x (M, P).
-    error (M or 1, ...): the emulator's covariance there (`Potential`). gradient (M, P), curvature (M, P, P): of
-    the log density about all coordinates. log_evidence (M,). mean (M, P), covariance (M, P, P): of
-    the normal distribution that resembles the posterior in its box, zero where nothing is free.
+    error (M or 1, ...): the emulator's covariance there (`Potential`). gradient (M, P), curvature
+    (M, P, P): of the log density about all coordinates. log_evidence (M,). mean (M, P), covariance
+    (M, P, P): of the normal distribution that resembles the posterior in its box, zero where
+    nothing is free.
     """
 
     free: torch.Tensor

@@ -151,7 +151,9 @@ class _Search:
 
     def _best(self, size: int) -> list[Members]:
         """The fitted sets of one size, the most probable first."""
-        return sorted((m for m in self.found if len(m) == size), key=lambda m: -self._log_posterior(m))
+        return sorted(
+            (m for m in self.found if len(m) == size), key=lambda m: -self._log_posterior(m)
+        )
 
     # ----------------------------------------------------------------------------------- fits
 
