@@ -98,7 +98,7 @@ def test_tails_against_scipy():
         mean, inverse = bent(row[None, :5])[0].numpy(), float(row[4])
         noise = stats.t(1 / inverse, mean, 0.2) if inverse else stats.norm(mean, 0.2)
         expected = noise.logpdf(potential.y.numpy()).sum()
-        expected += float(potential.measured[0].log_density(row[None])[0])
+        expected += float(potential.measured[0].log_density(row[None])[0]) + float(row[0])
         assert float(value) == pytest.approx(expected, rel=1e-3)
 
 

@@ -155,7 +155,7 @@ class Standardised:
         self._pull = self._precision @ (fitted.mean - fitted.x)[0, free]
         whitening = potential.whitening(fitted.x, fitted.error)
         weights = potential.weights(fitted.x, potential.y - mean, whitening)
-        self._root = observed.split(weights[0].sqrt())[..., None]
+        self._root = observed.split(weights[0].sqrt(), absent=1.0)[..., None]
         self._at_fit = self._root * whitening[0]
 
     def open(self, v: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:

@@ -139,8 +139,8 @@ def _room(own: Sequence[Stiffness], known: pd.DataFrame) -> tuple[float, float]:
         if room[heart, at] < LEAST_ROOM:
             name, value = own[at].name, np.exp(values[heart, at])
             raise InputError(
-                f"known stiffness, {known.index[heart]}: {name} of {value:g} is too near to the end "
-                f"of its range, {getattr(own[at], end):g}, which leaves no room for common "
+                f"known stiffness of {known.index[heart]}: {name} = {value:g} is too near to the "
+                f"end of its range, {getattr(own[at], end):g}, which leaves no room for common "
                 "factors on the reference material; leave this heart out, or widen design.lower "
                 "and design.upper (parameters.bounds)"
             )
