@@ -78,6 +78,19 @@ class Averaged:
         """That the suspected input at place k is free."""
         return self._total(lambda model: k in model.members)
 
+    def probability_of_cause(self, name: str) -> float:
+        """That any input of a suspected cause is free."""
+        places = set(self.potential.causes[name])
+        return self._total(lambda model: places & set(model.members))
+
+    def place_of(self, name: str) -> tuple[str, float]:
+        """The most probable place of a suspected cause, and its probability given the cause (NaN of
+        an impossible one)."""
+        total = self.probability_of_cause(name)
+        most = max(self.potential.causes[name], key=self.probability_of)
+        share = self.probability_of(most) / total if total else np.nan
+        return self.potential.inputs[most].place, share
+
     def _total(self, counts) -> float:
         return float(self.probability[[bool(counts(model)) for model in self.models]].sum())
 
