@@ -169,6 +169,15 @@ class Hearts:
         slopes = torch.einsum("msuk,skj->msuj", slopes, self.layout.moves)
         return mean[:, self.present], slopes[:, self.present]
 
+    @property
+    def simulated_names(self) -> tuple[str, ...]:
+        """Of the inputs that the simulator has."""
+        return self.emulated.simulated_names
+
+    def simulated_at(self, x: torch.Tensor) -> torch.Tensor:
+        """Values (M S, k) of each heart's simulated inputs, draw by draw."""
+        return self.emulated.simulated_at(self._points(x))
+
     def covariance(self, x: torch.Tensor) -> torch.Tensor:
         """(M or 1, S, U, U)."""
         found = self.emulated.covariance(self._points(x))

@@ -261,6 +261,24 @@ class Potential:
         identity = torch.eye(factor.shape[-1], dtype=x.dtype).expand_as(factor)
         return torch.linalg.solve_triangular(factor, identity, upper=False)
 
+    @torch.no_grad()
+    def replicates(self, x: torch.Tensor, amplitude: torch.Tensor, generator) -> torch.Tensor:
+        """Measurements (M, D) as they may be at x (M, P): with the emulator's error, a departure of
+        `amplitude` (M,) and normal noise."""
+        parts = []
+        for part, size in zip(x.split(self.chunk), amplitude.split(self.chunk), strict=True):
+            mean = self.mean(part)
+            whitening = self.whitening(part, self.settle(part, size))
+            deviates = torch.randn(*mean.shape, generator=generator, dtype=mean.dtype)
+            split = self.observed.split(deviates)[..., None]
+            error = torch.linalg.solve_triangular(whitening, split, upper=False)[..., 0]
+            parts.append(mean + self.observed.join(error.expand_as(split[..., 0])))
+        return torch.cat(parts)
+
+    def noise_sd(self, unknown: float = 1.0) -> torch.Tensor:
+        """Of the D outputs; where its scale is inferred, `unknown` times the unit of that."""
+        return (self.noise.sd.square() + (unknown * self.noise.units).square().sum(0)).sqrt()
+
     def weights(
         self, x: torch.Tensor, residual: torch.Tensor, whitening: torch.Tensor
     ) -> torch.Tensor:
