@@ -261,7 +261,7 @@ class ExactGP(Emulator):
         slopes = self.output_sd[:, None] * slopes * self.standardise_slope(flat)[:, None, :]
         mean = self._mean(weighted)
         shape = theta.shape[:-1]
-        return mean.reshape(*shape, -1), slopes.reshape(*shape, *slopes.shape[1:])
+        return mean.reshape(*shape, *mean.shape[1:]), slopes.reshape(*shape, *slopes.shape[1:])
 
     def _mean(self, weighted) -> torch.Tensor:
         """Predicted mean (M, D) from the correlations times the weights (M, D)."""

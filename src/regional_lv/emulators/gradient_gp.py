@@ -185,9 +185,7 @@ class GradientGP(ExactGP):
         """The observations that the variance is computed from."""
         if self.variance_seen is self.seen:
             return self._known
-        known, _ = Factorised.of(
-            *self._covariance_of(self.variance_seen), self.nugget, self.name
-        )
+        known, _ = Factorised.of(*self._covariance_of(self.variance_seen), self.nugget, self.name)
         return known
 
     def _predict(self, theta):
