@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 import numpy as np
 import torch
@@ -189,7 +189,7 @@ class Emulator(ABC):
         parameters: Parameterisation | Coordinates,
         outputs: Sequence[str],
         seed: int = 0,
-    ) -> "Emulator":
+    ) -> Self:
         """Learn from `theta` (N, P) and outputs `y` (N, D) in natural units; return self.
 
         sensitivities: d(outputs)/d(theta) (N, D, P), for emulators that learn from them.
@@ -291,7 +291,7 @@ class Emulator(ABC):
         with torch.no_grad():
             return self.predict_mean(theta), self.jacobian(theta)[0]
 
-    def select(self, outputs: Sequence[str]) -> "Emulator":
+    def select(self, outputs: Sequence[str]) -> Self:
         """This emulator for some of its outputs, in the order given.
 
         Raises InputError for an output that it does not have.
@@ -331,7 +331,7 @@ class Emulator(ABC):
         return cls.from_content(torch.load(path, weights_only=True), path)
 
     @classmethod
-    def from_content(cls, content: dict, path: str | Path) -> "Emulator":
+    def from_content(cls, content: dict, path: str | Path) -> Self:
         """The emulator of whose `content` this is; `path` is named in the error, as by `load`."""
         if content.get("format") != FORMAT:
             raise InputError(
@@ -462,6 +462,11 @@ def _check_sensitivities(name: str, sensitivities, shape: tuple[int, ...]) -> to
     return torch.as_tensor(sensitivities)
 
 
+def least_simulations(inputs: int, taught: bool) -> int:
+    """Simulations that an emulator of so many parameters needs; taught: with sensitivities."""
+    return min(inputs + 2, LEAST_TAUGHT) if taught else inputs + 2
+
+
 def _check_rows(theta: np.ndarray, y: np.ndarray, inputs: int, outputs: int) -> None:
     """Raise InputError for shapes that do not fit and numbers that are not finite."""
     if theta.ndim != 2 or theta.shape[1] != inputs or y.shape != (len(theta), outputs):
@@ -490,7 +495,7 @@ def check_training_set(
     """
     inputs = len(parameters)
     _check_rows(theta, y, inputs, len(outputs))
-    needed = min(inputs + 2, LEAST_TAUGHT) if taught else inputs + 2
+    needed = least_simulations(inputs, taught)
     if len(theta) < needed:
         raise InputError(
             f"training set: {len(theta)} simulations are too few for an emulator of {inputs} "

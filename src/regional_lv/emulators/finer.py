@@ -16,17 +16,19 @@ import numpy as np
 import pandas as pd
 import torch
 
+from regional_lv.channels import Channels
 from regional_lv.emulators import load
-from regional_lv.emulators.base import LEAST_TAUGHT
+from regional_lv.emulators.base import least_simulations
 from regional_lv.emulators.gradient_gp import GradientGP
 from regional_lv.emulators.joint_gp import JointGP
 from regional_lv.emulators.training import sensitivities_of, simulations_of
 from regional_lv.errors import InputError
+from regional_lv.inputs.coordinates import Coordinates
 from regional_lv.seeds import derive
 
 log = logging.getLogger(__name__)
 
-Simulated = tuple[np.ndarray, np.ndarray]
+Simulated = Sequence[np.ndarray]
 """Outputs (n, D) and sensitivities (n, D, P) of n simulations on one mesh."""
 
 CALIBRATION = "variance_trend"
@@ -38,8 +40,8 @@ def corrected(
 ) -> JointGP:
     """The emulator with what a finer mesh changes: of that mesh from then on.
 
-    theta (n, P), and the same simulations on both meshes. Raises InputError for fewer than
-    `LEAST_TAUGHT`, numbers that are not finite, and what no volume or strain can be.
+    theta (n, P), and the same simulations on both meshes. Raises InputError for too few of them,
+    numbers that are not finite, and what no volume or strain can be.
     """
     here = torch.as_tensor(theta)
     (v, slopes), (finer_v, finer_slopes) = (
@@ -59,6 +61,8 @@ def train_finer(
     emulator_file: str | Path,
     coarse: Sequence[str | Path],
     finer: Sequence[str | Path],
+    parameters: Coordinates,
+    channels: Channels,
     seed: int,
     corrected_file: str | Path,
     report: str | Path,
@@ -66,7 +70,7 @@ def train_finer(
     """Correct the emulator of a file by simulations on both meshes; write it and a report (JSON).
 
     coarse, finer: tables of simulations with sensitivities on the study's mesh and on the finer
-    one; what converged in both counts. seed: the study's.
+    one; what converged in both counts. parameters: all inputs. seed: the study's.
 
     report: `simulations`, `seconds`, `fit`, what it says of itself, and by quantity, of log volume
     and log stretch, root mean squares over its channels of the differences' `mean` and `sd` and of
@@ -83,30 +87,35 @@ def train_finer(
         )
     tables = [_converged(paths) for paths in (coarse, finer)]
     samples = tables[0].index.intersection(tables[1].index).sort_values()
-    if len(samples) < LEAST_TAUGHT:
+    needed = least_simulations(len(parameters), taught=True)
+    if len(samples) < needed:
         raise InputError(
             f"{finer[0]}: {len(samples)} simulations converged on both meshes, too few to learn "
-            f"what the finer one changes; simulate at least {LEAST_TAUGHT} on both"
+            f"what the finer one changes; raise all_inputs.finer, to {needed} at least"
         )
-    columns = emulator.parameters, emulator.outputs
-    thetas, simulated = [], []
-    for paths, table in zip((coarse, finer), tables, strict=True):
-        rows = table.loc[samples].reset_index()
-        theta, y, _ = simulations_of(rows, paths[0], *columns)
-        thetas.append(theta)
-        simulated.append((y, sensitivities_of(rows, paths[0], *columns)))
-    differ = ~np.isclose(*thetas, rtol=1e-9, atol=1e-12).all(axis=1)
+    (theta, *of_coarse), (other, *of_finer) = (
+        _simulated(table.loc[samples].reset_index(), paths[0], parameters, channels)
+        for paths, table in zip((coarse, finer), tables, strict=True)
+    )
+    differ = ~np.isclose(theta, other, rtol=1e-9, atol=1e-12).all(axis=1)
     if differ.any():
         raise InputError(
             f"{finer[0]}: sample {samples[differ][0]} has other inputs than in {coarse[0]}; "
             "simulate the same design on both meshes"
         )
-    found = corrected(emulator, thetas[0], *simulated, derive(seed, "finer mesh"))
+    found = corrected(emulator, theta, of_coarse, of_finer, derive(seed, "finer mesh"))
     found.save(corrected_file)
-    content = {"simulations": len(samples), "seconds": time.monotonic() - started}
+    content: dict = {"simulations": len(samples), "seconds": time.monotonic() - started}
     content |= {"fit": found.processes[-1].info, **_sizes(found)}
     Path(report).write_text(json.dumps(content, indent=2) + "\n")
     log.info("finer mesh: differences of %d simulations learnt", len(samples))
+
+
+def _simulated(rows: pd.DataFrame, path: str | Path, parameters, channels):
+    """Theta (n, P), outputs (n, D) and sensitivities (n, D, P) of a table read from `path`."""
+    columns = rows, path, parameters, channels.names
+    theta, y, _ = simulations_of(*columns)
+    return theta, y, sensitivities_of(*columns)
 
 
 def _sizes(emulator: JointGP) -> dict:

@@ -23,6 +23,7 @@ class JointGP(Emulator):
 
     name = "joint_gp"
     learns_from_sensitivities = True
+    processes: tuple[GradientGP, ...]
 
     def _fit(self, training: TrainingSet, seed: int) -> None:
         self.scale = OutputScale.of(self.outputs, self.coordinates)
