@@ -59,8 +59,8 @@ def read_sensitivities(
     outputs: all those of the table, at all loads. Raises InputError if there are none, or if a row
     has another number of them.
     """
-    named = [name for name in ("sensitivity",) if name in pq.read_schema(path).names]
-    return sensitivities_of(pd.read_parquet(path, columns=named), path, parameters, outputs)
+    there = {"sensitivity"}.intersection(pq.read_schema(path).names)
+    return sensitivities_of(pd.read_parquet(path, columns=[*there]), path, parameters, outputs)
 
 
 def sensitivities_of(
