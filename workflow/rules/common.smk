@@ -30,6 +30,7 @@ from regional_lv.channels import Channels  # noqa: E402
 from regional_lv.data import path as packaged  # noqa: E402
 from regional_lv.data import segment_table  # noqa: E402
 from regional_lv.design import scenario_size  # noqa: E402
+from regional_lv.emulators import OF_INPUTS  # noqa: E402
 from regional_lv.errors import InputError  # noqa: E402
 from regional_lv.faults import AGAIN, damage_of  # noqa: E402
 from regional_lv.geometry.mesh_config import finer  # noqa: E402

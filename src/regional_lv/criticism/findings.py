@@ -33,14 +33,14 @@ Z95 = 1.959963984540054
 @dataclass(frozen=True)
 class Context:
     """What findings tell beside the verdict: name of the subject; measured tables by heart; the
-    emulator of all that the study observes; rounds of the confirmation, and whether there was a
-    simulator to ask; noise sd of the channels (D,); replicates of the tests; and the exponent of
+    emulator of all that the study observes; rounds of the confirmation; names and noise sd of the measured outputs (U,); replicates of the tests; and the exponent of
     the study's strain measure."""
 
     subject: str
     tables: Mapping[str, pd.DataFrame]
     emulated: EmulatedInputs
     rounds: Sequence[Round]
+    outputs: Sequence[str]
     noise_sd: np.ndarray
     bootstrap: int
     load_fractions: Sequence[float]
@@ -49,7 +49,7 @@ class Context:
 
 def findings_of(verdict: Verdict, context: Context) -> Findings:
     """The findings, ready for JSON."""
-    averaged, potential = verdict.averaged, verdict.potential
+    averaged = verdict.averaged
     table = averaged.table()
     tested = verdict.base.tested
     content: Findings = {
@@ -90,7 +90,6 @@ def findings_of(verdict: Verdict, context: Context) -> Findings:
     if verdict.best is not None:
         final: Examined = verdict.final
         content["remaining"] = misfit_content(final.tested, final.left_out, not verdict.adequate)
-    del potential
     content = cast(Findings, _plain(content))
     content["words"] = words.verdict(content)
     return content
@@ -229,10 +228,9 @@ def _confirmation(verdict: Verdict, context: Context) -> contract.Confirmation:
     last = next((r for r in reversed(rounds) if r.in_sds.size), None)
     if last is not None:
         error, in_sds = (np.sqrt(np.square(v).mean(0)) for v in (last.errors, last.in_sds))
-        outputs = verdict.potential.channels.names
         channels = [
             {"output": name, "error": float(e), "error_sd": float(s)}
-            for name, e, s in zip(outputs, error, in_sds, strict=True)
+            for name, e, s in zip(context.outputs, error, in_sds, strict=True)
         ]
     known = {n for n, name in enumerate(averaged.names) if _simulations(rounds, name)}
     sets = [n for n, model in enumerate(averaged.models) if model.members]
@@ -314,7 +312,7 @@ def _noise(verdict: Verdict) -> list[contract.Noise]:
 def _limits(verdict: Verdict, context: Context) -> list[str]:
     """What the data do not support, in sentences."""
     potential, families = verdict.potential, verdict.base.tested.families
-    observed, measured = context.emulated.emulator.channels, potential.channels.channels
+    observed, measured = context.emulated.emulator.channels, potential.observed.channels
     inferred = int(potential.inputs.of_role("inferred").sum())
     limits = [
         f"{name}: {text}"

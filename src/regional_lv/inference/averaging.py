@@ -171,10 +171,10 @@ class Averaged:
 
         posterior: value (chain, draw, input), in the units of the inputs; sigma (chain, draw,
         quantity), scales of the noise where they are inferred; model_number (chain, draw).
-        posterior_predictive: y (chain, draw, output), observed_data: y (output). sample_stats of the
-        models (model,): probability, log_evidence, evidence_error, ess, pareto_k (NaN of those
-        without draws), and free (model, input). as_it_is and as_it_is_predictive: as the first two,
-        of the model as it is.
+        posterior_predictive: y (chain, draw, output), observed_data: y (output). sample_stats of
+        the models (model,): probability, log_evidence, evidence_error, ess, pareto_k (NaN of those
+        without draws), and free (model, input). as_it_is and as_it_is_predictive: as the first two
+        groups, of the model as it is.
         """
         generator = torch.Generator().manual_seed(derive(seed, "average"))
         posterior, predictive = self._groups([*self.drawn], draws, generator)
@@ -207,7 +207,8 @@ class Averaged:
             coordinates["quantity"] = groups
         amplitude = x.new_tensor([self.models[n].amplitude for n in number])
         y = self.potential.replicates(x, amplitude, generator).numpy()[None]
-        outputs = {k: coordinates[k] for k in each} | {"output": list(self.potential.observed.names)}
+        outputs = {k: coordinates[k] for k in each}
+        outputs["output"] = list(self.potential.observed.names)
         predictive = xr.Dataset({"y": ((*each, "output"), y)}, coords=outputs)
         return xr.Dataset(columns, coords=coordinates), predictive
 

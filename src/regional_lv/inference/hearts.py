@@ -12,6 +12,7 @@ in all zones and hearts, and these numbers are inferred in place of the factors.
 import copy
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TypeAlias
 
 import numpy as np
@@ -25,6 +26,7 @@ from regional_lv.inference.emulated import EmulatedInputs
 from regional_lv.inference.likelihood import Noise
 from regional_lv.inference.observed import Observed
 from regional_lv.inference.potential import Emulated, Potential, noise_of
+from regional_lv.input_files import reading
 from regional_lv.inputs.base import Input
 from regional_lv.inputs.material import Stiffness
 from regional_lv.inputs.space import Inputs, Role
@@ -236,3 +238,36 @@ def _noise(emulator: Emulator, tables: Sequence[pd.DataFrame], prior_scale: floa
         for quantity in dict.fromkeys(name for part in parts for name in part.groups)
     }
     return Noise(torch.cat([part.sd for part in parts]), groups, float(prior_scale))
+
+
+def read_known_theta(
+    paths: Sequence[str | Path], subjects: Sequence[str], physics: Mapping
+) -> pd.DataFrame:
+    """Known values by subject and stiffness factor, from tables (CSV) with the column `subject` and
+    one for each factor. physics: what `inputs.space.sections_of` gives.
+
+    Raises InputError for a missing column or subject, and for a value that is no positive number.
+    """
+    names = [each.name for each in stiffness_of(Inputs.from_config(physics)).values()]
+    tables = []
+    for path in paths:
+        with reading(path, "check the path, and save it as CSV in UTF-8"):
+            table = pd.read_csv(path, dtype={"subject": str})
+        missing = [column for column in ("subject", *names) if column not in table]
+        if missing:
+            raise InputError(f"{path}: no column {', '.join(missing)}; add what is missing")
+        tables.append(table.set_index("subject")[list(names)])
+    values = pd.concat(tables)
+    where = ", ".join(map(str, paths[:3]))
+    absent = [s for s in subjects if s not in values.index]
+    if absent:
+        raise InputError(f"{where}: no row for {', '.join(absent)}; add a row for each subject")
+    values = values[~values.index.duplicated()].loc[[*subjects]]
+    numbers = values.apply(pd.to_numeric, errors="coerce")
+    wrong = ~((numbers > 0) & np.isfinite(numbers))
+    for subject, column in wrong.stack()[lambda each: each].index:
+        raise InputError(
+            f"{where}, row {subject}: {column} is {values.loc[subject, column]}, no finite number "
+            "above zero; correct it"
+        )
+    return numbers

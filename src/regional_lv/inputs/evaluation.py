@@ -90,13 +90,16 @@ class AllInputs:
             values[:, rows] = evaluate(there[:, self.simulated])[:, rows]
         return values * self.factor(x)
 
+    def most_looked_up(self, x: torch.Tensor) -> torch.Tensor:
+        """Values (M, k) of the simulated inputs at which most of the channels are looked up."""
+        pattern, _ = max(self._patterns, key=lambda each: len(each[1]))
+        return self.looked_up(x, pattern)[:, self.simulated]
+
     def covariance(self, evaluate: Callable[[torch.Tensor], torch.Tensor], x: torch.Tensor):
         """Of the errors of the outputs (M, D, D) at values x (M, K), from that of the simulated
         inputs, where most of the channels are looked up."""
-        pattern, _ = max(self._patterns, key=lambda each: len(each[1]))
-        there = self.looked_up(x, pattern)
         factor = self.factor(x)
-        found = evaluate(there[:, self.simulated])
+        found = evaluate(self.most_looked_up(x))
         return factor[:, :, None] * found * factor[:, None]
 
     def factor(self, x: torch.Tensor) -> torch.Tensor:
