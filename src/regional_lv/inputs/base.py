@@ -81,6 +81,16 @@ class Input(ABC):
         """Neighbours of the same block have effects that go together."""
         return self.family
 
+    @property
+    def cause(self) -> str:
+        """Name of the cause that it is if it is suspected; several inputs can be its places."""
+        return self.name
+
+    @property
+    def place(self) -> str:
+        """Of its cause; empty where that has one only."""
+        return ""
+
     def value_in(self, model: Mapping) -> float | None:
         """Its value in a model; None where nothing is known of it beforehand."""
         raise NotImplementedError
@@ -157,8 +167,16 @@ class SegmentInput(Input):
 
     def __init__(self, model, segment: int):
         self.segment = segment
-        self.name = f"{self.stem or type(self).name}_{segment}"
+        self.name = f"{self.cause}_{segment}"
         self._set_nominal(self.value_in(model))
+
+    @property
+    def cause(self):
+        return self.stem or type(self).name
+
+    @property
+    def place(self):
+        return str(self.segment)
 
     @classmethod
     def members(cls, model):

@@ -25,7 +25,7 @@ class Stiffness(Input):
     )
 
     def __init__(self, model, of):
-        self._factor, self._segments = of.factor, [s - 1 for s in _zones(model).zones[of.zone]]
+        self.factor, self._segments = of.factor, [s - 1 for s in _zones(model).zones[of.zone]]
         self.name, self.low, self.high = of.name, of.lower, of.upper
         self.source = MATERIALS[model["material"]["law"]].source
         self.stress_power = int(of.scales_stress)
@@ -39,7 +39,7 @@ class Stiffness(Input):
 
     @property
     def words(self):
-        return (self.family, Stiffness.name, self._factor)
+        return (self.family, Stiffness.name, self.factor)
 
     @property
     def reference(self):
@@ -54,8 +54,8 @@ class Stiffness(Input):
 
     def act(self, model, value):
         factors = model["factors"]
-        changed = multiplied(factors[self._factor], self._segments, value)
-        return {**model, "factors": {**factors, self._factor: changed}}
+        changed = multiplied(factors[self.factor], self._segments, value)
+        return {**model, "factors": {**factors, self.factor: changed}}
 
 
 def _zones(model) -> Parameterisation:
