@@ -15,7 +15,7 @@
 # make docs     the documentation, in docs/_build/html
 # make docs-notebook   run docs/library.ipynb again and keep its outputs
 # make lint     the checks of `make test` without its tests
-# make format   format the code, write config/README.md, docs/causes.md and docs/inputs.md
+# make format   format the code, write config/README.md and docs/inputs.md
 
 SHELL := bash
 .SHELLFLAGS := -eu -o pipefail -c
@@ -101,7 +101,6 @@ format: env
 	ruff format .
 	snakefmt Snakefile workflow
 	python -m regional_lv.config config/README.md
-	python -m regional_lv.criticism.hypotheses docs/causes.md
 	python -m regional_lv.inputs docs/inputs.md
 
 # In an environment of its own: it needs neither the simulator nor the package.

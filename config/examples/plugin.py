@@ -5,8 +5,6 @@ from typing import ClassVar
 import torch
 import ufl
 
-from regional_lv.criticism.hypotheses import REGISTRY as CAUSES
-from regional_lv.criticism.hypotheses.base import SimulatorHypothesis
 from regional_lv.emulators import REGISTRY as EMULATORS
 from regional_lv.emulators.base import Architecture, Emulator, Prediction
 from regional_lv.geometry.mesh import EPICARDIUM
@@ -140,20 +138,18 @@ class Quadratic(Emulator):
         self.weights, self.spread = state["weights"], state["spread"]
 
 
-class ApicalTether(SimulatorHypothesis):
+@INPUTS.add
+class ApicalTether(KeyInput):
     """The cause that goes with the support: a heart whose apex is tethered."""
 
     name = "apical_tether"
+    family = "supports"
+    path = ("supports", "apical_spring_kpa_per_mm")
     parameter = "stiffness of the apical springs"
     unit = "kPa/mm"
-    base, low, high = 0.01, 0.0, 0.1
-    path = ("supports", "apical_spring_kpa_per_mm")
-    nodes = (0.04, 0.1)
-    in_the_form = True
+    low, high = 0.0, 0.1
+    stress_power, length_power = 1, -1
     description = (
-        "Springs along the axis hold the epicardium; the base model of the example has few."
+        "Springs along the axis hold the epicardium; the model of the example has few."
     )
     source = "none: an example"
-
-
-CAUSES.add(ApicalTether())

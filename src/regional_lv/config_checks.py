@@ -11,8 +11,6 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 
 from regional_lv.channels import Channels
-from regional_lv.criticism.hypotheses import REGISTRY
-from regional_lv.criticism.hypotheses.base import psi_and_component
 from regional_lv.data import VOLUNTEER
 from regional_lv.emulators import OF_INPUTS
 from regional_lv.emulators import REGISTRY as EMULATORS
@@ -150,8 +148,13 @@ def _check_model(config: dict, parameters: Parameterisation, channels: Channels)
         if subject["mesh"] == "finer" and not meshes_anew(config):
             yield f"{key}.mesh: {KEPT}; write study"
         yield from check_effects(f"{key}.effects", subject["effects"], config)
-    if config["criticism"]["discretisation"] and not meshes_anew(config):
-        yield f"criticism.discretisation: {KEPT}; write 0"
+    if config["all_inputs"]["finer"] and not meshes_anew(config):
+        yield f"all_inputs.finer: {KEPT}; write 0"
+    if config["criticism"]["joint"] and not config["inputs"]:
+        yield (
+            "criticism.joint: nothing is suspected; make inputs suspected, such as "
+            "`inputs: {causes: suspected}`, or remove it"
+        )
     benchmark = config["criticism"]["benchmark"]
     yield from _check_noise("criticism.benchmark.noise", benchmark["noise"], channels)
     level = config["criticism"]["level"]
@@ -166,14 +169,6 @@ def _check_model(config: dict, parameters: Parameterisation, channels: Channels)
     yield from _check_names("scenarios.noise", noise, QUANTITIES)
     if all(noise.get(name) is None for name in channels.quantities):
         yield "scenarios.noise: no quantity that the study observes is measured; name a noise"
-    asked = config["criticism"]["hypotheses"]
-    if asked != "all":
-        yield from _check_names("criticism.hypotheses", asked, REGISTRY)
-        described = physics_of(config)
-        for name in asked:
-            why_not = REGISTRY[name].why_not(described) if name in REGISTRY else ""
-            if why_not:
-                yield f"criticism.hypotheses: {name} cannot be tested, {why_not}; remove it"
 
 
 def _check_names(key: str, names: Iterable[str], known: Iterable[str]) -> Iterator[str]:
@@ -253,40 +248,23 @@ def check_effects(key: str, effects: dict, config: dict) -> Iterator[str]:
 
     Raises InputError as `physics_of` does.
     """
-    yield from _check_names(key, effects, REGISTRY)
-    described = physics_of(config)
+    if not effects:
+        return
+    # The catalogue reads segment tables: pandas, for every process that reads a configuration.
+    from regional_lv.inputs.model import model_of
+    from regional_lv.inputs.space import catalogue, why_unknown
+
+    model = model_of(config)
+    known = {each.name: each for each in catalogue(model) if each.nominal is not None}
     for name, value in effects.items():
-        if name not in REGISTRY:
-            continue
-        hypothesis = REGISTRY[name].for_study(described)
-        try:
-            psi, component = psi_and_component(value)
-        except KeyError:
-            psi, component = 0.0, None
-        if component not in hypothesis.components:
-            yield f"{key}.{name}: {value!r} is not its form; give {_forms(hypothesis.components)}"
-            continue
-        why_not = hypothesis.why_not(described)
-        if why_not:
-            yield f"{key}.{name}: cannot be injected, {why_not}; remove it"
-        if not hypothesis.low <= psi <= hypothesis.high:
+        if name not in known:
+            yield f"{key}.{name}: {why_unknown(name, [*known.values()], model)}"
+        elif not known[name].low <= value <= known[name].high:
+            each = known[name]
             yield (
-                f"{key}.{name}: {psi} lies outside the plausible range, {hypothesis.low} to "
-                f"{hypothesis.high} {hypothesis.unit}; move it inside"
+                f"{key}.{name}: {value} lies outside the plausible range, {each.low:g} to "
+                f"{each.high:g} {each.unit}; move it inside"
             )
-
-
-def _forms(components: Iterable[str]) -> str:
-    """How an effect with these components is written."""
-    forms: dict[str, None] = {}
-    for component in components:
-        if not component:
-            forms["a number"] = None
-        elif component.isdigit():
-            forms["{segment: ..., multiplier: ...}"] = None
-        else:
-            forms[f"{{component: {component}, value: ...}}"] = None
-    return " or ".join(forms)
 
 
 def _check_joint(joint: dict, subjects: dict, parameters: Parameterisation) -> Iterator[str]:
@@ -326,6 +304,11 @@ def _check_tables(config: dict, parameters: Parameterisation, channels: Channels
                 "that, or remove them"
             )
         return
+    if config["inputs"]:
+        yield (
+            "inputs: roles ask for simulations of their own, and `simulations.source: table` runs "
+            "none; remove one of them"
+        )
     if "train" not in tables:
         yield "simulations.tables.train: missing; give the inputs and outputs to learn from"
     if "test" not in tables and simulations["holdout"] == 0:

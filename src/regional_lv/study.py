@@ -161,18 +161,17 @@ class Study:
         entry, seed = self.config["synthetic_subjects"][name], self.config["seed"]
         if entry["mesh"] == "finer":
             config = self.config | {"mesh": finer(self.config["mesh"])}
-            mesh, predictor = make_heart(config, self.folder / "geometry" / "finer"), None
+            mesh = make_heart(config, self.folder / "geometry" / "finer")
         else:
-            mesh, predictor = (self._file(f) for f in ("geometry/mesh.vtu", PREDICTOR))
+            mesh = self._file("geometry/mesh.vtu")
         measured = self._file(f"measured/{name}.csv")
         simulate_subject(
             name,
             entry,
             mesh,
-            self.physics,
+            sections_of(self.config),
             seed=derive(seed, "subject", name) if entry["seed"] is None else entry["seed"],
             measured=measured,
             truth=self._file(f"truth/{name}.json"),
-            predictor=predictor,
         )
         return measured

@@ -5,10 +5,14 @@ from pathlib import Path
 
 import numpy as np
 
-from regional_lv.criticism.injection import Ventricles, read_effects, unit_noise
+from regional_lv.criticism.injection import unit_noise
+from regional_lv.criticism.ventricles import Ventricles
 from regional_lv.errors import InputError
+from regional_lv.inputs.closed_forms import ClosedForm, HeavyTails
+from regional_lv.inputs.material import Stiffness
+from regional_lv.inputs.model import model_of
+from regional_lv.inputs.space import Inputs, catalogue
 from regional_lv.measured import synthetic_subject, write_measured, write_truth
-from regional_lv.parameters import Parameterisation
 
 
 def simulate_subject(
@@ -19,27 +23,37 @@ def simulate_subject(
     seed: int,
     measured: str | Path,
     truth: str | Path,
-    predictor: str | Path | None = None,
 ) -> None:
     """Simulate `subject`, the entry `name` of `synthetic_subjects`; write the measured table and,
     apart, the truth.
 
-    mesh: the study's, with its predictor, or a finer one without. The truth (theta, effects, noise,
-    seed) is for a file that no inference reads. Raises InputError if the ventricle cannot be
-    inflated at its theta with its effects.
+    mesh: the study's, or a finer one. physics: what `inputs.space.sections_of` gives. The truth
+    (theta, effects, noise, seed) is for a file that no inference reads. Raises InputError if the
+    ventricle cannot be inflated at its theta with its effects.
     """
-    parameters = Parameterisation.from_spec(physics["parameters"])
-    theta = np.array([subject["theta"][parameter] for parameter in parameters.names])
-    effects = read_effects(subject["effects"])
-    ventricles = Ventricles(mesh, physics, predictor)
+    values = {**subject["theta"], **subject["effects"]}
+    inputs = inputs_of(values, physics)
+    ventricles = Ventricles(mesh, inputs)
     try:
-        outputs = ventricles.outputs(theta, effects)
+        outputs = ventricles.outputs(np.array([values.get(i.name, i.middle) for i in inputs]))
     except ArithmeticError as error:
         raise InputError(
             f"synthetic_subjects.{name}: no simulation there ({error}); choose a stiffer "
             "ventricle, or a smaller effect"
         ) from error
-    unit = unit_noise(effects, len(outputs), np.random.default_rng(seed))
-    table = synthetic_subject(outputs, ventricles.channels, subject["noise"], unit)
-    write_measured(table, measured)
+    rng, tails = np.random.default_rng(seed), values.get(HeavyTails.name, 0.0)
+    unit = unit_noise(tails, len(outputs), rng)
+    write_measured(synthetic_subject(outputs, ventricles.channels, subject["noise"], unit), measured)
     write_truth(truth, **{key: subject[key] for key in ("theta", "effects", "noise")}, seed=seed)
+
+
+def inputs_of(values: Mapping[str, float], physics: Mapping) -> Inputs:
+    """The stiffness, the inputs with `values`, and what exact transforms among these scale."""
+    model = model_of(physics)
+    every = catalogue(model)
+    forms = [each for each in every if each.name in values and isinstance(each, ClosedForm)]
+    scaled = {e.name for e in every if e.middle != 0 and any(form.power(e) for form in forms)}
+    return Inputs(
+        model,
+        [e for e in every if isinstance(e, Stiffness) or e.name in values or e.name in scaled],
+    )

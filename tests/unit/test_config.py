@@ -159,8 +159,8 @@ def test_supports_are_held_free_or_compliant():
 # ------------------------------------------------------------------------------------- plugins
 
 PLUGIN = """
-from regional_lv.criticism.hypotheses import REGISTRY as HYPOTHESES
 from regional_lv.emulators import REGISTRY as EMULATORS
+from regional_lv.inputs.catalogue import INPUTS
 from regional_lv.mechanics.loads import LOADS, Load
 from regional_lv.mechanics.materials import MATERIALS, Constant, Factor, Material
 from regional_lv.mechanics.supports import SUPPORTS, Support
@@ -212,11 +212,11 @@ class Mean(EMULATORS["exact_gp"]):
 EMULATORS.add(Mean)
 
 
-class Swelling(type(HYPOTHESES["wall_thickness"])):
+@INPUTS.add
+class Swelling(INPUTS["wall_thickness"]):
     name = "swelling"
 
 
-HYPOTHESES.add(Swelling())
 """
 
 
@@ -240,8 +240,8 @@ def test_what_a_plugin_adds_can_be_used_like_the_packages_own(tmp_path):
             }
         },
         "subjects": {"anna": {"source": "synthetic"}},
+        "inputs": {"swelling": "suspected"},
         "criticism": {
-            "hypotheses": ["swelling"],
             "benchmark": {"noise": {"ratio": 0.05}},
         },
     }

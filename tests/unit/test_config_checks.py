@@ -227,56 +227,47 @@ def test_a_level_that_no_test_can_reach():
 @pytest.mark.parametrize(
     ("effects", "message"),
     [
-        ({"fibre_rotatio": 5.0}, r"effects: 'fibre_rotatio' .*did you mean fibre_rotation"),
-        ({"fibre_rotation": {"segment": 7, "multiplier": 2.0}}, r"rotation: .*give a number"),
-        ({"focal_scar": 3.0}, r"focal_scar: 3.0 is not its form; give \{segment: "),
-        ({"fibre_rotation": 40.0}, r"effects\.fibre_rotation: 40.0 .*-30.0 to 30.0 deg; move it"),
-        ({"focal_scar": {"segment": 18, "multiplier": 2.0}}, r"segment: 18 is too large"),
-        ({"focal_scar": {"segment": 7}}, r"focal_scar: .*give \{segment: ..., multiplier: ...\}$"),
-        (
-            {"strain_measure": {"segment": 7, "multiplier": 1.0}},
-            r"give a number or \{component: mat",
-        ),
-        (
-            {"strain_measure": {"component": "material line", "value": 4.0}},
-            r"measure: 4.0 lies out",
-        ),
-        ({"focal_scar": {"segment": 7, "multiplier": 30.0}}, r"focal_scar: 30.0 lies outside"),
-        ({"focal_scar": {"segment": 7, "multiplier": 3.0, "value": 2.0}}, r"is not its form"),
+        ({"fibre_rotatio": 5.0}, r"effects\.fibre_rotatio: is no .*did you mean fibre_rotation"),
+        ({"focal_scar": 3.0}, r"effects\.focal_scar: is no input.*did you mean focal_scar"),
+        ({"fibre_rotation": 40.0}, r"effects\.fibre_rotation: 40.0 .*-30 to 30 deg; move it"),
+        ({"focal_scar_18": 2.0}, r"focal_scar_18: is no input.*did you mean focal_scar_1"),
+        ({"focal_scar_7": 30.0}, r"focal_scar_7: 30.0 lies outside"),
+        ({"focal_scar_7": {"multiplier": 3.0}}, r"focal_scar_7: .*number"),
+        ({"C_a_septal": 2.0}, r"C_a_septal: is no input"),
     ],
 )
-def test_effects_are_registered_ones_in_their_range(subject, effects, message):
+def test_effects_are_inputs_in_their_range(subject, effects, message):
     subject["effects"] = effects
     with pytest.raises(InputError, match=message):
         config.load(changed("synthetic_subjects.anna", subject) | {"subjects": {}})
 
 
 def test_effects_in_their_range_are_kept(subject):
-    subject["effects"] = {
-        "focal_scar": {"segment": 7, "multiplier": 3},
-        "radial_scale": 0.8,
-        "strain_measure": {"component": "material line", "value": 1.0},
-    }
+    subject["effects"] = {"focal_scar_7": 3, "radial_scale": 0.8, "wall_thickness_4": 12.0}
     loaded = config.load(changed("synthetic_subjects.anna", subject) | {"subjects": {}})
     assert loaded["synthetic_subjects"]["anna"]["effects"] == subject["effects"]
 
 
-def test_hypotheses_that_the_study_rules_out_are_refused_by_name():
-    study = changed("supports.base.radial", 1.0)
-    assert config.load(study | {"criticism": {"hypotheses": "all"}})
-    with pytest.raises(
-        InputError, match=r"hypotheses: basal_motion cannot be tested, .*; remove it"
-    ):
-        config.load(study | {"criticism": {"hypotheses": ["basal_motion"]}})
-    with pytest.raises(InputError, match="neither `all` nor a list of names"):
-        config.load(changed("criticism.hypotheses", "some"))
-    with pytest.raises(InputError, match=r"hypotheses: 'basal_moton' .*did you mean basal_motion"):
-        config.load(changed("criticism.hypotheses", ["basal_moton"]))
+def test_inputs_that_the_study_rules_out_are_refused_by_name():
+    study = changed("material.law", "guccione")
+    assert config.load(study | {"inputs": {"causes": "suspected", "anisotropy": "fixed"}})
+    with pytest.raises(InputError, match=r"inputs\.anisotropy: this study has no such input, .*;"):
+        config.load(study | {"inputs": {"anisotropy": "suspected"}})
+    with pytest.raises(InputError, match=r"inputs: roles ask for simulations of their own"):
+        tables = {"source": "table", "tables": {"train": {"inputs": "published", "outputs": "published"}}}
+        config.load({"study": "mine", "simulations": tables, "inputs": {"causes": "suspected"}})
+
+
+def test_nothing_is_criticised_together_that_is_not_suspected():
+    joint = {"all": {"subjects": ["synthetic_lateral"]}}
+    with pytest.raises(InputError, match=r"criticism\.joint: nothing is suspected; make"):
+        config.load({"study": "mine", "criticism": {"joint": joint}})
 
 
 def test_known_thetas_of_published_simulations_are_the_papers():
     joint = {"all": {"subjects": ["row"], "theta": "published"}}
     study = {"study": "mine", "subjects": {"row": {"source": "published_simulation", "row": 3}}}
+    study["inputs"] = {"causes": "suspected"}
     assert config.load(study | {"criticism": {"joint": joint}})
     with pytest.raises(InputError, match=r"joint\.all\.theta: .* the paper's zones and factors"):
         config.load(study | {"criticism": {"joint": joint}, "parameters": {"zones": "whole"}})
@@ -341,7 +332,7 @@ def test_only_a_mesh_that_is_kept_cannot_be_made_finer(subject, remesh, tmp_path
     file.touch()
     study = changed("geometry.imported", {"file": str(file), "remesh": remesh})
     study["geometry"]["source"] = "mesh"
-    study["criticism"] = {"discretisation": 20}
+    study["all_inputs"] = {"finer": 20}
     study |= {"subjects": {"s": {"source": "synthetic"}}}
     study |= {"synthetic_subjects": {"s": subject | {"mesh": "finer"}}}
     if remesh:
@@ -349,5 +340,5 @@ def test_only_a_mesh_that_is_kept_cannot_be_made_finer(subject, remesh, tmp_path
         return
     with pytest.raises(InputError) as error:
         config.load(study)
-    for key in ("criticism.discretisation", "synthetic_subjects.s.mesh"):
+    for key in ("all_inputs.finer", "synthetic_subjects.s.mesh"):
         assert f"{key}: an imported mesh that is kept cannot be made finer" in str(error.value)

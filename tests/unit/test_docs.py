@@ -15,7 +15,6 @@ import yaml
 
 from regional_lv import config as study_config
 from regional_lv import data
-from regional_lv.criticism.hypotheses import __main__ as causes
 from regional_lv.inputs import __main__ as inputs
 from regional_lv.schema.keys import describe
 from regional_lv.study import Study
@@ -104,14 +103,14 @@ def test_notebook_is_stored_with_its_outputs():
     assert sum("image/png" in output.get("data", {}) for output in outputs) == 2
 
 
-@pytest.mark.parametrize(("page", "of"), [("causes", causes), ("inputs", inputs)])
+@pytest.mark.parametrize(("page", "of"), [("inputs", inputs)])
 def test_pages_of_catalogues_are_these(page, of):
     assert (ROOT / "docs" / f"{page}.md").read_text() == of.document(), "run `make format`"
 
 
 @pytest.mark.parametrize(
     ("module", "page"),
-    [("config", "config/README.md"), ("criticism.hypotheses", "docs/causes.md")],
+    [("config", "config/README.md"), ("inputs", "docs/inputs.md")],
 )
 def test_what_make_format_writes(tmp_path, module, page):
     """As the Makefile runs it, on a page whose tables are out of date."""

@@ -1,6 +1,5 @@
 """The checked config, the paths, the dependencies on the library, for all other files here."""
 
-import inspect
 import json
 import os
 import re
@@ -28,9 +27,6 @@ surroundings.settle()
 from regional_lv import config as study_config  # noqa: E402
 from regional_lv import dependencies, running  # noqa: E402
 from regional_lv.channels import Channels  # noqa: E402
-from regional_lv.config_checks import meshes_anew  # noqa: E402
-from regional_lv.criticism.hypotheses import SimulatorHypothesis, asked  # noqa: E402
-from regional_lv.criticism.hypotheses.base import why_not_scaling  # noqa: E402
 from regional_lv.data import path as packaged  # noqa: E402
 from regional_lv.data import segment_table  # noqa: E402
 from regional_lv.design import scenario_size  # noqa: E402
@@ -38,10 +34,11 @@ from regional_lv.errors import InputError  # noqa: E402
 from regional_lv.faults import AGAIN, damage_of  # noqa: E402
 from regional_lv.geometry.mesh_config import finer  # noqa: E402
 from regional_lv.input_files import without_braces  # noqa: E402
+from regional_lv.inputs.space import sections_of  # noqa: E402
 from regional_lv.jobs import module_of  # noqa: E402
 from regional_lv.measured import states_noise  # noqa: E402
 from regional_lv.parameters import Parameterisation  # noqa: E402
-from regional_lv.physics import physics_of  # noqa: E402
+from regional_lv.physics import physics_of, why_not_scaling  # noqa: E402
 from regional_lv.published import (  # noqa: E402
     FILES,
     HEART_MESH,
@@ -185,9 +182,6 @@ HEALTHY = {
 IMPORTED = config["geometry"]["imported"]
 GIVEN_SURFACES = config["geometry"]["surfaces"]
 
-EXTENDED_MESH = config["mesh"] | {
-    k: v for k, v in config["criticism"]["mesh"].items() if v is not None
-}
 # Meshes that are compared with one at least twice as fine as the study's in every direction.
 STUDY_MESHES = {
     "coarse": {"circumferential": 16, "basal": 2, "apical": 1, "apex": 1, "transmural": 1},
@@ -216,16 +210,9 @@ REFINEMENTS = {
 MESHES = {
     "": config["mesh"],
     "finer/": finer(config["mesh"]),
-    "extensions/": EXTENDED_MESH,
     **{f"mesh_study/{name}/": config["mesh"] | own for name, own in STUDY_MESHES.items()},
     **{folder: config["mesh"] | own for folder, own in REFINEMENTS.items()},
 }
-# The one that hypotheses are simulated on; an imported mesh that is kept serves for them too.
-EXTENDED_ON = "extensions/" if EXTENDED_MESH != config["mesh"] and meshes_anew(config) else ""
-# With the error of the study's mesh in the base model, effects that only observe otherwise, and
-# sets of causes, are simulated on the finer one as well: strains at a surface are what a coarse
-# mesh has most wrong.
-CONFIRMED_ON = "finer/" if config["criticism"]["discretisation"] else ""
 ANCHORS = min(
     config["simulations"]["anchors"], config["design"]["natural"] + config["design"]["log"]
 )
@@ -234,28 +221,6 @@ ANCHORS = min(
 def mesh_of(wildcards):
     """Settings of one of the meshes."""
     return MESHES[wildcards.mesh_folder]
-
-
-def anchors_on(wildcards):
-    """How many: all on the study's mesh, those of hypotheses on the others, and on the finer one
-    what the error of discretisation is learnt from, too."""
-    most = config["criticism"]["anchors"]
-    if not wildcards.mesh_folder or most is None:
-        return ANCHORS
-    wanted = config["criticism"]["discretisation"] if wildcards.mesh_folder == "finer/" else 0
-    return min(ANCHORS, max(most, wanted))
-
-
-def anchors_of(wildcards):
-    """The mesh that a hypothesis is simulated on, and the fields that it starts from: the mesh of
-    the confirmation for what a coarse one has wrong, or what costs little there."""
-    hypothesis = HYPOTHESES[wildcards.hypothesis]
-    better = hypothesis.in_depth or (CONFIRMED_ON and not hypothesis.needs_solving)
-    on = CONFIRMED_ON if better else EXTENDED_ON
-    return {
-        "mesh": f"{R}/geometry/{on}mesh.vtu",
-        "anchors": f"{R}/mechanics/{on}anchors/batch-{wildcards.batch}.npz",
-    }
 
 
 def imported_files():
@@ -338,12 +303,6 @@ def code_of(*modules, files=()):
     return f"{modules[0]} {dependencies.digest([*own, *files, *plugins])}"
 
 
-def code_of_hypothesis(name):
-    """Of the simulations of a hypothesis. Not the whole catalogue: another hypothesis does not
-    change this one's."""
-    return code_of("criticism.simulation", files=(inspect.getfile(type(HYPOTHESES[name])),))
-
-
 def depend_on_code(steps):
     """Give every rule that calls a function (`params.call`) the code behind it as a param, unless
     it names its own (`code`)."""
@@ -391,21 +350,6 @@ def local_scenarios(noisy):
 def any_of(names):
     """Wildcard constraint: one of the names, and nothing else."""
     return "|".join(map(re.escape, names)) or "(?!)"
-
-
-def extension_batches(hypothesis):
-    """Files of the simulations of a hypothesis; closed forms and noise have none."""
-    if not isinstance(hypothesis, SimulatorHypothesis):
-        return []
-    return expand(
-        f"{R}/criticism/simulations/{hypothesis.name}/{{batch}}.parquet", batch=ANCHOR_BATCHES
-    )
-
-
-def anchors_per_batch(hypothesis):
-    """How many anchors of a batch the hypothesis is simulated at, None for all."""
-    limits = [n for n in (config["criticism"]["anchors"], hypothesis.anchors) if n is not None]
-    return -(-min(limits) // len(ANCHOR_BATCHES)) if limits else None
 
 
 def subjects_from(source):
@@ -458,33 +402,7 @@ def of_shortlist(*files):
     return [f"{R}/posteriors/{emulator}/test/{file}" for emulator in shortlist() for file in files]
 
 
-def criticised(name):
-    """Subjects that a criticism is of: those of a joint one, or the one of that name."""
-    joint = config["criticism"]["joint"]
-    return joint[name]["subjects"] if name in joint else [name]
-
-
 def ventricle_of(wildcards):
-    """Mesh that a synthetic subject is simulated on: the study's, with its predictor, or a finer
-    one."""
-    if config["synthetic_subjects"][wildcards.subject]["mesh"] == "finer":
-        return {"mesh": f"{R}/geometry/finer/mesh.vtu"}
-    return {"mesh": f"{R}/geometry/mesh.vtu", "predictor": f"{R}/mechanics/predictor.npz"}
-
-
-def confirmations(folder, turns):
-    """Simulations of the first `turns` rounds of a confirmation."""
-    return expand(
-        f"{R}/criticism/{folder}/confirmation/simulations-{{turn}}-{{part}}.parquet",
-        turn=range(turns),
-        part=range(CONFIRMED_IN),
-    )
-
-
-def known_theta(name):
-    """Tables of the known thetas of a joint criticism, if it has any."""
-    joint = config["criticism"]["joint"].get(name, {})
-    theta = joint.get("theta")
-    if theta == "published":
-        return expand(f"{R}/known_theta/{{subject}}.csv", subject=joint["subjects"])
-    return [] if theta is None else [given(theta)]
+    """Mesh that a synthetic subject is simulated on: the study's, or a finer one."""
+    finer = config["synthetic_subjects"][wildcards.subject]["mesh"] == "finer"
+    return f"{R}/geometry/{'finer/' if finer else ''}mesh.vtu"

@@ -9,11 +9,16 @@ INPUTS_BATCHES = {
 }
 INPUTS_ANCHORS = min(ALL_INPUTS["anchors"], ALL_INPUTS["simulations"])
 INPUTS_ANCHOR_BATCHES = batches(INPUTS_ANCHORS, -(-INPUTS_ANCHORS // 2))
+# Simulations that are made on the finer mesh as well; what confirms is made there, too.
+FINER = min(ALL_INPUTS["finer"], INPUTS_ANCHORS)
+CONFIRMED_ON = "finer/" if FINER else ""
+EMULATOR_OF_INPUTS = f"{OVER_INPUTS}/{CONFIRMED_ON}emulator.pt"
+# Whether the model is doubted, and the stiffness averaged over models.
+DOUBTS = bool(config["inputs"])
 
-if config["inputs"]:
-    # The catalogue takes a while to import, and most studies do without.
+if DOUBTS:
     from regional_lv.emulators import OF_INPUTS
-    from regional_lv.inputs.space import Inputs, sections_of
+    from regional_lv.inputs.space import Inputs
 
     INPUTS = sections_of(config)
     SIMULATED = Inputs.from_config(INPUTS).simulated
@@ -37,45 +42,48 @@ if config["inputs"]:
 
     use rule solve_baseline as solve_inputs_baseline with:
         input:
-            mesh=f"{R}/geometry/mesh.vtu",
+            mesh=f"{R}/geometry/{{mesh_folder}}mesh.vtu",
         output:
-            start=f"{OVER_INPUTS}/baseline.npz",
-            summary=f"{OVER_INPUTS}/baseline.json",
+            start=f"{OVER_INPUTS}/{{mesh_folder}}baseline.npz",
+            summary=f"{OVER_INPUTS}/{{mesh_folder}}baseline.json",
         log:
-            f"{LOGS}/all_inputs/solve_baseline.log",
+            f"{LOGS}/all_inputs/{{mesh_folder}}solve_baseline.log",
         benchmark:
-            f"{R}/benchmarks/all_inputs/solve_baseline.tsv"
+            f"{R}/benchmarks/all_inputs/{{mesh_folder}}solve_baseline.tsv"
         params:
             call="simulations:solve_baseline",
             physics=INPUTS,
 
     use rule solve_anchors as solve_inputs_anchors with:
         input:
-            mesh=f"{R}/geometry/mesh.vtu",
-            start=f"{OVER_INPUTS}/baseline.npz",
+            mesh=f"{R}/geometry/{{mesh_folder}}mesh.vtu",
+            start=f"{OVER_INPUTS}/{{mesh_folder}}baseline.npz",
             design=f"{OVER_INPUTS}/design/train.parquet",
         output:
-            fields=f"{OVER_INPUTS}/anchors/batch-{{batch}}.npz",
-            simulations=f"{OVER_INPUTS}/anchors/batch-{{batch}}.parquet",
+            fields=f"{OVER_INPUTS}/{{mesh_folder}}anchors/batch-{{batch}}.npz",
+            simulations=f"{OVER_INPUTS}/{{mesh_folder}}anchors/batch-{{batch}}.parquet",
         log:
-            f"{LOGS}/all_inputs/solve_anchors-{{batch}}.log",
+            f"{LOGS}/all_inputs/{{mesh_folder}}solve_anchors-{{batch}}.log",
         benchmark:
-            f"{R}/benchmarks/all_inputs/anchors/batch-{{batch}}.tsv"
+            f"{R}/benchmarks/all_inputs/{{mesh_folder}}anchors/batch-{{batch}}.tsv"
         params:
             call="simulations:solve_anchors",
             physics=INPUTS,
-            anchors=INPUTS_ANCHORS,
+            anchors=lambda wildcards: FINER if wildcards.mesh_folder else INPUTS_ANCHORS,
             batches=len(INPUTS_ANCHOR_BATCHES),
 
     use rule fit_predictor as fit_inputs_predictor with:
         input:
-            anchors=expand(f"{OVER_INPUTS}/anchors/{{batch}}.npz", batch=INPUTS_ANCHOR_BATCHES),
+            anchors=expand(
+                f"{OVER_INPUTS}/{{{{mesh_folder}}}}anchors/{{batch}}.npz",
+                batch=INPUTS_ANCHOR_BATCHES,
+            ),
         output:
-            predictor=f"{OVER_INPUTS}/predictor.npz",
+            predictor=f"{OVER_INPUTS}/{{mesh_folder}}predictor.npz",
         log:
-            f"{LOGS}/all_inputs/fit_predictor.log",
+            f"{LOGS}/all_inputs/{{mesh_folder}}fit_predictor.log",
         benchmark:
-            f"{R}/benchmarks/all_inputs/fit_predictor.tsv"
+            f"{R}/benchmarks/all_inputs/{{mesh_folder}}fit_predictor.tsv"
         params:
             call="mechanics.predictor:fit_predictor",
             physics=INPUTS,
@@ -160,32 +168,29 @@ if config["inputs"]:
         script:
             "../scripts/call.py"
 
-    rule average_models:
-        """The posterior of a subject over all inputs, averaged over sets of suspected ones."""
+    rule train_on_finer_mesh:
+        """What a finer mesh changes, of all inputs."""
         input:
             emulator_file=f"{OVER_INPUTS}/emulator.pt",
-            measured=f"{R}/measured/{{subject}}.csv",
+            coarse=expand(f"{OVER_INPUTS}/anchors/{{batch}}.parquet", batch=INPUTS_ANCHOR_BATCHES),
+            finer=expand(
+                f"{OVER_INPUTS}/finer/anchors/{{batch}}.parquet", batch=INPUTS_ANCHOR_BATCHES
+            ),
         output:
-            posterior=f"{OVER_INPUTS}/posteriors/{{subject}}.nc",
-            table=f"{OVER_INPUTS}/posteriors/{{subject}}.csv",
+            corrected_file=f"{OVER_INPUTS}/finer/emulator.pt",
+            report=f"{OVER_INPUTS}/finer/fit.json",
         log:
-            f"{LOGS}/all_inputs/posteriors/{{subject}}.log",
+            f"{LOGS}/all_inputs/train_on_finer_mesh.log",
         benchmark:
-            f"{R}/benchmarks/all_inputs/posteriors/{{subject}}.tsv"
-        wildcard_constraints:
-            subject=any_of(SUBJECTS),
+            f"{R}/benchmarks/all_inputs/train_on_finer_mesh.tsv"
+        priority: FIRST
         threads: 1
         params:
-            call="inference.subject_average:average_subject",
-            physics=INPUTS,
-            noise_prior_scale=config["clinical"]["noise_prior_scale"],
-            largest=ALL_INPUTS["largest_set"],
+            call="emulators.finer:train_finer",
+            parameters=COORDINATES,
+            channels=OUTPUTS,
             seed=config["seed"],
         script:
             "../scripts/call.py"
 
-    INPUTS_RESULTS = [
-        *rules.judge_inputs_emulator.output,
-        *rules.train_on_inputs.output,
-        *expand(rules.average_models.output, subject=SUBJECTS),
-    ]
+    INPUTS_RESULTS = [*rules.judge_inputs_emulator.output, *rules.train_on_inputs.output]

@@ -4,8 +4,8 @@ SHOWN = [
     *FIGURES,
     *TABLES,
     *SUMMARIES,
-    *([] if FROM_TABLES else rules.criticism.input),
-    *(INPUTS_RESULTS if config["inputs"] else []),
+    *rules.criticism.input,
+    *(INPUTS_RESULTS if DOUBTS else []),
     *PAGES,
 ]
 BEHIND = [
@@ -19,7 +19,6 @@ BEHIND = [
         else []
     ),
     *([] if FROM_TABLES else [f"{R}/geometry/mesh.vtu"]),
-    *([] if FROM_TABLES else expand(f"{C}/{{subject}}/findings.json", subject=CRITICISED)),
 ]
 
 

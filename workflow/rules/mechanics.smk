@@ -1,13 +1,8 @@
 """Where every simulation starts: an inflation, anchors, and the fields predicted from them."""
 
-# Two at least: nothing else can be simulated before the anchors. None is empty on another mesh,
-# which has fewer of them.
+# Two at least: nothing else can be simulated before the anchors.
 ANCHOR_BATCHES = batches(
-    ANCHORS,
-    max(
-        min(config["simulations"]["batch_size"], -(-ANCHORS // 2)),
-        -(-ANCHORS // min(ANCHORS, config["criticism"]["anchors"] or ANCHORS)),
-    ),
+    ANCHORS, min(config["simulations"]["batch_size"], -(-ANCHORS // 2))
 )
 
 
@@ -48,7 +43,7 @@ rule solve_anchors:
     params:
         call="simulations:solve_anchors",
         physics=PHYSICS,
-        anchors=anchors_on,
+        anchors=ANCHORS,
         batches=len(ANCHOR_BATCHES),
     script:
         "../scripts/call.py"

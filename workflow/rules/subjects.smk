@@ -4,7 +4,7 @@
 rule simulate_subject:
     """The only rule that writes a truth; no rule that infers reads it."""
     input:
-        unpack(ventricle_of),
+        mesh=ventricle_of,
     output:
         measured=f"{R}/measured/{{subject}}.csv",
         truth=f"{R}/truth/{{subject}}.json",
@@ -16,7 +16,7 @@ rule simulate_subject:
     params:
         call="subjects:simulate_subject",
         name=lambda wildcards: wildcards.subject,
-        physics=PHYSICS,
+        physics=sections_of(config),
         subject=lambda wildcards: config["synthetic_subjects"][wildcards.subject],
         seed=lambda wildcards: subject_seed(wildcards.subject),
     script:

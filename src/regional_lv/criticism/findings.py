@@ -1,92 +1,96 @@
-"""What a criticism found, as plain numbers and sentences: the contract with everything after it."""
+"""What a criticism found, as one object that everything else reads (`findings.json`)."""
 
 import json
 import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import cast
 
-import torch
-from statsmodels.stats.weightstats import DescrStatsW
+import numpy as np
+import pandas as pd
 
-from regional_lv.channels import Channels
 from regional_lv.criticism import contract, data_checks, words
+from regional_lv.criticism.confirmation import Round
 from regional_lv.criticism.contract import Findings
-from regional_lv.criticism.hypotheses import REGISTRY
-from regional_lv.criticism.posterior import gain_of
-from regional_lv.criticism.score import Misfit
+from regional_lv.criticism.misfit import gain, misfit_content
 from regional_lv.criticism.separate import separating_measurement
-from regional_lv.criticism.together import Together
-from regional_lv.criticism.verdict import PROBABILITY, CauseSet, Criticism, Sampled, Tested
-from regional_lv.emulators.base import Emulator
-from regional_lv.gaussian import Z95
+from regional_lv.criticism.verdict import LEAST_PROBABILITY, PROBABILITY, Examined, Verdict
+from regional_lv.inference.emulated import EmulatedInputs
+from regional_lv.inference.sources import sources_of_variance
+from regional_lv.inputs.catalogue import INPUTS
 from regional_lv.measured import shortcomings
-
-BINS = 40
-"""Of the posterior of psi."""
-
 
 LISTED = 20
 """Sets that the findings list, the most probable first."""
 
+BINS = 40
+"""Of a histogram."""
 
-def findings_of(
-    subject: str,
-    criticism: Criticism,
-    emulator: Emulator,
-    extensions,
-    tables,
-    strain_exponent: float = 2.0,
-) -> Findings:
-    """The findings of one subject (or several together, called `subject`), ready for JSON.
+Z95 = 1.959963984540054
 
-    emulator, extensions: for all outputs, to find what measurement would tell causes apart.
-    tables: the measured tables, by subject. strain_exponent: of the study's strain measure.
-    """
-    base, final, searched = criticism.base, criticism.final, criticism.searched
-    rivals = [s for s in criticism.sets if s.sampled is not None]
+
+@dataclass(frozen=True)
+class Context:
+    """What findings tell beside the verdict: name of the subject; measured tables by heart; the
+    emulator of all that the study observes; rounds of the confirmation, and whether there was a
+    simulator to ask; noise sd of the channels (D,); replicates of the tests; and the exponent of
+    the study's strain measure."""
+
+    subject: str
+    tables: Mapping[str, pd.DataFrame]
+    emulated: EmulatedInputs
+    rounds: Sequence[Round]
+    noise_sd: np.ndarray
+    bootstrap: int
+    load_fractions: Sequence[float]
+    strain_exponent: float
+
+
+def findings_of(verdict: Verdict, context: Context) -> Findings:
+    """The findings, ready for JSON."""
+    averaged, potential = verdict.averaged, verdict.potential
+    table = averaged.table()
+    tested = verdict.base.tested
     content: Findings = {
-        "subject": subject,
-        "subjects": list(criticism.observations.subjects),
-        "misfit": _misfit(base, searched.misfit, searched.detected),
+        "subject": context.subject,
+        "subjects": list(context.tables),
+        "misfit": misfit_content(verdict.base.tested, verdict.base.left_out, verdict.detected),
         "data_checks": [
             {"subject": name} | check
-            for name, table in tables.items()
-            for check in data_checks.check(table, strain_exponent)
+            for name, measured in context.tables.items()
+            for check in data_checks.check(measured, context.strain_exponent)
         ],
-        "hypotheses": [_hypothesis(test, criticism) for test in criticism.tests],
-        "sets": [_set(one, criticism) for one in criticism.sets[:LISTED]],
-        "base_probability": criticism.base_probability,
-        "unlisted_probability": criticism.unlisted_probability,
-        "named": criticism.named,
-        "groups": criticism.groups,
-        "acts_like": criticism.acts_like,
-        "explained": criticism.explained,
-        "outliers": criticism.outliers,
-        "confirmation": _confirmation(criticism),
-        "separating": separating_measurement(
-            rivals if criticism.groups else [],
-            *(emulator, extensions, criticism.settings.load_fractions, criticism.simulations),
-        ),
-        "best": None if criticism.best is None else list(criticism.best.names),
-        "gain": _gain(base, final),
-        "theta": _theta(base, final),
-        "noise": _noise(base, final),
+        "hypotheses": _causes(verdict),
+        "sets": _sets(verdict, context),
+        "base_probability": float(averaged.probability[averaged.base]),
+        "unlisted_probability": averaged.departure_probability,
+        "named": verdict.named,
+        "groups": verdict.groups,
+        "acts_like": verdict.acts_like,
+        "explained": verdict.explained,
+        "trusted": verdict.trusted,
+        "outliers": verdict.outliers,
+        "confirmation": _confirmation(verdict, context),
+        "separating": _separating(verdict, context),
+        "best": None if verdict.best is None else list(verdict.causes_of(verdict.best)),
+        "gain": gain(verdict.base.left_out, verdict.final.left_out),
+        "stiffness": _stiffness(table, sources_of_variance(averaged)),
+        "measured_inputs": _measured_inputs(verdict, table),
+        "noise": _noise(verdict),
         "remaining": None,
-        "level": criticism.settings.level,
+        "level": verdict.level,
         "least_probability": PROBABILITY,
-        "critical_z": searched.critical_z,
-        "least_p_value": 1 / (1 + criticism.settings.bootstrap),
-        "ess": final.posterior.ess,
-        "limits": [
-            f"{name}: {text}"
-            for name, table in tables.items()
-            for text in shortcomings(table, len(emulator.parameters))
-        ]
-        + _limits(criticism, emulator.channels),
+        "critical_z": tested.critical_z,
+        "least_p_value": 1 / (1 + context.bootstrap),
+        "ess": averaged.ess,
+        "limits": _limits(verdict, context),
         "words": [],
     }
-    if criticism.best is not None and criticism.best.misfit is not None:
-        content["remaining"] = _misfit(final, criticism.best.misfit, not criticism.adequate)
+    if verdict.best is not None:
+        final: Examined = verdict.final
+        content["remaining"] = misfit_content(final.tested, final.left_out, not verdict.adequate)
+    del potential
     content = cast(Findings, _plain(content))
     content["words"] = words.verdict(content)
     return content
@@ -103,6 +107,8 @@ def _plain(value):
         return {str(key): _plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
         return [_plain(item) for item in value]
+    if isinstance(value, np.generic):
+        return _plain(value.item())
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     return value
@@ -111,257 +117,235 @@ def _plain(value):
 # ------------------------------------------------------------------------------------ parts
 
 
-def _misfit(sampled: Sampled, misfit: Misfit, detected: bool) -> contract.Misfit:
-    o, left_out = sampled.model.observations, sampled.left_out
-    channels: list[contract.Channel] = []
-    for i, subject in enumerate(o.subjects):
-        for j, channel in enumerate(o.channels):
-            if not o.present[i, j]:
-                continue
-            observed, predicted, sd = (float(v[i, j]) for v in (o.y, left_out.mean, left_out.sd))
-            channels.append(
-                {
-                    "subject": subject,
-                    "output": channel.name,
-                    "quantity": channel.quantity,
-                    "segment": channel.segment,
-                    "load_fraction": channel.load_fraction,
-                    "observed": observed,
-                    "predicted": predicted,
-                    "sd": sd,
-                    "z": (observed - predicted) / sd,
-                }
-            )
-    return {
-        "detected": detected,
-        "p_value": misfit.p_value,
-        "families": misfit.families,
-        "largest": [
-            {"family": family, "what": name, "z": z, "p_value": p}
-            for family, name, z, p in misfit.largest
-        ],
-        "channels": channels,
-    }
-
-
-def _hypothesis(test: Tested, criticism: Criticism) -> contract.Cause:
-    """Estimate and interval are over all probable sets that hold the cause, as probable as they
-    are, without those that data refute where the best one fits; of a cause in none of them, one
-    step from the base value along its score."""
-    h, identified, name = test.hypothesis, test.identified, test.name
-    estimate, low, high, posterior = None, h.low, h.high, None
-    best = criticism.best
-    holding = [s for s in criticism.sets if name in s.names and s.posterior is not None]
-    if criticism.adequate:
-        holding = [s for s in holding if not s.refuted]
-    holding.sort(key=lambda s: s is not best)
-    component, bound = test.component, False
-    if holding:
-        component = dict(holding[0].members)[name]
-        same = [s for s in holding if dict(s.members)[name] == component]
-        psi, weight = _pooled(same, name, h.scale)
-        weighted = DescrStatsW(psi.numpy(), weight.numpy())
-        low, estimate, high = weighted.quantile([0.025, 0.5, 0.975], return_pandas=False).tolist()
-        posterior = _density(weighted, psi, weight, h.low, h.high)
-        bound = same[0].model.tails is None and same[0].at_bound(name)
-    elif identified.identifiable and math.isfinite(identified.sd):
-        # From the score alone, as far as the range goes.
-        middle = h.base + test.z * identified.sd
-        estimate, low, high = (
-            min(max(v, h.low), h.high)
-            for v in (middle, middle - Z95 * identified.sd, middle + Z95 * identified.sd)
-        )
-    return {
-        "name": name,
-        "component": component,
-        "parameter": h.parameter,
-        "description": h.description,
-        "source": h.source,
-        "base": h.base,
-        "range": [h.low, h.high],
-        "z": test.z,
-        "p_value": test.p_value,
-        "p_value_single": test.p_single,
-        "probability": criticism.probability(name),
-        "component_probability": criticism.share_of(name, component),
-        "estimate": estimate,
-        "interval95": [low, high],
-        "at_bound": bound,
-        "unit": h.unit,
-        "identifiable": identified.identifiable,
-        "why": identified.why,
-        "absorbed": identified.absorbed,
-        "sd": identified.sd,
-        "fitted": bool(holding),
-        "fraction_simulated": test.fraction_simulated,
-        "posterior": posterior,
-    }
-
-
-def _pooled(sets, name: str, scale) -> tuple[torch.Tensor, torch.Tensor]:
-    """Draws (N,) of a cause's psi from several sets, and their weights (N,)."""
-    values = [scale.inverse(s.posterior.x[:, s.place(name)]) for s in sets]
-    # Of sets that are all but impossible, the shares still add up.
-    share = max(sum(s.probability for s in sets), 1e-300)
-    weights = [s.posterior.weight * max(s.probability, 1e-300) / share for s in sets]
-    return torch.cat(values), torch.cat(weights)
-
-
-def _set(one: CauseSet, criticism: Criticism) -> contract.Set:
-    gain: tuple[float | None, ...] = (None, None, None)
-    if one.sampled is not None:
-        gain = gain_of(criticism.base.left_out, one.sampled.left_out, one.sampled.posterior)
-    found = one.model.psi_of(one.fit.x[0])[0].tolist()
-    return {
-        "causes": list(one.names),
-        "components": [component for _, component in one.members],
-        "fit": found,
-        "probability": one.probability,
-        "log_evidence": one.log_evidence,
-        "log_prior": one.log_prior,
-        "elpd_gain": gain[0],
-        "elpd_gain_se": gain[1],
-        "misfit_p_value": one.misfit.p_value if one.misfit else None,
-        "confirmed": one.confirmed,
-        "simulations": one.simulations,
-        "difference_sd": one.difference_sd,
-        "beyond_sd": one.beyond_sd,
-    }
-
-
-def _confirmation(criticism: Criticism) -> contract.Confirmation:
-    """What stands behind the best set; with what was simulated of all."""
-    best = criticism.best
-    channels: list[contract.Difference] = []
-
-    def total(holds) -> float:
-        physical = (s for s in criticism.sets if s.model.tails is None)
-        return sum(s.probability for s in physical if holds(s))
-
-    if best is not None and best.correction is not None:
-        o, value, in_sds = criticism.observations, best.correction.value, best.difference_sds
-        channels = [
+def _causes(verdict: Verdict) -> list[contract.Cause]:
+    """Of every suspected cause, the most conspicuous first."""
+    averaged, inputs = verdict.averaged, verdict.potential.inputs
+    rows: list[contract.Cause] = []
+    for test in verdict.base.tested.causes:
+        place, share = averaged.place_of(test.cause)
+        probability = averaged.probability_of_cause(test.cause)
+        k = averaged.input_of(test.cause, place if probability > 0 else test.place)
+        each, drawn = inputs[k], averaged.values_where_free(k)
+        base = float(inputs.nominal[k])
+        estimate, low, high, posterior = None, each.low, each.high, None
+        if drawn is not None:
+            low, estimate, high = np.quantile(drawn, [0.025, 0.5, 0.975]).tolist()
+            posterior = _density(drawn, each.low, each.high)
+        elif test.identifiable and math.isfinite(test.sd):
+            # From the score alone, as far as the range goes.
+            middle = base + test.z * test.sd
+            spread = Z95 * test.sd
+            low, estimate, high = np.clip(
+                [middle - spread, middle, middle + spread], each.low, each.high
+            ).tolist()
+        holding = [n for n in averaged.drawn if k in averaged.models[n].members]
+        rows.append(
             {
-                "subject": subject,
-                "output": channel.name,
-                "difference": float(value[i, j]),
-                "difference_sd": float(in_sds[i, j]),
+                "name": test.cause,
+                "component": each.place,
+                "parameter": each.parameter,
+                "description": each.description,
+                "source": each.source,
+                "base": base,
+                "range": [each.low, each.high],
+                "z": test.z,
+                "p_value": test.p_value,
+                "p_value_single": test.p_single,
+                "probability": probability,
+                "component_probability": share,
+                "estimate": estimate,
+                "interval95": [low, high],
+                "at_bound": bool(holding) and verdict.at_bound(holding[0], k),
+                "unit": each.unit,
+                "identifiable": test.identifiable,
+                "why": test.why,
+                "absorbed": test.absorbed,
+                "sd": test.sd,
+                "posterior": posterior,
             }
-            for i, subject in enumerate(o.subjects)
-            for j, channel in enumerate(o.channels)
-            if o.present[i, j]
-        ]
-    return {
-        "simulations": sum(s.simulations for s in criticism.sets),
-        "simulations_of_best": best.simulations if best is not None else 0,
-        "largest_difference_sd": best.difference_sd if best is not None else math.nan,
-        "probability_not_simulated": total(lambda s: s.correction is None and not s.failed),
-        "probability_elsewhere": total(lambda s: s.elsewhere),
-        "probability_failed": total(lambda s: s.failed),
-        "channels": channels,
-    }
+        )
+    return rows
 
 
-def _density(
-    weighted, values: torch.Tensor, weight: torch.Tensor, low: float, high: float
-) -> contract.Histogram:
+def _density(values: np.ndarray, low: float, high: float) -> contract.Histogram:
     """Histogram of `values` (N,), over the part of the range that holds nearly all of the mass."""
-    first, last = weighted.quantile([0.0005, 0.9995], return_pandas=False).tolist()
+    first, last = np.quantile(values, [0.0005, 0.9995])
     pad = 0.1 * (last - first) + 1e-9
-    edges = torch.linspace(max(low, first - pad), min(high, last + pad), BINS + 1).double()
-    counts, _ = torch.histogram(values.double(), edges, weight=weight.double())
-    density = counts / (edges[1:] - edges[:-1])
+    density, edges = np.histogram(
+        values, bins=BINS, range=(max(low, first - pad), min(high, last + pad)), density=True
+    )
     return {"edges": edges.tolist(), "density": density.tolist()}
 
 
-def _gain(before: Sampled, after: Sampled) -> contract.Gain:
-    elpd, se, over_folds = gain_of(before.left_out, after.left_out, after.posterior)
-    o = before.model.observations
-    kinds = {"rmse": o.channels.is_strain, "rmse_volume_ml": o.channels.of_quantity("volume")}
-    found: dict[str, float | None] = {"elpd": elpd, "elpd_se": se, "elpd_se_folds": over_folds}
-    found["elpd_before"] = float(before.left_out.elpd.sum())
-    for when, model in (("before", before), ("after", after)):
-        error = o.y - model.left_out.mean
-        for key, mask in kinds.items():
-            here = torch.as_tensor(mask) & o.present
-            value = float(error[here].square().mean().sqrt()) if here.any() else None
-            found[f"{key}_{when}"] = value
-        inside = (error.abs() <= Z95 * model.left_out.sd)[o.present]
-        found[f"coverage_{when}"] = float(inside.double().mean())
-    return cast(contract.Gain, found)
-
-
-def _theta(before: Sampled, after: Sampled) -> list[contract.Moved]:
-    """Posterior mean and sd of what moves theta, before and after; factors, not logarithms."""
-    rows: list[contract.Moved] = []
-    names = before.model.layout.names
-    (m0, s0), (m1, s1) = (
-        s.posterior.moments(s.posterior.x[:, : len(names)].exp()) for s in (before, after)
-    )
-    for i, name in enumerate(names):
+def _sets(verdict: Verdict, context: Context) -> list[contract.Set]:
+    averaged, inputs = verdict.averaged, verdict.potential.inputs
+    rows: list[contract.Set] = []
+    for n, model in enumerate(averaged.models):
+        if not model.members or len(rows) == LISTED:
+            continue
+        fit: list[float] = []
+        if model.fit is not None:
+            x = inputs.coordinates.natural(model.fit.x[:, : len(inputs)])[0]
+            fit = [float(x[k]) for k in model.members]
+        seen = verdict.examined.get(n)
+        gained = gain(verdict.base.left_out, seen.left_out) if seen else None
         rows.append(
             {
-                "parameter": name.removeprefix("log "),
-                "before": [float(m0[i]), float(s0[i])],
-                "after": [float(m1[i]), float(s1[i])],
-                "shift_sd": float((m1[i] - m0[i]) / s0[i]),
+                "causes": [inputs[k].cause for k in model.members],
+                "components": [inputs[k].place for k in model.members],
+                "fit": fit,
+                "probability": float(averaged.probability[n]),
+                "log_evidence": model.log_evidence,
+                "log_prior": model.log_prior,
+                "elpd_gain": gained["elpd"] if gained else None,
+                "elpd_gain_se": gained["elpd_se"] if gained else None,
+                "misfit_p_value": seen.tested.p_value if seen else None,
+                "confirmed": verdict.confirmed is not None and n in verdict.confirmed,
+                "simulations": _simulations(context.rounds, averaged.names[n]),
+                "emulator_error_sd": _error_of(context.rounds, averaged.names[n]),
             }
         )
     return rows
 
 
-def _noise(before: Sampled, after: Sampled) -> list[contract.Noise]:
-    """Inferred noise scales per quantity (in training sd), medians before and after."""
-    rows: list[contract.Noise] = []
-    for i, quantity in enumerate(before.model.observations.noise.groups):
-        values = [
-            s.posterior.quantile(s.posterior.x[:, s.model.first_sigma + i].exp(), [0.5])[0]
-            for s in (before, after)
+def _simulations(rounds: Sequence[Round], name: str) -> int:
+    """How many of a set are known."""
+    return sum(int((r.simulations["set"] == name).sum()) for r in rounds if len(r.simulations))
+
+
+def _error_of(rounds: Sequence[Round], name: str) -> float | None:
+    """Root mean square of simulated minus emulated of a set in the last round that has it."""
+    for one in reversed(rounds):
+        if len(one.simulations):
+            own = one.in_sds[(one.simulations["set"] == name).to_numpy()]
+            if own.size:
+                return float(np.sqrt(np.square(own).mean()))
+    return None
+
+
+def _confirmation(verdict: Verdict, context: Context) -> contract.Confirmation:
+    averaged, rounds = verdict.averaged, context.rounds
+    channels: list[contract.EmulatorError] = []
+    last = next((r for r in reversed(rounds) if r.in_sds.size), None)
+    if last is not None:
+        error, in_sds = (np.sqrt(np.square(v).mean(0)) for v in (last.errors, last.in_sds))
+        outputs = verdict.potential.channels.names
+        channels = [
+            {"output": name, "error": float(e), "error_sd": float(s)}
+            for name, e, s in zip(outputs, error, in_sds, strict=True)
         ]
-        rows.append({"quantity": quantity, "before": values[0], "after": values[1]})
+    known = {n for n, name in enumerate(averaged.names) if _simulations(rounds, name)}
+    sets = [n for n, model in enumerate(averaged.models) if model.members]
+    best = None if verdict.best is None else averaged.names[verdict.best]
+    return {
+        "simulations": sum(len(r.simulations) for r in rounds),
+        "simulations_of_best": _simulations(rounds, best) if best else 0,
+        "failed": sum(r.failed for r in rounds),
+        "emulator_error_sd": [r.size for r in rounds],
+        "largest_error_sd": max((c["error_sd"] for c in channels), default=math.nan),
+        "agrees": last is not None and last.agrees(context.noise_sd),
+        "probability_not_simulated": float(
+            sum(averaged.probability[n] for n in sets if n not in known)
+        ),
+        "channels": channels,
+    }
+
+
+def _separating(verdict: Verdict, context: Context) -> list[dict]:
+    """Where causes can stand for one another."""
+    if not verdict.groups:
+        return []
+    averaged = verdict.averaged
+    probable = [
+        n
+        for n in verdict.examined
+        if averaged.models[n].members and averaged.probability[n] >= LEAST_PROBABILITY
+    ]
+    return separating_measurement(averaged, probable, context.emulated, context.load_fractions)
+
+
+def _summary(row: pd.Series, prefix: str = "") -> contract.Summary:
+    mean, sd, low, high = (
+        float(row[f"{prefix}{k}"]) for k in ("mean", "sd", "lower95", "upper95")
+    )
+    return {"mean": mean, "sd": sd, "interval95": [low, high]}
+
+
+def _stiffness(table: pd.DataFrame, sources: pd.DataFrame) -> list[contract.Stiffness]:
+    rows: list[contract.Stiffness] = []
+    for name, row in table[table["role"] == "inferred"].iterrows():
+        averaged, as_it_is = _summary(row), _summary(row, "as_is_")
+        rows.append(
+            {
+                "name": str(name),
+                "unit": row["unit"],
+                "averaged": averaged,
+                "as_it_is": as_it_is,
+                "sources": {k: float(v) for k, v in sources.loc[name].items() if v > 0},
+                "shift_sd": (averaged["mean"] - as_it_is["mean"]) / as_it_is["sd"],
+            }
+        )
     return rows
 
 
-def _limits(criticism: Criticism, channels: Channels) -> list[str]:
-    """What the data do not support, in sentences. channels: those that the study observes."""
-    o, families = criticism.observations, criticism.searched.misfit.families
-    limits = []
+def _measured_inputs(verdict: Verdict, table: pd.DataFrame) -> list[contract.MeasuredInput]:
+    inputs = verdict.potential.inputs
+    return [
+        {
+            "name": inputs.names[prior.at],
+            "unit": inputs[prior.at].unit,
+            "prior_mean": prior.mean,
+            "prior_sd": prior.sd,
+            "averaged": _summary(table.loc[inputs.names[prior.at]]),
+        }
+        for prior in verdict.potential.measured
+    ]
+
+
+def _noise(verdict: Verdict) -> list[contract.Noise]:
+    averaged = verdict.averaged
+    before, after = averaged.noise_medians([averaged.base]), averaged.noise_medians()
+    return [
+        {"quantity": quantity, "before": before[quantity], "after": after[quantity]}
+        for quantity in verdict.potential.noise.groups
+    ]
+
+
+def _limits(verdict: Verdict, context: Context) -> list[str]:
+    """What the data do not support, in sentences."""
+    potential, families = verdict.potential, verdict.base.tested.families
+    observed, measured = context.emulated.emulator.channels, potential.channels.channels
+    inferred = int(potential.inputs.of_role("inferred").sum())
+    limits = [
+        f"{name}: {text}"
+        for name, table in context.tables.items()
+        for text in shortcomings(table, inferred)
+    ]
     if not families:
         limits.append("no more channels than parameters: they can be fitted whatever is wrong")
-    for channel in {c.quantity: c for c in channels if c.quantity != "volume"}.values():
-        if channel.quantity not in o.channels.quantities:
+    quantities = {c.quantity for c in measured}
+    for channel in {c.quantity: c for c in observed if c.quantity != "volume"}.values():
+        if channel.quantity not in quantities:
             what = f"{channel.quantity} strain" if channel.kind.is_strain else channel.quantity
             limits.append(f"no {what} was measured: nothing is concluded about it")
     for family in ("direction", "level", "wall"):
         if families and family not in families:
             limits.append(f"too few channels for the tests by {family}")
-    if o.noise.groups:
+    if potential.noise.groups:
         limits.append(
             "the noise is inferred: a misfit spread evenly over a direction counts as noise, and "
             "the overall test of the size of residuals does not apply"
         )
-    if len(o.subjects) > 1 and not Together.possible(criticism.base.model):
+    if verdict.averaged.poor:
         limits.append(
-            "a smooth departure of no listed shape is taken as another one in each heart: one that "
-            "is common to them has a larger probability than is stated"
+            f"the posterior has {verdict.averaged.ess:.0f} effective draws only: estimates and "
+            "intervals are rough"
         )
-    if criticism.final.posterior.poor:
+    searched = {potential.inputs[k].cause for k in potential.suspected}
+    known = {kind.name for kind in INPUTS.values() if "suspected" in kind.roles}
+    if others := sorted(known - searched - set(potential.inputs.names)):
         limits.append(
-            f"the posterior has {criticism.final.posterior.ess:.0f} effective draws only: "
-            "estimates and intervals are rough"
-        )
-    for test in criticism.tests:
-        if test.fraction_simulated < 1:
-            limits.append(
-                f"{test.name}: {100 * test.fraction_simulated:.0f} % of its simulations converged; "
-                "where the others lie, its effect is extrapolated"
-            )
-    searched = {test.name for test in criticism.tests}
-    if others := [name for name in REGISTRY if name not in searched]:
-        limits.append(
-            f"{len(others)} of the catalogue's {len(REGISTRY)} causes were not searched, because "
-            "criticism.hypotheses does not name them, the study's model rules them out, or too few "
-            "of their simulations converged: "
-            f"{', '.join(others)}"
+            f"{len(others)} inputs of the catalogue were not doubted, because the section `inputs` "
+            f"does not make them suspected: {', '.join(others)}"
         )
     return limits

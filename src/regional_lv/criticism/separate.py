@@ -1,71 +1,69 @@
 """Which measurement would tell causes apart that explain the data equally well."""
 
 from collections.abc import Sequence
+from itertools import combinations
 
-import pandas as pd
+import numpy as np
 import torch
 
 from regional_lv.channels import Channels
-from regional_lv.criticism.confirmation import correct
-from regional_lv.criticism.extended import ExtendedEmulator
-from regional_lv.emulators.base import Emulator
+from regional_lv.inference.averaging import Averaged
 from regional_lv.inference.departure import noise_units
+from regional_lv.inference.emulated import EmulatedInputs
 
 MENTIONED = 3
+"""Channels of a pair."""
 
 
 def separating_measurement(
-    rivals,
-    emulator: Emulator,
-    extensions,
+    averaged: Averaged,
+    rivals: Sequence[int],
+    emulated: EmulatedInputs,
     load_fractions: Sequence[float] = (),
-    simulations: pd.DataFrame | None = None,
 ) -> list[dict]:
-    """For every pair of `rivals` (sets of causes that were sampled): the channels, measured or not,
-    in which their predictions differ most, in units of a good measurement's noise (`noise_units`).
+    """For every pair of `rivals` (numbers of models): the channels, measured or not, in which their
+    predictions differ most, in units of a good measurement's noise (`noise_units`).
 
     Each rival predicts at its own best fit to the same data, so that only what is left open shows.
-    load_fractions: shares of the end-diastolic pressure at which the heart could be imaged. All
-    stresses scale, so that the emulators answer for them at another stiffness; a fraction at which
-    they would have to extrapolate in theta is left out, and so are channels that the study observes
-    at lower loads anyway. simulations: of the confirmation, which correct the emulators here as
-    they do in the evidence; what they correct at the full load is taken in proportion at lower
-    ones.
+    emulated: of all that the study observes. load_fractions: shares of the end-diastolic pressure
+    at which the heart could be imaged. Stresses scale, so that the emulator answers for them at
+    another stiffness; a fraction at which it would have to extrapolate is left out, and so are
+    channels that the study observes at lower loads anyway.
     """
-    by_place = {(e.hypothesis.name, e.component): e for e in extensions}
-    channels = emulator.channels
-    unit = torch.as_tensor(noise_units(channels, emulator.output_sd.numpy()))
-    predictions = {}
-    for one in rivals:
-        model, x = one.sampled.model, one.sampled.fit.x
-        found = [by_place[e.hypothesis.name, e.component] for e in model.emulator.extensions]
-        full = ExtendedEmulator(emulator, found)
-        correction = None if simulations is None else correct(model, one.members, simulations, full)
-        theta, effects = model.theta(x), model.scaled_psi(x)
-        at = {}
+    emulator, inputs = emulated.emulator, averaged.potential.inputs
+    unit = torch.as_tensor(noise_units(emulator.channels, emulator.output_sd.numpy()))
+    powers = torch.tensor([float(each.stress_power) for each in inputs])
+    inferred = torch.as_tensor(inputs.of_role("inferred"))
+    upper = torch.as_tensor(inputs.upper)
+    predictions: dict[int, dict[float, torch.Tensor]] = {}
+    for n in rivals:
+        fitted = averaged.models[n].fit
+        if fitted is None:
+            continue
+        values = inputs.coordinates.natural(fitted.x[:, : len(inputs)])
+        predictions[n] = {}
         for fraction in (1.0, *load_fractions):
-            factor = torch.tensor([fraction], dtype=theta.dtype)
-            there, others = full.under_load(theta, effects, factor)
-            if fraction == 1.0 or bool((there <= emulator.upper).all()):
-                mean = full.mean(there, others)
-                if correction is not None:
-                    mean = mean + fraction * correction.mean(theta, effects)
-                at[fraction] = mean[0].mean(0)
-        predictions[one.members] = at
-    names = list(predictions)
+            there = values * fraction**-powers
+            if fraction == 1.0 or bool((there <= upper)[:, inferred].all()):
+                scaled = inputs.coordinates.scaled(there)
+                predictions[n][fraction] = emulated.mean(scaled)[0]
     return [
         {
-            "pair": [[name for name, _ in members] for members in (one, other)],
-            "components": [[component for _, component in members] for members in (one, other)],
-            "channels": _furthest(predictions, one, other, channels, unit),
+            "pair": [list(_places(averaged, n)) for n in pair],
+            "components": [list(_places(averaged, n).values()) for n in pair],
+            "channels": _furthest(*(predictions[n] for n in pair), emulator.channels, unit),
         }
-        for i, one in enumerate(names)
-        for other in names[i + 1 :]
+        for pair in combinations(predictions, 2)
     ]
 
 
-def _furthest(predictions, one, other, channels: Channels, unit) -> list[dict]:
-    """The channels in which two rivals differ most, over all loads."""
+def _places(averaged: Averaged, number: int) -> dict[str, str]:
+    inputs = averaged.potential.inputs
+    return {inputs[k].cause: inputs[k].place for k in averaged.models[number].members}
+
+
+def _furthest(one, other, channels: Channels, unit: torch.Tensor) -> list[dict]:
+    """The channels in which two rivals' predictions, by load, differ most, over all loads."""
     gaps = [
         {
             # The load stands apart: the name is that of the channel at the full one.
@@ -74,12 +72,11 @@ def _furthest(predictions, one, other, channels: Channels, unit) -> list[dict]:
             "difference_in_noise_sd": float(gap),
             "noise": float(noise),
         }
-        for fraction in predictions[one].keys() & predictions[other].keys()
+        for fraction in one.keys() & other.keys()
         for channel, noise, gap in zip(
-            *(channels, unit, (predictions[one][fraction] - predictions[other][fraction]) / unit),
-            strict=True,
+            channels, unit, (one[fraction] - other[fraction]) / unit, strict=True
         )
         if fraction == 1.0 or channel.load_fraction == 1.0
     ]
-    gaps.sort(key=lambda gap: (-abs(gap["difference_in_noise_sd"]), -gap["load_fraction"]))
+    gaps.sort(key=lambda gap: (-np.abs(gap["difference_in_noise_sd"]), -gap["load_fraction"]))
     return gaps[:MENTIONED]

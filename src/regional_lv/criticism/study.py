@@ -1,205 +1,265 @@
-"""From the files of a study to the findings of a subject."""
+"""From measured hearts to a verdict: search, confirmation, conclusion."""
 
-import json
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
+import arviz as az
 import pandas as pd
 import torch
 
+from regional_lv import emulators
+from regional_lv.criticism import confirmation, outliers
+from regional_lv.criticism.confirmation import Round, conditioned
 from regional_lv.criticism.contract import Findings
-from regional_lv.criticism.critic import Critic
-from regional_lv.criticism.designs import read_simulated
-from regional_lv.criticism.discretisation import load_emulator
-from regional_lv.criticism.extension import read_extensions
-from regional_lv.criticism.findings import findings_of, write_findings
-from regional_lv.criticism.hypotheses import NoiseHypothesis
-from regional_lv.criticism.observations import observe
-from regional_lv.criticism.verdict import Criticism, Searched, Settings
-from regional_lv.emulators.base import Emulator
-from regional_lv.errors import InputError
-from regional_lv.input_files import reading
+from regional_lv.criticism.findings import Context, findings_of, write_findings
+from regional_lv.criticism.misfit import LinearModel, left_out, test
+from regional_lv.criticism.verdict import LEAST_PROBABILITY, Examined, Verdict
+from regional_lv.emulators.joint_gp import JointGP
+from regional_lv.inference.averaging import Averaged, average
+from regional_lv.inference.emulated import EmulatedInputs
+from regional_lv.inference.potential import Potential
+from regional_lv.inference.sampling import write
+from regional_lv.inference.subject_average import make_potential, read_known_theta
+from regional_lv.inputs.space import Inputs
 from regional_lv.jobs import passes_on
 from regional_lv.measured import read_measured
 from regional_lv.seeds import derive
 
 log = logging.getLogger(__name__)
 
+DRAWS = 4000
+"""Of the posterior, in its file."""
+
+EXAMINED = 4
+"""Sets that are tested, at most, beside the model as it is."""
+
 
 @dataclass(frozen=True)
-class Inputs:
-    """Measured tables by subject, the emulators, and how to criticise."""
+class Settings:
+    """bootstrap: replicates of the tests. level: of the test whether anything is wrong.
+    largest_set: causes in a set, at most. confirmation: its settings. load_fractions: at which the
+    heart could be imaged to tell causes apart. noise_prior_scale: of inferred noise scales.
+    strain_exponent: of the study's strain measure."""
 
-    name: str
-    tables: dict[str, pd.DataFrame]
-    emulator: Emulator
-    extensions: list
-    noises: list
-    settings: Settings
-    strain_exponent: float
+    bootstrap: int
+    level: float
+    largest_set: int
+    confirmation: confirmation.Settings
+    load_fractions: tuple[float, ...]
     noise_prior_scale: float
-    seed: int
-    known_theta: torch.Tensor | None = None
+    strain_exponent: float
 
-    def critic(self) -> Critic:
-        observations = observe(self.tables, self.emulator, self.noise_prior_scale)
-        return Critic(
-            *(observations, self.emulator, self.extensions, self.noises),
-            *(self.settings, self.seed, self.known_theta),
+    @classmethod
+    def from_config(cls, section: Mapping) -> "Settings":
+        """From the section `criticism` of the config, with the other two beside it."""
+        own = {key: section[key] for key in cls.__dataclass_fields__}
+        own["confirmation"] = confirmation.Settings(**section["confirmation"])
+        return cls(**own | {"load_fractions": tuple(section["load_fractions"])})
+
+
+@dataclass(frozen=True)
+class Concluded:
+    """Verdict and findings, and what they rest on."""
+
+    verdict: Verdict
+    findings: Findings
+
+
+class Critic:
+    """Criticises one heart, or several together.
+
+    Parameters
+    ----------
+    name: of the subject, or of the joint criticism. tables: measured, by heart (`read_measured`).
+    emulator: over all inputs and all that the study observes. physics: what
+        `inputs.space.sections_of` gives. seed: the study's.
+    known_theta: (S, P), of hearts whose factors are known but for a common number each.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        tables: Mapping[str, pd.DataFrame],
+        emulator: JointGP,
+        physics: Mapping,
+        settings: Settings,
+        seed: int,
+        known_theta: torch.Tensor | None = None,
+    ):
+        self.name, self.tables, self.emulator = name, dict(tables), emulator
+        self.inputs = Inputs.from_config(physics)
+        self.settings, self.known_theta = settings, known_theta
+        self.seed = derive(seed, "criticism", name)
+
+    def potential(self, emulator: JointGP) -> Potential:
+        """The posterior of all models, by an emulator."""
+        return make_potential(
+            emulator, self.inputs, self.tables, self.settings.noise_prior_scale, self.known_theta
         )
 
-    def findings(self, criticism: Criticism) -> Findings:
-        return findings_of(
-            *(self.name, criticism, self.emulator, self.extensions, self.tables),
-            self.strain_exponent,
+    @cached_property
+    def _outputs(self) -> list[str]:
+        """Measured in any of the hearts."""
+        measured = set().union(*(table["output"] for table in self.tables.values()))
+        return [name for name in self.emulator.outputs if name in measured]
+
+    def _noise_sd(self, potential: Potential):
+        """Of the measured outputs, as far as it is known."""
+        return potential.noise_sd_of(self._outputs)
+
+    def plan(self, rounds: Sequence[pd.DataFrame]) -> pd.DataFrame:
+        """What to simulate after some rounds; no rows where that was enough."""
+        emulator, found = conditioned(self.emulator, rounds, self._outputs)
+        potential = self.potential(emulator)
+        if found and found[-1].agrees(self._noise_sd(potential)):
+            return pd.DataFrame(columns=["sample", "set", *emulator.coordinates.names])
+        averaged = average(potential, self.settings.largest_set, self.seed)
+        return confirmation.plan(
+            averaged, self.settings.confirmation, derive(self.seed, "round", len(rounds))
         )
+
+    def conclude(self, rounds: Sequence[pd.DataFrame], has_simulator: bool = True) -> Concluded:
+        """Decide with the simulations of all rounds."""
+        emulator, found = conditioned(self.emulator, rounds, self._outputs)
+        potential = self.potential(emulator)
+        averaged = average(potential, self.settings.largest_set, self.seed)
+        noise_sd = self._noise_sd(potential)
+        confirmed = _confirmed(averaged, found, noise_sd) if has_simulator else None
+        verdict = Verdict(
+            averaged, self._examine(averaged), self.settings.level, confirmed
+        ).conclude()
+        context = Context(
+            *(self.name, self.tables, EmulatedInputs(emulator, self.inputs), found, noise_sd),
+            *(self.settings.bootstrap, self.settings.load_fractions),
+            self.settings.strain_exponent,
+        )
+        return Concluded(verdict, findings_of(verdict, context))
+
+    def _examine(self, averaged: Averaged) -> dict[int, Examined]:
+        """The model as it is, and the most probable others."""
+        leading = [
+            n
+            for n in averaged.drawn
+            if averaged.probability[n] >= LEAST_PROBABILITY and averaged.models[n].fit is not None
+        ]
+        first = next((n for n in averaged.drawn if averaged.models[n].members), None)
+        chosen = [averaged.base, *leading[:EXAMINED], *([] if first is None else [first])]
+        return {n: self._examined(averaged, n) for n in sorted(set(chosen))}
+
+    def _examined(self, averaged: Averaged, number: int) -> Examined:
+        fitted = averaged.models[number].fit
+        assert fitted is not None
+        linear = LinearModel.of(averaged.potential, fitted)
+        tested = test(
+            linear,
+            number == averaged.base,
+            self.settings.bootstrap,
+            derive(self.seed, "bootstrap", averaged.names[number]),
+        )
+        return Examined(linear, tested, left_out(linear))
+
+
+def _confirmed(averaged: Averaged, rounds: Sequence[Round], noise_sd) -> frozenset[int]:
+    """Models of which there are enough simulations, if those of the last round agree."""
+    known = [r for r in rounds if len(r.simulations)]
+    if not known or not known[-1].agrees(noise_sd):
+        return frozenset()
+    counts = pd.concat([r.simulations["set"] for r in known]).value_counts()
+    return frozenset(
+        n
+        for n, name in enumerate(averaged.names)
+        if counts.get(name, 0) >= confirmation.FEWEST
+    )
+
+
+def criticise(
+    critic: Critic, simulate: Callable[[pd.DataFrame], pd.DataFrame] | None
+) -> Concluded:
+    """All steps at once.
+
+    simulate: makes what a plan asks for, as `confirmation.simulate` does; without it nothing is
+    confirmed.
+    """
+    rounds: list[pd.DataFrame] = []
+    while simulate and len(rounds) < critic.settings.confirmation.rounds:
+        design = critic.plan(rounds)
+        if design.empty:
+            break
+        rounds.append(simulate(design))
+    return critic.conclude(rounds, simulate is not None)
+
+
+# ---------------------------------------------------------------------------------- from files
 
 
 def read_critic(
     subject: str,
-    emulator: str | Path,
-    extensions: Sequence[str | Path],
+    emulator_file: str | Path,
     subjects: Sequence[str],
     measured: Sequence[str | Path],
-    settings: dict,
-    strain_exponent: float,
-    noise_prior_scale: float,
+    physics: Mapping,
+    settings: Mapping,
     seed: int,
     known_theta: Sequence[str | Path] = (),
-    discretisation: str | Path | Sequence[str] = (),
-) -> Inputs:
+) -> Critic:
     """What all steps of the criticism read.
 
     subject: name of the subject, or of the joint criticism. subjects, measured: whose files they
-    are, and the files. settings: section `criticism` of the config. strain_exponent: of the study's
-    strain measure. known_theta: tables (CSV) with `subject` and the parameters, for hearts whose
-    theta is known up to a common number for each factor of the material. discretisation: file of
-    `discretisation.train_discretisation`, or nothing.
-
-    Raises InputError for files that cannot be used, before anything is fitted.
+    are, and the files. settings: as of `Settings.from_config`. known_theta: tables (CSV) with
+    `subject` and the parameters. Raises InputError for files that cannot be used.
     """
+    given = Settings.from_config(settings)
     tables = {
-        name: read_measured(path, strain_exponent=strain_exponent)
+        name: read_measured(path, strain_exponent=given.strain_exponent)
         for name, path in zip(subjects, measured, strict=True)
     }
-    trained = load_emulator(emulator, discretisation)
-    names = trained.parameters.names
-    theta = read_known_theta(known_theta, list(subjects), names) if known_theta else None
-    changing, noises = split(read_extensions(extensions))
-    return Inputs(
-        *(subject, tables, trained, changing, noises),
-        *(Settings.from_config(settings), strain_exponent, noise_prior_scale),
-        *(derive(seed, "criticism", subject), theta),
-    )
-
-
-@passes_on(read_critic)
-def search_causes(search: str | Path, **inputs) -> None:
-    """Test the base model and search for sets of causes; write what was found (JSON).
-
-    inputs: as of `read_critic`.
-    """
-    searched = read_critic(**inputs).critic().search()
-    Path(search).write_text(json.dumps(searched.content()) + "\n")
+    emulator = emulators.load(emulator_file)
+    theta = read_known_theta(known_theta, list(subjects), physics) if known_theta else None
+    return Critic(subject, tables, emulator, physics, given, seed, theta)
 
 
 @passes_on(read_critic)
 def plan_confirmation(
-    search: str | Path,
-    turn: str,
-    design: str | Path,
-    simulations: Sequence[str | Path] = (),
-    **inputs,
+    simulations: Sequence[str | Path], design: str | Path, **inputs
 ) -> None:
-    """Write what a round of the confirmation has to simulate (Parquet).
+    """Write what the next round of the confirmation has to simulate (Parquet).
 
-    turn: number of the round. simulations: of the rounds before. inputs: as of `read_critic`.
+    simulations: of the rounds before. inputs: as of `read_critic`.
     """
-    critic = read_critic(**inputs).critic()
-    rows = critic.plan(_searched(search), _simulated(simulations), int(turn))
-    rows.to_parquet(design, index=False)
+    read_critic(**inputs).plan(_read(simulations)).to_parquet(design, index=False)
 
 
 @passes_on(read_critic)
 def conclude_criticism(
-    search: str | Path, simulations: Sequence[str | Path], findings: str | Path, **inputs
+    simulations: Sequence[str | Path], findings: str | Path, posterior: str | Path, **inputs
 ) -> None:
-    """Decide with the simulations of all rounds, and write the findings (JSON).
+    """Decide with the simulations of all rounds; write the findings (JSON) and the posterior
+    averaged over models (NetCDF, `posterior_of`).
 
     inputs: as of `read_critic`.
     """
-    given = read_critic(**inputs)
-    criticism = given.critic().conclude(_searched(search), _simulated(simulations))
-    content = given.findings(criticism)
-    write_findings(content, findings)
-    for sentence in content["words"]:
+    critic = read_critic(**inputs)
+    concluded = critic.conclude(_read(simulations))
+    write(posterior_of(concluded.verdict.averaged, critic.seed), posterior)
+    write_findings(concluded.findings, findings)
+    for sentence in concluded.findings["words"]:
         log.info("%s", sentence)
 
 
-def criticise(inputs: Inputs, simulate: Callable[[pd.DataFrame], pd.DataFrame] | None) -> Findings:
-    """The findings, all steps at once.
+def _read(simulations: Sequence[str | Path]) -> list[pd.DataFrame]:
+    """Tables of the rounds in which something was simulated."""
+    tables = [pd.read_parquet(path) for path in simulations]
+    return [table for table in tables if len(table)]
 
-    simulate: makes the outputs of a design, as `injection.simulate_design` does; without it nothing
-    is confirmed, and nothing named.
+
+def posterior_of(averaged: Averaged, seed: int) -> az.InferenceData:
+    """`Averaged.inference_data` with the predictions of its draws, and those of the model as it is
+    in groups of their own.
+
+    Groups: posterior, posterior_predictive (y: chain, draw, output), sample_stats; observed_data (y,
+    output); as_it_is and as_it_is_predictive, the same of the model as it is.
     """
-    critic = inputs.critic()
-    searched = critic.search()
-    made: list[pd.DataFrame] = []
-    while simulate and len(made) < inputs.settings.turns:
-        design = critic.plan(searched, _together(made), len(made))
-        if design.empty:
-            break
-        made.append(simulate(design))
-    return inputs.findings(critic.conclude(searched, _together(made)))
-
-
-def _searched(path: str | Path) -> Searched:
-    return Searched.of(json.loads(Path(path).read_text()))
-
-
-def _simulated(paths: Sequence[str | Path]) -> pd.DataFrame | None:
-    return _together([read_simulated(path) for path in paths])
-
-
-def _together(tables: list[pd.DataFrame]) -> pd.DataFrame | None:
-    tables = [table for table in tables if len(table)]
-    return pd.concat(tables, ignore_index=True) if tables else None
-
-
-def split(extensions) -> tuple[list, list]:
-    """Extensions that change the outputs, and hypotheses that change the noise."""
-    noises = [e.hypothesis for e in extensions if isinstance(e.hypothesis, NoiseHypothesis)]
-    changing = [e for e in extensions if not isinstance(e.hypothesis, NoiseHypothesis)]
-    return changing, noises
-
-
-def read_known_theta(
-    paths: Sequence[str | Path], subjects: list[str], parameters: Sequence[str]
-) -> torch.Tensor:
-    """Theta (S, P) of `subjects`, from tables with `subject` and the `parameters` (P names).
-
-    Raises InputError for a missing column or subject, or for a value that is no positive number.
-    """
-    tables = []
-    for path in paths:
-        with reading(path, "check the path, and save it as CSV in UTF-8"):
-            table = pd.read_csv(path, dtype={"subject": str})
-        missing = [c for c in ("subject", *parameters) if c not in table]
-        if missing:
-            raise InputError(f"{path}: no column {', '.join(missing)}; add what is missing")
-        tables.append(table.set_index("subject")[list(parameters)])
-    values = pd.concat(tables)
-    where = ", ".join(map(str, paths[:3]))
-    absent = [s for s in subjects if s not in values.index]
-    if absent:
-        raise InputError(f"{where}: no row for {', '.join(absent)}; add a row for each subject")
-    values = values[~values.index.duplicated()].loc[subjects]
-    for subject, row in values.iterrows():
-        numbers = pd.to_numeric(row, errors="coerce")
-        if not numbers.between(0, float("inf"), inclusive="neither").all():
-            raise InputError(
-                f"{where}, row {subject}: a parameter is no finite number above zero; correct it"
-            )
-    return torch.as_tensor(values.to_numpy(float))
+    return averaged.inference_data(DRAWS, seed)

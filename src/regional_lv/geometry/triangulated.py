@@ -234,8 +234,11 @@ def _place(point):
 
 def _length(surface):
     """Extent along the surface's own longest direction."""
-    points = surface.points - surface.points.mean(axis=0)
-    return np.ptp(points @ np.linalg.svd(points.T @ points)[0][:, 0])
+    points = surface.points.astype(float)
+    size = np.abs(points).max() or 1.0  # squares of damaged coordinates overflow otherwise
+    points = points / size
+    points -= points.mean(axis=0)
+    return size * np.ptp(points @ np.linalg.svd(points.T @ points)[0][:, 0])
 
 
 def _check_lengths(paths, given, unit):

@@ -271,7 +271,9 @@ def _meant(word: str, asked: dict, every: Sequence[Input], model: Mapping) -> li
     by_name = [each for each in every if each.name == word]
     by_word = [each for each in every if word in each.words and each not in by_name]
     if not by_name and not by_word:
-        raise InputError(f"{SECTION}.{word}: {_why_unknown(word, every, model)}")
+        if kind == "fixed" and word in INPUTS:
+            return []  # what a study does not have stays as it is
+        raise InputError(f"{SECTION}.{word}: {why_unknown(word, every, model)}")
     able = [[each for each in group if kind in each.roles] for group in (by_name, by_word)]
     able = [group for group in able if group]
     if not able:
@@ -301,7 +303,8 @@ def _meant(word: str, asked: dict, every: Sequence[Input], model: Mapping) -> li
     )
 
 
-def _why_unknown(word: str, every: Sequence[Input], model: Mapping) -> str:
+def why_unknown(word: str, every: Sequence[Input], model: Mapping) -> str:
+    """Why no input of `every` is meant by a word, and the remedy."""
     for kind in INPUTS.values():
         if word in (kind.name, kind.family) or word.startswith(f"{kind.name}_"):
             reason = kind.why_not(model)

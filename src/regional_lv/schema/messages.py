@@ -32,6 +32,13 @@ MOVED = {
     },
     "criticism.rounds": "`criticism.largest_set`; causes are searched for in sets, not one by one",
     "criticism.leading": "nothing: all sets of causes are fitted",
+    "criticism.hypotheses": "`inputs`, such as {septal_load: suspected}, or {causes: suspected}",
+    "criticism.anchors": "`all_inputs.simulations`",
+    "criticism.mesh": "nothing: causes are simulated on `mesh`",
+    "criticism.discretisation": "`all_inputs.finer`",
+    "criticism.draws": "nothing: as many draws are taken as are needed",
+    "criticism.extends": "nothing: findings hold the model as it is beside the averaged one",
+    "all_inputs.largest_set": "`criticism.largest_set`",
 }
 """Keys of earlier versions, and what does their work now."""
 
