@@ -1,8 +1,8 @@
-"""Hidden effects: many hearts criticised blind. `benchmark_score` compares them with their truth."""
+"""Hidden effects: many hearts criticised blind; `benchmark_score` compares them with the truth."""
 
 import json
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -10,11 +10,12 @@ import pandas as pd
 
 from regional_lv import emulators
 from regional_lv.channels import Channels
+from regional_lv.criticism import confirmation
 from regional_lv.criticism.contract import Findings
-from regional_lv.criticism.study import Critic
+from regional_lv.criticism.study import Critic, Settings, criticise
+from regional_lv.inputs.space import Inputs, Role
 from regional_lv.measured import synthetic_subject
 from regional_lv.progress import Progress
-from regional_lv.simulations import make_runner, run_all, tabulate
 
 OF_HEART = (
     *("named", "groups", "acts_like", "explained", "trusted", "best", "base_probability"),
@@ -32,56 +33,59 @@ OF_CONFIRMATION = (
 
 
 class Simulate:
-    """Simulates for a confirmation, and counts the CPU seconds that it takes.
+    """Simulates what a confirmation asks for, and counts the CPU seconds that it takes.
 
     Parameters
     ----------
-    mesh, predictor, physics: as for `simulations.make_runner`; read when the first one is asked
-        for.
+    mesh, physics, predictor: as for `simulations.make_runner`; read when they are needed.
     """
 
-    def __init__(self, mesh: str | Path, predictor: str | Path, physics: Mapping):
+    def __init__(self, mesh: str | Path, physics: Mapping, predictor: str | Path):
         self._given, self._runner = (mesh, physics, predictor), None
         self.seconds = 0.0
 
-    def __call__(self, values: np.ndarray) -> pd.DataFrame:
-        """A row for each of the values (n, k) of the simulated inputs, which are its first columns;
-        the others as of `simulations.tabulate`."""
+    def __call__(self, rows: pd.DataFrame) -> pd.DataFrame:
+        """As `confirmation.simulate`."""
         started = time.process_time()
-        self._runner = self._runner or make_runner(*self._given)
-        design = pd.DataFrame(values, columns=list(self._runner.coordinates.names))
-        results = run_all(self._runner, values, "confirmation")
+        if self._runner is None:
+            from regional_lv.simulations import make_runner  # DOLFINx takes seconds to load
+
+            self._runner = make_runner(*self._given)
+        made = confirmation.simulate(self._runner, rows)
         self.seconds += time.process_time() - started
-        return tabulate(design, results, self._runner.channels)
+        return made
 
 
 def criticise_batch(
     subjects: str | Path,
-    emulator: str | Path,
+    emulator_file: str | Path,
     mesh: str | Path,
     predictor: str | Path,
     physics: Mapping,
     settings: Mapping,
     seed: int,
+    batch: str,
     findings: str | Path,
 ) -> None:
-    """Criticise the hearts of a batch (as of `injection.inject_batch`), each without what it is left
-    out of its search; write what counts of their findings (JSON, by subject: `reduced`), with the
-    CPU `seconds` of each, those of its simulations apart (`simulation_seconds`).
+    """Criticise the hearts of a batch (as of `injection.inject_batch`), each without the inputs
+    that are left out of its search; write what counts of their findings (`reduced`, JSON, by
+    subject), with the CPU `seconds` of each, those of its simulations apart (`simulation_seconds`).
 
-    emulator: over all inputs. mesh, predictor: for confirming simulations. physics: what
-    `inputs.space.sections_of` gives. settings: section `criticism`. seed: the study's.
+    emulator_file: over all inputs. mesh, predictor: for confirming simulations. physics: what
+    `inputs.space.sections_of` gives. settings: as of `study.Settings.from_config`. seed: the
+    study's.
     """
-    trained, table = emulators.load(emulator), pd.read_parquet(subjects)
-    simulate, found = Simulate(mesh, predictor, physics), {}
-    progress = Progress("hidden effects", len(table))
+    emulator, table = emulators.load(emulator_file), pd.read_parquet(subjects)
+    simulate, given = Simulate(mesh, physics, predictor), Settings.from_config(settings)
+    progress, found = Progress(f"hidden effects batch {batch}", len(table)), {}
     for _, row in table.iterrows():
-        started, before = time.process_time(), simulate.seconds
-        critic = Critic(trained, physics, settings, seed, left_out=tuple(row["left_out"].split()))
-        content = critic.criticise(measured_of(row), row["subject"], simulate)
-        spent, simulated = time.process_time() - started, simulate.seconds - before
-        times = {"seconds": spent - simulated, "simulation_seconds": simulated}
-        found[row["subject"]] = reduced(content) | times
+        name, started, before = row["subject"], time.process_time(), simulate.seconds
+        critic = Critic(name, {name: measured_of(row)}, emulator, physics, given, seed)
+        critic.inputs = fixed(critic.inputs, row["left_out"].split())
+        content = criticise(critic, simulate).findings
+        simulated = simulate.seconds - before
+        times = {"seconds": time.process_time() - started - simulated}
+        found[name] = reduced(content) | times | {"simulation_seconds": simulated}
         progress.step()
     Path(findings).write_text(json.dumps(found) + "\n")
 
@@ -94,12 +98,17 @@ def measured_of(row: pd.Series) -> pd.DataFrame:
     return synthetic_subject(values, channels, noise, np.zeros(len(channels)))
 
 
+def fixed(inputs: Inputs, names: Sequence[str]) -> Inputs:
+    """The same inputs, some of them at their nominal values in every model."""
+    roles = dict(zip(inputs.names, inputs.roles, strict=True))
+    return Inputs(inputs.base, inputs, roles | {name: Role("fixed") for name in names})
+
+
 def reduced(findings: Findings) -> dict:
     """What the score needs of one heart's findings: plain values."""
-    content: Mapping = findings
     remaining = findings["remaining"]
     return {
-        **{key: content[key] for key in OF_HEART},
+        **_chosen(findings, OF_HEART),
         "detected": findings["misfit"]["detected"],
         "misfit_p_value": findings["misfit"]["p_value"],
         "remaining_p_value": remaining["p_value"] if remaining else None,

@@ -12,19 +12,18 @@ import torch
 from scipy import stats
 
 from regional_lv import emulators
+from regional_lv.criticism import misfit
 from regional_lv.criticism.benchmark import measured_of
 from regional_lv.criticism.injection import EFFECTS
+from regional_lv.criticism.misfit import LinearModel
 from regional_lv.criticism.rates import confusions, rate, weighted_rate
-from regional_lv.emulators.base import Emulator
+from regional_lv.criticism.study import Critic, Settings
 from regional_lv.errors import InputError
 from regional_lv.inference import importance
 from regional_lv.inference.averaging import LEVELS, RESAMPLED
 from regional_lv.inference.drawing import ITERATIONS, LEAST_GAIN, sample
-from regional_lv.inference.emulated import EmulatedInputs
 from regional_lv.inference.evidence import WEAK, Fits, fit
-from regional_lv.inference.likelihood import Noise
 from regional_lv.inference.potential import Potential
-from regional_lv.inputs.space import Inputs
 from regional_lv.seeds import derive
 
 FAR = 3.0
@@ -36,11 +35,20 @@ LISTED = ("singles", "pairs", "triples", "nulls")
 DRAWS = 1000
 """Of a round of sampling of a true model."""
 
+LEVEL = 0.05
+"""At which p-values of true models count as rejections."""
+
 BINS = (0.0, 0.01, 0.05, 0.2, 0.5, 0.8, 0.95, 0.99, 1.0)
 """Ends of the bins of probabilities in the table of reliability."""
 
-MODELS = {"averaged": "averaged", "as_it_is": "as it is", "true": "true model"}
-"""Posteriors whose intervals of stiffness are judged, and what they are called."""
+MODELS = ("averaged", "as_it_is", "true")
+"""Posteriors whose intervals of stiffness are judged."""
+
+OF_TRUE_MODEL = [
+    *("subject", "input", "role", "cause", "place", "value"),
+    *("expected_z", "low", "high", "p_value"),
+]
+"""Columns of the table of true models."""
 
 
 # --------------------------------------------------------------------------------- true models
@@ -49,73 +57,64 @@ MODELS = {"averaged": "averaged", "as_it_is": "as it is", "true": "true model"}
 def sample_true_models(
     subjects: str | Path,
     truth: str | Path,
-    emulator: str | Path,
+    emulator_file: str | Path,
     physics: Mapping,
+    settings: Mapping,
     seed: int,
     models: str | Path,
 ) -> None:
-    """What the true model of each heart of a batch says, in which exactly the inputs are free that
-    are not at their nominal values; write it (Parquet).
+    """What the true model of each heart of a batch says, in which exactly the suspected inputs are
+    free that are not at their nominal values; write it (Parquet).
 
-    One row per effect and inferred input: `subject`, `input`, `role`, `cause` and `place` (of
-    effects), the true `value`, `expected_z` (effects: `expected_scores`), ends of the 95 %
-    interval, `low` and `high`. Unlisted hearts have no true model: of them the values alone, and of
-    their inferred inputs only if `has_stiffness`. emulator: over all inputs. physics: what
-    `inputs.space.sections_of` gives. seed: the study's.
+    One row per effect and inferred input: `subject`, `input`, `role` (`effect` or `inferred`),
+    `cause` and `place`, the true `value`, `expected_z` (effects: `expected_scores`), ends of the
+    95 % interval (`low`, `high`), and the p-value of the model's misfit test (`p_value`). Unlisted
+    hearts have no true model: of them the values alone, and of their inferred inputs only if
+    `has_stiffness`. Other arguments as for `benchmark.criticise_batch`.
     """
-    inputs, trained = Inputs.from_config(physics), emulators.load(emulator)
+    emulator, given = emulators.load(emulator_file), Settings.from_config(settings)
     known = pd.read_parquet(truth).set_index("subject")
     rows: list[dict] = []
     for _, row in pd.read_parquet(subjects).iterrows():
         name = row["subject"]
-        true = known.loc[name]
-        values = json.loads(true["values"])
-        if true["has_stiffness"]:
-            potential = potential_of(measured_of(row), trained, inputs)
-            listed = true["group"] != "unlisted"
+        heart = known.loc[name]
+        if heart["has_stiffness"]:
+            critic = Critic(name, {name: measured_of(row)}, emulator, physics, given, seed)
             own = derive(seed, "true model", name)
-            rows += [{"subject": name} | r for r in true_model(potential, values, listed, own)]
-    columns = ["subject", "input", "role", "cause", "place", "value", "expected_z", "low", "high"]
-    pd.DataFrame(rows, columns=columns).to_parquet(models, index=False)
-
-
-def potential_of(table: pd.DataFrame, emulator: Emulator, inputs: Inputs) -> Potential:
-    """The posterior of a measured table whose noise is known.
-
-    emulator: over all inputs.
-    """
-    table = table.set_index("output")
-    chosen = emulator.select([name for name in emulator.outputs if name in table.index])
-    table = table.loc[list(chosen.outputs)]
-    y, sd = (torch.as_tensor(table[column].to_numpy(float)) for column in ("value", "sd"))
-    return Potential(EmulatedInputs(chosen, inputs), inputs, y, Noise.known(sd))
+            values, listed = json.loads(heart["values"]), heart["group"] != "unlisted"
+            found = true_model(critic.potential(emulator), values, listed, given.bootstrap, own)
+            rows += [{"subject": name} | each for each in found]
+    pd.DataFrame(rows, columns=OF_TRUE_MODEL).to_parquet(models, index=False)
 
 
 def true_model(
-    potential: Potential, values: Mapping[str, float], listed: bool, seed: int
+    potential: Potential, values: Mapping[str, float], listed: bool, replicates: int, seed: int
 ) -> list[dict]:
     """Rows of `sample_true_models` of one heart.
 
-    values: by input, among others. listed: whether it has a true model.
+    values: by input, among others. listed: whether it has a true model. replicates: of the misfit
+    test's bootstrap.
     """
     inputs = potential.inputs
-    x = potential.nominal[None].clone()
     natural = np.array([values.get(e.name, v) for e, v in zip(inputs, inputs.nominal, strict=True)])
+    x = potential.nominal[None].clone()
     x[0, : len(inputs)] = torch.as_tensor(inputs.coordinates.scaled(natural))
-    on = [k for k in potential.suspected if x[0, k] != potential.nominal[k]]
-    inferred = np.flatnonzero(inputs.of_role("inferred")).tolist()
-    reported = [*on, *inferred] if listed else inferred
-    rows = {k: {"input": inputs[k].name, "value": natural[k]} for k in reported}
-    for k in reported:
-        role = "effect" if k in on else "inferred"
-        rows[k] |= {"role": role, "cause": inputs[k].cause, "place": inputs[k].place}
+    on = [k for k in potential.suspected if x[0, k] != potential.nominal[k]] if listed else []
+    roles = dict.fromkeys(on, "effect")
+    roles |= dict.fromkeys(np.flatnonzero(inputs.of_role("inferred")).tolist(), "inferred")
+    rows = {
+        k: {"input": inputs[k].name, "role": role, "value": natural[k]}
+        | {"cause": inputs[k].cause, "place": inputs[k].place}
+        for k, role in roles.items()
+    }
     if listed:
-        free = potential.free(on)[None]
+        free, zero = potential.free(on)[None], x.new_zeros(1)
         for k, score in expected_scores(potential, x, free, on).items():
             rows[k]["expected_z"] = score
-        fitted = _fitted(potential, x, free)
-        for k, (low, high) in _intervals(potential, fitted, reported, seed).items():
-            rows[k] |= {"low": low, "high": high}
+        fitted = fit(potential, free, zero, x, potential.settle(x, zero), ITERATIONS, LEAST_GAIN)
+        p_value = misfit.test(LinearModel.of(potential, fitted), (), replicates, seed).p_value
+        for k, (low, high) in _intervals(potential, fitted, list(rows), seed).items():
+            rows[k] |= {"low": low, "high": high, "p_value": p_value}
     return list(rows.values())
 
 
@@ -134,12 +133,6 @@ def expected_scores(
     covariance = torch.linalg.inv(precision[which][:, which])
     sd = dict(zip(which.tolist(), covariance.diagonal().sqrt().tolist(), strict=True))
     return {k: float((x[0, k] - potential.nominal[k]).abs()) / sd[k] for k in on}
-
-
-def _fitted(potential: Potential, x: torch.Tensor, free: torch.Tensor) -> Fits:
-    zero = x.new_zeros(1)
-    error = potential.settle(x, zero)
-    return fit(potential, free, zero, x, error, ITERATIONS, LEAST_GAIN)
 
 
 def _intervals(
@@ -191,6 +184,8 @@ def score_benchmark(
         rows += cases_of(name, heart, own, here)
         if heart["group"] in LISTED:
             probabilities += _probabilities(own, set(here["cause"]), len(here))
+    p_values = inferred.assign(group=inferred["subject"].map(known["group"]))
+    p_values = p_values[p_values["group"].isin(LISTED)].groupby("subject")["p_value"].first()
     tables = {
         cases: pd.DataFrame(rows),
         stiffness: stiffness_of(found, known, inferred),
@@ -199,7 +194,7 @@ def score_benchmark(
     for path, table in tables.items():
         table.to_csv(path, index=False)
     confusions(tables[cases]).to_csv(confusion)
-    content = summarise(tables[cases], tables[stiffness])
+    content = summarise(tables[cases], tables[stiffness], p_values)
     Path(summary).write_text(json.dumps(content, indent=1) + "\n")
 
 
@@ -311,15 +306,16 @@ def reliabilities(probabilities: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=columns)
 
 
-def summarise(cases: pd.DataFrame, stiffness: pd.DataFrame) -> dict:
+def summarise(cases: pd.DataFrame, stiffness: pd.DataFrame, p_values: pd.Series) -> dict:
     """Rates with exact 95 % intervals (Clopper and Pearson 1934), by group of hearts.
 
     `found`: of hearts all of whose effects are `FAR` or more standard errors large given the
     others, the share whose answer holds them all. `effects_found`: of all effects of that size.
     `wrong_named`: as of `cases_of`; of groups without listed causes, anything named. `coverage`: of
     the 95 % intervals of causes in the answer. `stiffness`: what the intervals of each of `MODELS`
-    cover, and the median of the averaged ones' width over that of the true model. `true_model`:
-    p-values of the misfit test (`p_values_of`).
+    cover; `width_ratio`: the median of the averaged ones' width over that of the true model.
+    `true_model`: how many of the p-values (hearts,) of the misfit test of true models are below
+    5 %, and the p-value of Kolmogorov's test that they are uniform.
     """
     hearts = cases.groupby("subject", sort=True).first()
     summary: dict[str, object] = {
@@ -342,6 +338,13 @@ def summarise(cases: pd.DataFrame, stiffness: pd.DataFrame) -> dict:
     with_effects = hearts["group"].map(EFFECTS) > 0
     summary["absent_named"] = rate(hearts.loc[with_effects, "wrong_named"].astype(bool))
     summary["coverage"] = rate(cases["covered"].dropna().astype(bool))
+    p_values = p_values.dropna()
+    summary["true_model"] = {
+        "rejected": rate(p_values < LEVEL),
+        "uniform_p_value": float(stats.kstest(p_values, "uniform").pvalue)
+        if len(p_values)
+        else None,
+    }
     return summary
 
 

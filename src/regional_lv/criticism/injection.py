@@ -247,9 +247,11 @@ def unit_noise(tails: float, size: int, rng: np.random.Generator) -> np.ndarray:
 def inject_batch(
     mesh: str | Path,
     physics: Mapping,
-    benchmark: Mapping,
+    hearts: Mapping[str, int],
+    noise: Mapping[str, float],
     seed: int,
     batch: str,
+    batch_size: int,
     subjects: str | Path,
     truth: str | Path,
     predictor: str | Path | Sequence[str] = (),
@@ -257,18 +259,20 @@ def inject_batch(
     """Simulate and measure one batch of `plan_hearts`; write the subjects and the truth.
 
     mesh: finer than the study's, so that nothing rests on errors that both share. physics: what
-    `inputs.space.sections_of` gives. benchmark: section `criticism.benchmark`. seed: the study's.
-    predictor: of the mesh, or nothing. Subjects (Parquet): `subject`, the D outputs with noise,
-    their `sd_<output>`, and `left_out`, what their criticism may not know. Truth (Parquet), which
-    no inference reads: `subject`, `group`, `unlisted`, `detail`, `has_stiffness`, `causes` (names,
-    JSON), `values` (by input, JSON), `status` and `reason`; a heart that could not be inflated is
-    in the truth alone.
+    `inputs.space.sections_of` gives. hearts: how many of each group; noise: its scales. seed: the
+    study's. predictor: of the mesh, or nothing.
+
+    Subjects (Parquet): `subject`, the D outputs with noise, their `sd_<output>`, and `left_out`,
+    names of the inputs that their criticism may not know. Truth (Parquet), which no inference
+    reads: `subject`, `group`, `unlisted`, `detail`, `has_stiffness`, `causes` (names, JSON),
+    `values` (by input, JSON), `status` and `reason`; a heart that could not be inflated is in the
+    truth alone.
     """
     inputs = Inputs.from_config(physics)
-    first, size = int(batch) * benchmark["subjects_per_batch"], benchmark["subjects_per_batch"]
-    hearts = plan_hearts(benchmark["hearts"], inputs, seed)[first : first + size]
-    injection = Injection(Ventricles(mesh, inputs, predictor or None), benchmark["noise"])
-    tables = inject(injection, hearts, f"hidden effects batch {batch}")
+    first = int(batch) * batch_size
+    planned = plan_hearts(hearts, inputs, seed)[first : first + batch_size]
+    injection = Injection(Ventricles(mesh, inputs, predictor or None), noise)
+    tables = inject(injection, planned, f"hidden effects batch {batch}")
     for table, path in zip(tables, (subjects, truth), strict=True):
         table.to_parquet(path, index=False)
 
