@@ -14,7 +14,7 @@ from scipy import stats
 from regional_lv import emulators
 from regional_lv.criticism import misfit
 from regional_lv.criticism.benchmark import measured_of
-from regional_lv.criticism.injection import EFFECTS
+from regional_lv.criticism.groups import EFFECTS, FAR, LISTED, MODELS
 from regional_lv.criticism.misfit import LinearModel
 from regional_lv.criticism.rates import confusions, rate, weighted_rate
 from regional_lv.criticism.study import Critic, Settings
@@ -26,12 +26,6 @@ from regional_lv.inference.evidence import WEAK, Fits, fit
 from regional_lv.inference.potential import Potential
 from regional_lv.seeds import derive
 
-FAR = 3.0
-"""Standard errors, given the other effects, from which on an injected effect has to be found."""
-
-LISTED = ("singles", "pairs", "triples", "nulls")
-"""Groups whose causes are all in the catalogue that is searched."""
-
 DRAWS = 1000
 """Of a round of sampling of a true model."""
 
@@ -40,9 +34,6 @@ LEVEL = 0.05
 
 BINS = (0.0, 0.01, 0.05, 0.2, 0.5, 0.8, 0.95, 0.99, 1.0)
 """Ends of the bins of probabilities in the table of reliability."""
-
-MODELS = ("averaged", "as_it_is", "true")
-"""Posteriors whose intervals of stiffness are judged."""
 
 OF_TRUE_MODEL = [
     *("subject", "input", "role", "cause", "place", "value"),

@@ -12,6 +12,7 @@ import pandas as pd
 from scipy import stats
 
 from regional_lv.channels import Channels
+from regional_lv.criticism.groups import EFFECTS
 from regional_lv.criticism.unlisted import UNLISTED
 from regional_lv.criticism.ventricles import Ventricles
 from regional_lv.errors import InputError
@@ -25,9 +26,6 @@ from regional_lv.progress import Progress
 from regional_lv.seeds import derive
 
 log = logging.getLogger(__name__)
-
-EFFECTS = {"singles": 1, "pairs": 2, "triples": 3, "unlisted": 0, "nulls": 0, "misread": 0}
-"""Group of hearts -> how many causes of the study's catalogue their criticism has to find."""
 
 LEFT_OUT = "left_out"
 """Unlisted hearts with a cause of the catalogue that their criticism does not search."""
