@@ -1,4 +1,4 @@
-"""The score of hidden effects, against cases counted by hand."""
+"""The score of hidden effects, against hearts counted by hand."""
 
 import json
 
@@ -8,186 +8,220 @@ import pytest
 import torch
 from statsmodels.regression.linear_model import GLS
 
-from regional_lv.criticism import benchmark
-from regional_lv.criticism.benchmark import expected_scores, measured_of, summarise
-from regional_lv.criticism.observations import observe
-from regional_lv.criticism.rates import rate
-from regional_lv.measured import read_measured, write_measured
+from regional_lv.channels import Channels
+from regional_lv.criticism import benchmark_score
+from regional_lv.criticism.benchmark import fixed, measured_of
+from regional_lv.criticism.benchmark_score import OF_TRUE_MODEL, expected_scores, reliabilities
+from regional_lv.criticism.rates import rate, weighted_rate
+from regional_lv.measured import read_measured, synthetic_subject, write_measured
 from regional_lv.plots import hidden_effects
-from tests.criticism.test_verdict import findings
-from tests.criticism.toy import (
-    PARAMETERS,
-    THETA,
-    Pressure,
-    ToyEmulator,
-    basal,
-    bias,
-    measured,
-    scars,
-    simulate,
-)
+from tests.inference.toys import linear_problem, toy_inputs
+
+CAUSES = ("septal_load", "basal_motion", "focal_scar")
+TRUTH = 1.0
 
 
-def case(subject, kind, effect, answer, z, covered=True, **more):
-    row = {
-        "subject": subject,
-        "kind": kind,
-        "effect": effect,
-        "answer": answer,
-        "expected_z": z,
-        "contains": (effect in answer.split()) if effect != "none" else np.nan,
-        "covered": covered if effect in answer.split() and effect != "none" else np.nan,
-        "identifiable": True if effect != "none" else np.nan,
-        "wrong_named": bool(set(answer.split()) - {effect, "none"}),
-        "detected": answer != "none",
-        "misfit_p": 0.5,
-        "seconds": 1.0,
+def found(named=(), groups=(), places=(), probability=None, stiffness=((0.8, 1.2), (1.1, 1.3))):
+    """Findings of a heart, as of `benchmark.reduced`."""
+    places, probability = dict(places), probability or {}
+    causes = [
+        {
+            "name": name,
+            "component": places.get(name, "7" if name == "focal_scar" else None),
+            "probability": probability.get(name, 0.999 if name in named else 0.001),
+            "component_probability": 1.0,
+            "estimate": 2.0,
+            "interval95": [1.0, 3.0],
+            "at_bound": False,
+            "identifiable": True,
+            "z": 4.0,
+            "p_value": 0.01,
+        }
+        for name in CAUSES
+    ]
+    intervals = dict(zip(("averaged", "as_it_is"), stiffness, strict=True))
+    one = {"name": "C_a_septal"} | {k: {"interval95": list(v)} for k, v in intervals.items()}
+    return {
+        **{"named": list(named), "groups": [list(group) for group in groups], "acts_like": []},
+        **{"explained": bool(named), "trusted": True, "best": list(named), "detected": bool(named)},
+        **{"base_probability": 0.5, "unlisted_probability": 0.1, "stiffness": [one], "ess": 900.0},
+        **{"misfit_p_value": 0.5, "remaining_p_value": None, "causes": causes},
+        "confirmation": {"simulations": 8, "agrees": True, "largest_error_sd": 1.0},
+        **{"seconds": 20.0, "simulation_seconds": 30.0},
     }
-    return row | more
 
 
-@pytest.fixture
-def cases():
-    rows = [case(f"a{i}", "singles", "radial_scale", "radial_scale", 12.0) for i in range(8)]
-    rows += [case(f"b{i}", "singles", "radial_scale", "basal_motion", 12.0) for i in range(2)]
-    rows += [case(f"c{i}", "singles", "radial_scale", "none", 1.5) for i in range(5)]
-    both = "radial_scale basal_motion"
-    for name, answer in (("d0", both), ("d1", "radial_scale")):
-        rows += [
-            case(name, "pairs", effect, answer, 5.0, wrong_named=False) for effect in both.split()
-        ]
-    rows += [case(f"e{i}", "nulls", "none", "none", np.nan) for i in range(19)]
-    rows += [case("e19", "nulls", "none", "focal_scar", np.nan)]
-    hidden = case("f", "singles", "end_diastolic_pressure", "none", 0.0, identifiable=False)
-    return pd.DataFrame([*rows, hidden])
+class Hearts:
+    """Files of a benchmark, heart by heart."""
+
+    def __init__(self):
+        self.found, self.truth, self.models = {}, [], []
+
+    def add(self, group, findings, effects=(), unlisted="", stiffness=True):
+        """effects: (cause, place, value, expected score)."""
+        name = f"subject-{len(self.truth):04d}"
+        self.found[name] = findings
+        truth = {"subject": name, "group": group, "unlisted": unlisted, "detail": ""}
+        self.truth.append(truth | {"has_stiffness": stiffness})
+        known = {"subject": name, "low": 0.9, "high": 1.1, "p_value": (len(self.truth) % 20) / 20}
+        if unlisted:
+            known |= {"low": np.nan, "high": np.nan, "p_value": np.nan}
+        for cause, place, value, score in effects:
+            row = {"input": cause + place, "role": "effect", "cause": cause, "place": place}
+            self.models.append(known | row | {"value": value, "expected_z": score})
+        if stiffness:
+            row = {"input": "C_a_septal", "role": "inferred", "cause": "C_a_septal", "place": ""}
+            self.models.append(known | row | {"value": TRUTH})
+
+    def write(self, folder):
+        files = [folder / name for name in ("found.json", "truth.parquet", "models.parquet")]
+        files[0].write_text(json.dumps(self.found))
+        pd.DataFrame(self.truth).to_parquet(files[1])
+        pd.DataFrame(self.models, columns=OF_TRUE_MODEL).to_parquet(files[2])
+        return files
 
 
-def test_summary_counts(cases):
-    found = summarise(cases)
-    assert (found["nulls"]["wrong_named"]["hits"], found["nulls"]["subjects"]) == (1, 20)
-    assert found["singles"]["found"]["share"] == pytest.approx(0.8)
-    assert (found["pairs"]["found"]["hits"], found["pairs"]["found"]["of"]) == (1, 2)
-    assert found["pairs"]["effects_found"]["share"] == pytest.approx(0.75)
-    assert found["absent_named"]["hits"] == 2
-    assert found["coverage"]["share"] == 1.0
-    assert found["pressure_not_identifiable"]["hits"] == 1
+LOAD, MOTION = ("septal_load", "", 2.0, 6.0), ("basal_motion", "", 5.0, 4.0)
+
+
+@pytest.fixture(scope="module")
+def score(tmp_path_factory):
+    """Folder with the score of a benchmark whose rates are known."""
+    hearts = Hearts()
+    for i in range(10):
+        hearts.add("singles", found([LOAD[0] if i < 8 else MOTION[0]]), [LOAD])
+    for _ in range(5):
+        hearts.add("singles", found(), [(*LOAD[:3], 1.5)])
+    hearts.add("singles", found(["focal_scar"]), [("focal_scar", "7", 2.0, 9.0)])
+    hearts.add("singles", found(["focal_scar"]), [("focal_scar", "8", 2.0, 9.0)])
+    hearts.add("pairs", found(["basal_motion"], [["septal_load", "focal_scar"]]), [LOAD, MOTION])
+    hearts.add("pairs", found(["septal_load"]), [LOAD, MOTION])
+    for i in range(20):
+        hearts.add("nulls", found(["basal_motion"] if i == 3 else []))
+    hearts.add("misread", found(stiffness=((0.5, 0.9), (0.5, 0.9))))
+    hearts.add("unlisted", found([], [["septal_load", "basal_motion"]]), (), "other_law", False)
+    hearts.add("unlisted", found(), (), "smooth_bias")
+    folder = tmp_path_factory.mktemp("score")
+    given = [[file] for file in hearts.write(folder)]
+    names = ("cases.csv", "stiffness.csv", "confusion.csv", "reliability.csv", "summary.json")
+    benchmark_score.score_benchmark(*given, *(folder / name for name in names))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def summary(score):
+    return json.loads((score / "summary.json").read_text())
+
+
+def test_effects_that_can_be_seen_are_found(summary):
+    assert [summary["singles"]["found"][key] for key in ("hits", "of")] == [9, 12]
+    assert [summary["pairs"]["found"][key] for key in ("hits", "of")] == [1, 2]
+    assert [summary["pairs"]["effects_found"][key] for key in ("hits", "of")] == [3, 4]
+    assert summary["triples"]["hearts"] == 0 and summary["triples"]["found"]["share"] is None
+
+
+def test_what_is_absent_is_wrong_in_its_place_or_at_all(summary):
+    # Two with another cause, and a scar in another segment; a group of which one is there is right.
+    assert [summary["absent_named"][key] for key in ("hits", "of")] == [3, 19]
+    assert summary["nulls"]["wrong_named"] == rate(pd.Series([True] + [False] * 19))
+    assert [summary["unlisted"]["wrong_named"][key] for key in ("hits", "of")] == [1, 2]
+    assert summary["unlisted_by_kind"]["other_law"]["wrong_named"]["hits"] == 1
+    assert summary["misread"]["wrong_named"]["hits"] == 0
+
+
+def test_intervals_hold_what_is_true_as_often_as_they_do(summary):
+    assert (summary["coverage"]["hits"], summary["coverage"]["of"]) == (10, 12)
+    nulls = summary["nulls"]["stiffness"]
+    assert (nulls["averaged"]["hits"], nulls["as_it_is"]["hits"], nulls["true"]["of"]) == (
+        20,
+        0,
+        20,
+    )
+    assert summary["nulls"]["width_ratio"] == pytest.approx(2.0)
+    assert summary["misread"]["stiffness"]["averaged"]["hits"] == 0
+    # Under another law there is no such stiffness, and without a true model no such width.
+    unlisted = summary["unlisted"]["stiffness"]
+    assert (unlisted["averaged"]["of"], unlisted["true"]["of"]) == (1, 0)
+    assert summary["unlisted"]["width_ratio"] is None
+
+
+def test_p_values_of_true_models_are_judged_once_a_heart(summary):
+    rejected = summary["true_model"]["rejected"]
+    # 39 hearts whose p-values are 0, 0.05, ... in turn.
+    assert (rejected["hits"], rejected["of"]) == (1, 39)
+    assert summary["true_model"]["uniform_p_value"] > 0.5
+    assert (summary["seconds"], summary["simulations"]) == (20.0, 8.0)
+
+
+def test_probabilities_are_compared_with_how_often_causes_are_present():
+    rng = np.random.default_rng(0)
+    probability = rng.uniform(size=4000)
+    table = pd.DataFrame(
+        {"probability": probability, "present": rng.uniform(size=4000) < probability}
+    )
+    calibrated = reliabilities(table.assign(size=1))
+    assert (
+        (calibrated["low"] < calibrated["probability"])
+        & (calibrated["probability"] < calibrated["high"])
+    ).all()
+    assert calibrated["count"].sum() == 4000
+    # Every number of causes counts the same: one present in all of few, and absent in all of many.
+    few = pd.DataFrame({"probability": 0.5, "present": [True] * 10, "size": 1})
+    many = pd.DataFrame({"probability": 0.5, "present": [False] * 1000, "size": 0})
+    (row,) = reliabilities(pd.concat([few, many])).to_dict("records")
+    assert row["share"] == pytest.approx(0.5) and row["low"] < 0.35
 
 
 def test_rates_have_exact_intervals():
     """Clopper-Pearson for 5 of 100 is 1.64 to 11.28 %."""
-    found = rate(pd.Series([True] * 5 + [False] * 95))
-    assert (found["low"], found["high"]) == (
-        pytest.approx(0.0164, abs=1e-4),
-        pytest.approx(0.1128, abs=1e-4),
-    )
+    hits = pd.Series([True] * 5 + [False] * 95)
+    wanted = (pytest.approx(0.0164, abs=1e-4), pytest.approx(0.1128, abs=1e-4))
+    assert (rate(hits)["low"], rate(hits)["high"]) == wanted
+    same = weighted_rate(hits, pd.Series(np.full(100, 3.0)))
+    assert (same["low"], same["high"]) == wanted
     assert rate(pd.Series([False] * 10))["low"] == 0.0
 
 
-@pytest.mark.parametrize("effects", [[(bias(), 0.4)], [(bias(), 0.4), (basal(), 0.5)]])
-def test_expected_score_is_the_effect_over_its_standard_error(effects):
-    """That of generalised least squares in log theta and all effects, by statsmodels."""
-    emulator = ToyEmulator(bend=0.0)
-    table = measured(emulator)
-    one = torch.ones((), dtype=torch.float64)
-    columns = [extension.mean(emulator, THETA, one).numpy() for extension, _ in effects]
-    covariance = emulator.output_covariance.numpy() + np.diag(table["sd"] ** 2)
-    model = GLS(np.zeros(52), np.column_stack([emulator.w, *columns]), covariance)
-    errors = np.sqrt(model.fit().normalized_cov_params.diagonal()[10:])
-    expected = [value / error for (_, value), error in zip(effects, errors, strict=True)]
-    observed = observe({"a": table}, emulator, 1.0)
-    shifts = {str(i): value * columns[i] for i, (_, value) in enumerate(effects)}
-    found = expected_scores(observed, emulator, shifts, THETA)
-    assert [*found.values()] == pytest.approx(expected, rel=0.01)
+def test_expected_score_is_the_effect_over_its_standard_error():
+    """That of generalised least squares in all that is free, by statsmodels."""
+    inputs = toy_inputs(inferred=3, suspected=4)
+    truth = np.array([0.2, -0.3, 0.1, 0.5, -0.4, 0.0, 0.0])
+    potential, slopes, covariance = linear_problem(inputs, 12, truth)
+    model = GLS(np.zeros(12), slopes[:, :5].numpy(), covariance.numpy())
+    errors = np.sqrt(model.fit().normalized_cov_params.diagonal()[3:])
+    on = [3, 4]
+    scores = expected_scores(potential, torch.as_tensor(truth)[None], potential.free(on)[None], on)
+    assert [scores[k] for k in on] == pytest.approx(abs(truth[3:5]) / errors, rel=1e-4)
 
 
-def test_effects_that_do_the_same_or_nothing_have_no_score():
-    emulator = ToyEmulator(bend=0.0)
-    observed = observe({"a": measured(emulator)}, emulator, 1.0)
-    one = bias().mean(emulator, THETA, torch.ones((), dtype=torch.float64)).numpy()
-    twice = {"same": one, "again": 2 * one, "nothing": 0 * one}
-    assert max(expected_scores(observed, emulator, twice, THETA).values()) < 0.01
+def test_inputs_left_out_keep_their_nominal_values():
+    inputs = fixed(toy_inputs(inferred=2, suspected=3), ["c1"])
+    assert inputs.names == ("t0", "t1", "c0", "c1", "c2")
+    assert inputs.of_role("suspected").tolist() == [False, False, True, False, True]
 
 
 def test_injected_rows_are_measured_tables(tmp_path):
-    table = measured(ToyEmulator())
-    row = pd.Series(
-        {"subject": "a"}
-        | dict(zip(table["output"], table["value"], strict=True))
-        | {f"sd_{o}": sd for o, sd in zip(table["output"], table["sd"], strict=True)}
-    )
-    found = measured_of(row)
+    channels, rng = Channels.of(), np.random.default_rng(1)
+    outputs = np.r_[150.0, np.repeat([-0.12, 0.4, -0.14], 17)]
+    noise = {"strain": 0.01, "volume": 1.0}
+    table = synthetic_subject(outputs, channels, noise, rng.normal(size=52))
+    row = {"subject": "a"} | dict(zip(table["output"], table["value"], strict=True))
+    row |= {f"sd_{o}": sd for o, sd in zip(table["output"], table["sd"], strict=True)}
+    found = measured_of(pd.Series(row))
     write_measured(table, tmp_path / "a.csv")
     read = read_measured(tmp_path / "a.csv")
     columns = ["output", "quantity", "segment", "load_fraction", "value", "sd"]
     pd.testing.assert_frame_equal(found[columns], read[columns], check_exact=False)
-    assert torch.equal(
-        *(observe({"a": table}, ToyEmulator(), 1.0).present for table in (found, read))
-    )
 
 
-def test_figure_shows_confusions_and_power(cases, tmp_path):
-    cases.to_csv(tmp_path / "cases.csv", index=False)
-    hidden_effects.draw(tmp_path / "cases.csv", tmp_path / "a.png", tmp_path / "a.csv")
-    table = pd.read_csv(tmp_path / "a.csv")
-    cell = (table["effect"] == "radial_scale") & (table["answer"] == "basal_motion")
-    # Of the third heart, basal motion is the other effect injected.
-    assert table.loc[cell, "count"].tolist() == [2]
-
-
-def test_a_scar_in_a_wrong_segment_is_a_wrong_answer():
-    content = findings(measured(ToyEmulator(), scars()[6], 0.8, seed=5))
-    verdicts = pd.DataFrame(benchmark._rows(content, 1.0))
-    for place, right in (("7", True), ("8", False)):
-        (case,) = benchmark._cases("a", verdicts, "singles", {"focal_scar": (0.8, place)}, {})
-        assert case["contains"] is right and case["wrong_named"] is not right
-
-
-def test_from_subjects_to_score(tmp_path, monkeypatch):
-    """Hearts in closed form through the files: an effect, none, and one that is withheld."""
-    catalogue = [Pressure(), bias(), basal()]
-    monkeypatch.setattr(benchmark, "load_emulator", lambda *_: ToyEmulator())
-    monkeypatch.setattr(benchmark, "read_extensions", lambda paths: catalogue)
-    rows, truths = [], []
-    hearts = ("a", "singles", basal()), ("b", "nulls", None), ("c", "unlisted", basal())
-    for name, kind, extension in hearts:
-        table = measured(ToyEmulator(), extension, 1.0, seed=5)
-        rows.append(
-            {"subject": name, "withheld": "basal_motion" if kind == "unlisted" else ""}
-            | dict(zip(table["output"], table["value"], strict=True))
-            | {f"sd_{o}": sd for o, sd in zip(table["output"], table["sd"], strict=True)}
-        )
-        effects = json.dumps({"basal_motion": [1.0, ""]} if extension else {})
-        theta = dict(zip(PARAMETERS.names, THETA.tolist(), strict=True))
-        one = torch.ones((), dtype=torch.float64)
-        change = basal().mean(ToyEmulator(), THETA, one).flatten().tolist()
-        shifts = json.dumps({"basal_motion": change} if extension else {})
-        truth = {"kind": kind, "effects": effects, "shifts": shifts, "status": "converged"}
-        truths.append({"subject": name} | theta | truth)
-    subjects, truth = tmp_path / "subjects.parquet", tmp_path / "truth.parquet"
-    pd.DataFrame(rows).to_parquet(subjects)
-    pd.DataFrame(truths).to_parquet(truth)
-    settings = {"bootstrap": 99, "level": 0.05, "draws": 300, "largest_set": 2}
-    settings |= {"load_fractions": []}
-    settings |= {"confirmation": {"sets": 2, "simulations": 4, "rounds": 1}}
-    verdicts = []
-    for i in range(3):  # the last one is without a heart
-        batch = {"subjects": subjects, "batch": str(i), "batch_size": 2, "emulator": ""}
-        batch |= {"extensions": [], "settings": settings, "strain_exponent": 2.0}
-        batch |= {"noise_prior_scale": 1.0, "seed": 3}
-        files = [tmp_path / f"{i}-{name}" for name in ("search", "design", "made", "verdicts")]
-        benchmark.search_batch(files[0], **batch)
-        benchmark.plan_batch(files[0], "0", files[1], **batch)
-        simulate(catalogue)(pd.read_parquet(files[1])).to_parquet(files[2])
-        benchmark.conclude_batch(files[0], [files[2]], files[3], **batch)
-        verdicts.append(files[3])
-    outputs = [tmp_path / name for name in ("cases.csv", "confusion.csv", "summary.json")]
-    benchmark.score_benchmark(verdicts, truth, subjects, "", *outputs)
-    cases = pd.read_csv(outputs[0], index_col="subject", keep_default_na=False)
-    assert cases["answer"].to_dict() == {"a": "basal_motion", "b": "none", "c": "none"}
-    assert float(cases.loc["a", "expected_z"]) > 3
-    summary = json.loads(outputs[2].read_text())
-    assert summary["singles"]["found"]["hits"] == 1
-    assert summary["nulls"]["wrong_named"] == rate(pd.Series([False]))
-    assert summary["unlisted"]["detected"]["hits"] == 1
-    assert pd.read_parquet(tmp_path / "2-design").empty
-    hidden_effects.draw(outputs[0], tmp_path / "a.png", tmp_path / "a.csv")
+def test_figure_shows_what_was_scored(score, tmp_path):
+    files = [score / f"{name}.csv" for name in ("cases", "stiffness", "reliability")]
+    hidden_effects.draw(*files, tmp_path / "a.png", tmp_path / "a.csv")
+    table = pd.read_csv(tmp_path / "a.csv", keep_default_na=False)
+    cell = (table["effect"] == "septal_load") & (table["answer"] == "basal_motion")
+    # Of the pairs, basal motion is the other effect of the heart.
+    assert table.loc[cell, "count"].astype(float).tolist() == [2.0]
+    power = table[(table["panel"] == "power") & (table["group"] == "singles")]
+    assert power["share"].astype(float).tolist() == [0.0, 0.8, 0.5]
+    covered = table[(table["panel"] == "stiffness") & (table["group"] == "nulls")]
+    assert covered["share"].astype(float).tolist() == [1.0, 0.0, 1.0]

@@ -1,370 +1,307 @@
-"""Ventricles with a known fault: simulated in full with it, measured with noise, truth apart."""
+"""Hearts whose truth is known: drawn at random, simulated in full, measured with noise, truth
+apart."""
 
 import json
 import logging
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from scipy import stats
 
-from regional_lv.channels import Channel, Channels
-from regional_lv.criticism.designs import slope_of
-from regional_lv.criticism.hypotheses import REGISTRY, Hypothesis, NoiseHypothesis, asked
-from regional_lv.criticism.hypotheses.base import configured, psi_and_component, with_value
+from regional_lv.channels import Channels
+from regional_lv.criticism.groups import EFFECTS
+from regional_lv.criticism.unlisted import UNLISTED
+from regional_lv.criticism.ventricles import Ventricles
 from regional_lv.errors import InputError
+from regional_lv.inputs.base import Input
+from regional_lv.inputs.closed_forms import HeavyTails
+from regional_lv.inputs.shape import EndocardialRadius, SegmentThickness
+from regional_lv.inputs.space import Inputs, Role, catalogue
 from regional_lv.measured import synthetic_subject
-from regional_lv.mechanics.continuation import Effort, Runner, Solver
 from regional_lv.mechanics.dolfinx_api import release_unused
-from regional_lv.parameters import Parameterisation
 from regional_lv.progress import Progress
 from regional_lv.seeds import derive
-from regional_lv.simulations import make_runner, make_simulator
 
 log = logging.getLogger(__name__)
 
-PHYSIOLOGICAL = (0.5, 2.0)
-"""Where benchmark subjects have their scaling factors, evenly in the logarithm."""
+LEFT_OUT = "left_out"
+"""Unlisted hearts with a cause of the catalogue that their criticism does not search."""
 
-HOPELESS = 2
-"""Simulations of a set that fail before any converged, after which it is given up."""
+PHYSIOLOGICAL = (0.5, 2.0)
+"""Where hearts have their stiffness, as far as its range allows."""
 
 LEAST_SHARE = 0.2
-"""Effects of benchmark subjects are at least this share of the way from base to end of range."""
+"""Effects are at least this share of the way from the nominal value to an end of the range."""
+
+MISREAD = {SegmentThickness: 0.10, EndocardialRadius: 0.03}
+"""Relative sd of what is read off images, in hearts whose table was misread."""
+
+ATTEMPTS = 5
+"""Draws of one heart, if those before cannot be inflated."""
 
 
 @dataclass(frozen=True)
-class Effect:
-    """One hypothesis that is true: its value, in its component."""
+class Heart:
+    """What a heart is, before its values are drawn.
 
-    hypothesis: Hypothesis
-    value: float
-    component: str = ""
-
-
-def read_effects(effects: dict) -> list[Effect]:
-    """The `effects` of a `synthetic_subjects` entry."""
-    return [Effect(REGISTRY[name], *psi_and_component(at)) for name, at in effects.items()]
-
-
-class Ventricles:
-    """Simulates ventricles with effects, each by the full simulator.
-
-    Parameters
-    ----------
-    mesh, physics: the study's, or another mesh of the same ventricle.
-    predictor: of that mesh; None inflates every ventricle from the reference state.
-
-    Attributes: `channels`, those of the study.
+    causes: whose inputs are not at their nominal values. unlisted: a name of `UNLISTED`, `LEFT_OUT`
+    or nothing. left_out: names of inputs that its criticism may not know.
     """
 
-    def __init__(self, mesh: str | Path, physics: Mapping, predictor: str | Path | None = None):
-        self._mesh, self._predictor, self._physics = mesh, predictor, physics
-        self._base: Runner | None = None
-        self.channels = Channels.from_config(physics)
-
-    def outputs(self, theta: np.ndarray, effects: list[Effect]) -> np.ndarray:
-        """The channels' values (D,), without noise, at `theta` (P,).
-
-        Raises ArithmeticError, with the reason, for a ventricle that cannot be inflated.
-        """
-        return self.linearised(theta, effects)[0]
-
-    def linearised(
-        self, theta: np.ndarray, effects: list[Effect]
-    ) -> tuple[np.ndarray, np.ndarray | None]:
-        """The same and their derivatives about log theta (D, P); None without a predictor."""
-        physics, seen = self._physics, list(self.channels)
-        for effect in effects:
-            h = effect.hypothesis
-            physics = h.extend(physics, effect.value, effect.component)
-            seen = [Channel(c.quantity, c.place, h.load_fraction(c, effect.value)) for c in seen]
-        frames = sorted({c.load_fraction for c in seen} - {1.0})
-        if frames != sorted(physics["loading"]["frames"]):
-            physics = with_value(physics, ("loading", "frames"), frames)
-        try:
-            names, values, slopes = self._simulated(physics, theta)
-        finally:
-            if physics is not self._physics:
-                release_unused()
-        at = {name: i for i, name in enumerate(names)}
-        rows = [at[channel.name] for channel in seen]
-        return values[rows], None if slopes is None else slopes[rows]
-
-    def _simulated(
-        self, physics: Mapping, theta: np.ndarray
-    ) -> tuple[Sequence[str], np.ndarray, np.ndarray | None]:
-        """Names, values and derivatives about log theta of all channels of one simulation."""
-        if self._predictor is None:
-            return self._inflated(physics, theta)
-        runner = self._runner(physics, self._predictor)
-        result = runner.run(theta)
-        if result.status != "converged":
-            raise ArithmeticError(result.reason)
-        assert result.observables is not None and result.sensitivity is not None
-        return runner.channels.names, result.observables, result.sensitivity * theta
-
-    def _inflated(self, physics, theta):
-        solver = Solver(make_simulator(self._mesh, physics), physics["solver"])
-        simulator, effort = solver.simulator, Effort()
-        values = np.empty(len(simulator.channels))
-        for load in simulator.channels.load_fractions:
-            state = solver.inflate(theta, load * simulator.full_pressure, effort)
-            values[simulator.places_of(load)] = simulator.observables(state.w, None, load)[0]
-        return simulator.channels.names, values, None
-
-    def _runner(self, physics: Mapping, predictor: str | Path) -> Runner:
-        if physics is not self._physics:
-            return make_runner(self._mesh, physics, predictor)
-        if self._base is None:
-            self._base = make_runner(self._mesh, physics, predictor)
-        return self._base
+    subject: str
+    group: str
+    causes: tuple[str, ...]
+    unlisted: str
+    left_out: tuple[str, ...]
+    seed: int
 
 
-def unit_noise(effects: list[Effect], size: int, rng: np.random.Generator) -> np.ndarray:
-    """Noise (size,) of unit scale, Gaussian unless an effect has another."""
-    for effect in effects:
-        noise = effect.hypothesis.noise(size, effect.value, rng)
-        if noise is not None:
-            return noise
-    return rng.standard_normal(size)
+# ------------------------------------------------------------------------------------- drawing
 
 
-# ---------------------------------------------------------------------------------- benchmark
+def plan_hearts(counts: Mapping[str, int], inputs: Inputs, seed: int) -> list[Heart]:
+    """Hearts of all groups, in an order that tells nothing.
 
-
-KINDS = {"singles": 1, "pairs": 2, "triples": 3, "unlisted": 1, "nulls": 0}
-"""Kind of benchmark subjects -> how many effects they have."""
-
-
-def random_subjects(
-    hearts: Mapping[str, int],
-    seed: int,
-    hypotheses: Mapping[str, Hypothesis],
-    parameters: Parameterisation,
-) -> list[dict]:
-    """Entries as in `synthetic_subjects` (`theta`, `effects`, `seed`) with a name, `subject`, their
-    `kind`, and `withheld`, the cause that their criticism may not know.
-
-    hearts: how many of each of `KINDS`. Of subjects with one effect each hypothesis takes its turn
-    after a shuffle, of the others all combinations are equally likely; what changes the noise
-    stands alone. Values are uniform in the plausible range, on the scale of the hypothesis, but for
-    what is close to the base (`LEAST_SHARE`). Theta is log-uniform in `PHYSIOLOGICAL`,
-    as far as its bounds allow. Their order tells nothing. Raises InputError if there are fewer
-    causes than a heart has effects.
+    counts: how many of each of `EFFECTS`. Of hearts with one cause each cause takes its turn after
+    a shuffle, and so do the ways of `UNLISTED` with `LEFT_OUT`; of several causes all combinations
+    are equally likely. What changes the noise stands alone. Raises InputError if the study suspects
+    fewer causes than a heart has, or if a group does not fit it.
     """
     rng = np.random.default_rng(derive(seed, "benchmark"))
-    low = np.log(np.maximum(PHYSIOLOGICAL[0], parameters.lower))
-    high = np.log(np.minimum(PHYSIOLOGICAL[1], parameters.upper))
-    physical = [n for n, h in hypotheses.items() if not isinstance(h, NoiseHypothesis)]
-    drawn = []
-    for kind, count in hearts.items():
-        size, among = KINDS[kind], list(hypotheses) if kind == "singles" else physical
-        if count and len(among) < size:
-            raise InputError(
-                f"criticism.benchmark.hearts.{kind}: such a heart has {size} of the causes in "
-                f"criticism.hypotheses that are not of the noise, which are {len(among)}; write 0, "
-                "or add causes"
-            )
-        turns: list[str] = []
-        for number in range(count):
-            if size == 1:
-                if number == len(turns):
-                    turns += _shuffled(among, rng)
-                names = [turns[number]]
-            else:
-                names = _shuffled(among, rng)[:size]
-            effects: dict[str, float | dict] = {}
-            for name in names:
-                effects |= _random_effect(hypotheses[name], rng)
-            drawn.append((kind, effects, names[0] if kind == "unlisted" else ""))
-    entries = []
+    suspected = inputs.subset(inputs.of_role("suspected"))
+    every = list(dict.fromkeys(each.cause for each in suspected))
+    physical = list(dict.fromkeys(e.cause for e in suspected if not isinstance(e, HeavyTails)))
+    _check(counts, inputs, physical)
+    drawn: list[tuple[str, tuple[str, ...], str]] = []
+    for group, size in EFFECTS.items():
+        count = counts[group]
+        if group == "unlisted":
+            hidden = _in_turn(physical, count, rng)
+            ways = _in_turn([*UNLISTED, *[LEFT_OUT] * bool(physical)], count, rng)
+            causes = [(c,) if way == LEFT_OUT else () for c, way in zip(hidden, ways, strict=False)]
+            drawn += [(group, *each) for each in zip(causes or [()] * count, ways, strict=True)]
+        elif size == 1:
+            drawn += [(group, (cause,), "") for cause in _in_turn(every, count, rng)]
+        else:
+            drawn += [(group, tuple(_shuffled(physical, rng)[:size]), "") for _ in range(count)]
+    hearts = []
     for number, place in enumerate(rng.permutation(len(drawn))):
-        theta = np.exp(rng.uniform(low, high))
-        kind, effects, withheld = drawn[place]
-        entries.append(
-            {
-                "subject": f"subject-{number:04d}",
-                "kind": kind,
-                "theta": dict(zip(parameters.names, theta.tolist(), strict=True)),
-                "effects": effects,
-                "withheld": withheld,
-                "seed": derive(seed, "benchmark", number),
-            }
+        group, causes, way = drawn[place]
+        left_out = [e.name for e in suspected if way == LEFT_OUT and e.cause in causes]
+        own = derive(seed, "benchmark", number)
+        name = f"subject-{number:04d}"
+        hearts.append(Heart(name, group, causes, way, tuple(left_out), own))
+    return hearts
+
+
+def _check(counts: Mapping[str, int], inputs: Inputs, physical: Sequence[str]) -> None:
+    for group, size in EFFECTS.items():
+        if counts[group] and len(physical) < size:
+            raise InputError(
+                f"criticism.benchmark.hearts.{group}: such a heart has {size} of the causes that "
+                f"`inputs` suspects and that are not of the noise, which are {len(physical)}; "
+                "write 0, or suspect more"
+            )
+    if counts["misread"] and SegmentThickness.why_not(inputs.base):
+        raise InputError(
+            f"criticism.benchmark.hearts.misread: {SegmentThickness.why_not(inputs.base)}, which "
+            "could be misread; write 0"
         )
-    return entries
 
 
-def _shuffled(names, rng) -> list[str]:
+def _shuffled(names: Sequence[str], rng: np.random.Generator) -> list[str]:
     return [str(name) for name in rng.permutation(list(names))]
 
 
-def _random_effect(hypothesis: Hypothesis, rng: np.random.Generator) -> dict:
-    scale = hypothesis.scale
-    base, low, high = (scale(v) for v in (hypothesis.base, hypothesis.low, hypothesis.high))
-    below, above = base - low, high - base
-    side = low if rng.uniform() < below / (below + above) else high
-    value = float(scale.inverse(base + rng.uniform(LEAST_SHARE, 1.0) * (side - base)))
-    component = ""
-    if len(hypothesis.components) > 1:
-        component = str(rng.choice(hypothesis.components))
-    return {hypothesis.name: configured(value, component)}
+def _in_turn(names: Sequence[str], count: int, rng: np.random.Generator) -> list[str]:
+    """`count` names, each as often as the others."""
+    turns: list[str] = []
+    while names and len(turns) < count:
+        turns += _shuffled(names, rng)
+    return turns[:count]
+
+
+def draw_values(heart: Heart, inputs: Inputs, rng: np.random.Generator) -> np.ndarray:
+    """Values (K,) of the inputs of one heart.
+
+    Inferred ones are uniform over their ranges, stiffness as far as it is `PHYSIOLOGICAL`; measured
+    ones have their priors, but for the table of a misread heart (`MISREAD`). Of each cause one
+    place is on, all equally likely; its value is uniform on its scale in what the range has to
+    either side, but for what is close to the nominal one (`LEAST_SHARE`).
+    """
+    x = inputs.nominal.copy()
+    places: dict[str, list[int]] = {cause: [] for cause in heart.causes}
+    for k, (each, role) in enumerate(zip(inputs, inputs.roles, strict=True)):
+        if role.kind == "inferred":
+            x[k] = _inferred(each, rng)
+        elif heart.group == "misread" and type(each) in MISREAD:
+            x[k] = _about(each, x[k], MISREAD[type(each)] * x[k], rng)
+        elif role.kind == "measured":
+            x[k] = _about(each, x[k], role.sd, rng)
+        elif each.cause in places:
+            places[each.cause].append(k)
+    for members in places.values():
+        k = int(rng.choice(members))
+        x[k] = _effect(inputs[k], x[k], rng)
+    return x
+
+
+def _inferred(each: Input, rng: np.random.Generator) -> float:
+    low, high = each.low, each.high
+    if each.nominal is None:
+        low, high = max(low, PHYSIOLOGICAL[0]), min(high, PHYSIOLOGICAL[1])
+    # A range that has nothing physiological is taken as it is.
+    return float(rng.uniform(low, high) if low < high else rng.uniform(each.low, each.high))
+
+
+def _about(each: Input, mean: float, sd: float, rng: np.random.Generator) -> float:
+    ends = (np.array([each.low, each.high]) - mean) / sd
+    return float(stats.truncnorm.rvs(*ends, loc=mean, scale=sd, random_state=rng))
+
+
+def _effect(each: Input, nominal: float, rng: np.random.Generator) -> float:
+    base, low, high = (each.scale(float(value)) for value in (nominal, each.low, each.high))
+    end = low if rng.uniform() < (base - low) / (high - low) else high
+    return float(each.scale.inverse(base + rng.uniform(LEAST_SHARE, 1.0) * (end - base)))
+
+
+# ---------------------------------------------------------------------------------- simulation
+
+
+@dataclass(frozen=True)
+class Simulated:
+    """A heart with its values by input, whether these are the study's inferred ones, its outputs
+    (D,) without noise, and what is unlisted of it, in words."""
+
+    values: dict[str, float]
+    has_stiffness: bool
+    outputs: np.ndarray
+    detail: str
+
+
+class Injection:
+    """Simulates and measures hearts.
+
+    Parameters
+    ----------
+    ventricles: of the study. noise: scales by the quantities' `noise`, in their units.
+    """
+
+    def __init__(self, ventricles: Ventricles, noise: Mapping[str, float]):
+        self.ventricles, self.noise = ventricles, noise
+        self.misread = ventricles.altered(with_table(ventricles.inputs))
+
+    def simulate(self, heart: Heart) -> Simulated:
+        """The heart as its values are drawn; drawn again if it cannot be inflated.
+
+        Raises ArithmeticError, with the last reason, after `ATTEMPTS` draws.
+        """
+        for attempt in range(ATTEMPTS):
+            rng = np.random.default_rng(derive(heart.seed, "values", attempt))
+            try:
+                return self._simulated(heart, rng)
+            except ArithmeticError as error:
+                log.warning("%s, draw %d: %s", heart.subject, attempt, error)
+                reason = error
+        raise reason
+
+    def _simulated(self, heart: Heart, rng: np.random.Generator) -> Simulated:
+        ventricles = self.misread if heart.group == "misread" else self.ventricles
+        x = draw_values(heart, ventricles.inputs, rng)
+        values = dict(zip(ventricles.inputs.names, x.tolist(), strict=True))
+        if heart.unlisted not in UNLISTED:
+            return Simulated(values, True, ventricles.outputs(x), " ".join(heart.left_out))
+        way = UNLISTED[heart.unlisted]
+        outputs, detail = way.outputs(ventricles, x, rng)
+        release_unused()  # of a simulator of its own
+        return Simulated(values, way.has_stiffness, outputs, detail)
+
+    def measure(self, heart: Heart, found: Simulated) -> pd.DataFrame:
+        """Its measured table (`measured.synthetic_subject`)."""
+        channels = self.ventricles.channels
+        rng = np.random.default_rng(derive(heart.seed, "noise"))
+        unit = unit_noise(found.values.get(HeavyTails.name, 0.0), len(channels), rng)
+        return synthetic_subject(found.outputs, channels, self.noise, unit)
+
+
+def with_table(inputs: Inputs) -> Inputs:
+    """The inputs, and those of the segment table that are not among them."""
+    roles = dict(zip(inputs.names, inputs.roles, strict=True))
+    every = [e for e in catalogue(inputs.base) if e.name in roles or type(e) in MISREAD]
+    return Inputs(inputs.base, every, {e.name: roles.get(e.name, Role("fixed")) for e in every})
+
+
+def unit_noise(tails: float, size: int, rng: np.random.Generator) -> np.ndarray:
+    """Noise (size,) of unit scale: Gaussian, or Student's t with 1 / `tails` degrees of freedom."""
+    return rng.standard_t(1 / tails, size) if tails else rng.standard_normal(size)
+
+
+# ---------------------------------------------------------------------------------------- files
 
 
 def inject_batch(
     mesh: str | Path,
     physics: Mapping,
-    parameters: Parameterisation,
-    hypotheses: str | list[str],
-    benchmark: Mapping,
+    hearts: Mapping[str, int],
+    noise: Mapping[str, float],
     seed: int,
     batch: str,
     batch_size: int,
     subjects: str | Path,
     truth: str | Path,
+    predictor: str | Path | Sequence[str] = (),
 ) -> None:
-    """Simulate and measure one batch of `random_subjects`; write the subjects and the truth.
+    """Simulate and measure one batch of `plan_hearts`; write the subjects and the truth.
 
-    mesh: finer than the study's, so that nothing rests on errors that both share. hypotheses:
-    names, or `all`, as in the configuration; benchmark: its section
-    `criticism.benchmark`; seed: the study's. Subjects (Parquet): `subject`, the D outputs with
-    noise, their `sd_<output>`, and `withheld`, the cause that its criticism may not know. Truth,
-    which no inference reads: `subject`, `kind`, theta, `effects` (JSON: name -> [value,
-    component]), `shifts` (JSON, as of `shifts`), `status` and `reason`; a ventricle that cannot be
-    inflated is in the truth alone.
+    mesh: finer than the study's, so that nothing rests on errors that both share. physics: what
+    `inputs.space.sections_of` gives. hearts: how many of each group; noise: its scales. seed: the
+    study's. predictor: of the mesh, or nothing.
+
+    Subjects (Parquet): `subject`, the D outputs with noise, their `sd_<output>`, and `left_out`,
+    names of the inputs that their criticism may not know. Truth (Parquet), which no inference
+    reads: `subject`, `group`, `unlisted`, `detail`, `has_stiffness`, `causes` (names, JSON),
+    `values` (by input, JSON), `status` and `reason`; a heart that could not be inflated is in the
+    truth alone.
     """
-    catalogue = asked(hypotheses, physics)
-    entries = random_subjects(benchmark["hearts"], seed, catalogue, parameters)
+    inputs = Inputs.from_config(physics)
     first = int(batch) * batch_size
-    ventricles = Ventricles(mesh, physics)
-    tables = _injected(
-        ventricles,
-        entries[first : first + batch_size],
-        benchmark["noise"],
-        f"hidden effects batch {batch}",
-    )
+    planned = plan_hearts(hearts, inputs, seed)[first : first + batch_size]
+    injection = Injection(Ventricles(mesh, inputs, predictor or None), noise)
+    tables = inject(injection, planned, f"hidden effects batch {batch}")
     for table, path in zip(tables, (subjects, truth), strict=True):
         table.to_parquet(path, index=False)
 
 
-def _injected(
-    ventricles: Ventricles, entries: list[dict], noise: Mapping[str, float], name: str
+def inject(
+    injection: Injection, hearts: Sequence[Heart], name: str
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Subjects and truth of some entries, as `inject_batch` writes them."""
-    channels = ventricles.channels
-    progress, subjects, truths = Progress(name, len(entries)), [], []
-    for entry in entries:
-        effects = read_effects(entry["effects"])
-        theta = np.array([*entry["theta"].values()])
-        truth = {"subject": entry["subject"], "kind": entry["kind"]} | entry["theta"]
-        injected = {e.hypothesis.name: [e.value, e.component] for e in effects}
-        truth |= {"effects": json.dumps(injected), "shifts": "{}"}
-        truth |= {"status": "converged", "reason": ""}
+    """Subjects and truth of some hearts, as `inject_batch` writes them."""
+    progress, subjects, truths = Progress(name, len(hearts)), [], []
+    for heart in hearts:
+        truth = {"subject": heart.subject, "group": heart.group, "unlisted": heart.unlisted}
+        truth |= {"causes": json.dumps(heart.causes), "status": "converged", "reason": ""}
+        truth |= {"detail": "", "has_stiffness": False, "values": "{}"}
         try:
-            outputs = ventricles.outputs(theta, effects)
+            found = injection.simulate(heart)
         except ArithmeticError as error:
             truth |= {"status": "failed", "reason": str(error)}
-            log.warning("%s: %s failed: %s", name, entry["subject"], error)
         else:
-            rng = np.random.default_rng(entry["seed"])
-            unit = unit_noise(effects, len(channels), rng)
-            table = synthetic_subject(outputs, channels, noise, unit).set_index("output")
-            row = {"subject": entry["subject"], "withheld": entry["withheld"]}
-            row |= table["value"].to_dict()
-            subjects.append(row | table["sd"].add_prefix("sd_").to_dict())
-            truth["shifts"] = json.dumps(shifts(ventricles, theta, effects, outputs))
+            table = injection.measure(heart, found).set_index("output")
+            row = table["value"].to_dict() | table["sd"].add_prefix("sd_").to_dict()
+            row |= {"subject": heart.subject, "left_out": " ".join(heart.left_out)}
+            subjects.append(row)
+            truth |= {"detail": found.detail, "has_stiffness": found.has_stiffness}
+            truth |= {"values": json.dumps(found.values)}
         truths.append(truth)
         progress.step(failed=truth["status"] == "failed")
-    return pd.DataFrame(subjects), pd.DataFrame(truths)
+    columns = _columns(injection.ventricles.channels, injection.noise)
+    return pd.DataFrame(subjects, columns=columns), pd.DataFrame(truths)
 
 
-def shifts(
-    ventricles: Ventricles, theta: np.ndarray, effects: list[Effect], outputs: np.ndarray
-) -> dict[str, list[float] | None]:
-    """What each effect does to the outputs (D,), without noise, of a ventricle that has the others
-    too: by name; None if the ventricle without it cannot be inflated. Effects on the noise have
-    none.
-
-    outputs: (D,) with all effects.
-    """
-    found: dict[str, list[float] | None] = {}
-    for effect in effects:
-        if isinstance(effect.hypothesis, NoiseHypothesis):
-            continue
-        try:
-            without = ventricles.outputs(theta, [e for e in effects if e is not effect])
-        except ArithmeticError as error:
-            log.warning("without %s: %s", effect.hypothesis.name, error)
-            found[effect.hypothesis.name] = None
-        else:
-            found[effect.hypothesis.name] = (outputs - without).tolist()
-    return found
-
-
-# ------------------------------------------------------------------------------- confirmation
-
-
-def simulate_design(
-    design: pd.DataFrame, ventricles: Ventricles, physics: Mapping, parameters: Sequence[str]
-) -> pd.DataFrame:
-    """The `design` (rows as of `designs.design_rows`) with the outputs, by name, and their
-    derivatives about log theta (`designs.slope_of`, P numbers each); without them, and with
-    the `reason`, where the simulator failed.
-
-    A set whose first simulations all fail (`HOPELESS`) is not simulated any further: what cannot be
-    inflated takes twenty times as long as what can.
-    """
-    names, rows = ventricles.channels.names, []
-    progress = Progress("confirmation", len(design))
-    converged, failed = Counter[str](), Counter[str]()
-    for _, row in design.iterrows():
-        effects = [
-            Effect(REGISTRY[name].for_study(physics), value, component)
-            for name, (value, component) in json.loads(row["effects"]).items()
-        ]
-        theta, reason = row[list(parameters)].to_numpy(float), ""
-        made = dict.fromkeys(names, np.nan) | dict.fromkeys(map(slope_of, names))
-        own = f"{row['subject']}: {row['set']}"
-        if failed[own] >= HOPELESS and not converged[own]:
-            reason = f"not simulated: the first {HOPELESS} of this set failed"
-        else:
-            try:
-                outputs, slopes = ventricles.linearised(theta, effects)
-            except ArithmeticError as error:
-                reason = str(error)
-            else:
-                assert slopes is not None  # a predictor is at hand
-                made = dict(zip(names, outputs, strict=True))
-                made |= {slope_of(n): s.tolist() for n, s in zip(names, slopes, strict=True)}
-        (failed if reason else converged)[own] += 1
-        rows.append(made | {"reason": reason})
-        progress.step(failed=bool(reason))
-    columns = [*names, *map(slope_of, names), "reason"]
-    return pd.concat([design, pd.DataFrame(rows, columns=columns, index=design.index)], axis=1)
-
-
-def simulate_sets(
-    mesh: str | Path,
-    predictor: str | Path,
-    design: str | Path,
-    physics: Mapping,
-    parameters,
-    part: str,
-    parts: int,
-    simulations: str | Path,
-) -> None:
-    """Simulate the `part` (from 0) of equal `parts` of a confirmation's design (Parquet); write it
-    with the outputs.
-
-    mesh, predictor, physics, parameters: the study's. A simulation that fails is a row with its
-    reason.
-    """
-    ventricles = Ventricles(mesh, physics, predictor)
-    table = pd.read_parquet(design)
-    # Rows of one set follow one another, and a set has a simulator of its own.
-    table = table.iloc[np.array_split(np.arange(len(table)), parts)[int(part)]]
-    simulate_design(table, ventricles, physics, parameters.names).to_parquet(
-        simulations, index=False
-    )
+def _columns(channels: Channels, noise: Mapping[str, float]) -> list[str]:
+    """Of the table of subjects."""
+    measured = [c.name for c in channels if noise.get(c.kind.noise) is not None]
+    return ["subject", "left_out", *measured, *(f"sd_{name}" for name in measured)]

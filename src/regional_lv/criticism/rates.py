@@ -7,10 +7,21 @@ from statsmodels.stats.proportion import proportion_confint
 def rate(hits: pd.Series) -> dict:
     """Share of hits with its exact 95 % interval (Clopper-Pearson)."""
     n, k = len(hits), int(hits.sum())
-    if not n:
-        return {"hits": 0, "of": 0, "share": None, "low": None, "high": None}
-    low, high = proportion_confint(k, n, method="beta")
-    return {"hits": k, "of": n, "share": k / n, "low": low, "high": high}
+    return {"hits": k, "of": n, **_share(k, n)}
+
+
+def weighted_rate(hits: pd.Series, weights: pd.Series) -> dict:
+    """`share` of hits with weights, and the 95 % interval, `low` and `high`, of as many that count
+    the same as are effective (Kish 1965)."""
+    effective = weights.sum() ** 2 / (weights**2).sum()
+    return _share(effective * (hits * weights).sum() / weights.sum(), effective)
+
+
+def _share(hits: float, of: float) -> dict:
+    if not of:
+        return {"share": None, "low": None, "high": None}
+    low, high = proportion_confint(hits, of, method="beta")
+    return {"share": hits / of, "low": float(low), "high": float(high)}
 
 
 def confusions(cases: pd.DataFrame) -> pd.DataFrame:

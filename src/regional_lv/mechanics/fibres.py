@@ -33,14 +33,15 @@ def fibre_angles(fibres: Mapping) -> dict[str, float]:
     return {name: np.deg2rad(fibres[f"{name}_deg"] + turned.get(name, 0.0)) for name in names}
 
 
-def fibre_directions(transmural, fibres: Mapping, constant=plain):
+def fibre_directions(transmural, fibres: Mapping, constant=plain, turn=0.0):
     """Fibre and sheet unit vectors (UFL): angles linear through the wall.
 
     The helix angle turns the fibre from circumferential towards the base, the sheet angle turns
     the sheet from radial towards the in-wall normal of the fibre.
 
     fibres: section of the configuration. constant: makes a constant of the form out of a number
-    and its name (`fibre_angles`).
+    and its name (`fibre_angles`). turn: added to the helix angle at all depths (rad), a number or a
+    field.
     """
     circumferential, radial, longitudinal = local_directions(ufl.grad(transmural))
     ends = {name: constant(angle, name) for name, angle in fibre_angles(fibres).items()}
@@ -48,6 +49,7 @@ def fibre_directions(transmural, fibres: Mapping, constant=plain):
         ends[f"{kind}_endo"] + (ends[f"{kind}_epi"] - ends[f"{kind}_endo"]) * transmural
         for kind in KINDS
     )
+    helix = helix + turn
     fibre = ufl.cos(helix) * circumferential + ufl.sin(helix) * longitudinal
     across = ufl.cross(radial, fibre)
     sheet = ufl.cos(tilt) * radial + ufl.sin(tilt) * across

@@ -63,7 +63,8 @@ class Simulator(Equilibrium):
     ----------
     mesh: geometry with segments, surfaces and the transmural coordinate (mm).
     physics: sections `material`, `fibres`, `loading`, `supports`, `observables` of the
-        configuration, and `parameters`, the `spec` of the parameterisation.
+        configuration, and `parameters`, the `spec` of the parameterisation. `fibres` may have
+        `segment_helix_deg`, what single AHA segments add to the helix angle.
     extended: whether all optional terms (springs, dead loads, compressibility) are there although
         they are off; what follows one of them from nothing needs that.
     """
@@ -132,7 +133,8 @@ class Simulator(Equilibrium):
         self.pressure_kpa = self._constant(0.0, "pressure_kpa")
         transmural = api.fem.Function(api.space(domain, "Lagrange", api.element_order(mesh.cells)))
         transmural.x.array[:] = _nodal_values(transmural, mesh)
-        fibre, sheet = fibre_directions(transmural, fibres, self._constant)
+        turn = self._turn_of_segments(fibres, cellwise)
+        fibre, sheet = fibre_directions(transmural, fibres, self._constant, turn)
         constants = self.material.scaled(self._factors, self._constant)
         energy = self.material.energy(F, fibre, sheet, constants)
         test, trial = ufl.TestFunction(space), ufl.TrialFunction(space)
@@ -154,6 +156,17 @@ class Simulator(Equilibrium):
             terms.append(Term(numbers, derivative, self.w, trial))
         self._dilation = api.compile_form(abs(ufl.det(F) - 1) * dx)
         return residual, ufl.derivative(residual, self.w, trial), terms
+
+    def _turn_of_segments(self, fibres: Mapping, cellwise):
+        """What single segments add to the helix angle (rad): a field, or 0 where none does."""
+        turned = fibres.get("segment_helix_deg")
+        if not turned:
+            return 0.0
+        angles = np.zeros(len(SEGMENTS))
+        angles[[segment - 1 for segment in turned]] = np.deg2rad([*turned.values()])
+        field = api.fem.Function(cellwise)
+        field.x.array[:] = angles[self.segment]
+        return field
 
     def _potentials(self, surroundings, supports, loads, valves):
         """Potentials of springs and dead loads, each with its numbers: those that are on, or all of
