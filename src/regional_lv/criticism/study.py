@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from regional_lv import emulators
 from regional_lv.criticism import confirmation
 from regional_lv.criticism.confirmation import Round, conditioned
 from regional_lv.criticism.contract import Findings
@@ -219,7 +218,7 @@ def read_critic(
     are, and the files. settings: as of `Settings.from_config`. known_theta: tables (CSV) with
     `subject` and the parameters. Raises InputError for files that cannot be used.
     """
-    given, emulator = Settings.from_config(settings), emulators.load(emulator_file)
+    given, emulator = Settings.from_config(settings), JointGP.load(emulator_file)
     tables = {
         name: read_measured(path, emulator.channels, strain_exponent=given.strain_exponent)
         for name, path in zip(subjects, measured, strict=True)
