@@ -19,7 +19,7 @@ from regional_lv.emulators.joint_gp import JointGP
 from regional_lv.inference.averaging import Averaged, average
 from regional_lv.inference.departure import noise_units
 from regional_lv.inference.emulated import EmulatedInputs
-from regional_lv.inference.hearts import potential_of_tables, read_known_theta
+from regional_lv.inference.hearts import potential_of_tables, read_known_theta, stiffness_of
 from regional_lv.inference.potential import Potential
 from regional_lv.inference.sampling import write
 from regional_lv.inputs.space import Inputs
@@ -223,7 +223,10 @@ def read_critic(
         name: read_measured(path, emulator.channels, strain_exponent=given.strain_exponent)
         for name, path in zip(subjects, measured, strict=True)
     }
-    known = read_known_theta(known_theta, subjects, physics) if known_theta else None
+    known = None
+    if known_theta:
+        names = [each.name for each in stiffness_of(Inputs.from_config(physics)).values()]
+        known = read_known_theta(known_theta, subjects, names)
     return Critic(subject, tables, emulator, physics, given, seed, known)
 
 
