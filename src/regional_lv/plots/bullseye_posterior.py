@@ -1,4 +1,7 @@
-"""Regional stiffness of one subject on the bullseye of its zones (the paper's Figure 11)."""
+"""Regional stiffness of one subject on the bullseye of its zones (the paper's Figure 11).
+
+Of the model as it is, or averaged over models with that of the model as it is in grey.
+"""
 
 from pathlib import Path
 from typing import NamedTuple
@@ -11,7 +14,13 @@ from matplotlib.patches import Patch
 
 from regional_lv.parameters import Parameterisation
 from regional_lv.plots import bullseye, style
-from regional_lv.plots.case_posterior import CasePosterior, density, read
+from regional_lv.plots.case_posterior import (
+    AveragedPosterior,
+    CasePosterior,
+    density,
+    read,
+    read_averaged,
+)
 
 LARGEST = (0.74, 0.60)
 """Width and height that densities and text of a zone need at most (the disk has radius 1)."""
@@ -40,23 +49,31 @@ class Layout(NamedTuple):
 @style.context
 def draw(
     posterior: Path,
-    diagnostics: Path,
+    diagnostics: Path | None,
     source: str,
     parameters: Parameterisation,
     png: Path,
     csv: Path,
     truth: Path | None = None,
+    findings: Path | None = None,
 ) -> None:
     """Draw the factors of each zone about a zero line, the first one up, the second one down.
 
-    posterior: NetCDF of one subject; diagnostics: its verdict; source: `subjects.<name>.source` of
-    the config; truth: JSON of a synthetic subject. Densities share one axis of values, of the same
-    length in every zone, and are scaled to equal height. The table is long: zone, parameter, item
-    (median, lower95, upper95, truth, density), value, density.
+    posterior: NetCDF of one subject; diagnostics: its verdict; or findings, if it is averaged over
+    models. source: `subjects.<name>.source` of the config; truth: JSON of a synthetic subject.
+    Densities share one axis of values, of the same length in every zone, and are scaled to equal
+    height. The table is long: zone, parameter, item (the columns of the posterior's summary, truth,
+    density, and of an average as_is_density), value, density.
     """
-    found = read(posterior, diagnostics, truth=truth)
+    if findings:
+        found: CasePosterior = read_averaged(posterior, findings, truth)
+    else:
+        found = read(posterior, diagnostics, truth=truth)
     summary = found.summary()
-    upper = max(float(np.quantile(found.draws[name], 0.999)) for name in parameters.names)
+    everything = [found.draws, *([found.as_it_is] if isinstance(found, AveragedPosterior) else [])]
+    upper = max(
+        float(np.quantile(draws[name], 0.999)) for draws in everything for name in parameters.names
+    )
     ticks = _ticks(max([upper, *found.truth.values()]))
     shapes = bullseye.zone_shapes(parameters)
 
@@ -68,17 +85,23 @@ def draw(
         ax.add_patch(shape.patch(facecolor=parameters.colours[zone], alpha=0.10))
     bullseye.outline_zones(ax, parameters)
     factors = len(parameters.factors)
-    places = _alike([_layout(shape, factors, 0.47 * width) for shape in shapes.values()], factors)
+    lines_of_text = factors * len(_texts(found, summary.iloc[0], style.BLACK))
+    places = _alike(
+        [_layout(shape, factors, lines_of_text, 0.47 * width) for shape in shapes.values()], factors
+    )
     for zone, place in zip(shapes, places, strict=True):
         rows += _zone(ax, zone, place, parameters, found, summary, ticks)
     bullseye.frame(ax)
-    handles = _legend(parameters.factors, bool(found.truth))
+    handles = _legend(parameters.factors, found)
     ax.legend(handles=handles, loc="lower left", bbox_to_anchor=(-0.02, -0.04))
     if found.noise:
-        lines = ["noise scales (standardised)"]
+        averaged = isinstance(found, AveragedPosterior)
+        unit = "of a good measurement's noise" if averaged else "standardised"
+        lines = [f"noise scales ({unit})"]
         for name in found.noise:
             row = summary.loc[name]
-            lines.append(f"{style.label(name)}  {_interval(row)}")
+            texts = [text for text, _ in _texts(found, row, style.BLACK)]
+            lines.append(f"{style.label(name)}  {', '.join(texts)}")
             rows += [("", name, item, row[item], np.nan) for item in summary.columns]
         ax.text(1.04, -1.05, "\n".join(lines), ha="right", va="bottom", fontsize=8)
     style.suptitle(fig, found.title("Regional stiffness factors", source), found.warning)
@@ -88,8 +111,14 @@ def draw(
     style.save(fig, table, png, csv)
 
 
-def _interval(row: pd.Series) -> str:
-    return f"{row['median']:.2f} [{row['lower95']:.2f}, {row['upper95']:.2f}]"
+def _texts(found: CasePosterior, row: pd.Series, colour: str) -> list[tuple[str, str]]:
+    """The numbers of a row of the summary, a line each, with their colours."""
+    if not isinstance(found, AveragedPosterior):
+        return [(f"{row['median']:.2f} [{row['lower95']:.2f}, {row['upper95']:.2f}]", colour)]
+    return [
+        (f"{row['mean']:.2f} ± {row['sd']:.2f}", colour),
+        (f"as it is {row['as_is_mean']:.2f} ± {row['as_is_sd']:.2f}", style.GREY),
+    ]
 
 
 def _ticks(upper: float) -> np.ndarray:
@@ -99,9 +128,9 @@ def _ticks(upper: float) -> np.ndarray:
     return np.arange(0, np.ceil(upper / step) + 1) * step
 
 
-def _layout(shape: bullseye.ZoneShape, factors: int, inches: float) -> Layout:
-    """Densities above, the zone's name and a line for each factor below, in the largest box that
-    the zone holds; inches: what 1 is on the figure."""
+def _layout(shape: bullseye.ZoneShape, factors: int, lines: int, inches: float) -> Layout:
+    """Densities above, the zone's name and `lines` of text below, in the largest box that the zone
+    holds; inches: what 1 is on the figure."""
     x, y, width, height = _largest_box(shape)
     # The grid of the search may miss the zone's middle by less than a step.
     x, y = (
@@ -109,7 +138,7 @@ def _layout(shape: bullseye.ZoneShape, factors: int, inches: float) -> Layout:
     )
     size = float(np.clip(72 * width * inches / 12.6, 4.5, 8.5))
     line = 1.6 * size / 72 / inches
-    for_text = line * (factors + 1) + 0.2 * line
+    for_text = line * (lines + 1) + 0.2 * line
     sides = 2 if factors > 1 else 1
     # A density needs less height than width; what is left over goes above and below.
     tall = min(height - for_text - GAP * line, sides * min(0.21, 0.5 * width))
@@ -178,7 +207,7 @@ def _zone(
     foot = y0 - height * (len(parameters.factors) > 1)
     ax.plot([x0 - half, x0 + half], [y0, y0], ":", color=style.GREY, linewidth=1)
     ax.plot([x0 - half, x0 + half], [foot, foot], color=style.GREY, linewidth=0.8)
-    colours = style.factor_colours(parameters.factors)
+    colours, lines = style.factor_colours(parameters.factors), 0
     for at, (factor, colour) in enumerate(colours.items()):
         name, sign = f"{factor}_{zone}", 1 if at % 2 == 0 else -1
         values, heights = density(posterior.draws[name])
@@ -187,8 +216,18 @@ def _zone(
         ax.plot(place(values), curve, color=colour, linewidth=1)
         row = summary.loc[name]
         ax.plot(
-            [place(row["median"])] * 2, [y0, y0 + sign * 0.55 * height], color=colour, linewidth=2.2
+            [place(row[posterior.middle])] * 2,
+            [y0, y0 + sign * 0.55 * height],
+            color=colour,
+            linewidth=2.2,
         )
+        if isinstance(posterior, AveragedPosterior):
+            at_base, of_base = density(posterior.as_it_is[name])
+            curve = y0 + sign * height * of_base / of_base.max()
+            ax.plot(place(at_base), curve, color=style.GREY, linewidth=0.9)
+            rows += [
+                (zone, name, "as_is_density", v, h) for v, h in zip(at_base, of_base, strict=True)
+            ]
         rows += [(zone, name, item, row[item], np.nan) for item in summary.columns]
         if name in posterior.truth:
             value = posterior.truth[name]
@@ -204,15 +243,18 @@ def _zone(
             )
             rows.append((zone, name, "truth", value, np.nan))
         rows += [(zone, name, "density", v, h) for v, h in zip(values, heights, strict=True)]
-        ax.text(
-            x0,
-            text - line * (1.2 + at),
-            f"{style.factor_label(factor)} {_interval(row)}",
-            ha="center",
-            va="top",
-            color=colour,
-            fontsize=size,
-        )
+        symbol = f"{style.factor_label(factor)} "
+        for words, shade in _texts(posterior, row, colour):
+            ax.text(
+                x0,
+                text - line * (1.2 + lines),
+                symbol + words,
+                ha="center",
+                va="top",
+                color=shade,
+                fontsize=size,
+            )
+            symbol, lines = "", lines + 1
     for tick in ticks:
         ax.plot([place(tick)] * 2, [foot, foot - 0.008], color=style.GREY, linewidth=0.8)
         ax.text(
@@ -236,13 +278,17 @@ def _zone(
     return rows
 
 
-def _legend(factors: tuple[str, ...], has_truth: bool) -> list[Artist]:
+def _legend(factors: tuple[str, ...], found: CasePosterior) -> list[Artist]:
     sides = (" (above the line)", " (below the line)") if len(factors) > 1 else ("",)
     handles: list[Artist] = [
         Patch(color=colour, alpha=0.45, label=style.factor_label(name) + sides[at % len(sides)])
         for at, (name, colour) in enumerate(style.factor_colours(factors).items())
     ]
-    handles.append(Line2D([], [], color=style.GREY, linewidth=2.2, label="posterior median"))
-    if has_truth:
+    middle = f"posterior {found.middle}"
+    if isinstance(found, AveragedPosterior):
+        handles.append(Line2D([], [], color=style.GREY, linewidth=0.9, label="the model as it is"))
+        middle += ", averaged over models"
+    handles.append(Line2D([], [], color=style.BLACK, linewidth=2.2, label=middle))
+    if found.truth:
         handles.append(Line2D([], [], color=style.BLACK, marker="v", linestyle="--", label="truth"))
     return handles
