@@ -183,12 +183,12 @@ def answer(content: Findings) -> str:
     if not content["misfit"]["detected"]:
         text = "The model as it is fits the measurements"
     elif content["explained"] and (content["named"] or groups):
-        text = f"{_certainty(content)}: {_list([*_called(content, content['named']), *groups])}"
+        found = [*_called(content, content["named"]), *groups]
+        text = f"{certainty(content)}: {_list(found)}"
     else:
         text = "The model as it is misses the measurements, and no cause is named"
-    return (
-        f"{text}. The probability of the model as it is is {percent(content['base_probability'])}."
-    )
+    probability = percent(content["base_probability"])
+    return f"{text}. The model as it is has a probability of {probability}."
 
 
 def untrusted(content: Findings) -> str:
@@ -234,8 +234,8 @@ def best_set(content: Findings) -> Set | None:
     return next((s for s in content["sets"] if s["causes"] == content["best"]), None)
 
 
-def _certainty(content: Findings) -> str:
-    """What no simulations confirm is suspected."""
+def certainty(content: Findings) -> str:
+    """ "Named", or "Suspected" where no simulations confirm the best set."""
     best = best_set(content)
     return "Named" if best is not None and best["confirmed"] else "Suspected"
 
@@ -263,8 +263,8 @@ def _explained(content: Findings) -> list[str]:
     for group in content["groups"]:
         likeliest = max(group, key=lambda name: _cause_of(content, name)["probability"])
         sentences.append(
-            f"One of {_list(_called(content, group), 'or')} is present; the data cannot tell which. "
-            f"The most probable is {_estimated(content, likeliest)}."
+            f"One of {_list(_called(content, group), 'or')} is present; the data cannot tell "
+            f"which. The most probable is {_estimated(content, likeliest)}."
         )
     known = {*content["named"], *content["acts_like"]}.union(*content["groups"])
     uncertain = _called(content, [name for name in content["best"] or () if name not in known])
@@ -290,7 +290,7 @@ def _explained(content: Findings) -> list[str]:
 def _named(content: Findings, name: str) -> str:
     h = _cause_of(content, name)
     text = (
-        f"{_certainty(content)}: {_estimated(content, name)}; probability "
+        f"{certainty(content)}: {_estimated(content, name)}; probability "
         f"{percent(h['probability'])} among all sets of the {len(content['hypotheses'])} causes "
         "searched"
     )
@@ -328,8 +328,8 @@ def _why_not(content: Findings) -> str:
         return ": an estimate is at the end of its plausible range"
     if 1 - best["probability"] - nothing - unlisted < nothing + unlisted:
         return (
-            f": the best set of them fits, but has a probability of {best['probability']:.2f} only, "
-            f"the model as it is {nothing:.2f}, and a smooth departure of no listed shape "
+            f": the best set of them fits, but has a probability of {best['probability']:.2f} "
+            f"only, the model as it is {nothing:.2f}, and a smooth departure of no listed shape "
             f"{unlisted:.2f}"
         )
     return ": several sets do as well, and have too little in common"
@@ -375,7 +375,7 @@ def confirmation(content: Findings) -> list[str]:
         text = (
             f"The emulator {verdict} with {known} at draws of the leading models, "
             f"{part['simulations_of_best']} of them of the best set: simulated minus emulated is "
-            f"{number(last, 2)} of the sds that it states (root mean square"
+            f"{number(last, 2)} times the sds that it states (root mean square"
         )
         if part["largest_error_sd"] is not None:
             text += f"; {number(part['largest_error_sd'], 2)} in the worst channel"

@@ -28,6 +28,10 @@ LARGEST = (0.74, 0.60)
 GAP = 1.1
 """Between densities and text, for the labels of the ticks, in lines of text."""
 
+SEAM = 0.9
+"""Where numbers of the average end and those of the model as it is begin, right of a zone's middle,
+in lines of text: both together are centred."""
+
 STEP = 0.02
 MARGIN = 0.015
 
@@ -70,10 +74,10 @@ def draw(
     else:
         found = read(posterior, diagnostics, truth=truth)
     summary = found.summary()
-    everything = [found.draws, *([found.as_it_is] if isinstance(found, AveragedPosterior) else [])]
-    upper = max(
-        float(np.quantile(draws[name], 0.999)) for draws in everything for name in parameters.names
-    )
+    shown = [found.draws[name] for name in parameters.names]
+    if isinstance(found, AveragedPosterior):
+        shown += [found.as_it_is[name] for name in parameters.names]
+    upper = max(float(np.quantile(values, 0.999)) for values in shown)
     ticks = _ticks(max([upper, *found.truth.values()]))
     shapes = bullseye.zone_shapes(parameters)
 
@@ -85,10 +89,7 @@ def draw(
         ax.add_patch(shape.patch(facecolor=parameters.colours[zone], alpha=0.10))
     bullseye.outline_zones(ax, parameters)
     factors = len(parameters.factors)
-    lines_of_text = factors * len(_texts(found, summary.iloc[0], style.BLACK))
-    places = _alike(
-        [_layout(shape, factors, lines_of_text, 0.47 * width) for shape in shapes.values()], factors
-    )
+    places = _alike([_layout(shape, factors, 0.47 * width) for shape in shapes.values()], factors)
     for zone, place in zip(shapes, places, strict=True):
         rows += _zone(ax, zone, place, parameters, found, summary, ticks)
     bullseye.frame(ax)
@@ -100,8 +101,7 @@ def draw(
         lines = [f"noise scales ({unit})"]
         for name in found.noise:
             row = summary.loc[name]
-            texts = [text for text, _ in _texts(found, row, style.BLACK)]
-            lines.append(f"{style.label(name)}  {', '.join(texts)}")
+            lines.append(f"{style.label(name)}  {_numbers(row)}")
             rows += [("", name, item, row[item], np.nan) for item in summary.columns]
         ax.text(1.04, -1.05, "\n".join(lines), ha="right", va="bottom", fontsize=8)
     style.suptitle(fig, found.title("Regional stiffness factors", source), found.warning)
@@ -111,14 +111,11 @@ def draw(
     style.save(fig, table, png, csv)
 
 
-def _texts(found: CasePosterior, row: pd.Series, colour: str) -> list[tuple[str, str]]:
-    """The numbers of a row of the summary, a line each, with their colours."""
-    if not isinstance(found, AveragedPosterior):
-        return [(f"{row['median']:.2f} [{row['lower95']:.2f}, {row['upper95']:.2f}]", colour)]
-    return [
-        (f"{row['mean']:.2f} ± {row['sd']:.2f}", colour),
-        (f"as it is {row['as_is_mean']:.2f} ± {row['as_is_sd']:.2f}", style.GREY),
-    ]
+def _numbers(row: pd.Series) -> str:
+    """Those of a row of the summary."""
+    if "sd" in row:
+        return f"{row['mean']:.2f} ± {row['sd']:.2f}"
+    return f"{row['median']:.2f} [{row['lower95']:.2f}, {row['upper95']:.2f}]"
 
 
 def _ticks(upper: float) -> np.ndarray:
@@ -128,9 +125,9 @@ def _ticks(upper: float) -> np.ndarray:
     return np.arange(0, np.ceil(upper / step) + 1) * step
 
 
-def _layout(shape: bullseye.ZoneShape, factors: int, lines: int, inches: float) -> Layout:
-    """Densities above, the zone's name and `lines` of text below, in the largest box that the zone
-    holds; inches: what 1 is on the figure."""
+def _layout(shape: bullseye.ZoneShape, factors: int, inches: float) -> Layout:
+    """Densities above, the zone's name and a line for each factor below, in the largest box that
+    the zone holds; inches: what 1 is on the figure."""
     x, y, width, height = _largest_box(shape)
     # The grid of the search may miss the zone's middle by less than a step.
     x, y = (
@@ -138,7 +135,7 @@ def _layout(shape: bullseye.ZoneShape, factors: int, lines: int, inches: float) 
     )
     size = float(np.clip(72 * width * inches / 12.6, 4.5, 8.5))
     line = 1.6 * size / 72 / inches
-    for_text = line * (lines + 1) + 0.2 * line
+    for_text = line * (factors + 1) + 0.2 * line
     sides = 2 if factors > 1 else 1
     # A density needs less height than width; what is left over goes above and below.
     tall = min(height - for_text - GAP * line, sides * min(0.21, 0.5 * width))
@@ -207,7 +204,7 @@ def _zone(
     foot = y0 - height * (len(parameters.factors) > 1)
     ax.plot([x0 - half, x0 + half], [y0, y0], ":", color=style.GREY, linewidth=1)
     ax.plot([x0 - half, x0 + half], [foot, foot], color=style.GREY, linewidth=0.8)
-    colours, lines = style.factor_colours(parameters.factors), 0
+    colours = style.factor_colours(parameters.factors)
     for at, (factor, colour) in enumerate(colours.items()):
         name, sign = f"{factor}_{zone}", 1 if at % 2 == 0 else -1
         values, heights = density(posterior.draws[name])
@@ -243,18 +240,15 @@ def _zone(
             )
             rows.append((zone, name, "truth", value, np.nan))
         rows += [(zone, name, "density", v, h) for v, h in zip(values, heights, strict=True)]
-        symbol = f"{style.factor_label(factor)} "
-        for words, shade in _texts(posterior, row, colour):
-            ax.text(
-                x0,
-                text - line * (1.2 + lines),
-                symbol + words,
-                ha="center",
-                va="top",
-                color=shade,
-                fontsize=size,
-            )
-            symbol, lines = "", lines + 1
+        words = f"{style.factor_label(factor)} {_numbers(row)}"
+        top, below = text - line * (1.2 + at), {"va": "top", "fontsize": size}
+        if isinstance(posterior, AveragedPosterior):
+            seam = x0 + SEAM * line
+            ax.text(seam, top, words, ha="right", color=colour, **below)
+            base = f"  {row['as_is_mean']:.2f}"
+            ax.text(seam, top, base, ha="left", color=style.GREY, **below)
+        else:
+            ax.text(x0, top, words, ha="center", color=colour, **below)
     for tick in ticks:
         ax.plot([place(tick)] * 2, [foot, foot - 0.008], color=style.GREY, linewidth=0.8)
         ax.text(

@@ -24,8 +24,8 @@ SHOWN_Z = 4.0
 SHOWN_CAUSES = 4
 """Posteriors of effects that are drawn."""
 
-WRITTEN_SHARE = 0.07
-"""Of a variance, from which on it is written into its bar."""
+WRITTEN = 7.0
+"""Per cent of a variance from which on they are written into their bar."""
 
 WHEN = {"before": "the model as it is", "after": "with the best set of causes"}
 
@@ -127,7 +127,11 @@ def draw_causes(findings: Findings, png: Path, csv: Path) -> None:
     left, right = fig.subplots(1, 2, sharey=True, width_ratios=[3, 2])
     at = np.arange(len(table))[::-1]
     grouped = {name for group in findings["groups"] for name in group}
-    kinds = {"named": style.VERMILLION, "one of a group": style.ORANGE, "not named": style.BLUE}
+    kinds = {
+        words.certainty(findings).lower(): style.VERMILLION,
+        "one of a group": style.ORANGE,
+        "not named": style.BLUE,
+    }
     kinds["not identifiable"] = style.LIGHT
     table["kind"] = np.select(
         [table["name"].isin(findings["named"]), table["name"].isin(grouped), table["identifiable"]],
@@ -184,7 +188,7 @@ def draw_effects(findings: Findings, png: Path, csv: Path) -> None:
             )
         near = 0.5 * (edges[-1] - edges[0])
         if edges[0] - near <= h["base"] <= edges[-1] + near:
-            labels["assumed by the model"] = ax.axvline(h["base"], color=style.VERMILLION)
+            labels["assumed by the model"] = ax.axvline(h["base"], color=style.VERMILLION, zorder=3)
         for end in h["range"]:
             if edges[0] - near / 5 <= end <= edges[-1] + near / 5:
                 labels["end of the plausible range"] = ax.axvline(
@@ -226,16 +230,17 @@ def draw_sources(findings: Findings, png: Path, csv: Path) -> None:
     fig = style.figure(7.6, 0.3 * len(wide) + 1.3)
     ax = fig.subplots()
     at, start = np.arange(len(wide))[::-1], np.zeros(len(wide))
-    palette = cycle((style.SKY, style.GREEN, style.ORANGE, style.PINK, style.BLUE, style.GREY))
-    for source, share in wide.items():
+    palette = cycle((style.SKY, style.GREEN, style.ORANGE, style.PINK, style.LIGHT, style.GREY))
+    for source, shares_of in wide.items():
+        percent = 100 * shares_of.to_numpy()
         colour = style.VERMILLION if source == last else next(palette)
-        ax.barh(at, share, left=start, color=colour, height=0.7, label=source)
-        for y, left, value in zip(at, start, share, strict=True):
-            if value >= WRITTEN_SHARE:
-                ax.text(left + value / 2, y, f"{100 * value:.0f}", ha="center", va="center")
-        start = start + share.to_numpy()
+        ax.barh(at, percent, left=start, color=colour, height=0.7, label=source)
+        for y, left, value in zip(at, start, percent, strict=True):
+            if value >= WRITTEN:
+                ax.text(left + value / 2, y, f"{value:.0f}", ha="center", va="center")
+        start = start + percent
     ax.set_yticks(at, [style.label(name) for name in wide.index])
-    ax.set(xlim=(0, 1), xlabel="share of the variance of the logarithm (numbers: %)")
+    ax.set(xlim=(0, 100), xlabel="share of the variance of the logarithm (%)")
     fig.legend(loc="outside upper center", ncols=min(len(wide.columns), 6))
     written = wide.rename_axis(columns="source").stack().rename("share").reset_index()
     style.save(fig, written, png, csv)

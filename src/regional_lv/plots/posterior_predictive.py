@@ -55,10 +55,10 @@ def draw(
 
     posterior: one subject's NetCDF with the posterior predictive (output error and measurement
     noise included, natural units) and what was observed; diagnostics: its verdict; or findings, if
-    it is averaged over models. source: `subjects.<name>.source` of the config. Strains are read on the left, every other quantity on an
-    axis of its own to its right; each load has a panel, the full one first. The table is long:
-    output, quantity, segment, item (observed, median, lower95, upper95, density), value, density,
-    inside.
+    it is averaged over models. source: `subjects.<name>.source` of the config. Strains are read on
+    the left, every other quantity on an axis of its own to its right; each load has a panel, the
+    full one first. The table is long: output, quantity, segment, item (observed, median, lower95,
+    upper95, density), value, density, inside.
     Raises InputError if the file has no posterior predictive.
     """
     found = read_averaged(posterior, findings) if findings else read(posterior, diagnostics)
