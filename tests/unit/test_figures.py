@@ -392,7 +392,7 @@ def test_bullseye_posterior(subject, paths):
 
 
 def test_bullseye_of_an_average_has_the_model_as_it_is_beside_it(averaged, subject, paths):
-    nc, findings = averaged()
+    nc, findings = averaged(noise=[{"quantity": "radial", "before": 1.6, "after": 0.9}])
     truth = subject()[2]
     bullseye_posterior.draw(nc, None, "file", PARAMETERS, *paths, truth, findings)
     drawn = read(paths).set_index(["parameter", "item"])["value"].sort_index()
@@ -406,6 +406,8 @@ def test_bullseye_of_an_average_has_the_model_as_it_is_beside_it(averaged, subje
             curve = drawn[name, f"{prefix}density"]
             assert low < curve.mean() < high
         assert (name, "truth") in drawn.index
+    assert drawn["sigma_radial", "mean"].item() == pytest.approx(0.9, rel=0.05)
+    assert drawn["sigma_radial", "as_is_mean"].item() == pytest.approx(1.6, rel=0.05)
 
 
 def test_figures_of_a_heart_that_no_model_fits_say_so(averaged, paths, figures):
@@ -429,6 +431,8 @@ def test_an_average_and_findings_that_do_not_go_together_are_named(averaged, sub
     nc, findings = averaged()
     with pytest.raises(InputError, match=r"heart\.nc: no group `as_it_is`; give the posterior"):
         case_posterior.read_averaged(subject()[0], findings)
+    with pytest.raises(InputError, match="without verdict; give its diagnostics, or findings"):
+        case_posterior.read_subject(nc, None, None)
     content = json.loads(findings.read_text())
     content["stiffness"][0]["name"] = "C_a_elsewhere"
     findings.write_text(json.dumps(content))

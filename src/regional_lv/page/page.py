@@ -29,8 +29,7 @@ from regional_lv.plots.case_posterior import (
     AveragedPosterior,
     CasePosterior,
     predictive,
-    read,
-    read_averaged,
+    read_subject,
 )
 from regional_lv.plots.verdicts import chosen
 
@@ -116,7 +115,7 @@ def make_page(
     """
     table = read_measured(measured, strain_exponent=None)
     content = read_findings(findings) if findings else None
-    drawn = read_averaged(posterior, findings) if findings else read(posterior, diagnostics)
+    drawn = read_subject(posterior, diagnostics, findings)
     rows = stiffness_of(drawn, parameters)
     middles = {row["name"]: row["middle"] for row in rows}
     pictures = {
@@ -322,14 +321,14 @@ def stiffness_of(drawn: CasePosterior, parameters: Parameterisation) -> list[dic
 
     The prior of the paper's posterior is uniform, that of an average uniform in the logarithm.
     """
-    averaged = isinstance(drawn, AveragedPosterior)
-    shifts = {s["name"]: s["shift_sd"] for s in drawn.stiffness} if averaged else {}
+    stated = drawn.stiffness if isinstance(drawn, AveragedPosterior) else ()
+    shifts = {s["name"]: s["shift_sd"] for s in stated}
     summary, rows = drawn.summary(), []
     for p in parameters:
         values, row = drawn.draws[p.name].ravel(), summary.loc[p.name].to_dict()
         prior = (
             stats.loguniform(p.lower, p.upper)
-            if averaged
+            if stated
             else stats.uniform(p.lower, p.upper - p.lower)
         )
         rows.append(

@@ -18,8 +18,7 @@ from regional_lv.plots.case_posterior import (
     AveragedPosterior,
     CasePosterior,
     density,
-    read,
-    read_averaged,
+    read_subject,
 )
 
 LARGEST = (0.74, 0.60)
@@ -69,10 +68,7 @@ def draw(
     height. The table is long: zone, parameter, item (the columns of the posterior's summary, truth,
     density, and of an average as_is_density), value, density.
     """
-    if findings:
-        found: CasePosterior = read_averaged(posterior, findings, truth)
-    else:
-        found = read(posterior, diagnostics, truth=truth)
+    found = read_subject(posterior, diagnostics, findings, truth)
     summary = found.summary()
     shown = [found.draws[name] for name in parameters.names]
     if isinstance(found, AveragedPosterior):

@@ -148,6 +148,21 @@ def read_averaged(
     )
 
 
+def read_subject(
+    nc: str | Path,
+    diagnostics: str | Path | None,
+    findings: str | Path | None,
+    truth: str | Path | None = None,
+) -> CasePosterior:
+    """The posterior of one subject: averaged over models if there are findings, else of the model
+    as it is. Arguments and errors as for `read_averaged` and `read`."""
+    if findings:
+        return read_averaged(nc, findings, truth)
+    if not diagnostics:
+        raise InputError(f"{nc}: a posterior without verdict; give its diagnostics, or findings")
+    return read(nc, diagnostics, truth=truth)
+
+
 def _draws_by_name(group: xr.Dataset, names: Sequence[str]) -> dict[str, np.ndarray]:
     order = ("chain", "draw")
     draws = {n: group["value"].sel(input=n).transpose(*order).to_numpy() for n in names}

@@ -5,7 +5,7 @@ from pathlib import Path
 import arviz as az
 import pandas as pd
 
-from regional_lv.plots.case_posterior import SOURCES, read, read_averaged
+from regional_lv.plots.case_posterior import SOURCES, read, read_subject
 from regional_lv.tables.writing import written
 
 
@@ -26,8 +26,10 @@ def subjects(
     as it is alone are in standardised units, others in those of a good measurement's noise.
     """
     tables = []
-    for path, check, source in zip(posteriors, findings or diagnostics or (), sources, strict=True):
-        one = read_averaged(path, check) if findings else read(path, check)
+    absent = [None] * len(posteriors)
+    files = zip(posteriors, diagnostics or absent, findings or absent, sources, strict=True)
+    for path, check, found, source in files:
+        one = read_subject(path, check, found)
         table = one.summary().reset_index()
         table.insert(0, "subject", one.case)
         table.insert(1, "data", SOURCES[source])
