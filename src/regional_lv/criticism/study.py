@@ -13,7 +13,9 @@ from regional_lv.criticism import confirmation
 from regional_lv.criticism.confirmation import Round, conditioned
 from regional_lv.criticism.contract import Findings
 from regional_lv.criticism.findings import Context, findings_of, write_findings
-from regional_lv.criticism.misfit import LinearModel, left_out, test
+from regional_lv.criticism.left_out import left_out
+from regional_lv.criticism.linear_model import LinearModel
+from regional_lv.criticism.misfit import test
 from regional_lv.criticism.verdict import LEAST_PROBABILITY, Examined, Verdict
 from regional_lv.emulators.joint_gp import JointGP
 from regional_lv.inference.averaging import Averaged, average
@@ -159,10 +161,11 @@ class Critic:
     def _examined(self, averaged: Averaged, number: int) -> Examined:
         fitted = averaged.models[number].fit
         assert fitted is not None
-        linear = LinearModel.of(averaged.potential, fitted)
+        potential = averaged.potential
+        linear = LinearModel.of(potential, fitted, potential.observed)
         tested = test(
             linear,
-            number == averaged.base,
+            potential.suspected if number == averaged.base else (),
             self.settings.bootstrap,
             derive(self.seed, "bootstrap", averaged.names[number]),
         )
@@ -176,15 +179,11 @@ def _confirmed(averaged: Averaged, rounds: Sequence[Round], noise_sd) -> frozens
         return frozenset()
     counts = pd.concat([r.simulations["set"] for r in known]).value_counts()
     return frozenset(
-        n
-        for n, name in enumerate(averaged.names)
-        if counts.get(name, 0) >= confirmation.FEWEST
+        n for n, name in enumerate(averaged.names) if counts.get(name, 0) >= confirmation.FEWEST
     )
 
 
-def criticise(
-    critic: Critic, simulate: Callable[[pd.DataFrame], pd.DataFrame] | None
-) -> Concluded:
+def criticise(critic: Critic, simulate: Callable[[pd.DataFrame], pd.DataFrame] | None) -> Concluded:
     """All steps at once.
 
     simulate: makes what a plan asks for, as `confirmation.simulate` does; without it nothing is
@@ -231,9 +230,7 @@ def read_critic(
 
 
 @passes_on(read_critic)
-def plan_confirmation(
-    simulations: Sequence[str | Path], design: str | Path, **inputs
-) -> None:
+def plan_confirmation(simulations: Sequence[str | Path], design: str | Path, **inputs) -> None:
     """Write what the next round of the confirmation has to simulate (Parquet).
 
     simulations: of the rounds before. inputs: as of `read_critic`.
