@@ -1,12 +1,24 @@
 """The average over models: against mixtures in closed form and quadrature, and its files."""
 
+from itertools import combinations
+
 import arviz as az
 import numpy as np
 import pytest
 import torch
 
 from regional_lv.inference.averaging import average
-from tests.inference.toys import closed_form, linear_problem, toy_inputs
+from regional_lv.inference.potential import Potential
+from regional_lv.inputs.scales import Logarithmic, Saturating
+from regional_lv.inputs.space import Inputs, Role
+from tests.inference.toys import (
+    Emulator,
+    Toy,
+    closed_form,
+    known_noise,
+    linear_problem,
+    toy_inputs,
+)
 
 
 @pytest.fixture(scope="module")
@@ -87,6 +99,62 @@ def test_same_seed_same_answer():
     assert first.table().equals(second.table())
     assert first.inference_data(50, 1).posterior.equals(second.inference_data(50, 1).posterior)
     assert not first.table().equals(other.table())
+
+
+@pytest.mark.parametrize("scale", [Logarithmic(), Saturating(0.5)])
+def test_what_the_data_do_not_see_is_uniform_in_its_unit(scale):
+    """Beside an input that they do see; and it leaves the evidence as it is without it."""
+    seen, unseen = Toy("t0", -20.0, 20.0), Toy("t1", 0.1, 5.0, scale=scale)
+    y = torch.tensor([0.3, 0.2, 0.4, 0.1]).double()
+    emulator = Emulator(lambda x: x[:, :1].expand(-1, 4), 1e-6 * torch.eye(4).double())
+    both, one = (
+        average(Potential(emulator, Inputs({}, members, {}), y, known_noise(4)), 0, 0)
+        for members in ([seen, unseen], [seen])
+    )
+    row = both.table().loc["t1"]
+    assert row["mean"] == pytest.approx(2.55, abs=0.1)
+    assert row["sd"] == pytest.approx(4.9 / np.sqrt(12), rel=0.05)
+    assert row["lower95"] == pytest.approx(0.1 + 0.025 * 4.9, abs=0.05)
+    assert row["upper95"] == pytest.approx(5.0 - 0.025 * 4.9, abs=0.05)
+    (found,), (expected,) = (each.models for each in (both, one))
+    assert found.log_evidence == pytest.approx(expected.log_evidence, abs=0.05)
+    if isinstance(scale, Logarithmic):  # the density rises as an exponential, as the fit has it
+        assert float(found.fit.log_evidence) == pytest.approx(expected.log_evidence, abs=0.01)
+
+
+class Place(Toy):
+    """One of the places of a cause."""
+
+    cause = "scar"
+
+    @property
+    def place(self):
+        return self.name.removeprefix("scar_")
+
+
+def test_places_of_a_cause():
+    """Probabilities in closed form: sets share the probability of their size by what shares their
+    inputs are of their causes; and what the average says of a cause and of its place."""
+    members = [*toy_inputs(1, suspected=2, half=20.0)]
+    members += [Place(f"scar_{place}", -20.0, 20.0, 0.0) for place in range(1, 5)]
+    inputs = Inputs({}, members, {e.name: Role("suspected") for e in members[1:]})
+    truth = [0.5, 0.0, 0.0, 0.0, 0.0, 0.2, 0.0]
+    potential, slopes, covariance = linear_problem(inputs, 8, truth)
+    found = average(potential, 2, 0, draws=500)
+    share = dict(zip(range(1, 7), [1, 1, 0.25, 0.25, 0.25, 0.25], strict=True))
+    priors, logs = {}, []
+    for size in range(3):
+        sets = {m: np.prod([share[k] for k in m]) for m in combinations(range(1, 7), size)}
+        priors |= {m: np.log(p / sum(sets.values()) / 3) for m, p in sets.items()}
+    for model in found.models:
+        assert model.log_prior == pytest.approx(priors[model.members])
+        logs.append(closed_form(potential, slopes, covariance, model.members)[0] + model.log_prior)
+    weight = np.exp(np.array(logs) - max(logs))
+    scars = np.array([[k in m.members for k in range(3, 7)] for m in found.models])
+    expected = (weight / weight.sum()) @ np.column_stack([scars.any(1), scars])
+    assert found.probability_of_cause("scar") == pytest.approx(expected[0], abs=0.02)
+    assert found.place_of("scar") == ("3", pytest.approx(expected[3] / expected[0], abs=0.02))
+    assert 0.1 < expected[0] < 0.999 and found.place_of("c0")[0] == ""
 
 
 def test_model_that_is_impossible():

@@ -121,8 +121,8 @@ def test_approximation_stays_in_its_ranges():
 
 @pytest.mark.parametrize(("nominal", "sd"), [(8.0, 2.0), (5.0, 3.0), (15.0, 30.0)])
 def test_measured_input_on_its_scale(nominal, sd):
-    """A pressure, normal in its unit and cut at its range, beside a stiffness that it acts on: both
-    on logarithmic scales; evidence and means against quadrature in their units."""
+    """A pressure, normal in its unit and cut at its range, beside a stiffness that it acts on,
+    uniform in its own: both on logarithmic scales; evidence and means against quadrature."""
     members = [Toy("c", 0.2, 5.0, scale=Logarithmic()), Toy("p", 4, 16, nominal, Logarithmic())]
     inputs = Inputs({}, members, {"p": Role("measured", sd)})
     a = torch.tensor([[0.5, 0.4], [0.3, 0.1], [0.2, 0.4]]).double()
@@ -139,7 +139,7 @@ def test_measured_input_on_its_scale(nominal, sd):
     errors = (y - function(torch.as_tensor(grid))).numpy()
     prior = stats.truncnorm((4 - nominal) / sd, (16 - nominal) / sd, nominal, sd).pdf(p)
     density = np.exp(stats.norm(0, 0.15).logpdf(errors).sum(-1)).reshape(401, 401)
-    density = density * prior / np.log(5 / 0.2)
+    density = density * prior * np.exp(z)[:, None] / (5 - 0.2)
 
     def whole(values):
         return integrate.simpson(integrate.simpson(values, x=p), x=z)

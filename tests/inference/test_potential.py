@@ -79,11 +79,11 @@ def test_density_against_scipy():
     for value, row in zip(found, x, strict=True):
         mean = bent(row[None, :4])[0].numpy()
         expected = stats.multivariate_normal(mean, covariance).logpdf(potential.y.numpy())
-        # In the logarithm of the pressure.
-        expected += pressure.logpdf(np.exp(float(row[2]))) + float(row[2])
+        # In the logarithms of the pressure and of t0, which is uniform in its unit.
+        expected += pressure.logpdf(np.exp(float(row[2]))) + float(row[2]) + float(row[0])
         assert float(value) == pytest.approx(expected, rel=1e-10)
     free = torch.stack([potential.free(), potential.free((3,))])
-    widths = np.log(5 / 0.2), 3.0, 1.0
+    widths = 5 - 0.2, 3.0, 1.0
     expected = [-np.log(widths[:2]).sum(), -np.log(widths).sum()]
     np.testing.assert_allclose(potential.log_uniform(free), expected)
 
@@ -98,7 +98,7 @@ def test_tails_against_scipy():
         mean, inverse = bent(row[None, :5])[0].numpy(), float(row[4])
         noise = stats.t(1 / inverse, mean, 0.2) if inverse else stats.norm(mean, 0.2)
         expected = noise.logpdf(potential.y.numpy()).sum()
-        expected += float(potential.measured[0].log_density(row[None])[0])
+        expected += float(potential.measured[0].log_density(row[None])[0]) + float(row[0])
         assert float(value) == pytest.approx(expected, rel=1e-3)
 
 

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-import torch
 from scipy.stats import qmc
 
 from regional_lv.derivative_kernel import joint_covariance
@@ -118,5 +117,3 @@ def test_covariances_of_gradients_are_derivatives_of_the_kernel():
         - joint_covariance(shifted(x, 1, -h), y, scales, alpha, blocks)
     )[:2, 3 * 3 : 3 * 4] / (2 * h)
     np.testing.assert_allclose(exact[2 * 2 : 2 * 3, 3 * 3 : 3 * 4], both, atol=1e-9)
-    tensors = joint_covariance(*(torch.as_tensor(a) for a in (x, y, scales)), alpha, blocks)
-    np.testing.assert_allclose(tensors.numpy(), exact, rtol=1e-14)

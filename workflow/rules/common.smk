@@ -27,9 +27,11 @@ surroundings.settle()
 from regional_lv import config as study_config  # noqa: E402
 from regional_lv import dependencies, running  # noqa: E402
 from regional_lv.channels import Channels  # noqa: E402
+from regional_lv.config_checks import meshes_anew  # noqa: E402
 from regional_lv.data import path as packaged  # noqa: E402
 from regional_lv.data import segment_table  # noqa: E402
 from regional_lv.design import scenario_size  # noqa: E402
+from regional_lv.emulators import OF_INPUTS  # noqa: E402
 from regional_lv.errors import InputError  # noqa: E402
 from regional_lv.faults import AGAIN, damage_of  # noqa: E402
 from regional_lv.geometry.mesh_config import finer  # noqa: E402

@@ -25,6 +25,15 @@ SUBJECT = {
     "posterior": f"{POSTERIORS}/subjects/{{subject}}.nc",
     "diagnostics": f"{POSTERIORS}/subjects/{{subject}}.csv",
 }
+# What a subject's figures, tables and pages show: averaged over models, where these are doubted.
+ANSWER = (
+    {
+        "posterior": f"{C}/{{subject}}/posterior.nc",
+        "findings": f"{C}/{{subject}}/findings.json",
+    }
+    if DOUBTS
+    else SUBJECT
+)
 TRUTH = {
     "truth": lambda wildcards: (
         f"{R}/truth/{wildcards.subject}.json" if wildcards.subject in SYNTHETIC else []
@@ -224,13 +233,13 @@ PLOTS = {
     "bullseye_posterior": {
         "category": "Subjects",
         "file": "{subject}/bullseye_posterior",
-        "input": SUBJECT | TRUTH,
+        "input": ANSWER | TRUTH,
         "params": SOURCE_OF | OF_PARAMETERS,
     },
     "posterior_predictive": {
         "category": "Subjects",
         "file": "{subject}/posterior_predictive",
-        "input": SUBJECT,
+        "input": ANSWER,
         "params": SOURCE_OF,
     },
     "traces": {
@@ -291,15 +300,17 @@ EVALUATING_FIGURES = [
     *(f"correlations/{name}" for name in [*SCENARIOS, *NOISY]),
     *(f"{subject}/noise_prior" for subject in NOISE_INFERRED),
 ]
+OF_SUBJECTS = ["measured_strains", "bullseye_posterior", "posterior_predictive"]
 FIGURES = expand(
     f"{R}/figures/{{name}}.{{ext}}",
     name=[
-        *([] if FROM_TABLES else ["zones", "mesh", "strain_field", "design"]),
-        "explained_variance",
+        *([] if FROM_TABLES else ["zones", "mesh"]),
+        *(["strain_field", "design"] if ALONE and not FROM_TABLES else []),
+        *(["explained_variance"] if ALONE else []),
         *(
             f"{subject}/{name}"
             for subject in SUBJECTS
-            for name in ("measured_strains", "bullseye_posterior", "posterior_predictive", "traces")
+            for name in (*OF_SUBJECTS, *(["traces"] if ALONE else []))
         ),
         *(EVALUATING_FIGURES if EVALUATION else []),
     ],

@@ -15,9 +15,10 @@ CONFIRMED_ON = "finer/" if FINER else ""
 EMULATOR_OF_INPUTS = f"{OVER_INPUTS}/{CONFIRMED_ON}emulator.pt"
 # Whether the model is doubted, and the stiffness averaged over models.
 DOUBTS = bool(config["inputs"])
+# Whether there is an emulator of the stiffness alone as well, as in the paper.
+ALONE = EVALUATION or not DOUBTS
 
 if DOUBTS:
-    from regional_lv.emulators import OF_INPUTS
     from regional_lv.inputs.space import Inputs
 
     INPUTS = sections_of(config)

@@ -9,10 +9,17 @@ SHOWN = [
     *PAGES,
 ]
 BEHIND = [
-    *expand(f"{R}/screening/{{name}}.parquet", name=["train", "test"]),
-    f"{R}/emulators/{EMULATOR}.pt",
     *expand(f"{R}/measured/{{subject}}.csv", subject=SUBJECTS),
-    *expand(f"{POSTERIORS}/subjects/{{subject}}.nc", subject=SUBJECTS),
+    *([EMULATOR_OF_INPUTS] if DOUBTS else []),
+    *(
+        [
+            *expand(f"{R}/screening/{{name}}.parquet", name=["train", "test"]),
+            f"{R}/emulators/{EMULATOR}.pt",
+            *expand(f"{POSTERIORS}/subjects/{{subject}}.nc", subject=SUBJECTS),
+        ]
+        if ALONE
+        else []
+    ),
     *(
         [CHOICE, *(file for name in SETS for file in posterior_files(EMULATOR, name))]
         if EVALUATION

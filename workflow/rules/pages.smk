@@ -1,7 +1,14 @@
 """One HTML page for each subject: measurements, stiffness, fit, criticism, what to measure next."""
 
 PAGE_FIGURES = f"{R}/figures/{{subject}}"
-PAGES = expand(f"{R}/pages/{{subject}}.html", subject=SUBJECTS)
+TOGETHER = [name for name in CRITICISED if name in JOINT] if DOUBTS else []
+PAGES = expand(f"{R}/pages/{{subject}}.html", subject=[*SUBJECTS, *TOGETHER])
+TEMPLATES = SOURCE / "regional_lv" / "page"
+PAGE_OF_CRITICISM = (
+    {f"{name}_picture": f"{C}/{{subject}}/{name}.png" for name in CRITICISM_FIGURES}
+    if DOUBTS
+    else {}
+)
 
 
 rule pages:
@@ -13,16 +20,17 @@ rule pages:
 rule make_page:
     """Without a simulator there is neither a heart nor a criticism to show, and the page says so."""
     input:
-        **SUBJECT,
-        template=given(os.path.relpath(SOURCE / "regional_lv" / "page" / "page.html")),
+        **ANSWER,
+        **PAGE_OF_CRITICISM,
+        template=given(os.path.relpath(TEMPLATES / "page.html")),
         measured=f"{R}/measured/{{subject}}.csv",
-        choice=CHOICE if EVALUATION else [],
-        predictions=f"{R}/emulators/{EMULATOR}/test_predictions.parquet",
+        choice=CHOICE if EVALUATION and not DOUBTS else [],
+        predictions=(
+            [] if DOUBTS else f"{R}/emulators/{EMULATOR}/test_predictions.parquet"
+        ),
         strains_picture=f"{PAGE_FIGURES}/measured_strains.png",
         stiffness_picture=f"{PAGE_FIGURES}/bullseye_posterior.png",
         fit_picture=f"{PAGE_FIGURES}/posterior_predictive.png",
-        findings=[] if FROM_TABLES else f"{C}/{{subject}}/findings.json",
-        residuals_picture=[] if FROM_TABLES else f"{C}/{{subject}}/residuals.png",
         mesh=[] if FROM_TABLES else f"{R}/geometry/mesh.vtu",
         zones_picture=[] if FROM_TABLES else f"{R}/figures/zones.png",
     output:
@@ -40,7 +48,7 @@ rule make_page:
     params:
         call="page.page:make_page",
         study=config["study"],
-        emulator=EMULATOR,
+        emulator=OF_INPUTS if DOUBTS else EMULATOR,
         source=lambda wildcards: SUBJECT_SOURCES[wildcards.subject],
         parameters=PARAMETER_SPEC,
         channels=OUTPUTS,
@@ -50,6 +58,31 @@ rule make_page:
         limitations=lambda wildcards: os.path.relpath(
             SOURCE.parent / "LIMITATIONS.md", f"{R}/pages"
         ),
+        extended=f"{C}/{{subject}}/extended.yaml" if DOUBTS else "",
+    script:
+        "../scripts/call.py"
+
+
+rule make_page_of_several:
+    """The page of hearts whose causes are searched together."""
+    input:
+        **PAGE_OF_CRITICISM,
+        findings=f"{C}/{{subject}}/findings.json",
+        template=given(os.path.relpath(TEMPLATES / "several.html")),
+    output:
+        page=report(
+            f"{R}/pages/{{subject}}.html",
+            caption="../report/page.rst",
+            category="Subjects",
+            subcategory="{subject}",
+        ),
+    log:
+        f"{LOGS}/pages/{{subject}}.log",
+    wildcard_constraints:
+        subject=any_of(TOGETHER),
+    localrule: True
+    params:
+        call="page.page:make_page_of_several",
         extended=f"{C}/{{subject}}/extended.yaml",
     script:
         "../scripts/call.py"

@@ -74,8 +74,12 @@ TABULATED = {
         "category": "Subjects",
         "call": "tables.subjects:subjects",
         "input": {
-            "posteriors": expand(f"{POSTERIORS}/subjects/{{subject}}.nc", subject=SUBJECTS),
-            "diagnostics": expand(f"{POSTERIORS}/subjects/{{subject}}.csv", subject=SUBJECTS),
+            "posteriors": expand(ANSWER["posterior"], subject=SUBJECTS),
+            **{
+                name: expand(ANSWER[key], subject=SUBJECTS)
+                for name, key in (("diagnostics", "diagnostics"), ("findings", "findings"))
+                if key in ANSWER
+            },
         },
         "params": {"sources": [SUBJECT_SOURCES[subject] for subject in SUBJECTS]},
     },
@@ -129,7 +133,7 @@ TABLES = expand(
     f"{R}/tables/{{name}}.{{ext}}",
     name=[
         *(["subjects"] if SUBJECTS else []),
-        *(f"{subject}/convergence" for subject in SUBJECTS),
+        *(f"{subject}/convergence" for subject in SUBJECTS if ALONE),
         *(EVALUATING_TABLES if EVALUATION else []),
     ],
     ext=["csv", "tex"],

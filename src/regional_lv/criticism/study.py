@@ -6,23 +6,24 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-import arviz as az
+import numpy as np
 import pandas as pd
-import torch
 
-from regional_lv import emulators
-from regional_lv.criticism import confirmation, outliers
+from regional_lv.criticism import confirmation
 from regional_lv.criticism.confirmation import Round, conditioned
 from regional_lv.criticism.contract import Findings
 from regional_lv.criticism.findings import Context, findings_of, write_findings
-from regional_lv.criticism.misfit import LinearModel, left_out, test
+from regional_lv.criticism.left_out import left_out
+from regional_lv.criticism.linear_model import LinearModel
+from regional_lv.criticism.misfit import test
 from regional_lv.criticism.verdict import LEAST_PROBABILITY, Examined, Verdict
 from regional_lv.emulators.joint_gp import JointGP
 from regional_lv.inference.averaging import Averaged, average
+from regional_lv.inference.departure import noise_units
 from regional_lv.inference.emulated import EmulatedInputs
+from regional_lv.inference.hearts import potential_of_tables, read_known_theta, stiffness_of
 from regional_lv.inference.potential import Potential
 from regional_lv.inference.sampling import write
-from regional_lv.inference.subject_average import make_potential, read_known_theta
 from regional_lv.inputs.space import Inputs
 from regional_lv.jobs import passes_on
 from regional_lv.measured import read_measured
@@ -76,7 +77,8 @@ class Critic:
     name: of the subject, or of the joint criticism. tables: measured, by heart (`read_measured`).
     emulator: over all inputs and all that the study observes. physics: what
         `inputs.space.sections_of` gives. seed: the study's.
-    known_theta: (S, P), of hearts whose factors are known but for a common number each.
+    known_theta: by heart and factor, of hearts whose factors are known but for a common number
+        each.
     """
 
     def __init__(
@@ -87,7 +89,7 @@ class Critic:
         physics: Mapping,
         settings: Settings,
         seed: int,
-        known_theta: torch.Tensor | None = None,
+        known_theta: pd.DataFrame | None = None,
     ):
         self.name, self.tables, self.emulator = name, dict(tables), emulator
         self.inputs = Inputs.from_config(physics)
@@ -96,7 +98,7 @@ class Critic:
 
     def potential(self, emulator: JointGP) -> Potential:
         """The posterior of all models, by an emulator."""
-        return make_potential(
+        return potential_of_tables(
             emulator, self.inputs, self.tables, self.settings.noise_prior_scale, self.known_theta
         )
 
@@ -106,15 +108,22 @@ class Critic:
         measured = set().union(*(table["output"] for table in self.tables.values()))
         return [name for name in self.emulator.outputs if name in measured]
 
-    def _noise_sd(self, potential: Potential):
-        """Of the measured outputs, as far as it is known."""
-        return potential.noise_sd_of(self._outputs)
+    @cached_property
+    def _noise_sd(self) -> np.ndarray:
+        """Of the measured outputs, the least of all hearts; a good measurement's where it is not
+        known."""
+        emulator = self.emulator.select(self._outputs)
+        good = pd.Series(
+            noise_units(emulator.channels, emulator.output_sd.numpy()), index=self._outputs
+        )
+        tables = [table.set_index("output")["sd"] for table in self.tables.values()]
+        return pd.concat([*tables, good]).groupby(level=0).min().loc[self._outputs].to_numpy(float)
 
     def plan(self, rounds: Sequence[pd.DataFrame]) -> pd.DataFrame:
         """What to simulate after some rounds; no rows where that was enough."""
         emulator, found = conditioned(self.emulator, rounds, self._outputs)
         potential = self.potential(emulator)
-        if found and found[-1].agrees(self._noise_sd(potential)):
+        if found and found[-1].agrees(self._noise_sd):
             return pd.DataFrame(columns=["sample", "set", *emulator.coordinates.names])
         averaged = average(potential, self.settings.largest_set, self.seed)
         return confirmation.plan(
@@ -126,13 +135,13 @@ class Critic:
         emulator, found = conditioned(self.emulator, rounds, self._outputs)
         potential = self.potential(emulator)
         averaged = average(potential, self.settings.largest_set, self.seed)
-        noise_sd = self._noise_sd(potential)
-        confirmed = _confirmed(averaged, found, noise_sd) if has_simulator else None
+        confirmed = _confirmed(averaged, found, self._noise_sd) if has_simulator else None
         verdict = Verdict(
             averaged, self._examine(averaged), self.settings.level, confirmed
         ).conclude()
         context = Context(
-            *(self.name, self.tables, EmulatedInputs(emulator, self.inputs), found, noise_sd),
+            *(self.name, self.tables, EmulatedInputs(emulator, self.inputs), found),
+            *(self._outputs, self._noise_sd),
             *(self.settings.bootstrap, self.settings.load_fractions),
             self.settings.strain_exponent,
         )
@@ -152,10 +161,11 @@ class Critic:
     def _examined(self, averaged: Averaged, number: int) -> Examined:
         fitted = averaged.models[number].fit
         assert fitted is not None
-        linear = LinearModel.of(averaged.potential, fitted)
+        potential = averaged.potential
+        linear = LinearModel.of(potential, fitted, potential.observed)
         tested = test(
             linear,
-            number == averaged.base,
+            potential.suspected if number == averaged.base else (),
             self.settings.bootstrap,
             derive(self.seed, "bootstrap", averaged.names[number]),
         )
@@ -169,15 +179,11 @@ def _confirmed(averaged: Averaged, rounds: Sequence[Round], noise_sd) -> frozens
         return frozenset()
     counts = pd.concat([r.simulations["set"] for r in known]).value_counts()
     return frozenset(
-        n
-        for n, name in enumerate(averaged.names)
-        if counts.get(name, 0) >= confirmation.FEWEST
+        n for n, name in enumerate(averaged.names) if counts.get(name, 0) >= confirmation.FEWEST
     )
 
 
-def criticise(
-    critic: Critic, simulate: Callable[[pd.DataFrame], pd.DataFrame] | None
-) -> Concluded:
+def criticise(critic: Critic, simulate: Callable[[pd.DataFrame], pd.DataFrame] | None) -> Concluded:
     """All steps at once.
 
     simulate: makes what a plan asks for, as `confirmation.simulate` does; without it nothing is
@@ -211,20 +217,20 @@ def read_critic(
     are, and the files. settings: as of `Settings.from_config`. known_theta: tables (CSV) with
     `subject` and the parameters. Raises InputError for files that cannot be used.
     """
-    given = Settings.from_config(settings)
+    given, emulator = Settings.from_config(settings), JointGP.load(emulator_file)
     tables = {
-        name: read_measured(path, strain_exponent=given.strain_exponent)
+        name: read_measured(path, emulator.channels, strain_exponent=given.strain_exponent)
         for name, path in zip(subjects, measured, strict=True)
     }
-    emulator = emulators.load(emulator_file)
-    theta = read_known_theta(known_theta, list(subjects), physics) if known_theta else None
-    return Critic(subject, tables, emulator, physics, given, seed, theta)
+    known = None
+    if known_theta:
+        names = [each.name for each in stiffness_of(Inputs.from_config(physics)).values()]
+        known = read_known_theta(known_theta, subjects, names)
+    return Critic(subject, tables, emulator, physics, given, seed, known)
 
 
 @passes_on(read_critic)
-def plan_confirmation(
-    simulations: Sequence[str | Path], design: str | Path, **inputs
-) -> None:
+def plan_confirmation(simulations: Sequence[str | Path], design: str | Path, **inputs) -> None:
     """Write what the next round of the confirmation has to simulate (Parquet).
 
     simulations: of the rounds before. inputs: as of `read_critic`.
@@ -237,13 +243,13 @@ def conclude_criticism(
     simulations: Sequence[str | Path], findings: str | Path, posterior: str | Path, **inputs
 ) -> None:
     """Decide with the simulations of all rounds; write the findings (JSON) and the posterior
-    averaged over models (NetCDF, `posterior_of`).
+    averaged over models (NetCDF, `Averaged.inference_data`).
 
     inputs: as of `read_critic`.
     """
     critic = read_critic(**inputs)
     concluded = critic.conclude(_read(simulations))
-    write(posterior_of(concluded.verdict.averaged, critic.seed), posterior)
+    write(concluded.verdict.averaged.inference_data(DRAWS, critic.seed), posterior)
     write_findings(concluded.findings, findings)
     for sentence in concluded.findings["words"]:
         log.info("%s", sentence)
@@ -253,13 +259,3 @@ def _read(simulations: Sequence[str | Path]) -> list[pd.DataFrame]:
     """Tables of the rounds in which something was simulated."""
     tables = [pd.read_parquet(path) for path in simulations]
     return [table for table in tables if len(table)]
-
-
-def posterior_of(averaged: Averaged, seed: int) -> az.InferenceData:
-    """`Averaged.inference_data` with the predictions of its draws, and those of the model as it is
-    in groups of their own.
-
-    Groups: posterior, posterior_predictive (y: chain, draw, output), sample_stats; observed_data (y,
-    output); as_it_is and as_it_is_predictive, the same of the model as it is.
-    """
-    return averaged.inference_data(DRAWS, seed)

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 import numpy as np
 import torch
@@ -19,8 +19,12 @@ from regional_lv.inputs.coordinates import Coordinates
 from regional_lv.parameters import Parameterisation, from_spec, repeated
 from regional_lv.schema import load_schema
 
-FORMAT = 4
+FORMAT = 5
 """Of emulator files: raised when what they hold changes."""
+
+LEAST_TAUGHT = 10
+"""Simulations with sensitivities that an emulator of any number of parameters can learn from: they
+say what each parameter does, and enough of them are left out to tell the error."""
 
 OUTSIDE_QUANTILE = 0.99
 """Of the training inputs' distances to their nearest neighbours: what is farther is outside."""
@@ -185,7 +189,7 @@ class Emulator(ABC):
         parameters: Parameterisation | Coordinates,
         outputs: Sequence[str],
         seed: int = 0,
-    ) -> "Emulator":
+    ) -> Self:
         """Learn from `theta` (N, P) and outputs `y` (N, D) in natural units; return self.
 
         sensitivities: d(outputs)/d(theta) (N, D, P), for emulators that learn from them.
@@ -212,7 +216,7 @@ class Emulator(ABC):
         slopes = None
         if self.learns_from_sensitivities:
             slopes = _check_sensitivities(self.name, sensitivities, (*y.shape, theta.shape[1]))
-            slopes = slopes / self.output_sd[:, None] / self.standardise_slope(theta)[:, None, :]
+            slopes = self._standardise_slopes(slopes, theta)
         training = TrainingSet(self.inputs, (y - self.output_mean) / self.output_sd, slopes)
         self._fit(training, seed)
         return self
@@ -287,7 +291,7 @@ class Emulator(ABC):
         with torch.no_grad():
             return self.predict_mean(theta), self.jacobian(theta)[0]
 
-    def select(self, outputs: Sequence[str]) -> "Emulator":
+    def select(self, outputs: Sequence[str]) -> Self:
         """This emulator for some of its outputs, in the order given.
 
         Raises InputError for an output that it does not have.
@@ -321,13 +325,13 @@ class Emulator(ABC):
         }
 
     @classmethod
-    def load(cls, path: str | Path) -> "Emulator":
+    def load(cls, path: str | Path) -> Self:
         """Read what `save` wrote. Raises InputError if another emulator, or another version of the
         project, wrote it."""
         return cls.from_content(torch.load(path, weights_only=True), path)
 
     @classmethod
-    def from_content(cls, content: dict, path: str | Path) -> "Emulator":
+    def from_content(cls, content: dict, path: str | Path) -> Self:
         """The emulator of whose `content` this is; `path` is named in the error, as by `load`."""
         if content.get("format") != FORMAT:
             raise InputError(
@@ -389,6 +393,19 @@ class Emulator(ABC):
         transformed = self.input_mean + self.input_sd * x
         return self.coordinates.natural(transformed) if self._log else transformed
 
+    def _standardise_slopes(self, slopes: torch.Tensor, theta: torch.Tensor) -> torch.Tensor:
+        """Derivatives (N, D, P) of standardised outputs about standardised inputs, from natural
+        ones."""
+        return slopes / self.output_sd[:, None] / self.standardise_slope(theta)[:, None, :]
+
+    def _checked(self, theta, y, sensitivities) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+        """Further simulations for a trained emulator as tensors (N, P), (N, D) and (N, D, P);
+        InputError if they are anything else."""
+        theta, y = np.asarray(theta, dtype=float), np.asarray(y, dtype=float)
+        _check_rows(theta, y, len(self.parameters), len(self.outputs))
+        slopes = _check_sensitivities(self.name, sensitivities, (*y.shape, theta.shape[1]))
+        return torch.as_tensor(theta), torch.as_tensor(y), slopes
+
     def standardise_slope(self, theta: torch.Tensor) -> torch.Tensor:
         """d(standardised input)/d(theta), (..., P): the transform acts on each parameter alone."""
         slope = 1 / self.input_sd
@@ -445,6 +462,26 @@ def _check_sensitivities(name: str, sensitivities, shape: tuple[int, ...]) -> to
     return torch.as_tensor(sensitivities)
 
 
+def least_simulations(inputs: int, taught: bool) -> int:
+    """Simulations that an emulator of so many parameters needs; taught: with sensitivities."""
+    return min(inputs + 2, LEAST_TAUGHT) if taught else inputs + 2
+
+
+def _check_rows(theta: np.ndarray, y: np.ndarray, inputs: int, outputs: int) -> None:
+    """Raise InputError for shapes that do not fit and numbers that are not finite."""
+    if theta.ndim != 2 or theta.shape[1] != inputs or y.shape != (len(theta), outputs):
+        raise InputError(
+            f"training set: theta {theta.shape} and outputs {y.shape} do not fit; expected "
+            f"(N, {inputs}) and (N, {outputs})"
+        )
+    bad = np.flatnonzero(~(np.isfinite(theta).all(axis=1) & np.isfinite(y).all(axis=1)))
+    if bad.size:
+        raise InputError(
+            f"training set: row {bad[0]} (of {bad.size} such rows) holds numbers that are not "
+            "finite; remove failed simulations first (the screening does it)"
+        )
+
+
 def check_training_set(
     theta: np.ndarray,
     y: np.ndarray,
@@ -457,22 +494,12 @@ def check_training_set(
     taught: whether there are sensitivities, which tell of what does not vary, too.
     """
     inputs = len(parameters)
-    if theta.ndim != 2 or theta.shape[1] != inputs or y.shape != (len(theta), len(outputs)):
-        raise InputError(
-            f"training set: theta {theta.shape} and outputs {y.shape} do not fit; expected "
-            f"(N, {inputs}) and (N, {len(outputs)})"
-        )
-    needed = inputs + 2
+    _check_rows(theta, y, inputs, len(outputs))
+    needed = least_simulations(inputs, taught)
     if len(theta) < needed:
         raise InputError(
             f"training set: {len(theta)} simulations are too few for an emulator of {inputs} "
             f"parameters; simulate at least {needed} (design.natural, design.log)"
-        )
-    bad = np.flatnonzero(~(np.isfinite(theta).all(axis=1) & np.isfinite(y).all(axis=1)))
-    if bad.size:
-        raise InputError(
-            f"training set: row {bad[0]} (of {bad.size} such rows) holds numbers that are not "
-            "finite; remove failed simulations first (the screening does it)"
         )
     positive = [k for k, low in enumerate(parameters.lower) if low > 0]
     if theta[:, positive].min(initial=1.0) <= 0:

@@ -8,6 +8,7 @@ import logging
 import time
 from dataclasses import asdict
 from functools import cached_property
+from typing import NamedTuple
 
 import torch
 
@@ -53,6 +54,25 @@ FEW_ROWS_SHRINKAGE = 0.1
 nothing of the directions outside it."""
 
 
+class Factorised(NamedTuple):
+    """Observations of a process with an unknown constant mean: Cholesky factor (n, n) of their
+    correlations, what each sees of the mean (n, 1), that whitened, and its squared length."""
+
+    cholesky: torch.Tensor
+    constant: torch.Tensor
+    ones: torch.Tensor
+    total: torch.Tensor
+
+    @classmethod
+    def of(
+        cls, matrix: torch.Tensor, constant: torch.Tensor, nugget: float, who: str
+    ) -> tuple["Factorised", float]:
+        """Of correlations (n, n), which change, and the nugget that their factor took."""
+        factor, nugget = cholesky(matrix, nugget, who)
+        ones = torch.linalg.solve_triangular(factor, constant, upper=False)
+        return cls(factor, constant, ones, ones.square().sum()), nugget
+
+
 class ExactGP(Emulator):
     """Exact multi-output GP with a constant mean (its uncertainty included).
 
@@ -74,10 +94,12 @@ class ExactGP(Emulator):
 
     def _fit(self, training: TrainingSet, seed: int) -> None:
         started = time.monotonic()
+        self._forget()
         learnt = self._learn_hyperparameters(training, seed)
-        self._factorise()
+        self.model.requires_grad_(False)
         targets = self._targets(training)
-        self.mean, self.weights = condition(self.cholesky, targets, self._constant)
+        known = self._known
+        self.mean, self.weights = condition(known.cholesky, targets, known.constant)
         self._calibrate(training.y, targets)
         seconds = time.monotonic() - started
         self.info = {
@@ -112,13 +134,17 @@ class ExactGP(Emulator):
         matrix = self._correlations_by_parts(self.inputs)
         return matrix, torch.ones(len(matrix), 1, dtype=matrix.dtype)
 
-    def _factorise(self) -> None:
-        """Cholesky factor of the observations' correlation matrix, and c' K^-1 c."""
-        self.model.requires_grad_(False)
-        matrix, self._constant = self._training_covariance()
-        self.cholesky, self.nugget = cholesky(matrix, self.nugget, self.name)
-        self._ones = torch.linalg.solve_triangular(self.cholesky, self._constant, upper=False)
-        self._total = (self._ones**2).sum()
+    @cached_property
+    def _known(self) -> Factorised:
+        """All observations. Made when first asked for: the mean of a loaded emulator needs none of
+        it, and it takes seconds."""
+        known, self.nugget = Factorised.of(*self._training_covariance(), self.nugget, self.name)
+        return known
+
+    def _forget(self, *names: str) -> None:
+        """What is made when first asked for, all of it or these properties, is made anew."""
+        for name in names or _MADE_LATER:
+            self.__dict__.pop(name, None)
 
     def _correlations(self, x: torch.Tensor) -> torch.Tensor:
         """Correlations (M, n) of the values at standardised inputs (M, P) with the observations."""
@@ -134,10 +160,11 @@ class ExactGP(Emulator):
     def _calibrate(self, y, targets) -> None:
         """B, and the factor on the variance from leave-one-out errors of the training set alone."""
         # From whitened targets, so that B is positive whatever the rounding of a stiff K.
-        white = torch.linalg.solve_triangular(self.cholesky, targets, upper=False)
-        white = white - self._ones * ((self._ones.T @ white) / self._total)
+        known = self._known
+        white = torch.linalg.solve_triangular(known.cholesky, targets, upper=False)
+        white = white - known.ones * ((known.ones.T @ white) / known.total)
         b = white.T @ white / (len(targets) - 1)
-        precision, _ = projected_precision(self.cholesky, self._constant)
+        precision, _ = projected_precision(known.cholesky, known.constant)
         residuals, variances = self._leave_one_out(precision, targets)
         del precision
         shrinkage = 0.0
@@ -162,6 +189,7 @@ class ExactGP(Emulator):
             **self.calibration.report(errors, slopes, stiffness),
             "output_shrinkage": shrinkage,
             "loo_rmse_standardised": float(residuals.square().mean().sqrt()),
+            "loo_rmse": (residuals.square().mean(0).sqrt() * self.output_sd).tolist(),
         }
 
     def _stiffness(self, theta: torch.Tensor) -> torch.Tensor:
@@ -175,7 +203,7 @@ class ExactGP(Emulator):
 
     def _predict(self, theta: torch.Tensor) -> Prediction:
         k = self._correlations(self.standardise(theta.reshape(-1, theta.shape[-1])))
-        variance = stated_variance(k, self.cholesky, self._ones, self._total, self.nugget)
+        variance = stated_variance(k, self._known, self.nugget)
         variance = variance.reshape(theta.shape[:-1])
         mean = self._mean(k @ self.weights).reshape(*theta.shape[:-1], -1)
         return self._separable(mean, self.calibration.scale(self._stiffness(theta)) * variance)
@@ -190,7 +218,7 @@ class ExactGP(Emulator):
         rough = object.__new__(ExactGP)  # also of emulators that learn from more than values
         rough.__dict__.update(self.__dict__)
         rough.inputs = self.inputs[rows]
-        rough._factorise()
+        rough._forget()
         theta = self._unstandardise(self.inputs)
         mean = torch.cat([self.predict_mean(part) for part in theta.split(ROWS_AT_ONCE)])
         target = (mean - self.output_mean) / self.output_sd - self.mean
@@ -233,7 +261,7 @@ class ExactGP(Emulator):
         slopes = self.output_sd[:, None] * slopes * self.standardise_slope(flat)[:, None, :]
         mean = self._mean(weighted)
         shape = theta.shape[:-1]
-        return mean.reshape(*shape, -1), slopes.reshape(*shape, *slopes.shape[1:])
+        return mean.reshape(*shape, *mean.shape[1:]), slopes.reshape(*shape, *slopes.shape[1:])
 
     def _mean(self, weighted) -> torch.Tensor:
         """Predicted mean (M, D) from the correlations times the weights (M, D)."""
@@ -252,11 +280,11 @@ class ExactGP(Emulator):
     def _select(self, index: torch.Tensor) -> None:
         self.mean, self.weights = self.mean[index], self.weights[:, index].contiguous()
         self.output_b = self.output_b[index][:, index]
-        self.__dict__.pop("rough", None)
+        self._forget("rough")
         self._set_output_covariance()
 
     def _state(self) -> dict:
-        # The Cholesky factor is made again at loading: a quarter of a gigabyte at N = 5,661.
+        # The Cholesky factor is made again: a quarter of a gigabyte at N = 5,661.
         return {key: getattr(self, key) for key in _STATE} | {
             "model": self.model.state_dict(),
             "calibration": asdict(self.calibration),
@@ -268,7 +296,7 @@ class ExactGP(Emulator):
         self.calibration = Calibration(**state["calibration"])
         self.model = self._make_model()
         self.model.load_state_dict(state["model"])
-        self._factorise()
+        self.model.requires_grad_(False)
         self._set_output_covariance()
 
     def _make_model(self) -> SharedKernelGP:
@@ -280,25 +308,21 @@ class ExactGP(Emulator):
 
 _STATE = ("nugget", "mean", "weights", "output_b")
 
+_MADE_LATER = ("rough", "_known", "_few", "_by_simulation")
+"""Properties that are made when first asked for, those of subclasses among them."""
+
 
 # ------------------------------------------------------------------------- linear algebra, LOO
 
 
-def stated_variance(
-    k: torch.Tensor,
-    factor: torch.Tensor,
-    ones: torch.Tensor,
-    total: torch.Tensor,
-    nugget: float,
-) -> torch.Tensor:
+def stated_variance(k: torch.Tensor, known: Factorised, nugget: float) -> torch.Tensor:
     """Variances (M,) of predictions with an unknown constant mean, of unit prior variance.
 
-    k: (M, n) correlations with the observations. factor: Cholesky factor (n, n) of theirs. ones:
-    what each observation sees of the mean, whitened (n, 1), and `total` its squared length.
+    k: (M, n) correlations with the observations that are `known`.
     """
-    half = torch.linalg.solve_triangular(factor, k.T, upper=False)
-    rest = 1 - (ones.T @ half)[0]
-    variance = 1 + nugget - half.square().sum(0) + rest.square() / total
+    half = torch.linalg.solve_triangular(known.cholesky, k.T, upper=False)
+    rest = 1 - (known.ones.T @ half)[0]
+    variance = 1 + nugget - half.square().sum(0) + rest.square() / known.total
     return variance.clamp(min=nugget)
 
 

@@ -1,18 +1,21 @@
 """Exact Gaussian process that learns from sensitivities as well as from outputs."""
 
+import copy
 import math
-from typing import NamedTuple
+from dataclasses import asdict
+from functools import cached_property
 
 import gpytorch
+import numpy as np
 import torch
 from gpytorch.constraints import GreaterThan
 
 from regional_lv.emulators.base import TrainingSet
-from regional_lv.emulators.exact_gp import ExactGP, stated_variance
+from regional_lv.emulators.exact_gp import ExactGP, Factorised, stated_variance
 from regional_lv.emulators.kernels import BlockRQKernel, Blocks
 from regional_lv.emulators.observed_derivatives import Seen, Weighted, covariance, crossed
 from regional_lv.emulators.optimise import fit
-from regional_lv.emulators.shared_kernel import cholesky, projected_precision, subset
+from regional_lv.emulators.shared_kernel import condition, projected_precision, subset
 from regional_lv.seeds import derive
 
 LEAST_NUGGET, LEAST_GRADIENT_NOISE = 1e-8, 1e-6
@@ -94,17 +97,6 @@ class GradientModel(gpytorch.models.ExactGP):
         return determinant / len(y) + 0.5 * white.square().mean(0).log().mean()
 
 
-class Few(NamedTuple):
-    """A part of the observations: derivatives that are seen, Cholesky factor of the correlations,
-    what each observation sees of the mean, that whitened, and its squared length."""
-
-    seen: Seen
-    factor: torch.Tensor
-    constant: torch.Tensor
-    ones: torch.Tensor
-    total: torch.Tensor
-
-
 class GradientGP(ExactGP):
     """The exact GP with the kernel `zonal_rq` on values and derivatives.
 
@@ -116,6 +108,9 @@ class GradientGP(ExactGP):
     number); iterations; calibration as for the exact GP; variance_observations, those that the
     variance is computed from, all (None) or a part that is large enough to say where the errors are
     large: how large is calibrated by the errors of leaving out simulations.
+
+    `inputs` (n, P) are those of all simulations, `seen` the derivatives that the mean has `weights`
+    (n + M, D) on, `variance_seen` those that the variance is computed from.
     """
 
     name = "gradient_gp"
@@ -134,10 +129,14 @@ class GradientGP(ExactGP):
         n, most = len(training.x), self.settings["max_observations"]
         # What is nearly linear needs few of them.
         weight = self.model.length_scales**-2
-        self.seen = self._choose(n, most, derive(seed, "derivatives"), weight)
+        self.seen = self.variance_seen = self._choose(n, most, derive(seed, "derivatives"), weight)
+        few = self.settings["variance_observations"]
+        if few is not None and few < n + len(self.seen):
+            own = derive(0, "derivatives for the variance")
+            self.variance_seen = self._choose(n, few, own, weight)
         return {
             "hyperparameter_rows": len(rows),
-            "derivatives": len(self.seen.at),
+            "derivatives": len(self.seen),
         }
 
     def _choose(self, n: int, most: int, seed: int, weight=None) -> Seen:
@@ -148,9 +147,12 @@ class GradientGP(ExactGP):
         return GradientModel(self.parameters.blocks)
 
     def _targets(self, training):
-        found = _observations(training.y, training.slopes, self.seen)
-        n = len(training.y)
-        found[n:] *= self.model.length_scales[self.seen.along, None]
+        return self._observed(training.y, training.slopes, self.seen)
+
+    def _observed(self, values, slopes, seen: Seen) -> torch.Tensor:
+        """`_observations`, derivatives about inputs in units of their length scales."""
+        found = _observations(values, slopes, seen)
+        found[len(values) :] *= self.model.length_scales[seen.along, None]
         return found
 
     def _training_covariance(self):
@@ -174,43 +176,66 @@ class GradientGP(ExactGP):
     def _weighted_slopes(self, x):
         return self._by_simulation.with_slopes(x)
 
-    @property
+    @cached_property
     def _by_simulation(self) -> Weighted:
-        kept = self.__dict__.get("_summed")
-        if kept is None or kept[0] is not self.weights:
-            made = Weighted(self.model.of_values, self.inputs, self.seen, self.weights)
-            self._summed = kept = self.weights, made
-        return kept[1]
+        return Weighted(self.model.of_values, self.inputs, self.seen, self.weights)
 
-    def _factorise(self):
-        super()._factorise()
-        most, n = self.settings["variance_observations"], len(self.inputs)
-        self._few: Few | None = None
-        if most is None or most >= len(self.cholesky):
-            return
-        weight = self.model.length_scales**-2
-        seen = self._choose(n, most, derive(0, "derivatives for the variance"), weight)
-        matrix, constant = self._covariance_of(seen)
-        factor, _ = cholesky(matrix, self.nugget, self.name)
-        ones = torch.linalg.solve_triangular(factor, constant, upper=False)
-        self._few = Few(seen, factor, constant, ones, ones.square().sum())
+    @cached_property
+    def _few(self) -> Factorised:
+        """The observations that the variance is computed from."""
+        if self.variance_seen is self.seen:
+            return self._known
+        known, _ = Factorised.of(*self._covariance_of(self.variance_seen), self.nugget, self.name)
+        return known
 
     def _predict(self, theta):
-        if self._few is None:
-            return super()._predict(theta)
-        few, x = self._few, self.standardise(theta.reshape(-1, theta.shape[-1]))
-        k = crossed(self.model.of_values, x, self.inputs, few.seen)
-        variance = stated_variance(k, few.factor, few.ones, few.total, self.nugget)
-        variance = variance.reshape(theta.shape[:-1])
+        x = self.standardise(theta.reshape(-1, theta.shape[-1]))
+        k = crossed(self.model.of_values, x, self.inputs, self.variance_seen)
+        variance = stated_variance(k, self._few, self.nugget).reshape(theta.shape[:-1])
         scale = self.calibration.scale(self._stiffness(theta))
         return self._separable(self.predict_mean(theta), scale * variance)
+
+    def condition(
+        self, theta: np.ndarray, y: np.ndarray, sensitivities: np.ndarray
+    ) -> "GradientGP":
+        """This emulator given further simulations as well; hyperparameters and calibration stay.
+
+        theta (m, P), y (m, D), sensitivities d(y)/d(theta) (m, D, P), natural units.
+
+        The error of the mean is a process with this kernel that is zero at what the variance is
+        computed from, and at the new simulations what it is found to be there: the mean of that is
+        added, and its variance is the new one. With `variance_observations` of None this is the
+        process given all observations, old and new; otherwise far fewer of them are factorised.
+
+        Raises InputError for shapes that do not fit and numbers that are not finite.
+        """
+        theta, y, slopes = self._checked(theta, y, sensitivities)
+        mean, by_theta = self.linearise(theta)
+        error = (y - mean) / self.output_sd
+        slopes = self._standardise_slopes(slopes - by_theta, theta)
+        n, m = len(self.inputs), len(theta)
+        given = copy.copy(self)
+        given._forget()
+        given.inputs = torch.cat([self.inputs, self.standardise(theta)])
+        new = Seen.of_all(torch.arange(m), theta.shape[1])
+        given.variance_seen = self.variance_seen.joined(Seen(n + new.at, new.along))
+        few = given._few
+        found = error.new_zeros(len(few.cholesky), error.shape[1])
+        observed = self._observed(error, slopes, new)
+        found[n : n + m], found[len(found) - len(new) :] = observed[:m], observed[m:]
+        added, weights = condition(few.cholesky, found, few.constant)
+        given.mean = self.mean + added
+        given.seen = self.seen.joined(given.variance_seen)
+        weights[:n] += self.weights[:n]
+        given.weights = torch.cat([weights[: n + m], self.weights[n:], weights[n + m :]])
+        return given
 
     def _leave_one_out(self, precision, targets):
         """Without a simulation's derivatives, too; variances as they are stated."""
         errors, variances = self._left_out(precision, targets, self.seen)
-        if self._few is not None:
-            few, _ = projected_precision(self._few.factor, self._few.constant)
-            _, variances = self._left_out(few, torch.zeros_like(few[:, :1]), self._few.seen)
+        if self.variance_seen is not self.seen:
+            few, _ = projected_precision(self._few.cholesky, self._few.constant)
+            _, variances = self._left_out(few, torch.zeros_like(few[:, :1]), self.variance_seen)
         return errors, variances
 
     def _left_out(self, precision, targets, seen: Seen):
@@ -229,11 +254,19 @@ class GradientGP(ExactGP):
             variances[which] = blocks[:, 0, 0]
         return errors, variances
 
+    def _select(self, index):
+        super()._select(index)
+        self._forget("_by_simulation")
+
     def _state(self):
-        return super()._state() | {"at": self.seen.at, "along": self.seen.along}
+        return super()._state() | {
+            "seen": asdict(self.seen),
+            "variance_seen": asdict(self.variance_seen),
+        }
 
     def _restore(self, state):
-        self.seen = Seen(state["at"], state["along"])
+        self.seen = Seen(**state["seen"])
+        self.variance_seen = Seen(**state["variance_seen"])
         super()._restore(state)
 
 

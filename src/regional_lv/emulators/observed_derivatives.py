@@ -47,6 +47,18 @@ class Seen:
         along, at = (order < count[:, None]).T.nonzero(as_tuple=True)
         return cls(at, along)
 
+    @classmethod
+    def of_all(cls, points: torch.Tensor, inputs: int) -> "Seen":
+        """All derivatives at these `points` (m,)."""
+        return cls(points.repeat(inputs), torch.arange(inputs).repeat_interleave(len(points)))
+
+    def joined(self, other: "Seen") -> "Seen":
+        """These, then the others."""
+        return Seen(torch.cat([self.at, other.at]), torch.cat([self.along, other.along]))
+
+    def __len__(self) -> int:
+        return len(self.at)
+
 
 def block_numbers(blocks: Sequence[slice]) -> torch.Tensor:
     """Number (P,) of each input's block."""
@@ -98,7 +110,8 @@ class Weighted:
         self.u = y / self.scale
         self.of_values = weights[:n]
         dense = weights.new_zeros(p, n, weights.shape[1])
-        dense[seen.along, seen.at] = weights[n:]
+        # What is seen twice has the sum of its weights.
+        dense.index_put_((seen.along, seen.at), weights[n:], accumulate=True)
         self.of_slopes = dense
         self.at_home = [(self.u.T[b, :, None] * dense[b]).sum(0) for b in kernel.blocks]
         # By block, the weights on derivatives and what they make at home: (n, (1 + p) D).

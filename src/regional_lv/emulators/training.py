@@ -34,7 +34,13 @@ def read_simulations(
 
     Raises InputError if a column is missing.
     """
-    table = pd.read_parquet(path)
+    return simulations_of(pd.read_parquet(path), path, parameters, outputs)
+
+
+def simulations_of(
+    table: pd.DataFrame, path: str | Path, parameters: Parameterisation, outputs: Sequence[str]
+) -> tuple[np.ndarray, np.ndarray, pd.Index]:
+    """`read_simulations` of a table that was read from `path`, which errors name."""
     wanted = ["sample", *parameters.names, *outputs]
     missing = [name for name in wanted if name not in table]
     if missing:
@@ -53,13 +59,20 @@ def read_sensitivities(
     outputs: all those of the table, at all loads. Raises InputError if there are none, or if a row
     has another number of them.
     """
-    if "sensitivity" not in pq.read_schema(path).names:
+    there = {"sensitivity"}.intersection(pq.read_schema(path).names)
+    return sensitivities_of(pd.read_parquet(path, columns=[*there]), path, parameters, outputs)
+
+
+def sensitivities_of(
+    table: pd.DataFrame, path: str | Path, parameters: Parameterisation, outputs: Sequence[str]
+) -> np.ndarray:
+    """`read_sensitivities` of a table that was read from `path`, which errors name."""
+    if "sensitivity" not in table:
         raise InputError(
             f"{path}: no column sensitivity, which the emulator learns from; simulate with "
             "dolfinx, or choose an emulator that does without"
         )
-    rows = pd.read_parquet(path, columns=["sensitivity"])["sensitivity"]
-    shape = (len(outputs), len(parameters))
+    shape, rows = (len(outputs), len(parameters)), table["sensitivity"]
     for i, row in enumerate(rows):
         if np.size(row) != shape[0] * shape[1]:
             raise InputError(

@@ -78,6 +78,48 @@ class Averaged:
         """That the suspected input at place k is free."""
         return self._total(lambda model: k in model.members)
 
+    def probability_of_cause(self, name: str) -> float:
+        """That any input of a suspected cause is free."""
+        places = set(self.potential.causes[name])
+        return self._total(lambda model: places & set(model.members))
+
+    def place_of(self, name: str) -> tuple[str, float]:
+        """The most probable place of a suspected cause, and its probability given the cause (NaN of
+        an impossible one)."""
+        total = self.probability_of_cause(name)
+        most = max(self.potential.causes[name], key=self.probability_of)
+        share = self.probability_of(most) / total if total else np.nan
+        return self.potential.inputs[most].place, share
+
+    def input_of(self, name: str, place: str) -> int:
+        """Place of the input that is a suspected cause in one of its places."""
+        inputs = self.potential.inputs
+        return next(k for k in self.potential.causes[name] if inputs[k].place == place)
+
+    def values_where_free(self, k: int) -> np.ndarray | None:
+        """Equally weighted draws (N,) of an input, in its unit, over the models in which it is
+        free; None where there are no draws of any."""
+        free = [n for n in self.drawn if k in self.models[n].members]
+        return self._natural(self._draw(free, RESAMPLED)[0])[:, k] if free else None
+
+    def noise_medians(self, numbers: Sequence[int] | None = None) -> dict[str, float]:
+        """Median by quantity of the scales of the noise that are inferred, over some models or
+        all."""
+        x, _ = self._draw(numbers or [*self.drawn], RESAMPLED)
+        scales = x[:, len(self.potential.inputs) :].exp().median(0).values.tolist()
+        return dict(zip(self.potential.noise.groups, scales, strict=True))
+
+    @property
+    def ess(self) -> float:
+        """Effective draws, over the models that were sampled."""
+        return sum(d.ess for d in self.drawn.values() if np.isfinite(d.evidence_error))
+
+    @property
+    def poor(self) -> bool:
+        """Whether the most probable model has no reliable draws."""
+        first = self.drawn.get(0)
+        return first is None or not first.reliable
+
     def _total(self, counts) -> float:
         return float(self.probability[[bool(counts(model)) for model in self.models]].sum())
 
@@ -129,24 +171,46 @@ class Averaged:
 
         posterior: value (chain, draw, input), in the units of the inputs; sigma (chain, draw,
         quantity), scales of the noise where they are inferred; model_number (chain, draw).
-        sample_stats of the models (model,): probability, log_evidence, evidence_error, ess,
-        pareto_k (NaN of those without draws), and free (model, input).
+        posterior_predictive: y (chain, draw, output), observed_data: y (output). sample_stats of
+        the models (model,): probability, log_evidence, evidence_error, ess, pareto_k (NaN of those
+        without draws), and free (model, input). as_it_is and as_it_is_predictive: as the first two
+        groups, of the model as it is.
         """
         generator = torch.Generator().manual_seed(derive(seed, "average"))
-        x, number = self._draw([*self.drawn], draws, generator)
+        posterior, predictive = self._groups([*self.drawn], draws, generator)
+        as_it_is, by_base = self._groups([self.base], draws, generator)
+        names = list(self.potential.observed.names)
+        observed = xr.Dataset({"y": ("output", self.potential.y.numpy())}, coords={"output": names})
+        return az.InferenceData(
+            posterior=posterior,
+            posterior_predictive=predictive,
+            sample_stats=self._statistics(),
+            observed_data=observed,
+            as_it_is=as_it_is,
+            as_it_is_predictive=by_base,
+        )
+
+    def _groups(self, numbers: Sequence[int], draws: int, generator) -> tuple:
+        """Draws of some models, and what they predict."""
+        x, number = self._draw(numbers, draws, generator)
         order = torch.randperm(draws, generator=generator)
-        x, inputs, groups = x[order], self.potential.inputs, list(self.potential.noise.groups)
+        x, number = x[order], number[order.numpy()]
+        inputs, groups = self.potential.inputs, list(self.potential.noise.groups)
         each = ("chain", "draw")
         columns = {
             "value": ((*each, "input"), self._natural(x)[None]),
-            "model_number": (each, number[order.numpy()][None]),
+            "model_number": (each, number[None]),
         }
         coordinates = {"chain": [0], "draw": np.arange(draws), "input": list(inputs.names)}
         if groups:
             columns["sigma"] = ((*each, "quantity"), x[:, len(inputs) :].exp().numpy()[None])
             coordinates["quantity"] = groups
-        posterior = xr.Dataset(columns, coords=coordinates)
-        return az.InferenceData(posterior=posterior, sample_stats=self._statistics())
+        amplitude = x.new_tensor([self.models[n].amplitude for n in number])
+        y = self.potential.replicates(x, amplitude, generator).numpy()[None]
+        outputs = {k: coordinates[k] for k in each}
+        outputs["output"] = list(self.potential.observed.names)
+        predictive = xr.Dataset({"y": ((*each, "output"), y)}, coords=outputs)
+        return xr.Dataset(columns, coords=coordinates), predictive
 
     def _statistics(self) -> xr.Dataset:
         names = self.potential.inputs.names

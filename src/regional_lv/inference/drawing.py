@@ -13,7 +13,6 @@ import torch
 
 from regional_lv.inference import importance
 from regional_lv.inference.evidence import Fits, fit
-from regional_lv.inference.point import CHUNK
 from regional_lv.inference.potential import Potential
 from regional_lv.inference.transform import BoundedTransform
 
@@ -99,7 +98,7 @@ def _sample(potential: Potential, fitted: Fits, draws: int, seed: int, error) ->
         return potential.log_density(potential.mean(x), x, error(x)) + uniform + slope
 
     found = importance.sample(
-        lambda v: torch.cat([log_density(part) for part in v.split(CHUNK)]),
+        lambda v: torch.cat([log_density(part) for part in v.split(potential.chunk)]),
         *(coordinates.mean, SPREAD * coordinates.covariance, draws, generator),
         rounds=ROUNDS,
         most_rounds=MOST_ROUNDS,
@@ -108,7 +107,7 @@ def _sample(potential: Potential, fitted: Fits, draws: int, seed: int, error) ->
     )
     log_weight, k = importance.smooth(found.log_weight)
     weight = torch.softmax(log_weight, 0)
-    x = torch.cat([coordinates.open(part)[0] for part in found.u.split(CHUNK)])
+    x = torch.cat([coordinates.open(part)[0] for part in found.u.split(potential.chunk)])
     ess = importance.effective(weight)
     return Drawn(x, weight, found.log_evidence, found.evidence_error, ess, k)
 
@@ -148,12 +147,15 @@ class Standardised:
             potential.low[free], potential.high[free], covariance.diagonal().sqrt()
         )
         mean, slopes = potential.linearise(fitted.x)
-        self._residual, self._slopes = (potential.y - mean)[0], slopes[0][:, free[:count]]
+        observed = potential.observed
+        self._residual = observed.split((potential.y - mean)[0])[..., None]
+        self._slopes = observed.columns(slopes[0][:, free[:count]])
         # The ends of the ranges count with the normal factors that stand for them.
         self._precision = torch.linalg.inv(covariance)
         self._pull = self._precision @ (fitted.mean - fitted.x)[0, free]
         whitening = potential.whitening(fitted.x, fitted.error)
-        self._root = potential.weights(fitted.x, potential.y - mean, whitening).sqrt().mT
+        weights = potential.weights(fitted.x, potential.y - mean, whitening)
+        self._root = observed.split(weights[0].sqrt(), absent=1.0)[..., None]
         self._at_fit = self._root * whitening[0]
 
     def open(self, v: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
@@ -177,19 +179,21 @@ class Standardised:
             x[:, len(self._potential.inputs) :] = log_sigma
             white = self._root * self._potential.whitening(x, self._fitted.error)
             change = white.mT @ white - self._at_fit.mT @ self._at_fit
-            precision = precision + self._slopes.mT @ change @ self._slopes
-            pull = pull + (change @ self._residual) @ self._slopes
+            slopes = self._slopes.flatten(0, -2)
+            precision = precision + slopes.mT @ (change @ self._slopes).flatten(1, -2)
+            pull = pull + (change @ self._residual).flatten(1) @ slopes
         factor, failed = torch.linalg.cholesky_ex(precision)
         lost = failed > 0
         factor = torch.where(lost[:, None, None], torch.eye(factor.shape[-1]).to(factor), factor)
         centre = torch.cholesky_solve(pull[..., None], factor)[..., 0]
-        logs = white.diagonal(dim1=-2, dim2=-1).log().sum(-1)
+        logs = white.diagonal(dim1=-2, dim2=-1).log().flatten(1).sum(-1)
         logs = logs - factor.diagonal(dim1=-2, dim2=-1).log().sum(-1)
-        error = (white @ self._residual).square().sum(-1)
+        error = (white @ self._residual).square().flatten(1).sum(-1)
         logs = logs - 0.5 * error + 0.5 * (pull * centre).sum(-1)
         return centre, factor, torch.where(lost, -torch.inf, logs)
 
     def _marginal(self, log_sigma):
         """Log posterior density (N,) of the scales in the linear model."""
         prior = self._potential.noise.log_prior(log_sigma) + log_sigma.sum(-1)
-        return prior + torch.cat([self._normal(part)[2] for part in log_sigma.split(CHUNK)])
+        parts = log_sigma.split(self._potential.chunk)
+        return prior + torch.cat([self._normal(part)[2] for part in parts])

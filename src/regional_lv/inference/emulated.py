@@ -26,6 +26,15 @@ class EmulatedInputs:
         """Mean (M, D) and its derivatives (M, D, K) about the scaled coordinates."""
         return self._outputs(self.emulator.linearise, self.coordinates.natural(x))
 
+    @property
+    def simulated_names(self) -> tuple[str, ...]:
+        """Of the inputs that the simulator has."""
+        return self.emulator.coordinates.names
+
+    def simulated_at(self, x: torch.Tensor) -> torch.Tensor:
+        """Values (M, k) of the simulated inputs at which most of the channels are looked up."""
+        return self._outputs.most_looked_up(self.coordinates.natural(x))
+
     def covariance(self, x: torch.Tensor) -> torch.Tensor:
         """Of the errors of the mean, (M, D, D).
 

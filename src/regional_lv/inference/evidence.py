@@ -23,6 +23,9 @@ share of a change each makes."""
 STEPS_PER_RANGE = 2.0
 """Longest steps of a fit that fit into a range."""
 
+TOGETHER = 1024
+"""Models of one heart that are fitted at a time, for the memory's sake; of several hearts fewer."""
+
 NEGLIGIBLE = 40.0
 """Log density, below the largest of a box, that quadrature leaves out."""
 
@@ -34,9 +37,10 @@ class Fits:
     """M models at their fits.
 
     free (M, P): the coordinates that are free. amplitude (M,): of a smooth departure. x (M, P).
-    error (M or 1, D, D): the emulator's covariance there. gradient (M, P), curvature (M, P, P): of
-    the log density about all coordinates. log_evidence (M,). mean (M, P), covariance (M, P, P): of
-    the normal distribution that resembles the posterior in its box, zero where nothing is free.
+    error (M or 1, ...): the emulator's covariance there (`Potential`). gradient (M, P), curvature
+    (M, P, P): of the log density about all coordinates. log_evidence (M,). mean (M, P), covariance
+    (M, P, P): of the normal distribution that resembles the posterior in its box, zero where
+    nothing is free.
     """
 
     free: torch.Tensor
@@ -62,7 +66,7 @@ class Fits:
         """All models of several."""
         columns = {field.name: [getattr(p, field.name) for p in parts] for field in fields(cls)}
         columns["error"] = [
-            e.expand(len(p), -1, -1) for e, p in zip(columns["error"], parts, strict=True)
+            e.expand(len(p), *e.shape[1:]) for e, p in zip(columns["error"], parts, strict=True)
         ]
         return cls(**{name: torch.cat(column) for name, column in columns.items()})
 
@@ -83,9 +87,14 @@ def fit(
 ) -> Fits:
     """Fit M models by Levenberg and Marquardt's method within their ranges (`maximise`).
 
-    free (M, P), amplitude (M,): of the models. start (M, P). error (M or 1, D, D): covariance of
-    the emulator that the fits keep; it is taken anew where they end.
+    free (M, P), amplitude (M,): of the models. start (M, P). error (M or 1, ...): covariance of the
+    emulator that the fits keep (`Potential`); it is taken anew where they end.
     """
+    most = max(1, TOGETHER // potential.observed.count)
+    if len(start) > most:
+        parts = torch.arange(len(start)).split(most)
+        rows = [(free[at], amplitude[at], start[at], of_row(error, at)) for at in parts]
+        return Fits.join([fit(potential, *each, iterations, least_gain) for each in rows])
     unit = potential.width / STEPS_PER_RANGE
     low, high = (torch.where(free, end, start) / unit for end in (potential.low, potential.high))
     means = start.new_empty(len(start), len(potential.y))

@@ -18,6 +18,7 @@ from regional_lv.channels import Channels
 from regional_lv.errors import InputError
 from regional_lv.gaussian import LOG_2PI
 from regional_lv.inference.likelihood import Noise
+from regional_lv.inference.observed import Observed
 from regional_lv.inference.point import CHUNK, LOG_SIGMA_BOUNDS
 from regional_lv.inputs.closed_forms import HeavyTails
 from regional_lv.inputs.scales import Scale
@@ -44,9 +45,17 @@ class Emulated(Protocol):
     def linearise(self, x: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Mean (M, D) and its derivatives (M, D, K) about the scaled coordinates."""
 
+    @property
+    def simulated_names(self) -> tuple[str, ...]:
+        """Of the k inputs that the simulator has."""
+
+    def simulated_at(self, x: torch.Tensor) -> torch.Tensor:
+        """Values (n, k) of these at which the simulator stands behind most of the outputs: a row
+        for each heart of each point."""
+
     def covariance(self, x: torch.Tensor) -> torch.Tensor:
-        """Of the errors of the mean, (M, D, D), or (1, D, D) if they are the same everywhere. Asked
-        for as often as the mean."""
+        """Of the errors of the mean, (M, D, D), or (1, D, D) if they are the same everywhere; of
+        several hearts in blocks (`Observed`). Asked for as often as the mean."""
 
 
 @dataclass(frozen=True)
@@ -90,23 +99,26 @@ class Quadratic:
 class Potential:
     """Log posterior densities of observations y (D,) for any point of any model.
 
-    Inferred and suspected inputs are uniform on their scales within their ranges, measured ones
-    normal in their units, scales of the noise half-normal. Errors are normal; with `heavy_tails`
-    among the inputs each channel's, given those before it, is Student's t.
+    Inferred inputs are uniform in their units within their ranges, as in the paper, suspected ones
+    uniform on their scales, measured ones normal in their units, scales of the noise half-normal.
+    Errors are normal; with `heavy_tails` among the inputs each channel's, given those before it, is
+    Student's t.
 
-    The emulator's covariance is an argument, `error` (M or 1, D, D): fits and the evidence of a
-    search keep it while inputs move, so that no estimate is drawn to where the emulator is least
-    certain; draws have their own (`settle`).
+    The emulator's covariance is an argument, `error` (M or 1, D, D), of several hearts (M or 1, S,
+    U, U): fits and the evidence of a search keep it while inputs move, so that no estimate is drawn
+    to where the emulator is least certain; draws have their own (`settle`).
 
     Attributes: low, high, nominal (P,); always (P,), what is free in every model; suspected, the
-    places of the suspected inputs; measured, the priors of the measured ones; tails, the place of
-    `heavy_tails`, or None.
+    places of the suspected inputs; causes, these by cause; measured, the priors of the measured
+    ones; tails, the place of `heavy_tails`, or None.
 
     Parameters
     ----------
-    emulated: of the D channels that were observed.
+    emulated: of the D outputs that were observed.
     inputs: K of them, with roles.
-    departure: covariance (D, D) of a smooth departure of unknown shape, at an amplitude of one.
+    departure: covariance of a smooth departure of unknown shape, at an amplitude of one: (D, D), of
+        several hearts (S, U, U).
+    observed: what the outputs are; None: of one heart, and nobody asks.
     """
 
     def __init__(
@@ -116,9 +128,12 @@ class Potential:
         y: torch.Tensor,
         noise: Noise,
         departure: torch.Tensor | None = None,
+        observed: Observed | None = None,
     ):
         self.emulated, self.inputs, self.y = emulated, inputs, y
         self.noise, self.departure = noise, departure
+        self.observed = observed or Observed.unnamed(len(y))
+        self.chunk = max(1, CHUNK // self.observed.count)
         groups = len(noise.groups)
         self.low, self.high, self.nominal = (
             torch.as_tensor(np.append(inputs.coordinates.scaled(values), [of_sigma] * groups))
@@ -132,6 +147,8 @@ class Potential:
         known = doubted | inputs.of_role("fixed")
         self.always = torch.as_tensor(np.append(~known, np.ones(groups, dtype=bool)))
         self.suspected = tuple(np.flatnonzero(doubted).tolist())
+        self._inferred = torch.as_tensor(np.flatnonzero(inputs.of_role("inferred")))
+        self._in_units = inputs.subset(inputs.of_role("inferred")).coordinates
         self.measured = [_prior(inputs, k) for k in np.flatnonzero(inputs.of_role("measured"))]
         tails = [k for k, each in enumerate(inputs) if isinstance(each, HeavyTails)]
         self.tails = tails[0] if tails else None
@@ -147,9 +164,26 @@ class Potential:
         free[list(members)] = True
         return free
 
+    @cached_property
+    def causes(self) -> dict[str, tuple[int, ...]]:
+        """Suspected causes, and the places of their inputs."""
+        found: dict[str, tuple[int, ...]] = {}
+        for k in self.suspected:
+            cause = self.inputs[k].cause
+            found[cause] = (*found.get(cause, ()), k)
+        return found
+
     def log_uniform(self, free: torch.Tensor) -> torch.Tensor:
-        """Log density (M,) of all uniform priors of models whose coordinates `free` (M, P) are."""
-        return -(free[:, self._uniform] * self.width[self._uniform].log()).sum(-1)
+        """Log density (M,) of all uniform priors of models whose coordinates `free` (M, P) are,
+        each on what it is uniform on."""
+        return -(free[:, self._uniform] * self._range[self._uniform].log()).sum(-1)
+
+    @cached_property
+    def _range(self) -> torch.Tensor:
+        """Widths (P,) of the ranges on what the priors are uniform on."""
+        found, at = self.width.clone(), self._inferred
+        found[at] = torch.as_tensor(self.inputs.upper - self.inputs.lower)[at]
+        return found
 
     @cached_property
     def _uniform(self) -> torch.Tensor:
@@ -166,7 +200,8 @@ class Potential:
         error = parts[0] if len(parts[0]) == 1 else torch.cat(parts)
         if self.departure is None:
             return error
-        return error + amplitude.square()[:, None, None] * self.departure
+        shape = (-1, *[1] * self.departure.dim())
+        return error + amplitude.square().reshape(shape) * self.departure
 
     @torch.no_grad()
     def mean(self, x: torch.Tensor) -> torch.Tensor:
@@ -181,15 +216,15 @@ class Potential:
         return torch.cat(means), torch.cat(slopes)
 
     def _points(self, x):
-        return x[:, : len(self.inputs)].split(CHUNK)
+        return x[:, : len(self.inputs)].split(self.chunk)
 
     # -------------------------------------------------------------------------------- density
 
     def log_density(self, mean: torch.Tensor, x: torch.Tensor, error: torch.Tensor) -> torch.Tensor:
         """Log posterior density (M,), not normalised, at x (M, P) where outputs have the mean
-        (M, D); without the uniform priors (`log_uniform`)."""
+        (M, D); without what normalises uniform priors (`log_uniform`)."""
         whitening = self.whitening(x, error)
-        logs = whitening.diagonal(dim1=-2, dim2=-1).log().sum(-1)
+        logs = whitening.diagonal(dim1=-2, dim2=-1).log().flatten(1).sum(-1)
         errors = self._white(whitening, self.y - mean)
         return self._of_errors(errors, x).sum(-1) + logs + self._log_prior(x)
 
@@ -207,7 +242,8 @@ class Potential:
         curvature = x.new_zeros(*x.shape, x.shape[1])
         whitening = self.whitening(x, error)
         weight = self.weights(x, self.y - mean.detach(), whitening)
-        white = weight.sqrt()[..., None] * (whitening @ slopes)
+        root = self.observed.split(weight.sqrt())[..., None]
+        white = (root * (whitening @ self.observed.columns(slopes))).flatten(1, -2)
         diagonal = curvature.diagonal(dim1=-2, dim2=-1)
         curvature[:, :count, :count] += white.mT @ white
         if self.tails is not None:
@@ -219,17 +255,37 @@ class Potential:
             sigma = x[:, count:].exp()
             change = 2 * sigma.square()[..., None] * self.noise.units.square()
             squares = (whitening.mT @ whitening).square() / 2
-            curvature[:, count:, count:] += change @ squares @ change.mT
+            moved = squares @ self.observed.columns(change.mT)
+            curvature[:, count:, count:] += change @ self.observed.join(moved.movedim(-1, 1)).mT
             diagonal[:, count:] += 2 * (sigma / self.noise.prior_scale).square()
         return Quadratic(value.detach(), gradient, curvature)
 
     def whitening(self, x: torch.Tensor, error: torch.Tensor) -> torch.Tensor:
         """W (M or 1, D, D), lower triangular, with W S W' = I for the covariance S of errors and
-        noise at x (M, P)."""
+        noise at x (M, P); of several hearts in blocks (M or 1, S, U, U)."""
         log_sigma = x[:, len(self.inputs) :] if self.noise.groups else x.new_zeros(1, 0)
-        factor = torch.linalg.cholesky(error + torch.diag_embed(self.noise.variance(log_sigma)))
-        identity = torch.eye(len(self.y), dtype=x.dtype).expand_as(factor)
+        variance = self.observed.split(self.noise.variance(log_sigma), absent=1.0)
+        factor = torch.linalg.cholesky(error + torch.diag_embed(variance))
+        identity = torch.eye(factor.shape[-1], dtype=x.dtype).expand_as(factor)
         return torch.linalg.solve_triangular(factor, identity, upper=False)
+
+    @torch.no_grad()
+    def replicates(self, x: torch.Tensor, amplitude: torch.Tensor, generator) -> torch.Tensor:
+        """Measurements (M, D) as they may be at x (M, P): with the emulator's error, a departure of
+        `amplitude` (M,) and normal noise."""
+        parts = []
+        for part, size in zip(x.split(self.chunk), amplitude.split(self.chunk), strict=True):
+            mean = self.mean(part)
+            whitening = self.whitening(part, self.settle(part, size))
+            deviates = torch.randn(*mean.shape, generator=generator, dtype=mean.dtype)
+            split = self.observed.split(deviates)[..., None]
+            error = torch.linalg.solve_triangular(whitening, split, upper=False)[..., 0]
+            parts.append(mean + self.observed.join(error.expand_as(split[..., 0])))
+        return torch.cat(parts)
+
+    def noise_sd(self, unknown: float = 1.0) -> torch.Tensor:
+        """Of the D outputs; where its scale is inferred, `unknown` times the unit of that."""
+        return (self.noise.sd.square() + (unknown * self.noise.units).square().sum(0)).sqrt()
 
     def weights(
         self, x: torch.Tensor, residual: torch.Tensor, whitening: torch.Tensor
@@ -242,11 +298,13 @@ class Potential:
         nu = self._freedom(x)
         return (nu + 1) / (nu + white.square())
 
-    @staticmethod
-    def _white(whitening, residual):
+    def _white(self, whitening, residual):
+        residual = self.observed.split(residual)
         if len(whitening) == 1:
-            return residual @ whitening[0].mT
-        return (whitening @ residual[..., None])[..., 0]
+            white = (residual.movedim(0, -2) @ whitening[0].mT).movedim(-2, 0)
+        else:
+            white = (whitening @ residual[..., None])[..., 0]
+        return self.observed.join(white)
 
     def _of_errors(self, white, x) -> torch.Tensor:
         """Log density (M, D) of whitened errors."""
@@ -261,6 +319,9 @@ class Potential:
         total = x.new_zeros(len(x))
         for prior in self.measured:
             total = total + prior.log_density(x)
+        if len(self._inferred):
+            value = self._in_units.natural(x[:, self._inferred])
+            total = total + self._in_units.slope(value).log().sum(-1)
         if self.noise.groups:
             log_sigma = x[:, len(self.inputs) :]
             total = total + self.noise.log_prior(log_sigma) + log_sigma.sum(-1)

@@ -7,14 +7,16 @@ only the best sets grow, in a floating search (Pudil et al. 1994, doi
 10.1016/0167-8655(94)90127-9): each input of a set found is taken away, too, so that one that
 imitated several others in small sets gives way to them in large ones.
 
-All sizes are equally probable, and all sets of one size (Scott and Berger 2010, doi
-10.1214/10-AOS792), so that a longer catalogue does not make it more likely that something is found.
-A smooth departure of unknown shape counts as one size more; it takes any of `AMPLITUDES`.
+All sizes are equally probable (Scott and Berger 2010, doi 10.1214/10-AOS792), so that a longer
+catalogue does not make it more likely that something is found. Within a size all causes are, and
+all places of a cause: the probability of a set is proportional to the product of the shares that
+its inputs are of their causes. A smooth departure of unknown shape counts as one size more; it
+takes any of `AMPLITUDES`.
 """
 
 import logging
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -94,10 +96,32 @@ def search(potential: Potential, largest: int, seed: int) -> list[Candidate]:
     return _Search(potential, largest).run(seed)
 
 
+class Prior:
+    """Log prior probability of sets of suspected inputs.
+
+    causes: places of the inputs of each. largest: of the sets. departs: whether a smooth departure
+    competes with them.
+    """
+
+    def __init__(self, causes: Mapping[str, Sequence[int]], largest: int, departs: bool):
+        self._share = {k: 1 / len(places) for places in causes.values() for k in places}
+        # The elementary symmetric polynomials of the shares, which sum over all sets of a size.
+        self._total = np.zeros(largest + 1)
+        self._total[0] = 1.0
+        for share in self._share.values():
+            self._total[1:] += share * self._total[:-1]
+        self._log_sizes = math.log(largest + 1 + departs)
+
+    def __call__(self, members: Members) -> float:
+        shares = math.prod(self._share[k] for k in members)
+        return -self._log_sizes - math.log(self._total[len(members)] / shares)
+
+
 class _Search:
     def __init__(self, potential: Potential, largest: int):
         self.potential = potential
         self.largest = min(largest, len(potential.suspected))
+        self.prior = Prior(potential.causes, self.largest, potential.departure is not None)
         self.found: dict[Members, Fits] = {}
         self.expected: dict[Members, float] = {}
         self._grown: set[Members] = set()
@@ -116,24 +140,20 @@ class _Search:
                 break
         departures = self._departures() if self.potential.departure is not None else []
         sets = [
-            Candidate(members, self._log_prior(len(members)), evidence, self.found.get(members))
+            Candidate(members, self.prior(members), evidence, self.found.get(members))
             for members, evidence in self.expected.items()
         ]
         log.info("models: %d of %d sets fitted", len(self.found), len(sets))
         return sorted([*sets, *departures], key=lambda c: -c.log_posterior)
 
-    # --------------------------------------------------------------------------------- priors
-
-    def _log_prior(self, size: int) -> float:
-        sizes = self.largest + 1 + (self.potential.departure is not None)
-        return -math.log(sizes) - math.log(math.comb(len(self.potential.suspected), size))
-
     def _log_posterior(self, members: Members) -> float:
-        return self.expected[members] + self._log_prior(len(members))
+        return self.expected[members] + self.prior(members)
 
     def _best(self, size: int) -> list[Members]:
-        """The fitted sets of one size, that with the largest evidence first."""
-        return sorted((m for m in self.found if len(m) == size), key=lambda m: -self.expected[m])
+        """The fitted sets of one size, the most probable first."""
+        return sorted(
+            (m for m in self.found if len(m) == size), key=lambda m: -self._log_posterior(m)
+        )
 
     # ----------------------------------------------------------------------------------- fits
 
@@ -169,7 +189,7 @@ class _Search:
             *(self.potential, base.free.expand_as(x), amplitude, x),
             *(self.potential.settle(x, amplitude), ITERATIONS, LEAST_GAIN),
         )
-        prior = self._log_prior(0) - math.log(len(amplitude))
+        prior = self.prior(()) - math.log(len(amplitude))
         return [
             Candidate((), prior, float(fits.log_evidence[m]), fits.row(m), a)
             for m, a in enumerate(AMPLITUDES)
@@ -213,7 +233,8 @@ class _Search:
             if members not in self.found:
                 known = self.expected.get(members, -math.inf)
                 self.expected[members] = max(known, starts[0][0])
-        ranked = sorted(grown, key=lambda m: -grown[m][0][0])[:most]
+        promised = {m: starts[0][0] + self.prior(m) for m, starts in grown.items()}
+        ranked = sorted(grown, key=lambda m: -promised[m])[:most]
         rows = [(m, x, parent) for m in ranked for _, x, parent in grown[m][:STARTS]]
         if () in parents:  # what single effects are like is not known yet
             rows += [row for members, x, parent in rows for row in self._spread(members, x, parent)]
@@ -267,7 +288,7 @@ class _Search:
         """Take each input of the best sets of `size` away, and go on while that betters the best
         set of the smaller size."""
         while size > 0 and self._best(size):
-            before = max(map(self.expected.__getitem__, self._best(size - 1)), default=-math.inf)
+            before = max(map(self._log_posterior, self._best(size - 1)), default=-math.inf)
             rows = []
             for members in self._best(size)[:BEAM]:
                 for k in members:
@@ -279,5 +300,5 @@ class _Search:
                         rows.append((left, x, self.found[members]))
             self._fit(rows)
             size -= 1
-            if self.expected[self._best(size)[0]] <= before + LEAST_GAIN:
+            if self._log_posterior(self._best(size)[0]) <= before + LEAST_GAIN:
                 break

@@ -51,11 +51,12 @@ def _within(potential: Potential, fitted: Fits) -> torch.Tensor:
     covariance = fitted.covariance[0, :count, :count]
     mean, slopes = potential.linearise(fitted.x)
     whitening = potential.whitening(fitted.x, fitted.error)
+    error = potential.observed.dense(fitted.error)[0]
     weights = potential.weights(fitted.x, potential.y - mean, whitening)
     # d(estimate)/d(whitened residual), then back in the units of the outputs.
-    gain = covariance @ (weights[0] * (whitening[0] @ slopes[0]).mT) @ whitening[0]
-    error = fitted.error[0]
-    total = torch.linalg.inv(whitening[0].mT @ whitening[0])
+    white = potential.observed.dense(whitening)[0]
+    gain = covariance @ (weights[0] * (white @ slopes[0]).mT) @ white
+    total = torch.linalg.inv(white.mT @ white)
     parts = [((gain @ part) * gain).sum(1) for part in (total - error, error)]
     for prior in potential.measured:
         parts.append(covariance[:, prior.at].square() * prior.precision(fitted.x))

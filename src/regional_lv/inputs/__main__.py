@@ -19,8 +19,9 @@ Every number that the simulator, or what is reported of it, depends on: its name
 model as it is in a study with default settings, its plausible range, and the scale on which a prior
 is uniform and effects are smooth. Of those that every segment has the first one stands for all.
 What a study does with an input is its *role*, section `inputs` of the
-[configuration](configuration.md). How to add one: [Extending](extending.md#an-input). This page is
-written by `make format` from the catalogue itself.
+[configuration](configuration.md); a family stands for all inputs in it, and `causes` for what a
+criticism doubts: all but the stiffness and the single measures of the shape. How to add one:
+[Extending](extending.md#an-input). This page is written by `make format` from the catalogue itself.
 """
 
 

@@ -46,6 +46,8 @@ class Input(ABC):
     roles: tuple[str, ...] = ROLES
     moves: tuple[str, ...] = ()
     changes: ClassVar[str]
+    is_cause: ClassVar[bool] = True
+    """Whether the word `causes` of the configuration stands for it, too."""
     step: ClassVar[float] = 1e-6
     """Of the range, in which differences about it are taken."""
     stress_power: int = 0
@@ -74,7 +76,7 @@ class Input(ABC):
     @property
     def words(self) -> tuple[str, ...]:
         """Words of the configuration for several inputs, this one among them."""
-        return (self.family, type(self).name)
+        return (self.family, type(self).name, *(["causes"] if self.is_cause else []))
 
     @property
     def block(self) -> str:

@@ -149,6 +149,7 @@ class RadialScale(ClosedForm):
 
 class Size(ClosedForm):
     name = "size"
+    is_cause = False
     family = "shape"
     parameter = "scale of the whole ventricle"
     low, high = 0.8, 1.25

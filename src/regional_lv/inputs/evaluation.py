@@ -38,25 +38,32 @@ class AllInputs:
         reported = [(j, form.reported(channels)) for j, form in self._forms]
         self._reported = [(j, torch.as_tensor(powers)) for j, powers in reported if powers.any()]
 
-    def looked_up(self, x: torch.Tensor, pattern: np.ndarray) -> tuple[torch.Tensor, torch.Tensor]:
+    def looked_up(
+        self, x: torch.Tensor, pattern: np.ndarray, by_x: torch.Tensor | None = None
+    ) -> torch.Tensor:
         """Values (M, K) at which the simulator has outputs that a `pattern` of the closed forms
-        concerns, and their derivatives (M, K, K) about x (M, K)."""
-        size = x.shape[1]
-        there, by_x = x.clone(), torch.eye(size, dtype=x.dtype).repeat(len(x), 1, 1)
+        concerns, at x (M, K).
+
+        by_x: unit matrices (M, K, K), which become the derivatives of these values about x.
+        """
+        there = x.clone()
         for j, direction in self.inputs.directions:
             for k, each in enumerate(self.inputs):
                 if each.name in direction.moves:
                     there[:, k], by_own, by_it = direction.carry(each, there[:, k], x[:, j])
-                    by_x[:, k] = by_own[:, None] * by_x[:, k]
-                    by_x[:, k, j] += by_it
+                    if by_x is not None:
+                        by_x[:, k] = by_own[:, None] * by_x[:, k]
+                        by_x[:, k, j] += by_it
         for (j, form), powers, concerned in zip(self._forms, self._powers, pattern, strict=True):
             if not concerned or not powers.any():
                 continue
             share, slope = form.share(x[:, j])
             factor = share[:, None] ** -torch.as_tensor(powers, dtype=x.dtype)
-            there, by_x = there * factor, by_x * factor[..., None]
-            by_x[:, :, j] -= torch.as_tensor(powers) * there * (slope / share)[:, None]
-        return there, by_x
+            there = there * factor
+            if by_x is not None:
+                by_x *= factor[..., None]
+                by_x[:, :, j] -= torch.as_tensor(powers) * there * (slope / share)[:, None]
+        return there
 
     def __call__(self, evaluate: Evaluate, x: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Outputs (M, D) at values x (M, K), and their derivatives (M, D, K) about the scaled
@@ -64,7 +71,8 @@ class AllInputs:
         count, size = len(self.channels), x.shape[1]
         values, slopes = x.new_empty(len(x), count), x.new_empty(len(x), count, size)
         for pattern, rows in self._patterns:
-            there, by_x = self.looked_up(x, pattern)
+            by_x = torch.eye(size, dtype=x.dtype).repeat(len(x), 1, 1)
+            there = self.looked_up(x, pattern, by_x)
             found, gradient = evaluate(there[:, self.simulated])
             values[:, rows] = found[:, rows]
             slopes[:, rows] = gradient[:, rows] @ by_x[:, self.simulated]
@@ -78,17 +86,20 @@ class AllInputs:
         """Outputs (M, D) alone at values x (M, K), from those (M, D) of the simulated inputs."""
         values = x.new_empty(len(x), len(self.channels))
         for pattern, rows in self._patterns:
-            there, _ = self.looked_up(x, pattern)
+            there = self.looked_up(x, pattern)
             values[:, rows] = evaluate(there[:, self.simulated])[:, rows]
         return values * self.factor(x)
+
+    def most_looked_up(self, x: torch.Tensor) -> torch.Tensor:
+        """Values (M, k) of the simulated inputs at which most of the channels are looked up."""
+        pattern, _ = max(self._patterns, key=lambda each: len(each[1]))
+        return self.looked_up(x, pattern)[:, self.simulated]
 
     def covariance(self, evaluate: Callable[[torch.Tensor], torch.Tensor], x: torch.Tensor):
         """Of the errors of the outputs (M, D, D) at values x (M, K), from that of the simulated
         inputs, where most of the channels are looked up."""
-        pattern, _ = max(self._patterns, key=lambda each: len(each[1]))
-        there, _ = self.looked_up(x, pattern)
         factor = self.factor(x)
-        found = evaluate(there[:, self.simulated])
+        found = evaluate(self.most_looked_up(x))
         return factor[:, :, None] * found * factor[:, None]
 
     def factor(self, x: torch.Tensor) -> torch.Tensor:

@@ -14,6 +14,7 @@ class Stiffness(Input):
     """One factor of the material law in one zone, such as `C_a_anterior`."""
 
     name = "stiffness"
+    is_cause = False
     family = "material"
     changes = "factors"
     scale = LOGARITHMIC

@@ -13,6 +13,7 @@ class TableInput(SegmentInput):
 
     family = "shape"
     changes = "geometry"
+    is_cause = False
     unit = "mm"
     scale = LOGARITHMIC
     column: ClassVar[str]
@@ -91,6 +92,7 @@ class WallThickness(KeyInput):
 
 class Length(KeyInput):
     name = "length"
+    is_cause = False
     family = "shape"
     path = ("geometry", "length_mm")
     parameter = "length of the cavity from the base to the endocardial apex"
