@@ -20,7 +20,6 @@ from regional_lv.mechanics.materials import material_from_config
 from regional_lv.mechanics.observables.layer import check_layer
 from regional_lv.mechanics.supports import SUPPORTS, supports_from_config
 from regional_lv.parameters import Parameterisation
-from regional_lv.physics import physics_of
 from regional_lv.published import (
     PUBLISHED,
     PUBLISHED_HEART,

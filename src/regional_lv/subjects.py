@@ -43,7 +43,8 @@ def simulate_subject(
         ) from error
     rng, tails = np.random.default_rng(seed), values.get(HeavyTails.name, 0.0)
     unit = unit_noise(tails, len(outputs), rng)
-    write_measured(synthetic_subject(outputs, ventricles.channels, subject["noise"], unit), measured)
+    table = synthetic_subject(outputs, ventricles.channels, subject["noise"], unit)
+    write_measured(table, measured)
     write_truth(truth, **{key: subject[key] for key in ("theta", "effects", "noise")}, seed=seed)
 
 

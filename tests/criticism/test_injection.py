@@ -1,7 +1,8 @@
-"""Hidden effects: who gets which, how large, and what noise comes with it."""
+"""Hearts of the benchmark: who gets which causes, how large, and what is written of them."""
 
 import json
-from types import SimpleNamespace
+from collections import Counter
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -9,169 +10,171 @@ import pytest
 from scipy import stats
 
 from regional_lv.criticism import injection
-from regional_lv.criticism.hypotheses import REGISTRY
+from regional_lv.criticism.groups import EFFECTS
+from regional_lv.criticism.injection import Heart, Injection, draw_values, inject, plan_hearts
+from regional_lv.criticism.unlisted import UNLISTED
+from regional_lv.criticism.ventricles import Ventricles
 from regional_lv.errors import InputError
-from regional_lv.parameters import Parameterisation
-from regional_lv.physics import physics_of
-from tests.criticism.toy import OUTPUTS, PARAMETERS
+from regional_lv.inputs.space import Inputs, sections_of
 
-HEARTS = {"singles": 10 * len(REGISTRY), "pairs": 30, "triples": 20, "unlisted": 23, "nulls": 60}
+ROLES = {
+    "segment_thickness": {"role": "measured", "sd_mm": 1.0},
+    "septal_load": "suspected",
+    "basal_motion": "suspected",
+    "fibre_rotation": "suspected",
+    "focal_scar": "suspected",
+    "mixed_frames": "suspected",
+    "heavy_tails": "suspected",
+}
+PHYSICAL = ("septal_load", "basal_motion", "fibre_rotation", "focal_scar", "mixed_frames")
+COUNTS = {"singles": 60, "pairs": 30, "triples": 20, "unlisted": 25, "nulls": 60, "misread": 40}
+NOISE = {"strain": 0.01, "volume": 1.0}
 
 
 @pytest.fixture(scope="module")
-def entries():
-    return injection.random_subjects(HEARTS, 5, REGISTRY, PARAMETERS)
+def physics(smoke_config):
+    return sections_of(smoke_config | {"inputs": ROLES})
 
 
-def test_every_hypothesis_is_injected_and_some_have_none(entries):
-    singles = [next(iter(e["effects"])) for e in entries if e["kind"] == "singles"]
-    assert all(singles.count(name) == 10 for name in REGISTRY)
-    kinds = [e["kind"] for e in entries]
-    assert {kind: kinds.count(kind) for kind in HEARTS} == HEARTS
-    for entry in entries:
-        assert len(entry["effects"]) == injection.KINDS[entry["kind"]]
-        # What changes the noise stands alone, or has no pair.
-        assert "heavy_tails" not in entry["effects"] or entry["kind"] == "singles"
-        hidden = list(entry["effects"]) if entry["kind"] == "unlisted" else [""]
-        assert [entry["withheld"]] == hidden
-    # The order tells nothing: subjects without effect are not together.
-    places = np.flatnonzero([kind == "nulls" for kind in kinds])
-    assert places.min() < 20 and places.max() > len(kinds) - 20
+@pytest.fixture(scope="module")
+def inputs(physics):
+    return Inputs.from_config(physics)
 
 
-def test_sizes_are_in_the_range_and_away_from_the_base(entries):
-    shares = []
-    for entry in entries:
-        for effect in injection.read_effects(entry["effects"]):
-            h = effect.hypothesis
-            assert h.low <= effect.value <= h.high
-            end = h.low if effect.value < h.base else h.high
-            value, base, end = (h.scale(v) for v in (effect.value, h.base, end))
-            shares.append((value - base) / (end - base))
-            assert effect.component in h.components
-    assert min(shares) >= injection.LEAST_SHARE - 1e-12
-    assert np.mean(shares) == pytest.approx((1 + injection.LEAST_SHARE) / 2, abs=0.06)
+@pytest.fixture(scope="module")
+def hearts(inputs):
+    return plan_hearts(COUNTS, inputs, 5)
 
 
-@pytest.mark.parametrize(("bounds", "least"), [((0.1, 5.0), 0.5), ((0.8, 5.0), 0.8)])
-def test_theta_is_log_uniform_where_it_is_physiological(bounds, least):
-    parameters = Parameterisation(bounds=bounds)
-    entries = injection.random_subjects({"nulls": 50}, 5, REGISTRY, parameters)
-    theta = np.array([list(e["theta"].values()) for e in entries])
-    assert len(np.unique(theta)) == 500
-    for part in (theta[:, ::2], theta[:, 1::2], theta[:25], theta[25:]):
-        uniform = stats.loguniform(least, 2.0).cdf
-        assert stats.kstest(part.ravel(), uniform).pvalue > 0.01
+def drawn(hearts, inputs, seed=0):
+    rng = np.random.default_rng(seed)
+    return np.array([draw_values(heart, inputs, rng) for heart in hearts])
 
 
-def test_subjects_follow_the_seed(entries):
-    again = injection.random_subjects(HEARTS, 5, REGISTRY, PARAMETERS)
-    other = injection.random_subjects(HEARTS, 6, REGISTRY, PARAMETERS)
-    assert again == entries
-    assert other[0]["theta"] != entries[0]["theta"] and other[0]["seed"] != entries[0]["seed"]
+def test_every_cause_has_its_turn_and_the_order_tells_nothing(hearts, inputs):
+    assert Counter(heart.group for heart in hearts) == COUNTS
+    singles = Counter(heart.causes[0] for heart in hearts if heart.group == "singles")
+    assert singles == dict.fromkeys((*PHYSICAL, "heavy_tails"), 10)
+    for heart in hearts:
+        if heart.group != "unlisted":
+            assert len(set(heart.causes)) == EFFECTS[heart.group] and not heart.left_out
+        # What changes the noise stands alone.
+        assert "heavy_tails" not in heart.causes or heart.group == "singles"
+    ways = Counter(heart.unlisted for heart in hearts if heart.group == "unlisted")
+    assert ways == dict.fromkeys((*UNLISTED, "left_out"), 5)
+    scar = next(h for h in hearts if h.unlisted == "left_out" and h.causes == ("focal_scar",))
+    assert scar.left_out == tuple(f"focal_scar_{s}" for s in range(1, 18))
+    nulls = np.flatnonzero([heart.group == "nulls" for heart in hearts])
+    assert nulls.min() < 20 and nulls.max() > len(hearts) - 20
+    assert plan_hearts(COUNTS, inputs, 5) == hearts != plan_hearts(COUNTS, inputs, 6)
+
+
+def test_values_come_from_what_the_roles_say(hearts, inputs):
+    x = drawn(hearts, inputs)
+    suspected = inputs.of_role("suspected")
+    for heart, values in zip(hearts, x, strict=True):
+        on = {inputs[k].cause for k in np.flatnonzero(suspected & (values != inputs.nominal))}
+        assert on == set(heart.causes)
+    scale = inputs.coordinates.scaled
+    nominal, low, high = (scale(v) for v in (inputs.nominal, inputs.lower, inputs.upper))
+    away = scale(x) - nominal
+    share = (away / np.where(away < 0, nominal - low, high - nominal).clip(1e-9))[:, suspected]
+    share = np.abs(share[share != 0])
+    uniform = stats.uniform(injection.LEAST_SHARE, 1 - injection.LEAST_SHARE)
+    assert stats.kstest(share, uniform.cdf).pvalue > 0.01
+    stiffness = x[:, inputs.of_role("inferred")].ravel()
+    assert stats.kstest(stiffness, stats.uniform(0.5, 1.5).cdf).pvalue > 0.01
+    read = [heart.group != "misread" for heart in hearts]
+    off = (x - inputs.nominal)[:, inputs.of_role("measured")]
+    assert off[read].std() == pytest.approx(1.0, rel=0.05)
+
+
+def test_a_misread_table_is_wrong_in_all_segments(inputs):
+    """Of the radii, too, which this study holds fixed."""
+    whole = injection.with_table(inputs)
+    heart = Heart("a", "misread", (), "", (), 1)
+    values = drawn([heart] * 100, whole)
+    for stem, sd in (("wall_thickness_", 0.1), ("endo_radius_", 0.03)):
+        of_stem = [name.startswith(stem) for name in whole.names]
+        own = values[:, of_stem] / whole.nominal[of_stem]
+        assert own.shape[1] == 17 and own.mean() == pytest.approx(1.0, abs=0.01)
+        assert own.std() == pytest.approx(sd, rel=0.08)
+    null = drawn([replace(heart, group="nulls")] * 3, whole)
+    radii = [name.startswith("endo_radius") for name in whole.names]
+    assert (null[:, radii] == whole.nominal[radii]).all()
 
 
 def test_heavy_tails_have_outliers():
     rng = np.random.default_rng(0)
-    heavy = injection.unit_noise(injection.read_effects({"heavy_tails": 0.4}), 20000, rng)
-    plain = injection.unit_noise(injection.read_effects({"fibre_rotation": 5.0}), 20000, rng)
+    heavy, plain = (injection.unit_noise(tails, 20000, rng) for tails in (0.4, 0.0))
     # Of Student's t with 2.5 degrees of freedom 4.1 % lie beyond 4 scales; of a Gaussian none.
     assert np.mean(np.abs(heavy) > 4) == pytest.approx(0.041, abs=0.006)
     assert np.abs(plain).max() < 5 and plain.std() == pytest.approx(1.0, abs=0.03)
 
 
-def test_a_batch_keeps_subjects_and_truth_apart(monkeypatch, tmp_path, smoke_config):
-    """One cannot be inflated: it is in the truth, with the reason, and nowhere else."""
-    physics, counts = physics_of(smoke_config), {"singles": 20, "pairs": 10, "nulls": 10}
-    causes = injection.asked("all", physics)
-    every = injection.random_subjects(counts, 5, causes, PARAMETERS)
-    entries = every[10:20]
-    failing = entries[3]["theta"]["C_a_septal"]
+class Formula(Ventricles):
+    """Outputs that are known, in place of simulated ones; some ventricles cannot be inflated."""
 
-    def outputs(self, theta, effects):
-        if theta[6] == failing:
+    def __init__(self, inputs, fails=lambda values: False):
+        super().__init__(None, inputs)
+        self.fails = fails
+
+    def altered(self, inputs):
+        return Formula(inputs, self.fails)
+
+    def outputs(self, x):
+        values = dict(zip(self.inputs.names, x, strict=True))
+        if self.fails(values):
             raise ArithmeticError("too soft")
-        return np.zeros(52)
-
-    monkeypatch.setattr(injection.Ventricles, "outputs", outputs)
-    files = tmp_path / "subjects.parquet", tmp_path / "truth.parquet"
-    benchmark = {"hearts": counts, "noise": {"strain": 0.01, "volume": 1.0}}
-    asked = None, physics, PARAMETERS, "all", benchmark, 5, "0001", 10
-    injection.inject_batch(*asked, *files)
-    subjects, truth = map(pd.read_parquet, files)
-    assert list(subjects) == ["subject", "withheld", *OUTPUTS, *(f"sd_{o}" for o in OUTPUTS)]
-    assert truth["subject"].tolist() == [f"subject-{i:04d}" for i in range(10, 20)]
-    assert truth.loc[3, "status"] == "failed" and truth.loc[3, "reason"] == "too soft"
-    assert "subject-0013" not in set(subjects["subject"]) and len(subjects) == 9
-    for entry, row in zip(entries, truth.itertuples(), strict=True):
-        assert list(json.loads(row.effects)) == list(entry["effects"])
-    ordinary = ["heavy" not in t for t in truth.drop(3)["effects"]]
-    noise_seen = subjects.loc[ordinary, list(OUTPUTS[1:])].to_numpy()
-    assert noise_seen.std() == pytest.approx(0.01, rel=0.15)
-    assert isinstance(subjects, pd.DataFrame) and subjects["sd_volume_ml"].eq(1.0).all()
+        return np.full(len(self.channels), values["C_a_septal"])
 
 
-def test_a_shift_is_what_one_effect_does_beside_the_others():
-    """Two that multiply, one on the noise, and a ventricle that cannot be inflated."""
-    effects = injection.read_effects(
-        {"septal_load": 3.0, "wall_thickness": 0.5, "heavy_tails": 0.3}
-    )
-
-    class Product:
-        def outputs(self, theta, effects):
-            return theta * np.prod([e.value for e in effects])
-
-    theta = np.array([1.0, 2.0])
-    found = injection.shifts(Product(), theta, effects, 0.45 * theta)
-    assert list(found) == ["septal_load", "wall_thickness"]
-    np.testing.assert_allclose(found["septal_load"], 0.45 * theta - 0.15 * theta)
-    np.testing.assert_allclose(found["wall_thickness"], 0.45 * theta - 0.9 * theta)
-
-    class Thick(Product):
-        def outputs(self, theta, effects):
-            if "wall_thickness" not in {e.hypothesis.name for e in effects}:
-                raise ArithmeticError("too soft")
-            return super().outputs(theta, effects)
-
-    assert injection.shifts(Thick(), theta, effects, 0.45 * theta)["wall_thickness"] is None
+@pytest.fixture
+def no_mesh(monkeypatch):
+    monkeypatch.setattr("regional_lv.criticism.ventricles.read_mesh", lambda path: path)
 
 
-def test_hearts_with_more_effects_than_causes_are_refused():
-    catalogue = {name: REGISTRY[name] for name in ("septal_load", "heavy_tails")}
-    singles = injection.random_subjects(
-        {"singles": 5, "nulls": 1}, 1, catalogue, Parameterisation()
-    )
-    assert sum(len(entry["effects"]) for entry in singles) == 5
+@pytest.mark.usefixtures("no_mesh")
+def test_subjects_and_truth_lie_apart(hearts, inputs):
+    some = [heart for heart in hearts if heart.unlisted in ("", "left_out", "smooth_bias")][:80]
+    subjects, truth = inject(Injection(Formula(inputs), NOISE), some, "test")
+    assert subjects["subject"].tolist() == truth["subject"].tolist()
+    assert set(subjects) - {"subject", "left_out"} == {
+        name for c in Formula(inputs).channels.names for name in (c, f"sd_{c}")
+    }
+    strains = [c.name for c in Formula(inputs).channels if c.kind.is_strain]
+    septal = np.array([json.loads(values)["C_a_septal"] for values in truth["values"]])
+    ordinary = ~truth["causes"].str.contains("heavy") & (truth["unlisted"] != "smooth_bias")
+    errors = (subjects[strains].to_numpy() - septal[:, None])[ordinary]
+    assert errors.std() == pytest.approx(0.01, rel=0.05)
+    biased = truth["unlisted"] == "smooth_bias"
+    for row, quantity in zip(subjects[biased].index, truth.loc[biased, "detail"], strict=True):
+        error = subjects.loc[row, strains].astype(float) - septal[row]
+        own = error[[name.startswith(quantity) for name in strains]]
+        assert np.sqrt((own**2).mean()) > 1.5 * error.drop(own.index).std()
+    left_out = truth.set_index("subject")["unlisted"] == "left_out"
+    assert (subjects.set_index("subject")["left_out"] != "").eq(left_out).all()
+
+
+@pytest.mark.usefixtures("no_mesh")
+def test_what_cannot_be_inflated_is_drawn_again(hearts, inputs):
+    nulls = [heart for heart in hearts if heart.group == "nulls"][:20]
+    soft = Formula(inputs, lambda values: values["C_a_septal"] < 0.8)
+    _, truth = inject(Injection(soft, NOISE), nulls, "test")
+    assert truth["status"].eq("converged").all()
+    assert min(json.loads(values)["C_a_septal"] for values in truth["values"]) >= 0.8
+    subjects, truth = inject(Injection(Formula(inputs, lambda values: True), NOISE), nulls, "test")
+    assert subjects.empty and "sd_volume_ml" in subjects
+    assert truth["reason"].eq("too soft").all() and isinstance(truth, pd.DataFrame)
+
+
+def test_groups_that_do_not_fit_the_study_are_refused(smoke_config):
+    few = sections_of(smoke_config | {"inputs": {k: "suspected" for k in ("septal_load",)}})
+    none = dict.fromkeys(COUNTS, 0)
     with pytest.raises(InputError, match=r"hearts\.pairs: .* 2 of the causes.* which are 1"):
-        injection.random_subjects({"pairs": 1}, 1, catalogue, Parameterisation())
-
-
-def test_a_set_that_cannot_be_inflated_is_given_up():
-    """After two failures; a set of which one converged goes on, and so does another subject's."""
-    sets = {"soft": [0, 0, 0, 0], "mixed": [1, 0, 0, 0, 1]}
-    rows = [
-        {"set": name, "draw": draw, "subject": "a", "C_a": float(good), "effects": "{}"}
-        for name, draws in sets.items()
-        for draw, good in enumerate(draws)
-    ]
-    design = pd.DataFrame([*rows, rows[0] | {"subject": "b"}])
-    asked_for = []
-
-    class Some:
-        channels = SimpleNamespace(names=("volume_ml",))
-
-        def linearised(self, theta, effects):
-            asked_for.append(theta[0])
-            if not theta[0]:
-                raise ArithmeticError("too soft")
-            return np.array([100.0]), np.array([[-7.0]])
-
-    made = injection.simulate_design(design, Some(), {}, ["C_a"])
-    assert made["reason"].tolist() == (
-        ["too soft"] * 2
-        + ["not simulated: the first 2 of this set failed"] * 2
-        + ["", "too soft", "too soft", "too soft", "", "too soft"]
-    )
-    assert len(asked_for) == 8
-    for column in ("volume_ml", "slope_volume_ml"):
-        assert made[column].notna().tolist() == [not reason for reason in made["reason"]]
+        plan_hearts(none | {"pairs": 1}, Inputs.from_config(few), 1)
+    kept = sections_of(smoke_config | {"inputs": {"septal_load": "suspected"}})
+    inputs = Inputs.from_config(kept)
+    of_mesh = Inputs({**inputs.base, "geometry": {"wall_thickness_scale": 1.0}}, inputs)
+    with pytest.raises(InputError, match=r"hearts\.misread: .* not made from a segment table"):
+        plan_hearts(none | {"misread": 1}, of_mesh, 1)

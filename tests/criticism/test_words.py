@@ -2,7 +2,15 @@
 
 import pytest
 
+from regional_lv.channels import Channels
 from regional_lv.criticism import words
+from tests.criticism.findings_example import example, misfit
+
+OUTPUTS = Channels.of().names
+
+
+def verdict(**changes) -> str:
+    return " ".join(example(**changes)["words"])
 
 
 def channel(subject, value):
@@ -53,43 +61,131 @@ def test_channels_in_words(output, text):
     assert words.channel(output) == text
 
 
-def test_what_was_not_simulated_is_not_confirmed():
-    """Heavy tails are named; the sets beside them were simulated."""
-    part = {"simulations": 90, "simulations_of_best": 60, "channels": []}
-    part["largest_difference_sd"] = None
-    assert words._confirmed({"confirmation": part}) == []
-    (text,) = words._confirmed({"confirmation": part | {"largest_difference_sd": 0.4}})
-    assert "60 simulations" in text and "0.4 sd" in text
+@pytest.mark.parametrize(
+    ("name", "text", "source"),
+    [
+        ("wall_thickness_3", "wall thickness of segment 3", "geometry"),
+        ("endo_radius_17", "endo radius of segment 17", "geometry"),
+        ("end_diastolic_pressure", "end diastolic pressure", "pressure"),
+        ("helix_endo", "helix endo", "fibres"),
+        ("models", "models", "doubt about the model"),
+        ("from_a_plugin", "from a plugin", "from a plugin"),
+    ],
+)
+def test_inputs_and_sources_of_variance_in_words(name, text, source):
+    assert words.input_name(name) == text
+    assert words.variance_source(name) == source
 
 
 @pytest.mark.parametrize(
-    ("share", "failed", "elsewhere", "undecided", "told"),
+    ("probability", "text"),
     [
-        (0.12, 0, 0, True, ["simulated have 12 % of the probability: more rounds", "tell more."]),
-        (0.12, 0, 0, False, ["simulated have 12 % of the probability: more rounds", "estimates."]),
-        (0.04, 0, 0.04, True, []),
-        (0.0, 0.3, 0, True, ["did not converge have 30 %"]),
-        (0.0, 0, 0.4, True, ["far from their estimates have 40 %", "may tell more."]),
+        (0.0, "less than 0.1 %"),
+        (0.0049, "0.5 %"),
+        (0.364, "36 %"),
+        (0.996, "99.6 %"),
+        (1.0, "more than 99.9 %"),
     ],
 )
-def test_what_no_simulations_stand_behind(share, failed, elsewhere, undecided, told):
-    part = {"probability_not_simulated": share, "probability_failed": failed}
-    part["probability_elsewhere"] = elsewhere
-    text = words._not_simulated({"confirmation": part, "least_probability": 0.95}, undecided)
-    assert len(text) == bool(told) and all(piece in text[0] for piece in told)
+def test_no_probability_is_certain(probability, text):
+    assert words.percent(probability) == text
+
+
+def test_a_confirmed_set_is_named_with_its_estimates():
+    text = verdict()
+    assert "Named: septal load, size of the effect 2.1 mmHg (95 % interval" in text
+    assert "Named: focal scar in segment 7 (mid anterior)" in text
+    assert "90 % of that for this segment" in text
+    assert "agrees with 12 simulations" in text and "8 of them of the best set" in text
+    assert "Suspected" not in text
+    assert words.answer(example()).startswith("Named: septal load and focal scar in segment 7")
+
+
+def test_what_no_simulation_confirms_is_suspected():
+    found = example()
+    best = {**found["sets"][0], "confirmed": False}
+    sets, part = [best, *found["sets"][1:]], found["confirmation"]
+    differs = {**part, "agrees": False, "emulator_error_sd": [3.5, 2.6]}
+    text = verdict(sets=sets, confirmation=differs)
+    assert "Suspected: septal load" in text and "Named" not in text
+    assert "does not agree with 12 simulations" in text and "is 2.6 times the sds" in text
+    few = verdict(sets=sets)
+    assert "Suspected" in few and "too few simulations of it are known" in few
+    none = {**part, "simulations": 0, "emulator_error_sd": [], "channels": []}
+    alone = example(sets=sets, confirmation=none)
+    assert "rests on the emulator alone" in " ".join(alone["words"])
+    assert words.answer(alone).startswith("Suspected")
+
+
+@pytest.mark.parametrize(("share", "told"), [(0.12, True), (0.04, False)])
+def test_what_no_simulations_stand_behind(share, told):
+    part = {**example()["confirmation"], "probability_not_simulated": share, "failed": 2}
+    text = verdict(confirmation=part)
+    assert ("Sets that were never simulated have 12 % of the probability" in text) == told
+    assert "2 simulations did not converge." in text
+
+
+def test_other_answers_that_are_probable_are_told():
+    text = verdict(base_probability=0.04, unlisted_probability=0.08)
+    assert "A smooth departure of no listed shape has a probability of 8 %." in text
+    assert "The model as it is has" not in text
+
+
+def test_causes_that_replace_each_other_are_one_group():
+    gap = {"output": "volume_ml", "load_fraction": 0.5, "noise": 1.0, "difference_in_noise_sd": -4}
+    pair = {"pair": [["septal_load"], ["fibre_rotation"]], "components": [[""], [""]]}
+    separating = [pair | {"channels": [gap]}]
+    group = {"named": [], "groups": [["septal_load", "fibre_rotation"]], "separating": separating}
+    found = example(**group, best=["septal_load"])
+    text = " ".join(found["words"])
+    assert "One of septal load or fibre rotation is present" in text
+    assert "The most probable is septal load" in text
+    assert (
+        "The volume at 50 % of the end-diastolic pressure would separate septal load from fibre "
+        "rotation best: they differ there by 4.0 sd of a noise of 1 mL." in text
+    )
+    assert "one of septal load or fibre rotation" in words.answer(found)
+
+
+def test_where_no_model_fits_this_is_said_first():
+    lost = {"trusted": False, "explained": False, "named": [], "outliers": "three in ten are"}
+    found = example(**lost, remaining=misfit(OUTPUTS, 2.5))
+    first = found["words"][0]
+    assert first.startswith("No stiffness of this heart can be trusted")
+    tried = "septal load and focal scar in segment 7 (mid anterior) (p = 0.003) is the best"
+    for what in ("the model as it is (p = 0.003)", tried, "smooth departure", "heavy tails"):
+        assert what in first
+    assert "no cause is named" in words.answer(found)
+    assert words.untrusted(example()) == ""
+
+
+def test_a_heart_without_causes_to_try():
+    nothing = {"hypotheses": [], "sets": [], "named": [], "best": None, "remaining": None}
+    lost = example(**nothing, explained=False, trusted=False, gain=example()["gain"])
+    assert "No listed cause explains the misfit: there was none to try." in lost["words"]
+    assert "listed causes" not in lost["words"][0]
+    quiet = example(**nothing, explained=False, misfit=misfit(OUTPUTS, 0.8))
+    assert quiet["words"][1:] == ["No cause was found."]
+
+
+def test_at_the_end_of_its_range_a_cause_acts_like():
+    found = {"named": ["focal_scar"], "acts_like": ["septal_load"]}
+    assert "Something else acts like septal load" in verdict(**found)
+    text = verdict(**found | {"named": []}, explained=False)
+    assert "Of the listed causes septal load" in text and "it is not named" in text
 
 
 @pytest.mark.parametrize(
-    ("best", "base", "unlisted", "others", "why"),
+    ("best", "base", "unlisted", "why"),
     [
-        (0.5, 0.4, 0.1, 0.0, "fits, but has a probability of 0.50 only, the model as it is 0.40"),
-        (0.3, 0.1, 0.1, 0.5, "several sets do as well"),
-        (0.3, 0.6, 0.1, 0.0, "the model as it is remains"),
-        (0.2, 0.1, 0.7, 0.0, "a smooth departure of no listed shape fits better"),
+        (0.5, 0.4, 0.1, "fits, but has a probability of 0.50 only, the model as it is 0.40"),
+        (0.3, 0.1, 0.1, "several sets do as well"),
+        (0.3, 0.6, 0.1, "the model as it is remains"),
+        (0.2, 0.1, 0.7, "a smooth departure of no listed shape fits better"),
     ],
 )
-def test_why_no_cause_is_named_where_the_best_set_fits(best, base, unlisted, others, why):
-    sets = [{"causes": ["a"], "probability": best}, {"causes": ["b"], "probability": others}]
-    content = {"sets": sets, "best": ["a"], "base_probability": base, "acts_like": []}
-    content |= {"unlisted_probability": unlisted, "remaining": {"detected": False}}
-    assert why in words._why_not(content)
+def test_why_no_cause_is_named_where_the_best_set_fits(best, base, unlisted, why):
+    sets = [{**example()["sets"][0], "probability": best}]
+    nothing = {"named": [], "explained": False, "sets": sets}
+    text = verdict(**nothing, base_probability=base, unlisted_probability=unlisted)
+    assert why in text

@@ -9,13 +9,11 @@ import torch
 from regional_lv.channels import Channels
 from regional_lv.emulators.base import row_jacobian
 from regional_lv.errors import InputError
-from regional_lv.inference import subject_average
 from regional_lv.inference.averaging import average
 from regional_lv.inference.evidence import fit
-from regional_lv.inference.hearts import Hearts, Layout, potential_of_tables
+from regional_lv.inference.hearts import Hearts, Layout, potential_of_tables, read_known_theta
 from regional_lv.inference.potential import VOLUME_SHARE, Potential
 from regional_lv.inference.sources import sources_of_variance
-from regional_lv.inference.subject_average import potential_of, read_known_theta
 from regional_lv.inputs.closed_forms import HeavyTails
 from regional_lv.inputs.material import Stiffness
 from regional_lv.inputs.scales import Logarithmic
@@ -290,30 +288,3 @@ def test_known_stiffness_of_some_subjects(tmp_path):
     known.assign(C_a_septal=["1", "x", "2"]).to_csv(paths[0], index_label="subject")
     with pytest.raises(InputError, match=r"row s1: C_a_septal is x, no finite number"):
         read_known_theta(paths[:1], ["s0", "s1"], [*known])
-
-
-def test_potential_of_files(tmp_path, monkeypatch):
-    """Signs are those of a ventricle, so that the files are read."""
-    inputs = inputs_of()
-    monkeypatch.setattr(subject_average.emulators, "load", lambda path: OfChannels(inputs))
-    monkeypatch.setattr(subject_average.Inputs, "from_config", lambda physics: inputs)
-    rows = [f"volume,,{100 + s},mL" for s in range(2)]
-    for s, row in enumerate(rows):
-        strains = "\n".join(f"circumferential,{i},-0.1{i},1" for i in range(1, 5 + s))
-        text = f"quantity,segment,value,unit\n{row}\n{strains}\n"
-        (tmp_path / f"{s}.csv").write_text(text)
-    files = [tmp_path / f"{s}.csv" for s in range(2)]
-    one = potential_of("e", files[:1], ["a"], {}, 1.0)
-    assert one.observed.present is None and one.observed.names[:2] == tuple(NAMES[:2])
-    assert float(one.noise.sd[0]) == pytest.approx(0.5)
-    several = potential_of("e", files, ["a", "b"], {}, 1.0)
-    assert isinstance(several.emulated, Hearts) and np.bincount(
-        several.observed.heart
-    ).tolist() == [
-        5,
-        6,
-    ]
-    known = known_of(inputs, values_of(inputs, 2)).set_axis(["a", "b"])
-    known.to_csv(tmp_path / "known.csv", index_label="subject")
-    found = potential_of("e", files, ["a", "b"], {}, 1.0, [tmp_path / "known.csv"])
-    assert found.inputs.names[:2] == ("log_factor_C_a", "log_factor_C_b")

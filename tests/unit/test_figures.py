@@ -22,6 +22,7 @@ from regional_lv.plots import (
     bullseye,
     bullseye_posterior,
     case_posterior,
+    criticism,
     design,
     explained_variance,
     heart,
@@ -34,6 +35,7 @@ from regional_lv.plots import (
 )
 from regional_lv.schema.keys import entry_schema, section_schema
 from regional_lv.tables import posteriors, subjects
+from tests.criticism.findings_example import example, write_posterior
 
 FAILED = "failed: R-hat 1.6 of C_a_septal above 1.01"
 PARAMETERS, CHANNELS = Parameterisation(), Channels.of()
@@ -107,6 +109,20 @@ def subject(tmp_path):
         ).to_csv(tmp_path / "diagnostics.csv", index=False)
         (tmp_path / "truth.json").write_text(json.dumps({"theta": truth}))
         return tmp_path / "heart.nc", tmp_path / "diagnostics.csv", tmp_path / "truth.json"
+
+    return make
+
+
+@pytest.fixture
+def averaged(tmp_path):
+    """The posterior of a heart averaged over models, and the findings: (nc, findings)."""
+
+    def make(**changes):
+        findings = example(**changes)
+        (tmp_path / "findings.json").write_text(json.dumps(findings))
+        y, sd = dict.fromkeys(OBSERVED, 0.1), dict.fromkeys(OBSERVED, 0.01)
+        write_posterior(findings, y, sd, tmp_path / "averaged.nc")
+        return tmp_path / "averaged.nc", tmp_path / "findings.json"
 
     return make
 
@@ -375,6 +391,104 @@ def test_bullseye_posterior(subject, paths):
         assert drawn[name, "truth"].item() == pytest.approx(known[name])
 
 
+def test_bullseye_of_an_average_has_the_model_as_it_is_beside_it(averaged, subject, paths):
+    nc, findings = averaged(noise=[{"quantity": "radial", "before": 1.6, "after": 0.9}])
+    truth = subject()[2]
+    bullseye_posterior.draw(nc, None, "file", PARAMETERS, *paths, truth, findings)
+    drawn = read(paths).set_index(["parameter", "item"])["value"].sort_index()
+    for row in json.loads(findings.read_text())["stiffness"]:
+        name = row["name"]
+        for prefix, stated in (("", row["averaged"]), ("as_is_", row["as_it_is"])):
+            assert drawn[name, f"{prefix}mean"].item() == pytest.approx(stated["mean"])
+            assert drawn[name, f"{prefix}sd"].item() == pytest.approx(stated["sd"])
+            low, high = stated["interval95"]
+            assert drawn[name, f"{prefix}lower95"].item() == pytest.approx(low)
+            curve = drawn[name, f"{prefix}density"]
+            assert low < curve.mean() < high
+        assert (name, "truth") in drawn.index
+    assert drawn["sigma_radial", "mean"].item() == pytest.approx(0.9, rel=0.05)
+    assert drawn["sigma_radial", "as_is_mean"].item() == pytest.approx(1.6, rel=0.05)
+
+
+def test_figures_of_a_heart_that_no_model_fits_say_so(averaged, paths, figures):
+    nc, findings = averaged(trusted=False)
+    bullseye_posterior.draw(nc, None, "file", PARAMETERS, *paths, findings=findings)
+    posterior_predictive.draw(nc, None, "file", *paths, findings=findings)
+    for figure in figures:
+        assert "NO STIFFNESS CAN BE TRUSTED" in " ".join(figure.get_suptitle().split())
+    assert set(read(paths)["verdict"]) == {case_posterior.UNTRUSTED}
+
+
+def test_posterior_predictive_of_an_average(averaged, paths, figures):
+    nc, findings = averaged()
+    posterior_predictive.draw(nc, None, "file", *paths, findings=findings)
+    drawn = read(paths)
+    assert sorted(drawn.loc[drawn["item"] == "observed", "output"]) == sorted(OBSERVED)
+    assert f"0 of {len(OBSERVED)} observations outside" in figures[0].get_suptitle()
+
+
+def test_an_average_and_findings_that_do_not_go_together_are_named(averaged, subject):
+    nc, findings = averaged()
+    with pytest.raises(InputError, match=r"heart\.nc: no group `as_it_is`; give the posterior"):
+        case_posterior.read_averaged(subject()[0], findings)
+    with pytest.raises(InputError, match="without verdict; give its diagnostics, or findings"):
+        case_posterior.read_subject(nc, None, None)
+    content = json.loads(findings.read_text())
+    content["stiffness"][0]["name"] = "C_a_elsewhere"
+    findings.write_text(json.dumps(content))
+    with pytest.raises(InputError, match=r"averaged\.nc: no draws of C_a_elsewhere"):
+        case_posterior.read_averaged(nc, findings)
+
+
+# What a criticism found
+
+
+def draw_criticism(findings, tmp_path) -> dict[str, pd.DataFrame]:
+    """The tables beside the figures, once these have been seen to hold more than paper."""
+    (tmp_path / "findings.json").write_text(json.dumps(findings))
+    names = ("residuals", "causes", "effects", "sources")
+    pngs = {name: tmp_path / f"{name}.png" for name in names}
+    tables = [tmp_path / f"{name}.csv" for name in names]
+    criticism.draw(tmp_path / "findings.json", PARAMETERS, **pngs, tables=tables)
+    return {name: read((pngs[name], tmp_path / f"{name}.csv")) for name in names}
+
+
+def test_criticism(tmp_path, figures):
+    findings = example()
+    drawn = draw_criticism(findings, tmp_path)
+    z = drawn["residuals"].set_index(["when", "output"])["z"]
+    for when, part in (("before", findings["misfit"]), ("after", findings["remaining"])):
+        for row in part["channels"]:
+            assert z[when, row["output"]] == pytest.approx(row["z"])
+    causes = drawn["causes"].set_index("name")
+    for h in findings["hypotheses"]:
+        assert causes.loc[h["name"], "probability"] == pytest.approx(h["probability"])
+    assert causes.loc["septal_load", "estimate"] == pytest.approx(2.1)
+    assert set(drawn["effects"]["name"]) == {"septal_load", "focal_scar", "fibre_rotation"}
+    shares = drawn["sources"].pivot(index="parameter", columns="source", values="share")
+    assert list(shares.sum(axis=1)) == pytest.approx([1.0] * len(PARAMETERS))
+    assert shares["geometry"].to_numpy() == pytest.approx(0.17)  # of 17 segments
+    assert shares["pressure"].to_numpy() == pytest.approx(0.13)
+    texts = [legend.get_text() for legend in figures[1].legends[0].get_texts()]
+    assert texts == ["named", "not named", "not identifiable"]
+
+
+def test_criticism_of_a_model_that_nothing_was_suspected_of(tmp_path):
+    nothing = {"hypotheses": [], "sets": [], "named": [], "best": None, "remaining": None}
+    drawn = draw_criticism(example(**nothing), tmp_path)
+    assert set(drawn["residuals"]["when"]) == {"before"}
+    assert drawn["causes"].empty and drawn["effects"].empty
+
+
+def test_what_is_not_confirmed_is_drawn_as_suspected(tmp_path, figures):
+    found = example()
+    criticism.draw_causes(
+        {**found, "sets": [{**found["sets"][0], "confirmed": False}]},
+        *(tmp_path / name for name in ("one.png", "one.csv")),
+    )
+    assert figures[0].legends[0].get_texts()[0].get_text() == "suspected"
+
+
 @pytest.mark.parametrize(("inside", "outside"), [(True, 0), (False, 1)])
 def test_posterior_predictive(subject, paths, figures, inside, outside):
     nc, diagnostics, _ = subject(inside=inside)
@@ -531,6 +645,19 @@ def test_table_of_subjects(subject, tmp_path):
     assert r"$C_{a}$ septal" in "".join(lines) and "_circumferential" not in "".join(lines).replace(
         r"\_circumferential", ""
     )
+
+
+def test_table_of_subjects_averaged_over_models(averaged, tmp_path):
+    nc, findings = averaged(trusted=False)
+    table = table_of(subjects.subjects, tmp_path, [nc], None, ["file"], [findings])
+    stated = json.loads(findings.read_text())["stiffness"]
+    assert list(table["parameter"]) == [row["name"] for row in stated]
+    assert list(table["mean"]) == pytest.approx([row["averaged"]["mean"] for row in stated])
+    assert list(table["as_is_mean"]) == pytest.approx([row["as_it_is"]["mean"] for row in stated])
+    assert list(table["as_is_upper95"]) == pytest.approx(
+        [row["as_it_is"]["interval95"][1] for row in stated]
+    )
+    assert set(table["verdict"]) == {case_posterior.UNTRUSTED}
 
 
 def test_table_of_recovery(test_set, tmp_path):

@@ -1,6 +1,8 @@
 """Figures and tables of other zones, factors and channels than the paper's: one zone, the 17
 segments, another material law, several loads, torsion and shortening."""
 
+import json
+
 import arviz as az
 import numpy as np
 import pandas as pd
@@ -38,6 +40,7 @@ from regional_lv.plots import (
     zones,
 )
 from regional_lv.tables import posteriors, subjects
+from tests.criticism.findings_example import example, write_posterior
 from tests.unit.test_figures import ring_mesh
 
 MODELS = {
@@ -186,6 +189,20 @@ def test_bullseye_posterior(parameters, subject, paths):
         assert medians[name] == pytest.approx(np.median(values))
     zone = drawn.dropna(subset="zone").drop_duplicates("parameter").set_index("parameter")["zone"]
     assert zone.to_dict() == {p.name: p.zone for p in parameters}
+
+
+def test_bullseye_and_table_of_an_average(parameters, tmp_path, paths):
+    nc, findings = tmp_path / "posterior.nc", tmp_path / "findings.json"
+    content = example(parameters, CHANNELS.names)
+    findings.write_text(json.dumps(content))
+    value, sd = dict.fromkeys(CHANNELS.names, 0.1), dict.fromkeys(CHANNELS.names, 0.01)
+    write_posterior(content, value, sd, nc)
+    bullseye_posterior.draw(nc, None, "file", parameters, *paths, findings=findings)
+    drawn = read(paths)
+    means = drawn[drawn["item"] == "as_is_mean"].set_index("parameter")["value"]
+    assert list(means.index) == list(parameters.names)
+    table = table_of(subjects.subjects, tmp_path, [nc], None, ["file"], [findings])
+    assert list(table["as_is_mean"]) == pytest.approx(list(means))
 
 
 def test_what_is_written_into_a_zone_lies_in_it(parameters):
@@ -416,7 +433,7 @@ def test_residuals_of_a_criticism(parameters, paths):
         for c in CHANNELS
     ]
     step = {"channels": channels}
-    findings = {"misfit": step, "remaining": step, "rounds": [{}, {}]}
+    findings = {"misfit": step, "remaining": step}
     criticism.draw_residuals(findings, *paths, parameters)
     drawn = read(paths)
     assert list(drawn["when"].unique()) == ["before", "after"]

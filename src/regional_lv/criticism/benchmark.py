@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from regional_lv import emulators
 from regional_lv.channels import Channels
 from regional_lv.criticism import confirmation
 from regional_lv.criticism.contract import Findings
 from regional_lv.criticism.study import Critic, Settings, criticise
+from regional_lv.emulators.joint_gp import JointGP
 from regional_lv.inputs.space import Inputs, Role
 from regional_lv.measured import synthetic_subject
 from regional_lv.progress import Progress
@@ -75,7 +75,7 @@ def criticise_batch(
     `inputs.space.sections_of` gives. settings: as of `study.Settings.from_config`. seed: the
     study's.
     """
-    emulator, table = emulators.load(emulator_file), pd.read_parquet(subjects)
+    emulator, table = JointGP.load(emulator_file), pd.read_parquet(subjects)
     simulate, given = Simulate(mesh, physics, predictor), Settings.from_config(settings)
     progress, found = Progress(f"hidden effects batch {batch}", len(table)), {}
     for _, row in table.iterrows():

@@ -348,8 +348,8 @@ def _group(hearts: pd.DataFrame, stiffness: pd.DataFrame) -> dict:
         },
     }
     widths = [stiffness[f"{m}_high"] - stiffness[f"{m}_low"] for m in ("averaged", "true")]
-    ratio = (widths[0] / widths[1]).median()
-    return found | {"width_ratio": None if np.isnan(ratio) else float(ratio)}
+    ratios = (widths[0] / widths[1]).dropna()
+    return found | {"width_ratio": None if ratios.empty else float(ratios.median())}
 
 
 def _found(cases: pd.DataFrame) -> dict:

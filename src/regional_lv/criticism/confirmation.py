@@ -48,7 +48,7 @@ def plan(averaged: Averaged, settings: Settings, seed: int) -> pd.DataFrame:
     probability = averaged.probability
     leading = [n for n in averaged.drawn if probability[n] >= LEAST_PROBABILITY][: settings.sets]
     total, parts = sum(probability[n] for n in leading), []
-    points = averaged.potential.emulated
+    points, hearts = averaged.potential.emulated, averaged.potential.observed.count
     for n in leading:
         share = probability[n] / total
         count = max(FEWEST, round(settings.simulations * share))
@@ -56,7 +56,9 @@ def plan(averaged: Averaged, settings: Settings, seed: int) -> pd.DataFrame:
         drawn = averaged.drawn[n]
         x = drawn.x[importance.resample(drawn.weight, count, generator)]
         values = points.simulated_at(x[:, : len(averaged.potential.inputs)])
-        table = pd.DataFrame(values.numpy(), columns=list(points.simulated_names))
+        # Of several hearts, as many simulations as there are hearts.
+        chosen = torch.randperm(len(values), generator=generator)[: max(count, hearts)]
+        table = pd.DataFrame(values[chosen].numpy(), columns=list(points.simulated_names))
         table.insert(0, "set", averaged.names[n])
         parts.append(table)
     table = pd.concat(parts, ignore_index=True)

@@ -13,9 +13,10 @@ import pandas as pd
 from regional_lv.criticism import contract, data_checks, words
 from regional_lv.criticism.confirmation import Round
 from regional_lv.criticism.contract import Findings
-from regional_lv.criticism.misfit import gain, misfit_content
+from regional_lv.criticism.left_out import gain, gains
 from regional_lv.criticism.separate import separating_measurement
 from regional_lv.criticism.verdict import LEAST_PROBABILITY, PROBABILITY, Examined, Verdict
+from regional_lv.gaussian import Z95
 from regional_lv.inference.emulated import EmulatedInputs
 from regional_lv.inference.sources import sources_of_variance
 from regional_lv.inputs.catalogue import INPUTS
@@ -26,8 +27,6 @@ LISTED = 20
 
 BINS = 40
 """Of a histogram."""
-
-Z95 = 1.959963984540054
 
 
 @dataclass(frozen=True)
@@ -51,11 +50,10 @@ def findings_of(verdict: Verdict, context: Context) -> Findings:
     """The findings, ready for JSON."""
     averaged = verdict.averaged
     table = averaged.table()
-    tested = verdict.base.tested
     content: Findings = {
         "subject": context.subject,
         "subjects": list(context.tables),
-        "misfit": misfit_content(verdict.base.tested, verdict.base.left_out, verdict.detected),
+        "misfit": _misfit(verdict.base, verdict.detected, context),
         "data_checks": [
             {"subject": name} | check
             for name, measured in context.tables.items()
@@ -74,14 +72,16 @@ def findings_of(verdict: Verdict, context: Context) -> Findings:
         "confirmation": _confirmation(verdict, context),
         "separating": _separating(verdict, context),
         "best": None if verdict.best is None else list(verdict.causes_of(verdict.best)),
-        "gain": gain(verdict.base.left_out, verdict.final.left_out),
+        "gain": gains(
+            verdict.base.left_out, verdict.final.left_out if verdict.best is not None else None
+        ),
         "stiffness": _stiffness(table, sources_of_variance(averaged)),
         "measured_inputs": _measured_inputs(verdict, table),
         "noise": _noise(verdict),
         "remaining": None,
         "level": verdict.level,
         "least_probability": PROBABILITY,
-        "critical_z": tested.critical_z,
+        "critical_z": verdict.base.tested.critical_z(verdict.level),
         "least_p_value": 1 / (1 + context.bootstrap),
         "ess": averaged.ess,
         "limits": _limits(verdict, context),
@@ -89,7 +89,7 @@ def findings_of(verdict: Verdict, context: Context) -> Findings:
     }
     if verdict.best is not None:
         final: Examined = verdict.final
-        content["remaining"] = misfit_content(final.tested, final.left_out, not verdict.adequate)
+        content["remaining"] = _misfit(final, not verdict.adequate, context)
     content = cast(Findings, _plain(content))
     content["words"] = words.verdict(content)
     return content
@@ -116,31 +116,45 @@ def _plain(value):
 # ------------------------------------------------------------------------------------ parts
 
 
+def _misfit(examined: Examined, detected: bool, context: Context) -> contract.Misfit:
+    tested = examined.tested
+    return {
+        "detected": detected,
+        "p_value": tested.p_value,
+        "families": tested.families,
+        "largest": [
+            {"family": one.family, "what": one.name, "z": one.z, "p_value": one.p_value}
+            for one in tested.largest
+        ],
+        "channels": examined.left_out.channels([*context.tables]),
+    }
+
+
 def _causes(verdict: Verdict) -> list[contract.Cause]:
     """Of every suspected cause, the most conspicuous first."""
     averaged, inputs = verdict.averaged, verdict.potential.inputs
     rows: list[contract.Cause] = []
     for test in verdict.base.tested.causes:
-        place, share = averaged.place_of(test.cause)
-        probability = averaged.probability_of_cause(test.cause)
-        k = averaged.input_of(test.cause, place if probability > 0 else test.place)
+        probability, known = averaged.probability_of_cause(test.name), test.identified
+        place, share = averaged.place_of(test.name) if probability > 0 else (test.place, 1.0)
+        k = averaged.input_of(test.name, place)
         each, drawn = inputs[k], averaged.values_where_free(k)
         base = float(inputs.nominal[k])
         estimate, low, high, posterior = None, each.low, each.high, None
         if drawn is not None:
             low, estimate, high = np.quantile(drawn, [0.025, 0.5, 0.975]).tolist()
             posterior = _density(drawn, each.low, each.high)
-        elif test.identifiable and math.isfinite(test.sd):
+        elif known.identifiable and math.isfinite(known.sd):
             # From the score alone, as far as the range goes.
-            middle = base + test.z * test.sd
-            spread = Z95 * test.sd
+            middle = base + test.z * known.sd
+            spread = Z95 * known.sd
             low, estimate, high = np.clip(
                 [middle - spread, middle, middle + spread], each.low, each.high
             ).tolist()
         holding = [n for n in averaged.drawn if k in averaged.models[n].members]
         rows.append(
             {
-                "name": test.cause,
+                "name": test.name,
                 "component": each.place,
                 "parameter": each.parameter,
                 "description": each.description,
@@ -156,10 +170,10 @@ def _causes(verdict: Verdict) -> list[contract.Cause]:
                 "interval95": [low, high],
                 "at_bound": bool(holding) and verdict.at_bound(holding[0], k),
                 "unit": each.unit,
-                "identifiable": test.identifiable,
-                "why": test.why,
-                "absorbed": test.absorbed,
-                "sd": test.sd,
+                "identifiable": known.identifiable,
+                "why": known.why,
+                "absorbed": known.absorbed,
+                "sd": known.sd,
                 "posterior": posterior,
             }
         )
@@ -187,7 +201,7 @@ def _sets(verdict: Verdict, context: Context) -> list[contract.Set]:
             x = inputs.coordinates.natural(model.fit.x[:, : len(inputs)])[0]
             fit = [float(x[k]) for k in model.members]
         seen = verdict.examined.get(n)
-        gained = gain(verdict.base.left_out, seen.left_out) if seen else None
+        gained = gain(verdict.base.left_out, seen.left_out) if seen else (None, None)
         rows.append(
             {
                 "causes": [inputs[k].cause for k in model.members],
@@ -196,8 +210,8 @@ def _sets(verdict: Verdict, context: Context) -> list[contract.Set]:
                 "probability": float(averaged.probability[n]),
                 "log_evidence": model.log_evidence,
                 "log_prior": model.log_prior,
-                "elpd_gain": gained["elpd"] if gained else None,
-                "elpd_gain_se": gained["elpd_se"] if gained else None,
+                "elpd_gain": gained[0],
+                "elpd_gain_se": gained[1],
                 "misfit_p_value": seen.tested.p_value if seen else None,
                 "confirmed": verdict.confirmed is not None and n in verdict.confirmed,
                 "simulations": _simulations(context.rounds, averaged.names[n]),
@@ -263,9 +277,7 @@ def _separating(verdict: Verdict, context: Context) -> list[dict]:
 
 
 def _summary(row: pd.Series, prefix: str = "") -> contract.Summary:
-    mean, sd, low, high = (
-        float(row[f"{prefix}{k}"]) for k in ("mean", "sd", "lower95", "upper95")
-    )
+    mean, sd, low, high = (float(row[f"{prefix}{k}"]) for k in ("mean", "sd", "lower95", "upper95"))
     return {"mean": mean, "sd": sd, "interval95": [low, high]}
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from scipy import stats
+from scipy import special
 
 from regional_lv.channels import Channels
 from regional_lv.criticism.groups import EFFECTS
@@ -158,8 +158,9 @@ def _inferred(each: Input, rng: np.random.Generator) -> float:
 
 
 def _about(each: Input, mean: float, sd: float, rng: np.random.Generator) -> float:
-    ends = (np.array([each.low, each.high]) - mean) / sd
-    return float(stats.truncnorm.rvs(*ends, loc=mean, scale=sd, random_state=rng))
+    """A normal value, cut at the ends of the range."""
+    ends = special.ndtr((np.array([each.low, each.high]) - mean) / sd)
+    return float(mean + sd * special.ndtri(rng.uniform(*ends)))
 
 
 def _effect(each: Input, nominal: float, rng: np.random.Generator) -> float:

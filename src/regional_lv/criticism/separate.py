@@ -51,7 +51,9 @@ def separating_measurement(
         {
             "pair": [list(_places(averaged, n)) for n in pair],
             "components": [list(_places(averaged, n).values()) for n in pair],
-            "channels": _furthest(*(predictions[n] for n in pair), emulator.channels, unit),
+            "channels": _furthest(
+                predictions[pair[0]], predictions[pair[1]], emulator.channels, unit
+            ),
         }
         for pair in combinations(predictions, 2)
     ]

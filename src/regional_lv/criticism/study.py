@@ -9,18 +9,19 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from regional_lv import emulators
 from regional_lv.criticism import confirmation
 from regional_lv.criticism.confirmation import Round, conditioned
 from regional_lv.criticism.contract import Findings
 from regional_lv.criticism.findings import Context, findings_of, write_findings
-from regional_lv.criticism.misfit import LinearModel, left_out, test
+from regional_lv.criticism.left_out import left_out
+from regional_lv.criticism.linear_model import LinearModel
+from regional_lv.criticism.misfit import test
 from regional_lv.criticism.verdict import LEAST_PROBABILITY, Examined, Verdict
 from regional_lv.emulators.joint_gp import JointGP
 from regional_lv.inference.averaging import Averaged, average
 from regional_lv.inference.departure import noise_units
 from regional_lv.inference.emulated import EmulatedInputs
-from regional_lv.inference.hearts import potential_of_tables, read_known_theta
+from regional_lv.inference.hearts import potential_of_tables, read_known_theta, stiffness_of
 from regional_lv.inference.potential import Potential
 from regional_lv.inference.sampling import write
 from regional_lv.inputs.space import Inputs
@@ -160,10 +161,11 @@ class Critic:
     def _examined(self, averaged: Averaged, number: int) -> Examined:
         fitted = averaged.models[number].fit
         assert fitted is not None
-        linear = LinearModel.of(averaged.potential, fitted)
+        potential = averaged.potential
+        linear = LinearModel.of(potential, fitted, potential.observed)
         tested = test(
             linear,
-            number == averaged.base,
+            potential.suspected if number == averaged.base else (),
             self.settings.bootstrap,
             derive(self.seed, "bootstrap", averaged.names[number]),
         )
@@ -177,15 +179,11 @@ def _confirmed(averaged: Averaged, rounds: Sequence[Round], noise_sd) -> frozens
         return frozenset()
     counts = pd.concat([r.simulations["set"] for r in known]).value_counts()
     return frozenset(
-        n
-        for n, name in enumerate(averaged.names)
-        if counts.get(name, 0) >= confirmation.FEWEST
+        n for n, name in enumerate(averaged.names) if counts.get(name, 0) >= confirmation.FEWEST
     )
 
 
-def criticise(
-    critic: Critic, simulate: Callable[[pd.DataFrame], pd.DataFrame] | None
-) -> Concluded:
+def criticise(critic: Critic, simulate: Callable[[pd.DataFrame], pd.DataFrame] | None) -> Concluded:
     """All steps at once.
 
     simulate: makes what a plan asks for, as `confirmation.simulate` does; without it nothing is
@@ -219,19 +217,20 @@ def read_critic(
     are, and the files. settings: as of `Settings.from_config`. known_theta: tables (CSV) with
     `subject` and the parameters. Raises InputError for files that cannot be used.
     """
-    given, emulator = Settings.from_config(settings), emulators.load(emulator_file)
+    given, emulator = Settings.from_config(settings), JointGP.load(emulator_file)
     tables = {
         name: read_measured(path, emulator.channels, strain_exponent=given.strain_exponent)
         for name, path in zip(subjects, measured, strict=True)
     }
-    known = read_known_theta(known_theta, subjects, physics) if known_theta else None
+    known = None
+    if known_theta:
+        names = [each.name for each in stiffness_of(Inputs.from_config(physics)).values()]
+        known = read_known_theta(known_theta, subjects, names)
     return Critic(subject, tables, emulator, physics, given, seed, known)
 
 
 @passes_on(read_critic)
-def plan_confirmation(
-    simulations: Sequence[str | Path], design: str | Path, **inputs
-) -> None:
+def plan_confirmation(simulations: Sequence[str | Path], design: str | Path, **inputs) -> None:
     """Write what the next round of the confirmation has to simulate (Parquet).
 
     simulations: of the rounds before. inputs: as of `read_critic`.

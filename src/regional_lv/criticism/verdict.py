@@ -5,7 +5,9 @@ from dataclasses import dataclass, field
 
 import torch
 
-from regional_lv.criticism.misfit import LeftOut, LinearModel, Tested
+from regional_lv.criticism.left_out import LeftOut
+from regional_lv.criticism.linear_model import LinearModel
+from regional_lv.criticism.misfit import Tested
 from regional_lv.inference.averaging import Averaged
 from regional_lv.inference.evidence import Fits
 from regional_lv.inference.potential import Potential
@@ -42,7 +44,7 @@ class Examined:
 
     def fits(self, size: int) -> bool:
         """Whether a set of `size` causes passes the tests."""
-        return self.tested.p_value > ADEQUATE * max(size, 1)
+        return self.linear.testable and self.tested.p_value > ADEQUATE * max(size, 1)
 
 
 @dataclass
@@ -82,7 +84,7 @@ class Verdict:
     @property
     def detected(self) -> bool:
         """Whether the model as it is misses the measurements."""
-        return self.base.tested.testable and self.base.tested.p_value <= self.level
+        return self.base.linear.testable and self.base.tested.p_value <= self.level
 
     @property
     def adequate(self) -> bool:

@@ -1,16 +1,23 @@
 """Findings as sentences."""
 
+from collections.abc import Sequence
+
 from regional_lv import aha
 from regional_lv.channels import Channel
-from regional_lv.criticism.contract import Cause, Findings, Gain, Misfit
+from regional_lv.criticism.contract import Cause, Findings, Gain, Misfit, Set
+from regional_lv.inputs.catalogue import INPUTS
+from regional_lv.inputs.closed_forms import EndDiastolicPressure
 from regional_lv.quantities import QUANTITIES
 
-FARTHEST = 4.0
-"""How far an estimate may be from those that were simulated, in their sds, for their correction to
-be taken as it is. Of the best sets of 31 subjects of the benchmark 28 are within 1.4, one at 3.2,
-the others at 5.7 and 17."""
-
 SEGMENT_NAMES = {s.number: s.name for s in aha.SEGMENTS}
+
+SOURCES = {
+    "noise": "noise",
+    "emulator": "emulator",
+    "ranges": "ends of ranges",
+    "models": "doubt about the model",
+}
+"""Sources of variance (`contract.Stiffness`) that are no measured inputs, as readers see them."""
 
 
 def channel(output: str) -> str:
@@ -106,99 +113,212 @@ def _plural(what: str) -> str:
 
 
 def gain(part: Gain) -> str:
+    """What the best set gains; empty without one."""
+    if part["elpd"] is None:
+        return ""
     text = (
         f"Predicting each segment from all others gains {part['elpd']:.1f} +- "
-        f"{part['elpd_se']:.1f} in log density"
+        f"{number(part['elpd_se'], 2)} in log density"
     )
     if part["rmse_before"] is not None:
         text += (
             f"; the error of such predictions goes from {number(part['rmse_before'])} to "
             f"{number(part['rmse_after'])} in strain"
         )
-    text += (
-        f"; their 95 % intervals hold {100 * part['coverage_before']:.0f} % of the channels before "
-        f"and {100 * part['coverage_after']:.0f} % after."
+    return (
+        f"{text}; their 95 % intervals hold {100 * part['coverage_before']:.0f} % of the channels "
+        f"before and {100 * part['coverage_after']:.0f} % after."
     )
-    return text
+
+
+def percent(probability: float) -> str:
+    """A probability that is never written as 0 or 100 %."""
+    share = 100 * probability
+    if share < 0.1:
+        return "less than 0.1 %"
+    if share > 99.9:
+        return "more than 99.9 %"
+    return f"{share:.1f} %" if share < 1 or share > 99 else f"{share:.0f} %"
+
+
+# ------------------------------------------------------------------------------------- inputs
+
+
+def input_name(name: str) -> str:
+    """`wall_thickness_3` as "wall thickness of segment 3"."""
+    stem, segment = _of_segment(name)
+    text = stem.replace("_", " ")
+    return f"{text} of segment {segment}" if segment else text
+
+
+def variance_source(name: str) -> str:
+    """What a source of variance is called; of measured inputs the kind: "geometry"."""
+    if name in SOURCES:
+        return SOURCES[name]
+    if name == EndDiastolicPressure.name:
+        return "pressure"
+    family = _family(name)
+    return {"shape": "geometry", "": input_name(name)}.get(family, family)
+
+
+def _family(name: str) -> str:
+    """Of an input; empty if the catalogue does not know it."""
+    stem, _ = _of_segment(name)
+    kinds = (k for k in INPUTS.values() if stem in (k.name, getattr(k, "stem", None)))
+    return next((kind.family for kind in kinds), "")
+
+
+def _of_segment(name: str) -> tuple[str, str]:
+    """Name of the kind, and the segment's number if there is one."""
+    stem, _, last = name.rpartition("_")
+    return (stem, last) if stem and last.isdigit() else (name, "")
+
+
+# ------------------------------------------------------------------------------------ verdict
+
+
+def answer(content: Findings) -> str:
+    """One sentence: what is wrong with the model, and how probable the model as it is is."""
+    groups = [f"one of {_list(_called(content, group), 'or')}" for group in content["groups"]]
+    if not content["misfit"]["detected"]:
+        text = "The model as it is fits the measurements"
+    elif content["explained"] and (content["named"] or groups):
+        found = [*_called(content, content["named"]), *groups]
+        text = f"{certainty(content)}: {_list(found)}"
+    else:
+        text = "The model as it is misses the measurements, and no cause is named"
+    probability = percent(content["base_probability"])
+    return f"{text}. The model as it is has a probability of {probability}."
+
+
+def untrusted(content: Findings) -> str:
+    """That no stiffness can be trusted, and what was tried; empty if it can."""
+    if content["trusted"]:
+        return ""
+    tried = [f"the model as it is ({p_value(content['misfit']['p_value'])})"]
+    if content["hypotheses"]:
+        sets = f"sets of {len(content['hypotheses'])} listed causes"
+        if content["best"] and content["remaining"]:
+            names = causes(content, content["best"])
+            sets += f", of which {names} ({p_value(content['remaining']['p_value'])}) is the best"
+        tried += [sets, "a smooth departure of no listed shape"]
+    if content["outliers"]:
+        tried.append("heavy tails of the noise")
+    return (
+        "No stiffness of this heart can be trusted: every model that was tried misses the "
+        f"measurements by more than their noise. Tried: {'; '.join(tried)}."
+    )
 
 
 def verdict(content: Findings) -> list[str]:
     """The verdict in sentences, from the findings."""
-    sentences = [misfit(content["misfit"])]
+    sentences = [untrusted(content), misfit(content["misfit"])]
     sentences += [f"{c['says'].capitalize()}." for c in content["data_checks"] if not c["passed"]]
-    by_name = {h["name"]: h for h in content["hypotheses"]}
-    answer = {*content["named"], *content["acts_like"]}.union(*content["groups"])
-    told = answer | {*(content["best"] or ())}
-
-    def of(name: str) -> str:
-        return cause(name, by_name[name]["component"])
-
-    def estimated(name: str) -> str:
-        h = by_name[name]
-        return f"{of(name)}, {h['parameter']} {estimate(h)}"
-
     if not content["misfit"]["detected"]:
         sentences.append("No cause was found.")
     elif content["explained"]:
-        for name in content["named"]:
-            h = by_name[name]
-            sentence = (
-                f"Named: {estimated(name)}; probability {min(100 * h['probability'], 99.9):.1f} % "
-                f"among all sets of the {len(by_name)} causes searched"
-            )
-            if h["component_probability"] < content["least_probability"]:
-                kind = "segment" if (h["component"] or "").isdigit() else "kind"
-                sentence += f", {100 * h['component_probability']:.0f} % of that for this {kind}"
-            sentences.append(f"{sentence}.")
-        for group in content["groups"]:
-            likeliest = max(group, key=lambda name: by_name[name]["probability"])
-            sentences.append(
-                f"One of {_list([of(n) for n in group], 'or')} is present; the data cannot tell "
-                f"which. The most probable is {estimated(likeliest)}."
-            )
-        uncertain = [of(name) for name in content["best"] or () if name not in answer]
-        if uncertain:
-            verb = "is" if len(uncertain) == 1 else "are"
-            sentences.append(
-                f"The best set also holds {_list(uncertain)}, which {verb} not certain enough to "
-                "be named."
-            )
-        sentences += _not_simulated(content, bool(uncertain or content["groups"]))
-        sentences += separating(content)
-        sentences += _confirmed(content)
-        sentences.append(gain(content["gain"]))
+        sentences += _explained(content)
     else:
-        if content["sets"] and content["best"] is None:
-            sentences += _unconfirmed(content)
-        else:
-            sentences.append(f"No listed cause explains the misfit{_why_not(content)}.")
-        if content["outliers"]:
-            sentences.append(f"Nor do heavy tails of the noise: {content['outliers']}.")
-        if content["best"]:
-            names = [of(n) for n in content["best"]]
-            sentences.append(f"The best set is {_list(names)}; it is not named.")
-            sentences += _not_simulated(content, undecided=True)
-            sentences.append(gain(content["gain"]))
-    for name in content["acts_like"]:
-        much = "but the data require more than its plausible range: it is not named."
-        if content["explained"]:
-            sentences.append(f"Something else acts like {estimated(name)}, {much}")
-        else:
-            sentences.append(f"Of the listed causes {estimated(name)}, comes nearest, {much}")
+        sentences += _not_explained(content)
+    sentences += _acts_like(content)
+    told = {*content["named"], *content["acts_like"], *(content["best"] or ())}
+    told = told.union(*content["groups"])
     for h in content["hypotheses"]:
         if not h["identifiable"] and h["name"] not in told:
             sentences.append(f"Nothing can be concluded about {cause(h['name'])}: {h['why']}.")
+    return [sentence for sentence in sentences if sentence]
+
+
+def best_set(content: Findings) -> Set | None:
+    """The most probable one of the causes that are the best."""
+    return next((s for s in content["sets"] if s["causes"] == content["best"]), None)
+
+
+def certainty(content: Findings) -> str:
+    """ "Named", or "Suspected" where no simulations confirm the best set."""
+    best = best_set(content)
+    return "Named" if best is not None and best["confirmed"] else "Suspected"
+
+
+def causes(content: Findings, names: Sequence[str]) -> str:
+    """Several causes, each with its place: "septal load and focal scar in segment 7 (...)"."""
+    return _list(_called(content, names))
+
+
+def _cause_of(content: Findings, name: str) -> Cause:
+    return next(h for h in content["hypotheses"] if h["name"] == name)
+
+
+def _called(content: Findings, names: Sequence[str]) -> list[str]:
+    return [cause(name, _cause_of(content, name)["component"]) for name in names]
+
+
+def _estimated(content: Findings, name: str) -> str:
+    h = _cause_of(content, name)
+    return f"{cause(name, h['component'])}, {h['parameter']} {estimate(h)}"
+
+
+def _explained(content: Findings) -> list[str]:
+    sentences = [_named(content, name) for name in content["named"]]
+    for group in content["groups"]:
+        likeliest = max(group, key=lambda name: _cause_of(content, name)["probability"])
+        sentences.append(
+            f"One of {_list(_called(content, group), 'or')} is present; the data cannot tell "
+            f"which. The most probable is {_estimated(content, likeliest)}."
+        )
+    known = {*content["named"], *content["acts_like"]}.union(*content["groups"])
+    uncertain = _called(content, [name for name in content["best"] or () if name not in known])
+    if uncertain:
+        verb = "is" if len(uncertain) == 1 else "are"
+        sentences.append(
+            f"The best set also holds {_list(uncertain)}, which {verb} not certain enough to be "
+            "named."
+        )
+    others = {
+        "The model as it is": content["base_probability"],
+        "A smooth departure of no listed shape": content["unlisted_probability"],
+    }
+    sentences += [
+        f"{what} has a probability of {percent(share)}."
+        for what, share in others.items()
+        if share >= 1 - content["least_probability"]
+    ]
+    sentences += separating(content)
+    return [*sentences, *confirmation(content), gain(content["gain"])]
+
+
+def _named(content: Findings, name: str) -> str:
+    h = _cause_of(content, name)
+    text = (
+        f"{certainty(content)}: {_estimated(content, name)}; probability "
+        f"{percent(h['probability'])} among all sets of the {len(content['hypotheses'])} causes "
+        "searched"
+    )
+    if h["component_probability"] < content["least_probability"]:
+        kind = "segment" if (h["component"] or "").isdigit() else "kind"
+        text += f", {percent(h['component_probability'])} of that for this {kind}"
+    return f"{text}."
+
+
+def _not_explained(content: Findings) -> list[str]:
+    sentences = [f"No listed cause explains the misfit{_why_not(content)}."]
+    if content["outliers"]:
+        sentences.append(f"Nor do heavy tails of the noise: {content['outliers']}.")
+    if content["best"]:
+        names = causes(content, content["best"])
+        sentences.append(f"The best set is {names}; it is not named.")
+        sentences += [*confirmation(content), gain(content["gain"])]
     return sentences
 
 
 def _why_not(content: Findings) -> str:
     remaining, nothing = content["remaining"], content["base_probability"]
-    unlisted = content["unlisted_probability"]
+    unlisted, best = content["unlisted_probability"], best_set(content)
     if not content["sets"]:
         return ": there was none to try"
     if unlisted > 0.5:
         return ": a smooth departure of no listed shape fits better than any set of causes"
-    if remaining is None:
+    if remaining is None or best is None:
         return ": there are too few channels to test the best set of them"
     if remaining["detected"]:
         return f" ({p_value(remaining['p_value'])} remains with the best set of them)"
@@ -206,22 +326,22 @@ def _why_not(content: Findings) -> str:
         return ": the model as it is remains the most probable"
     if content["acts_like"]:
         return ": an estimate is at the end of its plausible range"
-    best = next(s["probability"] for s in content["sets"] if s["causes"] == content["best"])
-    if 1 - best - nothing - unlisted < nothing + unlisted:
+    if 1 - best["probability"] - nothing - unlisted < nothing + unlisted:
         return (
-            f": the best set of them fits, but has a probability of {best:.2f} only, the model as "
-            f"it is {nothing:.2f}, and a smooth departure of no listed shape {unlisted:.2f}"
+            f": the best set of them fits, but has a probability of {best['probability']:.2f} "
+            f"only, the model as it is {nothing:.2f}, and a smooth departure of no listed shape "
+            f"{unlisted:.2f}"
         )
     return ": several sets do as well, and have too little in common"
 
 
-def _unconfirmed(content: Findings) -> list[str]:
-    sentences = ["No cause is named: no set was confirmed by simulation."]
-    certain = [h for h in content["hypotheses"] if h["probability"] >= content["least_probability"]]
-    if certain:
-        names = _list([f"{cause(h['name'], h['component'])} {estimate(h)}" for h in certain])
-        sentences.append(f"By the emulators alone, these causes are certain: {names}.")
-    return [*sentences, *_not_simulated(content, undecided=True)]
+def _acts_like(content: Findings) -> list[str]:
+    much = "but the data require more than its plausible range: it is not named."
+    if content["explained"]:
+        how = "Something else acts like {}, {}"
+    else:
+        how = "Of the listed causes {}, comes nearest, {}"
+    return [how.format(_estimated(content, name), much) for name in content["acts_like"]]
 
 
 def separating(content: Findings) -> list[str]:
@@ -242,39 +362,35 @@ def separating(content: Findings) -> list[str]:
     return sentences
 
 
-def _confirmed(content: Findings) -> list[str]:
-    part = content["confirmation"]
-    if not part["simulations"] or part["largest_difference_sd"] is None:
-        return []
-    return [
-        f"Confirmed by {part['simulations_of_best']} simulations with all effects at once; "
-        f"emulated and simulated differ by {number(part['largest_difference_sd'], 2)} sd of the "
-        "noise at most, which was corrected."
-    ]
-
-
-def _not_simulated(content: Findings, undecided: bool) -> list[str]:
-    """What sets have of the probability that no simulation stands behind, or none about their
-    estimates.
-
-    undecided: whether that may be why causes are not named.
-    """
-    part, least = content["confirmation"], 1 - content["least_probability"]
-    what = "tell more" if undecided else "change estimates"
+def confirmation(content: Findings) -> list[str]:
+    """What the simulations of the leading models say of the emulator that the answer rests on."""
+    part, best = content["confirmation"], best_set(content)
+    if not part["simulations"]:
+        return ["No simulation stands behind this: it rests on the emulator alone."]
+    known = "1 simulation" if part["simulations"] == 1 else f"{part['simulations']} simulations"
     sentences = []
-    if (share := part["probability_not_simulated"]) >= least:
-        sentences.append(
-            f"Sets that were not simulated have {100 * share:.0f} % of the probability: more "
-            f"rounds (criticism.confirmation.rounds) may {what}."
+    if part["emulator_error_sd"]:
+        verdict = "agrees" if part["agrees"] else "does not agree"
+        first, last = part["emulator_error_sd"][0], part["emulator_error_sd"][-1]
+        text = (
+            f"The emulator {verdict} with {known} at draws of the leading models, "
+            f"{part['simulations_of_best']} of them of the best set: simulated minus emulated is "
+            f"{number(last, 2)} times the sds that it states (root mean square"
         )
-    if (share := part["probability_failed"]) >= least:
+        if part["largest_error_sd"] is not None:
+            text += f"; {number(part['largest_error_sd'], 2)} in the worst channel"
+        if len(part["emulator_error_sd"]) > 1:
+            text += f"; {number(first, 2)} before it learned from the first of them"
+        sentences.append(f"{text}).")
+    if part["agrees"] and best is not None and not best["confirmed"]:
+        sentences.append("The best set is not confirmed: too few simulations of it are known.")
+    if part["failed"]:
+        those = "1 simulation" if part["failed"] == 1 else f"{part['failed']} simulations"
+        sentences.append(f"{those} did not converge.")
+    if (share := part["probability_not_simulated"]) >= 1 - content["least_probability"]:
         sentences.append(
-            f"Sets whose simulations did not converge have {100 * share:.0f} % of the probability."
-        )
-    if (share := part["probability_elsewhere"]) >= least:
-        sentences.append(
-            f"Sets that were simulated far from their estimates have {100 * share:.0f} % of the "
-            f"probability, by extrapolation: more rounds may {what}."
+            f"Sets that were never simulated have {percent(share)} of the probability: more "
+            "simulations may change this."
         )
     return sentences
 

@@ -325,7 +325,7 @@ class Emulator(ABC):
         }
 
     @classmethod
-    def load(cls, path: str | Path) -> "Emulator":
+    def load(cls, path: str | Path) -> Self:
         """Read what `save` wrote. Raises InputError if another emulator, or another version of the
         project, wrote it."""
         return cls.from_content(torch.load(path, weights_only=True), path)

@@ -241,14 +241,13 @@ def _noise(emulator: Emulator, tables: Sequence[pd.DataFrame], prior_scale: floa
 
 
 def read_known_theta(
-    paths: Sequence[str | Path], subjects: Sequence[str], physics: Mapping
+    paths: Sequence[str | Path], subjects: Sequence[str], names: Sequence[str]
 ) -> pd.DataFrame:
-    """Known values by subject and stiffness factor, from tables (CSV) with the column `subject` and
-    one for each factor. physics: what `inputs.space.sections_of` gives.
+    """Known values by subject and by the `names` of stiffness factors, from tables (CSV) with the
+    column `subject` and one for each of them.
 
     Raises InputError for a missing column or subject, and for a value that is no positive number.
     """
-    names = [each.name for each in stiffness_of(Inputs.from_config(physics)).values()]
     tables = []
     for path in paths:
         with reading(path, "check the path, and save it as CSV in UTF-8"):

@@ -45,6 +45,14 @@ class Emulated(Protocol):
     def linearise(self, x: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Mean (M, D) and its derivatives (M, D, K) about the scaled coordinates."""
 
+    @property
+    def simulated_names(self) -> tuple[str, ...]:
+        """Of the k inputs that the simulator has."""
+
+    def simulated_at(self, x: torch.Tensor) -> torch.Tensor:
+        """Values (n, k) of these at which the simulator stands behind most of the outputs: a row
+        for each heart of each point."""
+
     def covariance(self, x: torch.Tensor) -> torch.Tensor:
         """Of the errors of the mean, (M, D, D), or (1, D, D) if they are the same everywhere; of
         several hearts in blocks (`Observed`). Asked for as often as the mean."""

@@ -1,10 +1,11 @@
 """One HTML page for each subject, that needs nothing but itself."""
 
+import base64
 import json
+from collections.abc import Mapping
 from itertools import combinations
 from pathlib import Path
 
-import arviz as az
 import jinja2
 import numpy as np
 import pandas as pd
@@ -15,8 +16,7 @@ from scipy import stats
 from regional_lv import aha, seth_hill
 from regional_lv.channels import Channel, Channels
 from regional_lv.criticism import words
-from regional_lv.criticism.contract import read_findings
-from regional_lv.criticism.report import embedded
+from regional_lv.criticism.contract import Findings, MeasuredInput, read_findings
 from regional_lv.emulators import label_of
 from regional_lv.inference.classification import stiffness
 from regional_lv.measured import read_measured
@@ -24,10 +24,17 @@ from regional_lv.mechanics.materials import MATERIALS
 from regional_lv.page import heart3d
 from regional_lv.parameters import Parameterisation
 from regional_lv.plots import style
-from regional_lv.plots.case_posterior import SOURCES, CasePosterior, read
+from regional_lv.plots.case_posterior import (
+    SOURCES,
+    AveragedPosterior,
+    CasePosterior,
+    predictive,
+    read_subject,
+)
 from regional_lv.plots.verdicts import chosen
 
 TEMPLATE = Path(__file__).parent / "page.html"
+SEVERAL = Path(__file__).parent / "several.html"
 
 SAME_AS_PRIOR = 0.1
 """Largest distance between the distribution functions of posterior and prior (Kolmogorov-Smirnov)
@@ -40,15 +47,26 @@ MOVED = 1.0
 """Posterior standard deviations from which on a change of a factor is shown in bold."""
 
 
+FAMILIES = {
+    "overall": "all residuals together",
+    "channel": "single channels",
+    "direction": "strain directions",
+    "level": "levels, direction by direction",
+    "wall": "walls, direction by direction",
+}
+"""Tests of the misfit by the name of their family."""
+
+SHOWN_INPUTS = 6
+"""Measured inputs that the page lists at once, those that the data moved most."""
+
+
 def make_page(
     subject: str,
     study: str,
     source: str,
     measured: str | Path,
     posterior: str | Path,
-    diagnostics: str | Path,
     emulator: str,
-    predictions: str | Path,
     strains_picture: str | Path,
     stiffness_picture: str | Path,
     fit_picture: str | Path,
@@ -58,11 +76,16 @@ def make_page(
     strain_exponent: float,
     scales_with_pressure: bool,
     limitations: str,
-    extended: str,
     page: str | Path,
+    extended: str = "",
+    diagnostics: str | Path | None = None,
+    predictions: str | Path | None = None,
     choice: str | Path | None = None,
     findings: str | Path | None = None,
     residuals_picture: str | Path | None = None,
+    causes_picture: str | Path | None = None,
+    effects_picture: str | Path | None = None,
+    sources_picture: str | Path | None = None,
     mesh: str | Path | None = None,
     zones_picture: str | Path | None = None,
     template: str | Path = TEMPLATE,
@@ -72,73 +95,166 @@ def make_page(
     Parameters
     ----------
     source: `subjects.<name>.source` of the config.
-    measured: its measured table; posterior, diagnostics: NetCDF and verdict of the final emulator.
-    emulator: its name, or `final`; predictions: what it predicts of the test set (Parquet).
+    measured: its measured table; posterior, diagnostics: NetCDF and verdict of the final emulator,
+        the model as it is.
+    findings: JSON of the criticism, if it was made; the posterior is averaged over models then, and
+        needs no diagnostics.
+    emulator: its name, or `final`; predictions: what it predicts of the test set (Parquet), if it
+        has one.
     choice: how it was chosen by its posteriors (JSON), if it was.
     strains_picture, stiffness_picture, fit_picture: figures (PNG) of `plots.measured_strains`,
-        `plots.bullseye_posterior` and `plots.posterior_predictive`.
+        `plots.bullseye_posterior` and `plots.posterior_predictive`; residuals_picture,
+        causes_picture, effects_picture, sources_picture: of `plots.criticism`, with findings.
     channels: what the study observes.
     pressure_mmhg, strain_exponent: the study's end-diastolic pressure and strain measure.
     scales_with_pressure: whether stresses of the study scale with theta and pressure alone.
     limitations: where the page finds the project's limitations. extended: the file that the study
-        with the named causes goes to.
-    findings, residuals_picture: of the criticism, if it was made (JSON, PNG).
+        with the named causes goes to, if it can be made.
     mesh, zones_picture: the unloaded heart (VTU) and the figure of its zones (PNG), if the study
         has one.
     """
     table = read_measured(measured, strain_exponent=None)
-    drawn, data = read(posterior, diagnostics), az.from_netcdf(posterior)
     content = read_findings(findings) if findings else None
-    separating = words.separating(content) if content else []
+    drawn = read_subject(posterior, diagnostics, findings)
     rows = stiffness_of(drawn, parameters)
-    medians = {row["name"]: row["median"] for row in rows}
+    middles = {row["name"]: row["middle"] for row in rows}
     pictures = {
         "strains": strains_picture,
         "stiffness": stiffness_picture,
         "fit": fit_picture,
         "residuals": residuals_picture,
+        "causes": causes_picture,
+        "effects": effects_picture,
+        "sources": sources_picture,
         "zones": zones_picture,
     }
-    environment = jinja2.Environment(
-        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
-    environment.filters["label"] = lambda name: Markup(heart3d.html_label(name))
-    environment.filters["number"] = words.number
-    html = environment.from_string(Path(template).read_text()).render(
-        subject=subject,
-        study=study,
-        synthetic=source == "synthetic",
-        data_from=SOURCES[source],
-        pictures={name: embedded(png) if png else "" for name, png in pictures.items()},
-        heart=Markup(heart3d.draw(mesh, parameters, medians, _hover(rows, table, parameters)))
-        if mesh
-        else "",
-        plotly=Markup(get_plotlyjs()) if mesh else "",
-        measured=measured_of(table, channels),
-        missing=missing(table, channels),
-        pressure=pressure_mmhg,
-        scaling=[p.factor for p in parameters if p.scales_stress][:1]
-        if scales_with_pressure
-        else [],
-        measure=seth_hill.measure_name(strain_exponent),
-        stiffness=rows,
-        law=MATERIALS[parameters.law],
-        factors=[f for f in MATERIALS[parameters.law].factors if f.name in parameters.factors],
-        trade_offs=trade_offs(drawn, parameters),
-        silent=silent(rows, table, channels, parameters),
-        fit=fit_of(data, drawn.case),
-        f=content,
-        verdict=[s for s in content["words"] if s not in separating] if content else [],
-        separating=separating,
-        moved=MOVED,
-        extended=extended,
-        convergence=convergence_of(drawn, diagnostics),
-        emulator=emulator_of(emulator, choice, predictions, table),
-        limitations=limitations,
-        cause=words.cause,
-        estimate=words.estimate,
+    known = known_beforehand(content)
+    scales = scales_with_pressure and "pressure" not in known
+    html = (
+        _environment(template)
+        .from_string(Path(template).read_text())
+        .render(
+            subject=subject,
+            study=study,
+            synthetic=source == "synthetic",
+            data_from=SOURCES[source],
+            pictures=_embedded(pictures),
+            heart=Markup(heart3d.draw(mesh, parameters, middles, _hover(rows, table, parameters)))
+            if mesh
+            else "",
+            plotly=Markup(get_plotlyjs()) if mesh else "",
+            measured=measured_of(table, channels),
+            missing=missing(table, channels),
+            pressure=pressure_mmhg,
+            known=known,
+            scaling=[p.factor for p in parameters if p.scales_stress][:1] if scales else [],
+            measure=seth_hill.measure_name(strain_exponent),
+            stiffness=rows,
+            law=MATERIALS[parameters.law],
+            factors=[f for f in MATERIALS[parameters.law].factors if f.name in parameters.factors],
+            trade_offs=trade_offs(drawn, parameters),
+            silent=silent(rows, table, channels, parameters),
+            fit=fit_of(posterior, drawn.case),
+            moved=MOVED,
+            extended=extended,
+            draws=next(iter(drawn.draws.values())).size,
+            convergence=convergence_of(drawn, diagnostics) if diagnostics else None,
+            emulator=emulator_of(emulator, choice, predictions, table),
+            limitations=limitations,
+            **criticism_of(content),
+        )
     )
     Path(page).write_text(html)
+
+
+def make_page_of_several(
+    findings: str | Path,
+    residuals_picture: str | Path,
+    causes_picture: str | Path,
+    effects_picture: str | Path,
+    sources_picture: str | Path,
+    page: str | Path,
+    extended: str = "",
+    template: str | Path = SEVERAL,
+) -> None:
+    """Write the page of several hearts whose causes were searched together.
+
+    findings: JSON of the criticism; pictures: of `plots.criticism` (PNG); extended: as for
+    `make_page`.
+    """
+    content = read_findings(findings)
+    pictures = {
+        "residuals": residuals_picture,
+        "causes": causes_picture,
+        "effects": effects_picture,
+        "sources": sources_picture,
+    }
+    html = (
+        _environment(template)
+        .from_string(Path(template).read_text())
+        .render(
+            pictures=_embedded(pictures), extended=extended, moved=MOVED, **criticism_of(content)
+        )
+    )
+    Path(page).write_text(html)
+
+
+def _environment(template: str | Path) -> jinja2.Environment:
+    """For templates that include others of their folder."""
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(Path(template).parent),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters["label"] = lambda name: Markup(heart3d.html_label(name))
+    environment.globals["words"] = words
+    return environment
+
+
+def _embedded(pictures: Mapping[str, str | Path | None]) -> dict[str, str]:
+    """Pictures (PNG) as the addresses of themselves, for a page that needs no other file."""
+    return {
+        name: "data:image/png;base64," + base64.b64encode(Path(png).read_bytes()).decode()
+        if png
+        else ""
+        for name, png in pictures.items()
+    }
+
+
+# ------------------------------------------------------------------------------- what is wrong
+
+
+def criticism_of(content: Findings | None) -> dict:
+    """What the parts of the page on the criticism show: the findings `f`, and the rest of them."""
+    if content is None:
+        return {"f": None, "untrusted": "", "separating": []}
+    separating, untrusted = words.separating(content), words.untrusted(content)
+    inputs = sorted(content["measured_inputs"], key=_change, reverse=True)
+    return {
+        "f": content,
+        "untrusted": untrusted,
+        "separating": separating,
+        "verdict": [s for s in content["words"] if s not in (untrusted, *separating)],
+        "families": FAMILIES,
+        "inputs": {"first": inputs[:SHOWN_INPUTS], "rest": inputs[SHOWN_INPUTS:]},
+        "shows_effects": any(h["posterior"] for h in content["hypotheses"]),
+    }
+
+
+def _change(known: MeasuredInput) -> float:
+    """By how many of its sds an input moved from what was known of it."""
+    return abs(known["averaged"]["mean"] - known["prior_mean"]) / known["prior_sd"]
+
+
+def known_beforehand(content: Findings | None) -> dict[str, float]:
+    """Kinds of inputs that are not taken as exact, with the largest sd of each, in its unit."""
+    kinds: dict[str, float] = {}
+    for one in content["measured_inputs"] if content else ():
+        kind = words.variance_source(one["name"])
+        kinds[kind] = max(kinds.get(kind, 0.0), one["prior_sd"])
+    return kinds
 
 
 # ------------------------------------------------------------------------------- what was measured
@@ -199,20 +315,32 @@ def missing(table: pd.DataFrame, channels: Channels) -> list[str]:
 
 
 def stiffness_of(drawn: CasePosterior, parameters: Parameterisation) -> list[dict]:
-    """A row for each parameter: median, 95 % interval, what the prior allowed, probability of being
-    above the reference, and whether the data do not constrain it (`silent`)."""
+    """A row for each parameter: what its summary says, the number to show (`middle`), what the
+    prior allowed, probability of being above the reference, and whether the data do not constrain
+    it (`silent`); of an average also by how many sds of the model as it is it moves (`shift_sd`).
+
+    The prior of the paper's posterior is uniform, that of an average uniform in the logarithm.
+    """
+    stated = drawn.stiffness if isinstance(drawn, AveragedPosterior) else ()
+    shifts = {s["name"]: s["shift_sd"] for s in stated}
     summary, rows = drawn.summary(), []
     for p in parameters:
-        values, row = drawn.draws[p.name].ravel(), summary.loc[p.name]
-        prior = stats.uniform(p.lower, p.upper - p.lower)
+        values, row = drawn.draws[p.name].ravel(), summary.loc[p.name].to_dict()
+        prior = (
+            stats.loguniform(p.lower, p.upper)
+            if stated
+            else stats.uniform(p.lower, p.upper - p.lower)
+        )
         rows.append(
             {
                 **{"name": p.name, "zone": p.zone, "factor": p.factor},
                 "segments": parameters.zones[p.zone],
-                **{key: float(row[key]) for key in ("median", "lower95", "upper95")},
+                **row,
+                "middle": row[drawn.middle],
                 "prior": (p.lower, p.upper),
                 "above_reference": float((values > 1).mean()),
                 "silent": stats.kstest(values, prior.cdf).statistic <= SAME_AS_PRIOR,
+                "shift_sd": shifts.get(p.name, 0.0),
             }
         )
     return rows
@@ -257,7 +385,7 @@ def _hover(rows: list[dict], table: pd.DataFrame, parameters: Parameterisation) 
         zone = parameters.zone_of(segment.number)
         lines = [f"<b>segment {segment.number}, {segment.name}</b>"]
         lines += [
-            f"{heart3d.html_label(row['name'])}: {row['median']:.2f} "
+            f"{heart3d.html_label(row['name'])}: {row['middle']:.2f} "
             f"({row['lower95']:.2f} to {row['upper95']:.2f})"
             for row in rows
             if row["zone"] == zone
@@ -273,14 +401,14 @@ def _hover(rows: list[dict], table: pd.DataFrame, parameters: Parameterisation) 
 # --------------------------------------------------------------------------------------------- fit
 
 
-def fit_of(data: az.InferenceData, case: str) -> dict:
-    """How the posterior predicts what was measured.
+def fit_of(posterior: str | Path, case: str) -> dict:
+    """How a posterior (NetCDF) predicts what was measured.
 
     `quantities`: by quantity the number of channels, of those outside their 95 % interval, and the
     root mean square of measured minus median. `outside`: these channels, the farthest first.
     """
-    predicted = data.posterior_predictive["y"].sel(case=case)
-    observed = data.constant_data["y_obs"].sel(case=case).to_series().dropna()
+    predicted, observed = predictive(posterior, case)
+    observed = observed.dropna()
     draws = predicted.sel(output=observed.index.to_list()).stack(draw_of=("chain", "draw"))
     low, median, high = np.quantile(
         draws.transpose("output", "draw_of").to_numpy(), [0.025, 0.5, 0.975], axis=1
@@ -333,7 +461,6 @@ def convergence_of(drawn: CasePosterior, diagnostics: str | Path) -> dict:
     checks = checks[checks["case"] == drawn.case]
     return {
         "warning": drawn.warning,
-        "draws": next(iter(drawn.draws.values())).size,
         "rhat": float(checks["rhat"].max()),
         "ess": float(checks[["ess_bulk", "ess_tail"]].min(axis=None)),
         "outside": float(checks["outside"].max()) if "outside" in checks else 0.0,
@@ -341,7 +468,10 @@ def convergence_of(drawn: CasePosterior, diagnostics: str | Path) -> dict:
 
 
 def emulator_of(
-    name: str, choice: str | Path | None, predictions: str | Path, measured: pd.DataFrame
+    name: str,
+    choice: str | Path | None,
+    predictions: str | Path | None,
+    measured: pd.DataFrame,
 ) -> dict:
     """What the emulator gets wrong on the test set, beside the noise of the measurement.
 
@@ -352,7 +482,12 @@ def emulator_of(
     if choice:
         name = chosen(Path(choice))
         candidates = json.loads(Path(choice).read_text())["candidates"]
-    table = pd.read_parquet(predictions, columns=["case", "output", "truth", "mean"])
+    columns = ["case", "output", "truth", "mean"]
+    table = (
+        pd.read_parquet(predictions, columns=columns)
+        if predictions
+        else pd.DataFrame(columns=columns)
+    )
     table["quantity"] = [Channel.parse(output).quantity for output in table["output"]]
     rows = []
     for quantity, part in table.groupby("quantity", sort=False):

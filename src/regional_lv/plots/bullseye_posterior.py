@@ -1,4 +1,7 @@
-"""Regional stiffness of one subject on the bullseye of its zones (the paper's Figure 11)."""
+"""Regional stiffness of one subject on the bullseye of its zones (the paper's Figure 11).
+
+Of the model as it is, or averaged over models with that of the model as it is in grey.
+"""
 
 from pathlib import Path
 from typing import NamedTuple
@@ -11,13 +14,22 @@ from matplotlib.patches import Patch
 
 from regional_lv.parameters import Parameterisation
 from regional_lv.plots import bullseye, style
-from regional_lv.plots.case_posterior import CasePosterior, density, read
+from regional_lv.plots.case_posterior import (
+    AveragedPosterior,
+    CasePosterior,
+    density,
+    read_subject,
+)
 
 LARGEST = (0.74, 0.60)
 """Width and height that densities and text of a zone need at most (the disk has radius 1)."""
 
 GAP = 1.1
 """Between densities and text, for the labels of the ticks, in lines of text."""
+
+SEAM = 0.9
+"""Where numbers of the average end and those of the model as it is begin, right of a zone's middle,
+in lines of text: both together are centred."""
 
 STEP = 0.02
 MARGIN = 0.015
@@ -40,23 +52,28 @@ class Layout(NamedTuple):
 @style.context
 def draw(
     posterior: Path,
-    diagnostics: Path,
+    diagnostics: Path | None,
     source: str,
     parameters: Parameterisation,
     png: Path,
     csv: Path,
     truth: Path | None = None,
+    findings: Path | None = None,
 ) -> None:
     """Draw the factors of each zone about a zero line, the first one up, the second one down.
 
-    posterior: NetCDF of one subject; diagnostics: its verdict; source: `subjects.<name>.source` of
-    the config; truth: JSON of a synthetic subject. Densities share one axis of values, of the same
-    length in every zone, and are scaled to equal height. The table is long: zone, parameter, item
-    (median, lower95, upper95, truth, density), value, density.
+    posterior: NetCDF of one subject; diagnostics: its verdict; or findings, if it is averaged over
+    models. source: `subjects.<name>.source` of the config; truth: JSON of a synthetic subject.
+    Densities share one axis of values, of the same length in every zone, and are scaled to equal
+    height. The table is long: zone, parameter, item (the columns of the posterior's summary, truth,
+    density, and of an average as_is_density), value, density.
     """
-    found = read(posterior, diagnostics, truth=truth)
+    found = read_subject(posterior, diagnostics, findings, truth)
     summary = found.summary()
-    upper = max(float(np.quantile(found.draws[name], 0.999)) for name in parameters.names)
+    shown = [found.draws[name] for name in parameters.names]
+    if isinstance(found, AveragedPosterior):
+        shown += [found.as_it_is[name] for name in parameters.names]
+    upper = max(float(np.quantile(values, 0.999)) for values in shown)
     ticks = _ticks(max([upper, *found.truth.values()]))
     shapes = bullseye.zone_shapes(parameters)
 
@@ -72,13 +89,15 @@ def draw(
     for zone, place in zip(shapes, places, strict=True):
         rows += _zone(ax, zone, place, parameters, found, summary, ticks)
     bullseye.frame(ax)
-    handles = _legend(parameters.factors, bool(found.truth))
+    handles = _legend(parameters.factors, found)
     ax.legend(handles=handles, loc="lower left", bbox_to_anchor=(-0.02, -0.04))
     if found.noise:
-        lines = ["noise scales (standardised)"]
+        averaged = isinstance(found, AveragedPosterior)
+        unit = "of a good measurement's noise" if averaged else "standardised"
+        lines = [f"noise scales ({unit})"]
         for name in found.noise:
             row = summary.loc[name]
-            lines.append(f"{style.label(name)}  {_interval(row)}")
+            lines.append(f"{style.label(name)}  {_numbers(row)}")
             rows += [("", name, item, row[item], np.nan) for item in summary.columns]
         ax.text(1.04, -1.05, "\n".join(lines), ha="right", va="bottom", fontsize=8)
     style.suptitle(fig, found.title("Regional stiffness factors", source), found.warning)
@@ -88,7 +107,10 @@ def draw(
     style.save(fig, table, png, csv)
 
 
-def _interval(row: pd.Series) -> str:
+def _numbers(row: pd.Series) -> str:
+    """Those of a row of the summary."""
+    if "sd" in row:
+        return f"{row['mean']:.2f} ± {row['sd']:.2f}"
     return f"{row['median']:.2f} [{row['lower95']:.2f}, {row['upper95']:.2f}]"
 
 
@@ -187,8 +209,18 @@ def _zone(
         ax.plot(place(values), curve, color=colour, linewidth=1)
         row = summary.loc[name]
         ax.plot(
-            [place(row["median"])] * 2, [y0, y0 + sign * 0.55 * height], color=colour, linewidth=2.2
+            [place(row[posterior.middle])] * 2,
+            [y0, y0 + sign * 0.55 * height],
+            color=colour,
+            linewidth=2.2,
         )
+        if isinstance(posterior, AveragedPosterior):
+            at_base, of_base = density(posterior.as_it_is[name])
+            curve = y0 + sign * height * of_base / of_base.max()
+            ax.plot(place(at_base), curve, color=style.GREY, linewidth=0.9)
+            rows += [
+                (zone, name, "as_is_density", v, h) for v, h in zip(at_base, of_base, strict=True)
+            ]
         rows += [(zone, name, item, row[item], np.nan) for item in summary.columns]
         if name in posterior.truth:
             value = posterior.truth[name]
@@ -204,15 +236,15 @@ def _zone(
             )
             rows.append((zone, name, "truth", value, np.nan))
         rows += [(zone, name, "density", v, h) for v, h in zip(values, heights, strict=True)]
-        ax.text(
-            x0,
-            text - line * (1.2 + at),
-            f"{style.factor_label(factor)} {_interval(row)}",
-            ha="center",
-            va="top",
-            color=colour,
-            fontsize=size,
-        )
+        words = f"{style.factor_label(factor)} {_numbers(row)}"
+        top, below = text - line * (1.2 + at), {"va": "top", "fontsize": size}
+        if isinstance(posterior, AveragedPosterior):
+            seam = x0 + SEAM * line
+            ax.text(seam, top, words, ha="right", color=colour, **below)
+            base = f"  {row['as_is_mean']:.2f}"
+            ax.text(seam, top, base, ha="left", color=style.GREY, **below)
+        else:
+            ax.text(x0, top, words, ha="center", color=colour, **below)
     for tick in ticks:
         ax.plot([place(tick)] * 2, [foot, foot - 0.008], color=style.GREY, linewidth=0.8)
         ax.text(
@@ -236,13 +268,17 @@ def _zone(
     return rows
 
 
-def _legend(factors: tuple[str, ...], has_truth: bool) -> list[Artist]:
+def _legend(factors: tuple[str, ...], found: CasePosterior) -> list[Artist]:
     sides = (" (above the line)", " (below the line)") if len(factors) > 1 else ("",)
     handles: list[Artist] = [
         Patch(color=colour, alpha=0.45, label=style.factor_label(name) + sides[at % len(sides)])
         for at, (name, colour) in enumerate(style.factor_colours(factors).items())
     ]
-    handles.append(Line2D([], [], color=style.GREY, linewidth=2.2, label="posterior median"))
-    if has_truth:
+    middle = f"posterior {found.middle}"
+    if isinstance(found, AveragedPosterior):
+        handles.append(Line2D([], [], color=style.GREY, linewidth=0.9, label="the model as it is"))
+        middle += ", averaged over models"
+    handles.append(Line2D([], [], color=style.BLACK, linewidth=2.2, label=middle))
+    if found.truth:
         handles.append(Line2D([], [], color=style.BLACK, marker="v", linestyle="--", label="truth"))
     return handles

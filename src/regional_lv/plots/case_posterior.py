@@ -1,13 +1,20 @@
-"""The posterior of one case, for figures and tables: draws by name, verdict, truth if known."""
+"""The posterior of one case, for figures and tables: draws by name, verdict, truth if known.
+
+It is that of the model as it is, or averaged over models of what may be wrong with it.
+"""
 
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import ClassVar
 
 import arviz as az
 import numpy as np
 import pandas as pd
+import xarray as xr
 
+from regional_lv.criticism.contract import Stiffness, Summary, read_findings
 from regional_lv.errors import InputError
 from regional_lv.plots.verdicts import verdict_of
 
@@ -27,8 +34,11 @@ class CasePosterior:
 
     draws: name -> (chain, draw), the `parameters` and then the noise scales if inferred
     (`sigma_<direction>`, in standardised units). truth: name -> value, empty if unknown.
-    verdict: "passed" or "failed: ..." of the convergence check.
+    verdict: "passed" or "failed: ..." of the convergence check. middle: the column of the summary
+    that figures show.
     """
+
+    middle: ClassVar[str] = "median"
 
     case: str
     parameters: tuple[str, ...]
@@ -63,8 +73,128 @@ class CasePosterior:
         return f"{what}: {self.case} - {SOURCES[source]}"
 
 
+UNTRUSTED = "failed: every model that was tried misses the measurements"
+"""Verdict on a posterior that is averaged over models of which none fits."""
+
+
+@dataclass(frozen=True)
+class AveragedPosterior(CasePosterior):
+    """The same averaged over models; with what the findings state of the stiffness, and draws of
+    the model as it is (name -> (chain, draw))."""
+
+    middle: ClassVar[str] = "mean"
+
+    stiffness: tuple[Stiffness, ...]
+    as_it_is: dict[str, np.ndarray]
+
+    @property
+    def warning(self) -> str:
+        """Empty if a model fits, else what every figure says."""
+        if self.verdict == "passed":
+            return ""
+        return f"NO STIFFNESS CAN BE TRUSTED ({self.verdict.removeprefix('failed: ')})"
+
+    def summary(self) -> pd.DataFrame:
+        """Rows: parameters and noise scales; columns: mean, sd, lower95, upper95 (central), and
+        those of the model as it is, `as_is_mean` to `as_is_upper95`."""
+        rows = {
+            s["name"]: _stated(s["averaged"]) | _stated(s["as_it_is"], "as_is_")
+            for s in self.stiffness
+        }
+        for name in self.noise:
+            of_base = _moments(self.as_it_is[name])
+            rows[name] = _stated(_moments(self.draws[name])) | _stated(of_base, "as_is_")
+        return pd.DataFrame.from_dict(rows, orient="index").rename_axis("parameter")
+
+
+def _stated(summary: Summary, prefix: str = "") -> dict[str, float]:
+    lower, upper = summary["interval95"]
+    row = {"mean": summary["mean"], "sd": summary["sd"], "lower95": lower, "upper95": upper}
+    return {prefix + key: value for key, value in row.items()}
+
+
+def _moments(values: np.ndarray) -> Summary:
+    ends = [float(end) for end in np.quantile(values, [0.025, 0.975])]
+    return {"mean": float(values.mean()), "sd": float(values.std()), "interval95": ends}
+
+
+def read_averaged(
+    nc: str | Path, findings: str | Path, truth: str | Path | None = None
+) -> AveragedPosterior:
+    """Read the posterior of a subject that is averaged over models, and of the model as it is.
+
+    nc: groups `posterior` and `as_it_is` with value (chain, draw, input), and sigma (chain, draw,
+    quantity) where noise is inferred; findings: of the same subject. truth: as for `read`.
+    Raises InputError if the file has no such groups or lacks an input that the findings state.
+    """
+    content, data = read_findings(findings), az.from_netcdf(nc)
+    if "as_it_is" not in data.groups():
+        raise InputError(
+            f"{nc}: no group `as_it_is`; give the posterior that is averaged over models, "
+            "criticism/<subject>/posterior.nc"
+        )
+    names = tuple(row["name"] for row in content["stiffness"])
+    missing = [name for name in names if name not in data.posterior["input"].values]
+    if missing:
+        raise InputError(f"{nc}: no draws of {missing[0]}, which {findings} states; make both anew")
+    return AveragedPosterior(
+        content["subject"],
+        names,
+        _draws_by_name(data.posterior, names),
+        "passed" if content["trusted"] else UNTRUSTED,
+        _true_theta(truth) if truth else {},
+        tuple(content["stiffness"]),
+        _draws_by_name(data["as_it_is"], names),
+    )
+
+
+def read_subject(
+    nc: str | Path,
+    diagnostics: str | Path | None,
+    findings: str | Path | None,
+    truth: str | Path | None = None,
+) -> CasePosterior:
+    """The posterior of one subject: averaged over models if there are findings, else of the model
+    as it is. Arguments and errors as for `read_averaged` and `read`."""
+    if findings:
+        return read_averaged(nc, findings, truth)
+    if not diagnostics:
+        raise InputError(f"{nc}: a posterior without verdict; give its diagnostics, or findings")
+    return read(nc, diagnostics, truth=truth)
+
+
+def _draws_by_name(group: xr.Dataset, names: Sequence[str]) -> dict[str, np.ndarray]:
+    order = ("chain", "draw")
+    draws = {n: group["value"].sel(input=n).transpose(*order).to_numpy() for n in names}
+    for quantity in group["quantity"].values if "sigma" in group else ():
+        scale = group["sigma"].sel(quantity=quantity)
+        draws[f"sigma_{quantity}"] = scale.transpose(*order).to_numpy()
+    return draws
+
+
+def _true_theta(truth: str | Path) -> dict[str, float]:
+    return json.loads(Path(truth).read_text())["theta"]
+
+
+def predictive(nc: str | Path, case: str) -> tuple[xr.DataArray, pd.Series]:
+    """What a posterior predicts, (chain, draw, output), and what was observed, by output.
+
+    Raises InputError if the file has no posterior predictive.
+    """
+    data = az.from_netcdf(nc)
+    if "posterior_predictive" not in data.groups():
+        raise InputError(f"{nc}: no group `posterior_predictive`; rerun the subject's inference")
+    predicted = data.posterior_predictive["y"]
+    if "case" not in predicted.dims:
+        return predicted, data.observed_data["y"].to_series()
+    return predicted.sel(case=case), data.constant_data["y_obs"].sel(case=case).to_series()
+
+
 def read(
-    nc: str | Path, diagnostics: str | Path, case: str | None = None, truth: Path | None = None
+    nc: str | Path,
+    diagnostics: str | Path,
+    case: str | None = None,
+    truth: str | Path | None = None,
 ) -> CasePosterior:
     """Read case `case` (default: the only one) of an InferenceData file.
 
@@ -91,7 +221,7 @@ def read(
             draws[f"sigma_{direction}"] = scale.transpose(*order).to_numpy()
     known = {}
     if truth:
-        known = json.loads(Path(truth).read_text())["theta"]
+        known = _true_theta(truth)
     elif "constant_data" in data.groups() and "theta_true" in data.constant_data:
         values = data.constant_data["theta_true"].isel(case=at)
         known = {name: float(values.sel(parameter=name)) for name in names}

@@ -1,6 +1,9 @@
-"""What a criticism found, drawn from its findings: residuals, causes, parameters, stiffness."""
+"""What a criticism found, drawn from its findings: residuals, causes, their effects, and sources of
+the uncertainty."""
 
 import textwrap
+from collections.abc import Sequence
+from itertools import cycle
 from pathlib import Path
 
 import matplotlib
@@ -11,7 +14,7 @@ from matplotlib.patches import Patch
 
 from regional_lv import aha
 from regional_lv.criticism import words
-from regional_lv.criticism.contract import Findings
+from regional_lv.criticism.contract import Findings, read_findings
 from regional_lv.parameters import Parameterisation
 from regional_lv.plots import bullseye, style
 
@@ -19,9 +22,34 @@ SHOWN_Z = 4.0
 """z at which the residuals' colours saturate."""
 
 SHOWN_CAUSES = 4
-"""Posteriors of psi that are drawn."""
+"""Posteriors of effects that are drawn."""
+
+WRITTEN = 7.0
+"""Per cent of a variance from which on they are written into their bar."""
 
 WHEN = {"before": "the model as it is", "after": "with the best set of causes"}
+
+
+def draw(
+    findings: Path,
+    parameters: Parameterisation,
+    residuals: Path,
+    causes: Path,
+    effects: Path,
+    sources: Path,
+    tables: Sequence[Path],
+) -> None:
+    """Draw all figures of a criticism.
+
+    findings: JSON. residuals, causes, effects, sources: figures (PNG); tables: their data (CSV), in
+    this order. parameters: whose zones are outlined.
+    """
+    content = read_findings(findings)
+    one, two, three, four = tables
+    draw_residuals(content, residuals, one, parameters)
+    draw_causes(content, causes, two)
+    draw_effects(content, effects, three)
+    draw_sources(content, sources, four)
 
 
 @style.context
@@ -71,8 +99,8 @@ def draw_residuals(
 
 @style.context
 def draw_causes(findings: Findings, png: Path, csv: Path) -> None:
-    """All causes: score against the base model on the left, probability over all sets of causes on
-    the right. p-values at the smallest that the bootstrap can give are marked with "<=".
+    """All causes: score against the model as it is on the left, probability over all models on the
+    right. p-values at the smallest that the bootstrap can give are marked with "<=".
     """
     table = pd.DataFrame(
         [
@@ -82,20 +110,28 @@ def draw_causes(findings: Findings, png: Path, csv: Path) -> None:
                     k: h[k]
                     for k in (
                         *("name", "component", "z", "p_value", "p_value_single", "probability"),
-                        *("identifiable", "absorbed", "fitted", "fraction_simulated"),
+                        *("identifiable", "absorbed", "estimate", "at_bound"),
                     )
                 },
+                **dict(zip(("lower95", "upper95"), h["interval95"], strict=True)),
             }
             for h in findings["hypotheses"]
         ]
     )
+    if table.empty:
+        _draw_nothing("no cause was searched", png, csv)
+        return
     table["size"] = table["z"].abs()
     table = table.sort_values(["probability", "identifiable", "size"], ascending=False)
     fig = style.figure(8.4, 0.27 * len(table) + 1.7)
     left, right = fig.subplots(1, 2, sharey=True, width_ratios=[3, 2])
     at = np.arange(len(table))[::-1]
     grouped = {name for group in findings["groups"] for name in group}
-    kinds = {"named": style.VERMILLION, "one of a group": style.ORANGE, "not named": style.BLUE}
+    kinds = {
+        words.certainty(findings).lower(): style.VERMILLION,
+        "one of a group": style.ORANGE,
+        "not named": style.BLUE,
+    }
     kinds["not identifiable"] = style.LIGHT
     table["kind"] = np.select(
         [table["name"].isin(findings["named"]), table["name"].isin(grouped), table["identifiable"]],
@@ -132,15 +168,14 @@ def draw_causes(findings: Findings, png: Path, csv: Path) -> None:
 
 
 @style.context
-def draw_parameters(findings: Findings, png: Path, csv: Path) -> bool:
-    """Posterior densities of the parameters of the most probable causes that were sampled.
-
-    Returns whether there was anything to draw.
-    """
+def draw_effects(findings: Findings, png: Path, csv: Path) -> None:
+    """Posterior densities of the parameters of the most probable causes, given that they are
+    present."""
     likely = sorted(findings["hypotheses"], key=lambda h: -h["probability"])
     fitted = [(h, h["posterior"]) for h in likely if h["posterior"]][:SHOWN_CAUSES]
     if not fitted:
-        return False
+        _draw_nothing("no model with a cause was sampled", png, csv)
+        return
     fig = style.figure(max(2.6 * len(fitted) + 0.4, 6.0), 3.1)
     axes = fig.subplots(1, len(fitted), squeeze=False)[0]
     rows, labels = [], {}
@@ -153,7 +188,7 @@ def draw_parameters(findings: Findings, png: Path, csv: Path) -> bool:
             )
         near = 0.5 * (edges[-1] - edges[0])
         if edges[0] - near <= h["base"] <= edges[-1] + near:
-            labels["assumed by the model"] = ax.axvline(h["base"], color=style.VERMILLION)
+            labels["assumed by the model"] = ax.axvline(h["base"], color=style.VERMILLION, zorder=3)
         for end in h["range"]:
             if edges[0] - near / 5 <= end <= edges[-1] + near / 5:
                 labels["end of the plausible range"] = ax.axvline(
@@ -171,46 +206,50 @@ def draw_parameters(findings: Findings, png: Path, csv: Path) -> bool:
     fig.legend(labels.values(), labels.keys(), loc="outside lower center", ncols=len(labels))
     table = pd.DataFrame(rows, columns=["name", "component", "value", "density"])
     style.save(fig, table, png, csv)
-    return True
 
 
 @style.context
-def draw_theta(findings: Findings, png: Path, csv: Path) -> None:
-    """Stiffness factors before and after: posterior mean and two standard deviations."""
-    table = pd.DataFrame(
-        [
-            {
-                "parameter": row["parameter"],
-                "mean_before": row["before"][0],
-                "sd_before": row["before"][1],
-                "mean_after": row["after"][0],
-                "sd_after": row["after"][1],
-                "shift_sd": row["shift_sd"],
-            }
-            for row in findings["theta"]
-        ]
-    )
-    fig = style.figure(max(5.0, 0.6 * len(table) + 1.5), 3.2)
+def draw_sources(findings: Findings, png: Path, csv: Path) -> None:
+    """What the variance of each stiffness factor comes from, as shares; measured inputs by their
+    kind. The table: parameter, source, share."""
+    shares = [
+        (row["name"], words.variance_source(source), share)
+        for row in findings["stiffness"]
+        for source, share in row["sources"].items()
+    ]
+    table = pd.DataFrame(shares, columns=["parameter", "source", "share"])
+    if table.empty:
+        _draw_nothing("no stiffness is inferred", png, csv)
+        return
+    wide = table.pivot_table(
+        index="parameter", columns="source", values="share", aggfunc="sum", sort=False
+    ).fillna(0.0)
+    # What doubt about the model adds stands last, whatever was measured.
+    last = words.variance_source("models")
+    wide = wide[[*(c for c in wide if c != last), *([last] if last in wide else [])]]
+    fig = style.figure(7.6, 0.3 * len(wide) + 1.3)
     ax = fig.subplots()
-    whens = ("before",) if findings["remaining"] is None else ("before", "after")
-    shown = []
-    for when in whens:
-        mean, sd = table[f"mean_{when}"], table[f"sd_{when}"]
-        ends = {"lower": (mean - 2 * sd).clip(lower=0), "upper": mean + 2 * sd}
-        shown.append(table[["parameter"]].assign(when=WHEN[when], mean=mean, **ends))
-    style.intervals(
-        ax,
-        pd.concat(shown),
-        "parameter",
-        "mean",
-        ("lower", "upper"),
-        hue="when",
-        palette=dict(zip(WHEN.values(), (style.GREY, style.VERMILLION), strict=True)),
-        dodge=0.24,
-    )
-    ax.axhline(1, color=style.LIGHT, zorder=0)
-    labels = [style.label(p) for p in table["parameter"]]
-    ax.set_xticks(range(len(table)), labels, rotation=45, ha="right")
-    ax.set(xlabel="", ylabel="stiffness factor\n(posterior mean ± 2 sd)")
-    ax.legend(title="", loc="lower left", bbox_to_anchor=(0, 1), ncols=2)
-    style.save(fig, table, png, csv)
+    at, start = np.arange(len(wide))[::-1], np.zeros(len(wide))
+    palette = cycle((style.SKY, style.GREEN, style.ORANGE, style.PINK, style.LIGHT, style.GREY))
+    for source, shares_of in wide.items():
+        percent = 100 * shares_of.to_numpy()
+        colour = style.VERMILLION if source == last else next(palette)
+        ax.barh(at, percent, left=start, color=colour, height=0.7, label=source)
+        for y, left, value in zip(at, start, percent, strict=True):
+            if value >= WRITTEN:
+                ax.text(left + value / 2, y, f"{value:.0f}", ha="center", va="center")
+        start = start + percent
+    ax.set_yticks(at, [style.label(name) for name in wide.index])
+    ax.set(xlim=(0, 100), xlabel="share of the variance of the logarithm (%)")
+    fig.legend(loc="outside upper center", ncols=min(len(wide.columns), 6))
+    written = wide.rename_axis(columns="source").stack().rename("share").reset_index()
+    style.save(fig, written, png, csv)
+
+
+def _draw_nothing(why: str, png: Path, csv: Path) -> None:
+    """A figure that says why there is none, and an empty table."""
+    fig = style.figure(5.0, 1.0)
+    ax = fig.subplots()
+    ax.set_axis_off()
+    ax.text(0.5, 0.5, why, ha="center", va="center")
+    style.save(fig, pd.DataFrame(columns=["why"]), png, csv)

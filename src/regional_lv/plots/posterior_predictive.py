@@ -3,7 +3,6 @@
 from collections.abc import Mapping
 from pathlib import Path
 
-import arviz as az
 import numpy as np
 import pandas as pd
 import seaborn
@@ -13,9 +12,8 @@ from matplotlib.patches import Patch
 from scipy.stats import gaussian_kde
 
 from regional_lv.channels import Channel, Channels
-from regional_lv.errors import InputError
 from regional_lv.plots import style
-from regional_lv.plots.case_posterior import read
+from regional_lv.plots.case_posterior import predictive, read_subject
 from regional_lv.quantities import QUANTITIES
 
 GAP = 1.2
@@ -45,25 +43,26 @@ COLUMNS = ["output", "quantity", "segment", "item", "value", "density", "inside"
 
 
 @style.context
-def draw(posterior: Path, diagnostics: Path, source: str, png: Path, csv: Path) -> None:
+def draw(
+    posterior: Path,
+    diagnostics: Path | None,
+    source: str,
+    png: Path,
+    csv: Path,
+    findings: Path | None = None,
+) -> None:
     """Draw violins of the posterior predictive and the observations on them.
 
-    posterior: one subject's NetCDF with `posterior_predictive` (output error and measurement noise
-    included, natural units) and `constant_data.y_obs`; diagnostics: its verdict; source:
-    `subjects.<name>.source` of the config. Strains are read on the left, every other quantity on an
-    axis of its own to its right; each load has a panel, the full one first. The table is long:
-    output, quantity, segment, item (observed, median, lower95, upper95, density), value, density,
-    inside.
+    posterior: one subject's NetCDF with the posterior predictive (output error and measurement
+    noise included, natural units) and what was observed; diagnostics: its verdict; or findings, if
+    it is averaged over models. source: `subjects.<name>.source` of the config. Strains are read on
+    the left, every other quantity on an axis of its own to its right; each load has a panel, the
+    full one first. The table is long: output, quantity, segment, item (observed, median, lower95,
+    upper95, density), value, density, inside.
     Raises InputError if the file has no posterior predictive.
     """
-    found = read(posterior, diagnostics)
-    data = az.from_netcdf(posterior)
-    if "posterior_predictive" not in data.groups():
-        raise InputError(
-            f"{posterior}: no group `posterior_predictive`; rerun the subject's inference"
-        )
-    predicted = data.posterior_predictive["y"].sel(case=found.case)
-    observed = data.constant_data["y_obs"].sel(case=found.case).to_series()
+    found = read_subject(posterior, diagnostics, findings)
+    predicted, observed = predictive(posterior, found.case)
     channels = Channels.parse(predicted["output"].values.tolist())
     draws = {name: np.ravel(predicted.sel(output=name)) for name in channels.names}
     observed = observed.reindex(channels.names)

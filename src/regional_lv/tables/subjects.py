@@ -5,21 +5,31 @@ from pathlib import Path
 import arviz as az
 import pandas as pd
 
-from regional_lv.plots.case_posterior import SOURCES, read
+from regional_lv.plots.case_posterior import SOURCES, read, read_subject
 from regional_lv.tables.writing import written
 
 
 @written
-def subjects(posteriors: list[Path], diagnostics: list[Path], sources: list[str]) -> pd.DataFrame:
-    """Stiffness and noise of every subject: posterior median and 95 % HPD interval.
+def subjects(
+    posteriors: list[Path],
+    diagnostics: list[Path] | None,
+    sources: list[str],
+    findings: list[Path] | None = None,
+) -> pd.DataFrame:
+    """Stiffness and noise of every subject.
 
-    posteriors: InferenceData files of one subject each; diagnostics: CSV with its verdict, and
-    sources: `subjects.<name>.source` of the config, both in the same order. Columns: subject, data,
-    parameter, median, lower95, upper95, verdict. Noise scales are in standardised units.
+    posteriors: InferenceData files of one subject each; diagnostics: CSV with its verdict; or
+    findings, where posteriors are averaged over models. sources: `subjects.<name>.source` of the
+    config; all in the same order. Columns: subject, data, parameter, then median, lower95 and
+    upper95 (95 % HPD interval); or of the average mean, sd, lower95 and upper95 (central), and the
+    same of the model as it is, `as_is_mean` to `as_is_upper95`; verdict. Noise scales of the model
+    as it is alone are in standardised units, others in those of a good measurement's noise.
     """
     tables = []
-    for path, check, source in zip(posteriors, diagnostics, sources, strict=True):
-        one = read(path, check)
+    absent = [None] * len(posteriors)
+    files = zip(posteriors, diagnostics or absent, findings or absent, sources, strict=True)
+    for path, check, found, source in files:
+        one = read_subject(path, check, found)
         table = one.summary().reset_index()
         table.insert(0, "subject", one.case)
         table.insert(1, "data", SOURCES[source])
