@@ -14,19 +14,20 @@ FINER = min(ALL_INPUTS["finer"], INPUTS_ANCHORS)
 CONFIRMED_ON = "finer/" if FINER else ""
 EMULATOR_OF_INPUTS = f"{OVER_INPUTS}/{CONFIRMED_ON}emulator.pt"
 # Whether the model is doubted, and the stiffness averaged over models.
-DOUBTS = bool(config["inputs"])
+INPUTS = sections_of(config)
+STUDIED = Inputs.from_config(INPUTS)
+DOUBTS = not FROM_TABLES and not STUDIED.of_role("inferred").all()
 # Whether there is an emulator of the stiffness alone as well, as in the paper.
 ALONE = EVALUATION or not DOUBTS
 
 if DOUBTS:
-    from regional_lv.inputs.space import Inputs
-
-    INPUTS = sections_of(config)
-    SIMULATED = Inputs.from_config(INPUTS).simulated
+    SIMULATED = STUDIED.simulated
     COORDINATES = SIMULATED.coordinates.spec()
     SUSPECTED = SIMULATED.subset(SIMULATED.of_role("suspected"))
 
     rule design_inputs:
+        input:
+            [SEGMENT_TABLE] if config["geometry"]["source"] == "segments" else [],
         output:
             train=f"{OVER_INPUTS}/design/train.parquet",
             test=f"{OVER_INPUTS}/design/test.parquet",

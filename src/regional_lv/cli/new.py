@@ -10,11 +10,14 @@ import click
 
 from regional_lv import data
 from regional_lv.cli.folder import CONFIG, Mistakes
-from regional_lv.geometry.table import COLUMNS
+from regional_lv.geometry.table import COLUMNS, SD_COLUMNS
 from regional_lv.input_files import reason_of
 
 NO_TEXT = {"no", "yes", "on", "off", "true", "false", "null", "y", "n"}
 """Words that YAML takes for something else than text."""
+
+READ_TO_MM = "1"
+"""Standard deviation of what is read off images, in the table to be filled in."""
 
 TEMPLATE = Path(__file__).parent / "template"
 
@@ -56,8 +59,9 @@ def _template(file: str) -> str:
 
 def _volunteer() -> str:
     """The volunteer's segment table, with the columns that count."""
+    sds = dict.fromkeys(SD_COLUMNS.values(), READ_TO_MM)
     with data.segment_table(data.VOLUNTEER).open(newline="") as file:
-        return _text(COLUMNS, csv.DictReader(file))
+        return _text([*COLUMNS, *sds], [row | sds for row in csv.DictReader(file)])
 
 
 def _empty() -> str:

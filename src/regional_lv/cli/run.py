@@ -14,8 +14,9 @@ from regional_lv.config import final_emulator
 
 RESULTS = {
     "page": "pages/{subject}.html",
-    "posterior": "posteriors/{emulator}/subjects/{subject}.nc",
-    "criticism": "criticism/{subject}/report.html",
+    "findings": "criticism/{subject}/findings.json",
+    "posterior averaged over models": "criticism/{subject}/posterior.nc",
+    "posterior of the model as it is": "posteriors/{emulator}/subjects/{subject}.nc",
 }
 """What a person looks at, per subject, below `results/<study>`."""
 

@@ -1,4 +1,4 @@
-"""Simulations of the leading models: more data where it matters, and a test of the emulator's error.
+"""Simulations of the leading models: more data where it matters, and a test of stated errors.
 
 The leading models are simulated at draws of their posterior. What is simulated is compared with
 what the emulator said, and joins what it learns from; where it differs by more than the emulator

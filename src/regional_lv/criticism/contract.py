@@ -180,8 +180,8 @@ class MeasuredInput(TypedDict):
 
 
 class Noise(TypedDict):
-    """Median of an inferred noise scale in the model as it is, and averaged over models, in units of
-    a good measurement's noise (`inference.departure.noise_units`)."""
+    """Median of an inferred noise scale in the model as it is, and averaged over models, in sds of
+    the outputs over the training data."""
 
     quantity: str
     before: float

@@ -31,9 +31,13 @@ BINS = 40
 
 @dataclass(frozen=True)
 class Context:
-    """What findings tell beside the verdict: name of the subject; measured tables by heart; the
-    emulator of all that the study observes; rounds of the confirmation; names and noise sd of the measured outputs (U,); replicates of the tests; and the exponent of
-    the study's strain measure."""
+    """What findings tell beside the verdict.
+
+    subject: its name. tables: measured, by heart. emulated: of all that the study observes. rounds:
+    of the confirmation. outputs, noise_sd (U,): what was measured in any heart. bootstrap:
+    replicates of the tests. load_fractions: at which the heart could be imaged. strain_exponent: of
+    the study's strain measure.
+    """
 
     subject: str
     tables: Mapping[str, pd.DataFrame]

@@ -22,7 +22,7 @@ from regional_lv.inputs.space import Inputs
 ITERATIONS, LEAST_GAIN = 60, 1e-10
 """Of the parameters' fit: its steps, and the gain of log density at which it ends."""
 
-SCALE_STEPS, SETTLED = 12, 1e-4
+SCALE_STEPS, SETTLED = 12, 1e-3
 """Of the noise scales' fit: its steps, and the change of a logarithm at which it ends."""
 
 LONGEST_STEP = 1.0
@@ -83,11 +83,12 @@ class LinearModel:
                 weight = potential.weights(fitted.x, potential.y - mean, whitening)[0]
                 error, noise = _weighted(error, noise, weight.rsqrt())
             free[potential.tails] = False
-        return cls(
+        model = cls(
             *(potential.inputs, observed, potential.y, (mean + moved)[0], slopes[0]),
             *(error, noise, fitted.x[0], free),
             *(potential.low[:count], potential.high[:count], fitted.x[0, count:]),
         )
+        return replace(model, log_sigma=model.fit(model.y[None]).log_sigma[0])
 
     @cached_property
     def width(self) -> torch.Tensor:
@@ -154,12 +155,12 @@ class LinearModel:
             covariance = torch.where(both, covariance, torch.eye(len(self.y)).to(covariance))
         precision = torch.zeros_like(covariance)
         for at in self._hearts:
-            own = torch.linalg.cholesky(covariance[:, at[:, None], at])
-            precision[:, at[:, None], at] = torch.cholesky_inverse(own)
+            own = torch.linalg.cholesky(covariance[:, at, at])
+            precision[:, at, at] = torch.cholesky_inverse(own)
         return precision if keep is None else torch.where(both, precision, 0.0)
 
     @cached_property
-    def _hearts(self) -> list[torch.Tensor]:
+    def _hearts(self) -> list[slice]:
         return hearts_of(self.observed)
 
     def fit(self, y: torch.Tensor, keep: torch.Tensor | None = None) -> "LinearFit":

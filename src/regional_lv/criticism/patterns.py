@@ -1,5 +1,6 @@
 """Channels of one heart or several: what is left out together, and patterns of departures."""
 
+import itertools
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Protocol
 
@@ -23,10 +24,10 @@ class Observed(Protocol):
         """(M, D, D) of covariances as a potential has them."""
 
 
-def hearts_of(observed: Observed) -> list[torch.Tensor]:
-    """Places of the channels of each heart."""
-    heart = torch.as_tensor(np.asarray(observed.heart))
-    return [torch.nonzero(heart == number)[:, 0] for number in heart.unique()]
+def hearts_of(observed: Observed) -> list[slice]:
+    """Channels of each heart."""
+    ends = np.flatnonzero(np.diff(observed.heart, prepend=-1, append=-1))
+    return [slice(first, last) for first, last in itertools.pairwise(ends.tolist())]
 
 
 def groups_of(observed: Observed) -> list[torch.Tensor]:

@@ -21,6 +21,9 @@ COLUMNS = (
 # Segment averages that a human left ventricle, thin scar to gross dilatation, can have.
 PLAUSIBLE_MM = {"wall_thickness_mm": (2.0, 30.0), "endo_radius_mm": (3.0, 80.0)}
 
+SD_COLUMNS = {column: f"{column.removesuffix('_mm')}_sd_mm" for column in PLAUSIBLE_MM}
+"""Columns that may say how well another one is known; an empty cell: as if it were exact."""
+
 ROUND_OFF_DEG = 1e-6
 """Between a sector's border and its neighbour's, which is taken for the same."""
 
@@ -34,7 +37,8 @@ def read_segments(path):
     `path` may be the word `volunteer`, the table that comes with the package. Columns: aha_segment
     (1-17), name, wall_thickness_mm, endo_radius_mm (both as the module
     defines them), angle_from_deg, angle_to_deg (sector, counter-clockwise seen from the base),
-    z_top_mm, z_bottom_mm (level, base plane at 0). Further columns are kept, as text. Raises
+    z_top_mm, z_bottom_mm (level, base plane at 0). `SD_COLUMNS` may say how well a size is known.
+    Further columns are kept, as text. Raises
     InputError that names the file, the row and the remedy.
     """
     path = segment_table(path)
@@ -49,6 +53,9 @@ def read_segments(path):
                 "finite number"
             )
         table[column] = numbers.astype(float)
+    for column, sd in SD_COLUMNS.items():
+        if sd in table:
+            table[sd] = _standard_deviations(path, table[sd], column)
     for line, number in table["aha_segment"].items():
         if number not in range(1, 18):
             raise InputError(
@@ -103,6 +110,18 @@ def check_apices(path, table, endo_apex_z_mm, epi_apex_z_mm):
             f"the apex (geometry.endo_apex_z_mm {endo_apex_z_mm:g}, geometry.epi_apex_z_mm "
             f"{epi_apex_z_mm:g}); correct one of them"
         )
+
+
+def _standard_deviations(path, cells, of):
+    """Numbers, 0 where a cell is empty; `of` is the column that they belong to."""
+    numbers = cells.map(lambda cell: number_in(cell) if str(cell).strip() else 0.0)
+    for line, value in numbers.items():
+        if not 0 <= value < np.inf:
+            raise InputError(
+                f"{path}, line {line}: {SD_COLUMNS[of]} is {cells[line]}; give a number of 0 or "
+                "more in mm, or leave it empty"
+            )
+    return numbers.astype(float)
 
 
 def _check_sizes(path, table):

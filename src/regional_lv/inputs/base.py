@@ -97,6 +97,11 @@ class Input(ABC):
         """Its value in a model; None where nothing is known of it beforehand."""
         raise NotImplementedError
 
+    def known_sd(self, model: Mapping) -> float | None:
+        """Standard deviation, in its unit, with which the study's own data give it; None where they
+        do not say."""
+        return None
+
     def act(self, model: Mapping, value: float) -> Mapping:
         """The model with this input at `value`, which replaces or multiplies what is there; at the
         nominal value as it was. Closed forms change no model."""

@@ -2,7 +2,7 @@
 
 from typing import ClassVar
 
-from regional_lv.geometry.table import PLAUSIBLE_MM
+from regional_lv.geometry.table import PLAUSIBLE_MM, SD_COLUMNS
 from regional_lv.inputs.base import LOGARITHMIC, KeyInput, SegmentInput
 
 KAWEL = "Kawel et al. 2012, Circ Cardiovasc Imaging 5:500-508, doi 10.1161/CIRCIMAGING.112.973560"
@@ -28,6 +28,11 @@ class TableInput(SegmentInput):
 
     def value_in(self, model):
         return float(model["geometry"][self.column][self.segment - 1])
+
+    def known_sd(self, model):
+        table = model["geometry"]["table"]
+        sds = table.get(SD_COLUMNS[self.column])
+        return float(sds[self.segment - 1]) if sds is not None and sds[self.segment - 1] else None
 
     def _set_nominal(self, value):
         least, most = PLAUSIBLE_MM[self.column]

@@ -1,6 +1,7 @@
 """The inputs of a study in their order, and the roles that its configuration gives them."""
 
 import difflib
+import logging
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -17,6 +18,8 @@ from regional_lv.inputs.model import model_of
 from regional_lv.inputs.observation import StrainMeasure
 from regional_lv.parameters import Parameterisation
 from regional_lv.physics import SECTIONS
+
+log = logging.getLogger(__name__)
 
 GREEN = {"strain_exponent": 2.0}
 """What is observed in a model that does not say."""
@@ -241,16 +244,21 @@ def roles_of(section: Mapping, every: Sequence[Input], model: Mapping) -> dict[s
 
     A key is the name of an input or a word for several (its class's name, its family), of which
     the narrower one counts. A standard deviation, `sd_<unit>`, goes to those that have this unit.
-    What is not named is inferred if it is a stiffness, and otherwise fixed. Raises InputError.
+    What is not named is inferred if it is a stiffness, measured if the segment table has its sd
+    (which counts before that of a word), and otherwise fixed. Raises InputError.
     """
     roles = {each.name: Role("inferred" if each.nominal is None else "fixed") for each in every}
     named = []
     for word, given in section.items():
         asked = {"role": given} if isinstance(given, str) else dict(given)
         named.append((word, asked, _meant(word, asked, every, model)))
+    by_table = {each.name: each.known_sd(model) for each in every}
     for word, asked, meant in sorted(named, key=lambda each: len(each[2]), reverse=True):
         for each in meant:
             roles[each.name] = _role(word, asked, each)
+    for name, sd in by_table.items():
+        if sd is not None and name not in section and roles[name].kind in ("fixed", "measured"):
+            roles[name] = Role("measured", sd)
     _check_directions(every, roles)
     return roles
 
@@ -273,6 +281,12 @@ def _meant(word: str, asked: dict, every: Sequence[Input], model: Mapping) -> li
     if not by_name and not by_word:
         if kind == "fixed" and word in INPUTS:
             return []  # what a study does not have stays as it is
+        if kind == "measured" and (kind_of := INPUTS.get(word)) and kind_of.why_not(model):
+            log.warning(
+                "%s.%s: %s, so that its shape counts as exact",
+                *(SECTION, word, kind_of.why_not(model)),
+            )
+            return []
         raise InputError(f"{SECTION}.{word}: {why_unknown(word, every, model)}")
     able = [[each for each in group if kind in each.roles] for group in (by_name, by_word)]
     able = [group for group in able if group]
