@@ -127,7 +127,7 @@ def misfit(outputs: Sequence[str], size: float) -> Misfit:
     return {
         "detected": detected,
         "p_value": p,
-        "families": {"overall": p, "channel": 2 * p, "direction": p, "level": p, "wall": p},
+        "families": {"overall": p, "channel": 2 * p, "wall": p, "cause": p},
         "largest": [{"family": "wall", "what": "septal radial", "z": size, "p_value": p}],
         "channels": channels,
     }

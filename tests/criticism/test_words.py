@@ -101,6 +101,13 @@ def test_a_confirmed_set_is_named_with_its_estimates():
     assert words.answer(example()).startswith("Named: septal load and focal scar in segment 7")
 
 
+def test_a_cause_in_two_places_is_confirmed_as_one():
+    causes = ["septal_load", "focal_scar", "focal_scar"]
+    two = {**example()["sets"][0], "causes": causes, "components": ["", "7", "8"]}
+    text = verdict(sets=[two])
+    assert "Named: focal scar in segment 7" in text and "Suspected" not in text
+
+
 def test_what_no_simulation_confirms_is_suspected():
     found = example()
     best = {**found["sets"][0], "confirmed": False}

@@ -269,7 +269,7 @@ def test_the_criticism_is_a_part_of_the_page(page, averaged):
     content = json.loads(averaged["findings"].read_text())
     for sentence in content["words"]:
         assert sentence in shown
-    assert "walls, direction by direction 0.003 0.400" in shown
+    assert "walls, direction by direction 0.003 0.400 listed causes 0.003 0.400" in shown
     first = "septal load + focal scar in segment 7 (mid anterior) 0.900"
     assert first in shown and "the model as it is 0.004" in shown
     assert "a smooth departure of no listed shape 0.010" in shown

@@ -230,8 +230,11 @@ def verdict(content: Findings) -> list[str]:
 
 
 def best_set(content: Findings) -> Set | None:
-    """The most probable one of the causes that are the best."""
-    return next((s for s in content["sets"] if s["causes"] == content["best"]), None)
+    """The most probable one of the causes that are the best, each of them in one place or more."""
+    if content["best"] is None:
+        return None
+    best = set(content["best"])
+    return next((s for s in content["sets"] if set(s["causes"]) == best), None)
 
 
 def certainty(content: Findings) -> str:

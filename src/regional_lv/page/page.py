@@ -53,6 +53,8 @@ FAMILIES = {
     "direction": "strain directions",
     "level": "levels, direction by direction",
     "wall": "walls, direction by direction",
+    "cause": "listed causes",
+    "pair": "pairs of listed causes",
 }
 """Tests of the misfit by the name of their family."""
 
@@ -130,39 +132,35 @@ def make_page(
     }
     known = known_beforehand(content)
     scales = scales_with_pressure and "pressure" not in known
-    html = (
-        _environment(template)
-        .from_string(Path(template).read_text())
-        .render(
-            subject=subject,
-            study=study,
-            synthetic=source == "synthetic",
-            data_from=SOURCES[source],
-            pictures=_embedded(pictures),
-            heart=Markup(heart3d.draw(mesh, parameters, middles, _hover(rows, table, parameters)))
-            if mesh
-            else "",
-            plotly=Markup(get_plotlyjs()) if mesh else "",
-            measured=measured_of(table, channels),
-            missing=missing(table, channels),
-            pressure=pressure_mmhg,
-            known=known,
-            scaling=[p.factor for p in parameters if p.scales_stress][:1] if scales else [],
-            measure=seth_hill.measure_name(strain_exponent),
-            stiffness=rows,
-            law=MATERIALS[parameters.law],
-            factors=[f for f in MATERIALS[parameters.law].factors if f.name in parameters.factors],
-            trade_offs=trade_offs(drawn, parameters),
-            silent=silent(rows, table, channels, parameters),
-            fit=fit_of(posterior, drawn.case),
-            moved=MOVED,
-            extended=extended,
-            draws=next(iter(drawn.draws.values())).size,
-            convergence=convergence_of(drawn, diagnostics) if diagnostics else None,
-            emulator=emulator_of(emulator, choice, predictions, table),
-            limitations=limitations,
-            **criticism_of(content),
-        )
+    html = _read_template(template).render(
+        subject=subject,
+        study=study,
+        synthetic=source == "synthetic",
+        data_from=SOURCES[source],
+        pictures=_embedded(pictures),
+        heart=Markup(heart3d.draw(mesh, parameters, middles, _hover(rows, table, parameters)))
+        if mesh
+        else "",
+        plotly=Markup(get_plotlyjs()) if mesh else "",
+        measured=measured_of(table, channels),
+        missing=missing(table, channels),
+        pressure=pressure_mmhg,
+        known=known,
+        scaling=[p.factor for p in parameters if p.scales_stress][:1] if scales else [],
+        measure=seth_hill.measure_name(strain_exponent),
+        stiffness=rows,
+        law=MATERIALS[parameters.law],
+        factors=[f for f in MATERIALS[parameters.law].factors if f.name in parameters.factors],
+        trade_offs=trade_offs(drawn, parameters),
+        silent=silent(rows, table, channels, parameters),
+        fit=fit_of(posterior, drawn.case),
+        moved=MOVED,
+        extended=extended,
+        draws=next(iter(drawn.draws.values())).size,
+        convergence=convergence_of(drawn, diagnostics) if diagnostics else None,
+        emulator=emulator_of(emulator, choice, predictions, table),
+        limitations=limitations,
+        **criticism_of(content),
     )
     Path(page).write_text(html)
 
@@ -189,20 +187,16 @@ def make_page_of_several(
         "effects": effects_picture,
         "sources": sources_picture,
     }
-    html = (
-        _environment(template)
-        .from_string(Path(template).read_text())
-        .render(
-            pictures=_embedded(pictures), extended=extended, moved=MOVED, **criticism_of(content)
-        )
+    html = _read_template(template).render(
+        pictures=_embedded(pictures), extended=extended, moved=MOVED, **criticism_of(content)
     )
     Path(page).write_text(html)
 
 
-def _environment(template: str | Path) -> jinja2.Environment:
-    """For templates that include others of their folder."""
+def _read_template(path: str | Path) -> jinja2.Template:
+    """A template, which can include others of its folder."""
     environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(Path(template).parent),
+        loader=jinja2.FileSystemLoader(Path(path).parent),
         autoescape=True,
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
@@ -210,7 +204,7 @@ def _environment(template: str | Path) -> jinja2.Environment:
     )
     environment.filters["label"] = lambda name: Markup(heart3d.html_label(name))
     environment.globals["words"] = words
-    return environment
+    return environment.get_template(Path(path).name)
 
 
 def _embedded(pictures: Mapping[str, str | Path | None]) -> dict[str, str]:
