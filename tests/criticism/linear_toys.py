@@ -15,25 +15,28 @@ from tests.inference.toys import known_noise, linear, toy_inputs
 NOISE = 0.1
 
 
-@dataclass
+@dataclass(frozen=True)
 class Heart:
-    """What was observed of a single heart."""
+    """What was observed."""
 
     channels: tuple[Channel, ...]
+    heart: np.ndarray
 
     @property
     def names(self):
         return tuple(channel.name for channel in self.channels)
 
-    @property
-    def heart(self):
-        return np.zeros(len(self.channels), dtype=int)
-
     def dense(self, blocks):
         return blocks
 
 
-HEART = Heart(tuple(Channels.of()))
+def of_heart(channels) -> Heart:
+    """A single one."""
+    return Heart(tuple(channels), np.zeros(len(channels), dtype=int))
+
+
+FEW = Channels.of(("volume", "circumferential", "radial"))
+HEART = of_heart(Channels.of())
 
 
 def inferred_noise(channels, unit=NOISE) -> Noise:
@@ -48,10 +51,7 @@ def inferred_noise(channels, unit=NOISE) -> Noise:
 
 
 class Study:
-    """Data sets of one heart.
-
-    truth (K,): of all inputs, measured ones aside, which vary with their sds.
-    """
+    """Data sets of one heart, and models of them."""
 
     def __init__(self, inputs, noise=None, observed=HEART, seed=0, error=0.03):
         self.inputs, self.observed = inputs, observed
@@ -61,7 +61,7 @@ class Study:
         self.sds = torch.tensor(sds, dtype=torch.float64)
 
     def data(self, truth, count: int, seed: int) -> torch.Tensor:
-        """(count, D)."""
+        """(count, D), drawn at inputs (K,); measured ones vary about theirs with their sds."""
         generator = torch.Generator().manual_seed(seed)
         d = len(self.slopes)
         x, own, errors = (
@@ -82,4 +82,5 @@ class Study:
 
 
 def heart_inputs(measured=(0.1, 0.1), suspected=6, half=1.0, ends=()):
+    """Ten inferred inputs, then the suspected ones, then the measured ones."""
     return toy_inputs(10, measured, suspected, half, ends)
