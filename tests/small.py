@@ -29,15 +29,15 @@ DESIGN = {
         **{"chains": 2, "warmup": 50, "draws": 100, "rhat_max": 1.1, "ess_min": 40},
         **{"max_tree_depth": 4, "cases_per_batch": 3},
     },
+    "inputs": {"end_diastolic_pressure": "suspected", "radial_scale": "suspected"},
+    "all_inputs": {"simulations": 48, "test": 4, "anchors": 16},
     "criticism": {
-        "hypotheses": ["end_diastolic_pressure", "radial_scale"],
         "bootstrap": 49,
-        "draws": 200,
-        "confirmation": {"sets": 1, "simulations": 4, "rounds": 1},
+        "confirmation": {"sets": 1, "simulations": 2, "rounds": 1},
     },
 }
-"""Of the small study, in place of the smoke study's own. Its causes are closed forms: those that
-are simulated are the business of `tests/criticism/test_hidden_effects.py`."""
+"""Of the small study, in place of the smoke study's own. Its causes are exact transforms: those
+that are simulated are the business of `tests/criticism/test_hidden_effects.py`."""
 
 
 class Small(NamedTuple):

@@ -81,6 +81,8 @@ def load(
     except InputError as error:
         _raise(source, [str(error)])
     complete = _complete(schema, given)
+    if "inputs" not in given and complete["simulations"]["source"] == "table":
+        complete["inputs"] = {}
     if "subjects" not in given:
         complete["subjects"] = _default_subjects(complete)
     _complete_by_registries(complete)

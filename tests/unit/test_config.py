@@ -61,7 +61,8 @@ def test_a_study_means_the_same_on_top_of_the_papers(name):
 def test_subjects_of_ones_own_replace_those_of_the_quick_study():
     quick = yaml.safe_load(Path("config/quick.yaml").read_text())
     own = {"subjects": {"anna": {"source": "published_simulation", "row": 3}}}
-    assert set(config.load(quick)["subjects"]) == {"synthetic_lateral", "synthetic_hidden"}
+    synthetic = {"synthetic_lateral", "synthetic_hidden", "synthetic_misread"}
+    assert set(config.load(quick)["subjects"]) == synthetic
     assert set(config.load(quick | own)["subjects"]) == {"anna"}
 
 

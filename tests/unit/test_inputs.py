@@ -3,12 +3,13 @@
 import copy
 
 import numpy as np
+import pandas as pd
 import pytest
 import torch
 
 from regional_lv import config
 from regional_lv.channels import Channels
-from regional_lv.criticism.hypotheses import REGISTRY
+from regional_lv.data import path as packaged
 from regional_lv.errors import InputError
 from regional_lv.inputs.base import KeyInput
 from regional_lv.inputs.catalogue import INPUTS
@@ -19,7 +20,7 @@ from regional_lv.registry import temporary
 
 
 def loaded(**sections):
-    return config.load({"study": "inputs"} | sections)
+    return config.load({"study": "inputs", "inputs": {}} | sections)
 
 
 @pytest.fixture(scope="module")
@@ -44,16 +45,48 @@ def same(one, other):
     return one is other or one == other
 
 
-def test_every_cause_is_an_input_with_its_range(model, every):
-    """`focal_scar` is one for each segment; the measure's range is that of the catalogue."""
-    for name, hypothesis in REGISTRY.items():
-        h = hypothesis.for_study(model)
-        mine = [each for each in every if each.name == name or each.name.startswith("focal_scar_")]
-        mine = [e for e in mine if (name == "focal_scar") == e.name.startswith("focal_scar_")]
-        assert mine, name
-        for each in mine:
-            assert (each.low, each.high, each.unit) == (h.low, h.high, h.unit)
-            assert each.nominal == h.base and each.scale == h.scale
+def test_causes_are_what_a_criticism_doubts():
+    found = Inputs.from_config(loaded(inputs={"causes": "suspected", "anisotropy": "fixed"}))
+    suspected = found.subset(found.of_role("suspected"))
+    assert {"basal_motion", "focal_scar_17", "wall_thickness", "heavy_tails"} <= {*suspected.names}
+    assert "anisotropy" not in found.names
+    assert not any(name.startswith(("wall_thickness_", "endo_radius_")) for name in found.names)
+    # The places of a scar are one cause.
+    assert len({each.cause for each in suspected}) == len(suspected) - 16
+
+
+def test_sds_of_the_segment_table(tmp_path):
+    """They make inputs measured; those of the configuration count for what they name."""
+    table = pd.read_csv(packaged("volunteer_segments.csv"))
+    table["wall_thickness_sd_mm"] = [1.5, *[np.nan] * 15, 0.5]
+    path = tmp_path / "heart.csv"
+    table.to_csv(path, index=False)
+
+    def roles(**inputs):
+        found = Inputs.from_config(loaded(geometry={"segments": str(path)}, inputs=inputs))
+        return {n: r for n, r in zip(found.names, found.roles, strict=True) if r.sd is not None}
+
+    assert {name: role.sd for name, role in roles().items()} == {
+        **{"wall_thickness_1": 1.5, "wall_thickness_17": 0.5}
+    }
+    every = roles(segment_thickness={"role": "measured", "sd_mm": 1.0})
+    assert len(every) == 17 and every["wall_thickness_1"].sd == 1.5
+    assert every["wall_thickness_2"].sd == 1.0
+    named = roles(wall_thickness_1={"role": "measured", "sd_mm": 1.0}, wall_thickness_17="fixed")
+    assert {name: role.sd for name, role in named.items()} == {"wall_thickness_1": 1.0}
+    table.loc[3, "wall_thickness_sd_mm"] = -1
+    table.to_csv(path, index=False)
+    with pytest.raises(InputError, match=r"line 5: wall_thickness_sd_mm is -1.0; give a number"):
+        roles()
+
+
+def test_a_shape_without_a_table_counts_as_exact(tmp_path, caplog):
+    (tmp_path / "heart.vtu").touch()
+    geometry = {"source": "mesh", "imported": {"file": str(tmp_path / "heart.vtu")}}
+    given = {"segment_thickness": {"role": "measured", "sd_mm": 1.0}}
+    found = Inputs.from_config(loaded(geometry=geometry, inputs=given))
+    assert found.of_role("inferred").all()
+    assert "is not made from a segment table" in caplog.text and "counts as exact" in caplog.text
 
 
 def test_nominal_values_are_the_model_as_it_is(model, every):

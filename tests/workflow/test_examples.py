@@ -10,7 +10,7 @@ import yaml
 
 from regional_lv import config as study_config
 from regional_lv import registry
-from regional_lv.criticism.hypotheses import REGISTRY, asked
+from regional_lv.inputs.space import Inputs
 from regional_lv.measured import read_measured
 from regional_lv.study import Study
 
@@ -96,9 +96,10 @@ def test_example(root, tmp_path, monkeypatch, name, emulator, simulations, param
         error = (quadratic.predict(torch.as_tensor(at)).mean.numpy() - y) / y.std(axis=0)
         assert np.sqrt(np.square(error).mean()) < 0.3
         # The cause from outside, as it is simulated: a tethered apex lets the cavity fill less.
-        assert "apical_tether" in asked("all", study.physics)
+        inputs = Inputs.from_config(study.config)
+        tether = inputs[inputs.names.index("apical_tether")]
         free = study.outputs()
-        study.physics = REGISTRY["apical_tether"].extend(study.physics, 0.1)
+        study.physics = tether.act(study.physics, 0.1)
         held = study.outputs()
         assert held["volume_ml"] < free["volume_ml"] - 0.5
         assert held["sphericity"] > free["sphericity"]

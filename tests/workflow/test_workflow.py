@@ -195,14 +195,13 @@ def test_mesh_reruns_everything_after_it(editable):
     assert "make_design" not in rules
 
 
-def test_causes_that_are_simulated_rerun_the_criticism_only(editable):
-    """On a mesh of their own, from its anchors; no posterior rests on it."""
-    wanted = {"hypotheses": ["septal_load"], "mesh": {"mid": 3}}
-    edit_config(editable, lambda c: c["criticism"].update(wanted))
+def test_roles_rerun_what_is_over_all_inputs_only(editable):
+    """The paper's emulators and posteriors know nothing of them."""
+    edit_config(editable, lambda c: c["inputs"].update(basal_motion="suspected"))
     rules = planned(editable)
-    assert {"make_mesh", "solve_anchors", "simulate_extension", "train_extension"} <= rules
-    assert "conclude_criticism" in rules
-    assert not rules & {"fit_predictor", "simulate_batch", "train_emulator", "sample_subject"}
+    assert {"design_inputs", "solve_inputs_anchors", "simulate_inputs", "train_on_inputs"} <= rules
+    assert {"plan_confirmation", "conclude_criticism", "make_page"} <= rules
+    assert not rules & {"make_mesh", "simulate_batch", "train_emulator", "sample_subject"}
 
 
 def test_figure_module_reruns_that_figure_only(editable):

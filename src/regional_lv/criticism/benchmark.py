@@ -3,6 +3,7 @@
 import json
 import time
 from collections.abc import Mapping, Sequence
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -41,19 +42,21 @@ class Simulate:
     """
 
     def __init__(self, mesh: str | Path, physics: Mapping, predictor: str | Path):
-        self._given, self._runner = (mesh, physics, predictor), None
+        self._given = mesh, physics, predictor
         self.seconds = 0.0
 
     def __call__(self, rows: pd.DataFrame) -> pd.DataFrame:
         """As `confirmation.simulate`."""
         started = time.process_time()
-        if self._runner is None:
-            from regional_lv.simulations import make_runner  # DOLFINx takes seconds to load
-
-            self._runner = make_runner(*self._given)
         made = confirmation.simulate(self._runner, rows)
         self.seconds += time.process_time() - started
         return made
+
+    @cached_property
+    def _runner(self):
+        from regional_lv.simulations import make_runner  # DOLFINx takes seconds to load
+
+        return make_runner(*self._given)
 
 
 def criticise_batch(

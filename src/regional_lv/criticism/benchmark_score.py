@@ -11,13 +11,13 @@ import pandas as pd
 import torch
 from scipy import stats
 
-from regional_lv import emulators
 from regional_lv.criticism import misfit
 from regional_lv.criticism.benchmark import measured_of
 from regional_lv.criticism.groups import EFFECTS, FAR, LISTED, MODELS
 from regional_lv.criticism.misfit import LinearModel
 from regional_lv.criticism.rates import confusions, rate, weighted_rate
 from regional_lv.criticism.study import Critic, Settings
+from regional_lv.emulators.joint_gp import JointGP
 from regional_lv.errors import InputError
 from regional_lv.inference import importance
 from regional_lv.inference.averaging import LEVELS, RESAMPLED
@@ -63,7 +63,7 @@ def sample_true_models(
     hearts have no true model: of them the values alone, and of their inferred inputs only if
     `has_stiffness`. Other arguments as for `benchmark.criticise_batch`.
     """
-    emulator, given = emulators.load(emulator_file), Settings.from_config(settings)
+    emulator, given = JointGP.load(emulator_file), Settings.from_config(settings)
     known = pd.read_parquet(truth).set_index("subject")
     rows: list[dict] = []
     for _, row in pd.read_parquet(subjects).iterrows():
@@ -103,7 +103,8 @@ def true_model(
         for k, score in expected_scores(potential, x, free, on).items():
             rows[k]["expected_z"] = score
         fitted = fit(potential, free, zero, x, potential.settle(x, zero), ITERATIONS, LEAST_GAIN)
-        p_value = misfit.test(LinearModel.of(potential, fitted), (), replicates, seed).p_value
+        linear = LinearModel.of(potential, fitted, potential.observed)
+        p_value = misfit.test(linear, (), replicates, seed).p_value
         for k, (low, high) in _intervals(potential, fitted, list(rows), seed).items():
             rows[k] |= {"low": low, "high": high, "p_value": p_value}
     return list(rows.values())
@@ -118,7 +119,8 @@ def expected_scores(
     x (1, P): the truth. free (1, P): of the true model.
     """
     error = potential.settle(x, x.new_zeros(1))
-    found = potential.quadratic(*potential.linearise(x), x, error)
+    mean, slopes = potential.linearise(x)
+    found = potential.quadratic(mean, slopes, x, error)
     precision = found.curvature[0] + torch.diag(WEAK / potential.width.square())
     which = torch.nonzero(free[0])[:, 0]
     covariance = torch.linalg.inv(precision[which][:, which])

@@ -36,7 +36,7 @@ PHYSIOLOGICAL = (0.5, 2.0)
 LEAST_SHARE = 0.2
 """Effects are at least this share of the way from the nominal value to an end of the range."""
 
-MISREAD = {SegmentThickness: 0.10, EndocardialRadius: 0.03}
+MISREAD: dict[type[Input], float] = {SegmentThickness: 0.10, EndocardialRadius: 0.03}
 """Relative sd of what is read off images, in hearts whose table was misread."""
 
 ATTEMPTS = 5
@@ -140,7 +140,7 @@ def draw_values(heart: Heart, inputs: Inputs, rng: np.random.Generator) -> np.nd
         elif heart.group == "misread" and type(each) in MISREAD:
             x[k] = _about(each, x[k], MISREAD[type(each)] * x[k], rng)
         elif role.kind == "measured":
-            x[k] = _about(each, x[k], role.sd, rng)
+            x[k] = _about(each, x[k], float(role.sd or 0.0), rng)
         elif each.cause in places:
             places[each.cause].append(k)
     for members in places.values():
@@ -270,7 +270,7 @@ def inject_batch(
     inputs = Inputs.from_config(physics)
     first = int(batch) * batch_size
     planned = plan_hearts(hearts, inputs, seed)[first : first + batch_size]
-    injection = Injection(Ventricles(mesh, inputs, predictor or None), noise)
+    injection = Injection(Ventricles(mesh, inputs, str(predictor) if predictor else None), noise)
     tables = inject(injection, planned, f"hidden effects batch {batch}")
     for table, path in zip(tables, (subjects, truth), strict=True):
         table.to_parquet(path, index=False)
@@ -282,7 +282,11 @@ def inject(
     """Subjects and truth of some hearts, as `inject_batch` writes them."""
     progress, subjects, truths = Progress(name, len(hearts)), [], []
     for heart in hearts:
-        truth = {"subject": heart.subject, "group": heart.group, "unlisted": heart.unlisted}
+        truth: dict[str, object] = {
+            "subject": heart.subject,
+            "group": heart.group,
+            "unlisted": heart.unlisted,
+        }
         truth |= {"causes": json.dumps(heart.causes), "status": "converged", "reason": ""}
         truth |= {"detail": "", "has_stiffness": False, "values": "{}"}
         try:

@@ -122,7 +122,7 @@ class SeptalFibres(Unlisted):
     def outputs(self, ventricles, x, rng):
         angle = float(rng.choice((-1, 1)) * self.angle_deg)
         fibres = {"segment_helix_deg": dict.fromkeys(WALLS["septal"], angle)}
-        other = ventricles.altered(_with(ventricles.inputs, "fibres", fibres))
+        other = ventricles.altered(changed(ventricles.inputs, "fibres", fibres))
         return other.outputs(x), f"{angle:+g} deg"
 
 
@@ -159,7 +159,7 @@ class PressureGradient(Unlisted):
     def outputs(self, ventricles, x, rng):
         size = float(rng.choice((-1, 1)) * self.size_mmhg)
         load = {HydrostaticPressure.name: size}
-        other = ventricles.altered(_with(ventricles.inputs, "loading", load))
+        other = ventricles.altered(changed(ventricles.inputs, "loading", load))
         return other.outputs(x), f"{size:+g} mmHg from base to apex"
 
 
@@ -203,7 +203,7 @@ def _places() -> tuple[np.ndarray, np.ndarray]:
     return angle, np.repeat([-1.0, -1 / 3, 1 / 3, 1.0], [6, 6, 4, 1])
 
 
-def _with(inputs: Inputs, section: str, more: Mapping) -> Inputs:
+def changed(inputs: Inputs, section: str, more: Mapping) -> Inputs:
     """The same inputs of a model with more keys in one section."""
     base = {**inputs.base, section: {**inputs.base[section], **more}}
     return Inputs(base, inputs, dict(zip(inputs.names, inputs.roles, strict=True)))
