@@ -56,6 +56,12 @@ def test_every_cause_is_an_input_with_its_range(model, every):
             assert each.nominal == h.base and each.scale == h.scale
 
 
+def test_segments_are_places_of_one_cause(every):
+    scars = [each for each in every if each.cause == "focal_scar"]
+    assert [each.place for each in scars] == [str(segment) for segment in range(1, 18)]
+    assert all(each.place or each.cause == each.name for each in every)
+
+
 def test_nominal_values_are_the_model_as_it_is(model, every):
     kept = every.subset(each.nominal is not None for each in every)
     assert len(kept) == len(every) - 10
