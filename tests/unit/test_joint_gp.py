@@ -411,19 +411,17 @@ def test_a_finer_mesh_is_learnt(emulator, both_meshes):
     assert volume["left_out_error"] < 0.1 * volume["sd"] < 0.1 * volume["mean"]
 
 
-def test_simulations_on_the_finer_mesh_join(rough, near):
-    """What they are is the finer mesh's, not counted twice."""
-    theta, some = points(15, 19), ("radial_01", "volume_ml")
-    emulator = corrected(rough, theta, simulated(theta), simulated(theta, 1.0), seed=6)
-    y, by_theta = simulated(near, 1.0)
-    parts = emulator.select(some), emulator.condition(near, y, by_theta).select(some)
-    with torch.no_grad():
-        prior, found = (each.predict(torch.as_tensor(near)) for each in parts)
-    errors = [
-        (p.mean - torch.as_tensor(y[:, [2, 0]])).square().mean(0).sqrt() for p in (prior, found)
-    ]
-    assert (errors[1] < 0.1 * errors[0]).all()
-    assert (found.sd < 0.2 * prior.sd).all()
+def test_simulations_of_the_study_mesh_join(rough, near):
+    """What a finer mesh changes stays as it was."""
+    theta = points(16, 15)
+    study, finer = (simulated(theta, f) for f in (0.0, 1.0))
+    both = corrected(rough, theta, study, finer, seed=6)
+    given = both.condition(near, *simulated(near))
+    alone, at = rough.condition(near, *simulated(near)), torch.as_tensor(points(9, 14))
+    torch.testing.assert_close(given.of_study_mesh.predict_mean(at), alone.predict_mean(at))
+    before, after = (each.processes[1].predict_mean(at) for each in (both, given))
+    torch.testing.assert_close(before, after)
+    assert (given.errors_of(near, toy(torch.as_tensor(near), 1.0)).abs() < 5).all()
 
 
 def test_meshes_that_cannot_be_compared(emulator, both_meshes, tmp_path):

@@ -79,8 +79,8 @@ if DOUBTS:
     rule simulate_models:
         """The leading models at draws of their posterior, with derivatives about all inputs."""
         input:
-            mesh=f"{R}/geometry/{CONFIRMED_ON}mesh.vtu",
-            predictor=f"{OVER_INPUTS}/{CONFIRMED_ON}predictor.npz",
+            mesh=f"{R}/geometry/mesh.vtu",
+            predictor=f"{OVER_INPUTS}/predictor.npz",
             design=f"{C}/{{subject}}/confirmation/design-{{round}}.parquet",
         output:
             simulations=f"{C}/{{subject}}/confirmation/simulations-{{round}}.parquet",

@@ -9,10 +9,9 @@ INPUTS_BATCHES = {
 }
 INPUTS_ANCHORS = min(ALL_INPUTS["anchors"], ALL_INPUTS["simulations"])
 INPUTS_ANCHOR_BATCHES = batches(INPUTS_ANCHORS, -(-INPUTS_ANCHORS // 2))
-# Simulations that are made on the finer mesh as well; what confirms is made there, too.
+# Simulations that are made on the finer mesh as well.
 FINER = min(ALL_INPUTS["finer"], INPUTS_ANCHORS)
-CONFIRMED_ON = "finer/" if FINER else ""
-EMULATOR_OF_INPUTS = f"{OVER_INPUTS}/{CONFIRMED_ON}emulator.pt"
+EMULATOR_OF_INPUTS = f"{OVER_INPUTS}/{'finer/' if FINER else ''}emulator.pt"
 # Whether the model is doubted, and the stiffness averaged over models.
 INPUTS = sections_of(config)
 STUDIED = Inputs.from_config(INPUTS)

@@ -97,7 +97,7 @@ def conditioned(
     emulator: JointGP, rounds: Sequence[pd.DataFrame], outputs: Sequence[str]
 ) -> tuple[JointGP, list[Round]]:
     """The emulator that knows the simulations of all rounds, and what each round says of the
-    emulator that knew those before it, about the measured `outputs`."""
+    emulator that knew those before it, about the measured `outputs`, on the study's mesh."""
     found, names = [], list(emulator.coordinates.names)
     for table in rounds:
         good = table[table["status"] == "converged"]
@@ -110,7 +110,7 @@ def conditioned(
             for columns in (names, emulator.outputs)
         )
         measured = [emulator.outputs.index(name) for name in outputs]
-        own = emulator.select(outputs)
+        own = emulator.of_study_mesh.select(outputs)
         in_sds = own.errors_of(theta, y[:, measured]).numpy()
         errors = (y[:, measured] - own.predict_mean(theta)).numpy()
         found.append(Round(good, len(table) - len(good), errors, in_sds))
@@ -134,7 +134,7 @@ def simulate_round(
     """Simulate the rows of a `plan`; write the table of `simulations.tabulate`, empty where nothing
     is planned.
 
-    mesh, predictor: of all inputs. physics: what `inputs.space.sections_of` gives.
+    mesh, predictor: the study's, of all inputs. physics: what `inputs.space.sections_of` gives.
     """
     rows = pd.read_parquet(design)
     if rows.empty:

@@ -63,14 +63,11 @@ class JointGP(Emulator):
         return added
 
     def condition(self, theta: np.ndarray, y: np.ndarray, sensitivities: np.ndarray) -> "JointGP":
-        """This emulator given further simulations as well, which its training set did not have:
-        seconds instead of another training; hyperparameters and calibration stay.
+        """This emulator given further simulations of the study's mesh as well, which its training
+        set did not have: seconds instead of another training; hyperparameters and calibration stay.
 
         theta (m, P), y (m, D), sensitivities d(y)/d(theta) (m, D, P), natural units, of this
         emulator's outputs. See `GradientGP.condition`.
-
-        Where processes add up, what the sum is off by is told to the first, whose errors are the
-        larger ones, and the others are as they predict there.
 
         Raises InputError for shapes that do not fit, numbers that are not finite, and what no
         volume or strain can be.
@@ -78,15 +75,17 @@ class JointGP(Emulator):
         theta, y, slopes = self._checked(theta, y, sensitivities)
         v, slopes = self.on_scale(theta, y, slopes)
         first, *others = self.processes
-        conditioned = []
-        for process in others:
-            mean, by_theta = process.linearise(theta)
-            conditioned.append(process.condition(theta, mean, by_theta))
-            v, slopes = v - mean, slopes - by_theta
         given = copy.copy(self)
-        given.processes = (first.condition(theta, v, slopes), *conditioned)
+        given.processes = (first.condition(theta, v, slopes), *others)
         given.inputs = given.processes[0].inputs
         return given
+
+    @property
+    def of_study_mesh(self) -> "JointGP":
+        """Without what a finer mesh changes."""
+        plain = copy.copy(self)
+        plain.processes = self.processes[:1]
+        return plain
 
     @torch.no_grad()
     def errors_of(self, theta: torch.Tensor, y: torch.Tensor) -> torch.Tensor:
