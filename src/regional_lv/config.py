@@ -90,6 +90,7 @@ def load(
     if "synthetic_subjects" not in given:
         _carry_over(complete)
         _drop_impossible(complete, named=given.get("subjects", {}))
+    _drop_unused(complete)
     _raise(source, [*unfilled, *cross_check(complete)])
     if complete["simulations"]["source"] == "table":
         # The one place that says how many test cases there are.
@@ -313,6 +314,20 @@ def _drop_impossible(config: dict, named: Iterable[str]) -> None:
         if name not in named and not (possible and (again or subject["mesh"] == "study")):
             del config["synthetic_subjects"][name]
             config["subjects"].pop(name, None)
+
+
+def _drop_unused(config: dict) -> None:
+    """Leave out synthetic subjects that no subject is of and that this study cannot have: those of
+    another configuration, below one with subjects and a heart of its own."""
+    for name, subject in list(config["synthetic_subjects"].items()):
+        if name in config["subjects"]:
+            continue
+        try:
+            impossible = list(check_effects(name, subject["effects"], config))
+        except InputError:
+            return  # reported with everything else
+        if impossible or (subject["mesh"] == "finer" and not meshes_anew(config)):
+            del config["synthetic_subjects"][name]
 
 
 def _defaults(schema: dict) -> dict:

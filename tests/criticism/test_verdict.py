@@ -51,9 +51,7 @@ def judged(seed=2, confirmed="all", half=1.0, alike=None, outside=0.0, **values)
     y = study.data(truth(study, **values), 1, seed + 1)[0]
     y = y + outside * torch.linspace(-1, 1, len(y)).double().sin() * torch.tensor([1, -1] * 26)
     emulated = Simulated(study.emulator, study.inputs.names)
-    potential = Potential(
-        emulated, study.inputs, y, study.noise, None, Observed.one(CHANNELS)
-    )
+    potential = Potential(emulated, study.inputs, y, study.noise, None, Observed.one(CHANNELS))
     averaged = average(potential, 3, seed, draws=500)
     examined = {}
     for n in [averaged.base, *list(averaged.drawn)[:4]]:

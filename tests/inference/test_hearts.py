@@ -147,9 +147,11 @@ def test_blocks_are_the_dense_covariance(sd, tails):
     torch.testing.assert_close(torch.autograd.grad(value.sum(), at)[0], found.gradient)
 
 
-@pytest.mark.parametrize("sd", [0.05, np.nan])
-def test_average_is_that_of_the_dense_covariance(sd):
-    found, expected = (average(p, 1, 0, draws=400) for p in both(inputs_of(), sd, hearts=2))
+@pytest.mark.parametrize(("sd", "tails"), [(0.05, True), (np.nan, False)])
+def test_average_is_that_of_the_dense_covariance(sd, tails):
+    inputs = inputs_of(measured=tails, suspected=1, tails=tails)
+    potentials = both(inputs, sd, hearts=2, causes=(("c0", 0.5),))
+    found, expected = (average(p, 1, 0, draws=400) for p in potentials)
     pd.testing.assert_frame_equal(found.table(), expected.table(), rtol=1e-5, atol=1e-7)
     np.testing.assert_allclose(found.probability, expected.probability, atol=1e-6)
     shares = [sources_of_variance(each) for each in (found, expected)]

@@ -172,7 +172,7 @@ def test_theta_outside_the_design_names_the_bounds(subject):
 
 
 def test_theta_has_the_names_of_the_study(subject):
-    study = changed("synthetic_subjects.anna", subject) | {"subjects": {}}
+    study = changed("synthetic_subjects.anna", subject) | OF_ANNA
     with pytest.raises(InputError, match=r"anna\.theta: 'C_a_anterior' is not offered") as error:
         config.load(study | {"parameters": {"zones": "whole"}})
     assert "anna.theta: missing C_a_whole, C_b_whole" in str(error.value)
@@ -224,6 +224,19 @@ def test_a_level_that_no_test_can_reach():
         config.load({"study": "mine", "criticism": {"level": 0.01, "bootstrap": 59}})
 
 
+OF_ANNA = {"subjects": {"anna": {"source": "synthetic"}}}
+
+
+def test_unused_effects_that_a_study_cannot_have_are_left_out(subject):
+    subject["effects"] = {"anisotropy": 0.5}
+    study = changed("material.law", "guccione") | {"subjects": {}}
+    theta = dict.fromkeys(Parameterisation.from_config(config.load(study)).names, 1.0)
+    study["synthetic_subjects"] = {"anna": subject | {"theta": theta}}
+    assert not config.load(study)["synthetic_subjects"]
+    with pytest.raises(InputError, match=r"anna\.effects\.anisotropy: this study has no such"):
+        config.load(study | OF_ANNA)
+
+
 @pytest.mark.parametrize(
     ("effects", "message"),
     [
@@ -239,12 +252,12 @@ def test_a_level_that_no_test_can_reach():
 def test_effects_are_inputs_in_their_range(subject, effects, message):
     subject["effects"] = effects
     with pytest.raises(InputError, match=message):
-        config.load(changed("synthetic_subjects.anna", subject) | {"subjects": {}})
+        config.load(changed("synthetic_subjects.anna", subject) | OF_ANNA)
 
 
 def test_effects_in_their_range_are_kept(subject):
     subject["effects"] = {"focal_scar_7": 3, "radial_scale": 0.8, "wall_thickness_4": 12.0}
-    loaded = config.load(changed("synthetic_subjects.anna", subject) | {"subjects": {}})
+    loaded = config.load(changed("synthetic_subjects.anna", subject) | OF_ANNA)
     assert loaded["synthetic_subjects"]["anna"]["effects"] == subject["effects"]
 
 
@@ -254,7 +267,10 @@ def test_inputs_that_the_study_rules_out_are_refused_by_name():
     with pytest.raises(InputError, match=r"inputs\.anisotropy: this study has no such input, .*;"):
         config.load(study | {"inputs": {"anisotropy": "suspected"}})
     with pytest.raises(InputError, match=r"inputs: roles ask for simulations of their own"):
-        tables = {"source": "table", "tables": {"train": {"inputs": "published", "outputs": "published"}}}
+        tables = {
+            "source": "table",
+            "tables": {"train": {"inputs": "published", "outputs": "published"}},
+        }
         config.load({"study": "mine", "simulations": tables, "inputs": {"causes": "suspected"}})
 
 

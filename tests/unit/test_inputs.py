@@ -89,6 +89,12 @@ def test_a_shape_without_a_table_counts_as_exact(tmp_path, caplog):
     assert "is not made from a segment table" in caplog.text and "counts as exact" in caplog.text
 
 
+def test_segments_are_places_of_one_cause(every):
+    scars = [each for each in every if each.cause == "focal_scar"]
+    assert [each.place for each in scars] == [str(segment) for segment in range(1, 18)]
+    assert all(each.place or each.cause == each.name for each in every)
+
+
 def test_nominal_values_are_the_model_as_it_is(model, every):
     kept = every.subset(each.nominal is not None for each in every)
     assert len(kept) == len(every) - 10

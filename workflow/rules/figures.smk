@@ -256,6 +256,15 @@ PLOTS = {
     },
 }
 
+# The same of the model as it is, by the emulator of the stiffness alone: the paper's figures.
+AS_IT_IS = ["bullseye_posterior", "posterior_predictive"] if ALONE and DOUBTS else []
+for name in AS_IT_IS:
+    PLOTS[f"{name}_as_it_is"] = PLOTS[name] | {
+        "file": f"{{subject}}/{name}_as_it_is",
+        "input": SUBJECT | TRUTH if name == "bullseye_posterior" else SUBJECT,
+        "of": name,
+    }
+
 for name, plot in PLOTS.items():
     file = plot.get("file", name)
 
@@ -267,7 +276,7 @@ for name, plot in PLOTS.items():
         output:
             png=report(
                 f"{R}/figures/{file}.png",
-                caption=f"../report/{name}.rst",
+                caption=f"../report/{plot.get('of', name)}.rst",
                 category=plot["category"],
                 subcategory="{subject}" if "{subject}" in file else None,
             ),
@@ -279,7 +288,7 @@ for name, plot in PLOTS.items():
         localrule: True
         params:
             **plot.get("params", {}),
-            call=f"plots.{name}:draw",
+            call=f"plots.{plot.get('of', name)}:draw",
         script:
             "../scripts/call.py"
 
@@ -310,7 +319,11 @@ FIGURES = expand(
         *(
             f"{subject}/{name}"
             for subject in SUBJECTS
-            for name in (*OF_SUBJECTS, *(["traces"] if ALONE else []))
+            for name in (
+                *OF_SUBJECTS,
+                *(f"{name}_as_it_is" for name in AS_IT_IS),
+                *(["traces"] if ALONE else []),
+            )
         ),
         *(EVALUATING_FIGURES if EVALUATION else []),
     ],

@@ -4,6 +4,7 @@ PAGE_FIGURES = f"{R}/figures/{{subject}}"
 TOGETHER = [name for name in CRITICISED if name in JOINT] if DOUBTS else []
 PAGES = expand(f"{R}/pages/{{subject}}.html", subject=[*SUBJECTS, *TOGETHER])
 TEMPLATES = SOURCE / "regional_lv" / "page"
+PARTS = [given(os.path.relpath(TEMPLATES / f"{part}.html")) for part in ("base", "criticism", "sources")]
 PAGE_OF_CRITICISM = (
     {f"{name}_picture": f"{C}/{{subject}}/{name}.png" for name in CRITICISM_FIGURES}
     if DOUBTS
@@ -20,6 +21,7 @@ rule pages:
 rule make_page:
     """Without a simulator there is neither a heart nor a criticism to show, and the page says so."""
     input:
+        PARTS,
         **ANSWER,
         **PAGE_OF_CRITICISM,
         template=given(os.path.relpath(TEMPLATES / "page.html")),
@@ -66,6 +68,7 @@ rule make_page:
 rule make_page_of_several:
     """The page of hearts whose causes are searched together."""
     input:
+        PARTS,
         **PAGE_OF_CRITICISM,
         findings=f"{C}/{{subject}}/findings.json",
         template=given(os.path.relpath(TEMPLATES / "several.html")),

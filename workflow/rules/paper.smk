@@ -8,8 +8,10 @@ VOLUNTEER_FILES = [
     for subject in VOLUNTEERS[:1]
     for file in (
         f"{R}/tables/{subject}/convergence.csv",
-        f"{R}/figures/{subject}/bullseye_posterior.csv",
-        f"{R}/figures/{subject}/posterior_predictive.csv",
+        *(
+            f"{R}/figures/{subject}/{name}{'_as_it_is' if DOUBTS else ''}.csv"
+            for name in ("bullseye_posterior", "posterior_predictive")
+        ),
     )
 ]
 

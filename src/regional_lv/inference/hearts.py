@@ -1,8 +1,9 @@
 """One posterior of several hearts that have the same causes, or of hearts of known stiffness.
 
 Each heart has its own inferred and measured inputs, whose names begin with the heart's; suspected
-inputs have one value in all hearts, and noise scales one per quantity. The scaled coordinates of a
-heart's K inputs are offset + moves @ x of the K' coordinates x of all hearts together.
+inputs and the tails of the noise have one value in all hearts, as have its scales. The scaled
+coordinates of a heart's K inputs are offset + moves @ x of the K' coordinates x of all hearts
+together.
 
 Of hearts whose stiffness is known, such as simulations of another code, the reference material may
 be another one: their factors are known up to a number for each factor of the material law, the same
@@ -28,6 +29,7 @@ from regional_lv.inference.observed import Observed
 from regional_lv.inference.potential import Emulated, Potential, noise_of
 from regional_lv.input_files import reading
 from regional_lv.inputs.base import Input
+from regional_lv.inputs.closed_forms import HeavyTails
 from regional_lv.inputs.material import Stiffness
 from regional_lv.inputs.space import Inputs, Role
 
@@ -105,6 +107,7 @@ Column: TypeAlias = tuple[Input, Role, tuple]
 """An input of all hearts together, its role, and the hearts and their inputs that it moves."""
 
 ALL = slice(None)
+"""Of the hearts."""
 
 
 def _common(inputs: Inputs, known: pd.DataFrame) -> Iterator[Column]:
@@ -115,7 +118,7 @@ def _common(inputs: Inputs, known: pd.DataFrame) -> Iterator[Column]:
 
 
 def _own(inputs: Inputs, hearts: Sequence[str], is_known: bool) -> Iterator[Column]:
-    elsewhere = set(np.flatnonzero(inputs.of_role("suspected")))
+    elsewhere = set(_common_to_all(inputs))
     if is_known:
         elsewhere |= set(stiffness_of(inputs))
     for s, heart in enumerate(hearts):
@@ -127,8 +130,14 @@ def _own(inputs: Inputs, hearts: Sequence[str], is_known: bool) -> Iterator[Colu
 
 
 def _shared(inputs: Inputs) -> Iterator[Column]:
-    for k in np.flatnonzero(inputs.of_role("suspected")):
+    for k in _common_to_all(inputs):
         yield inputs[k], inputs.roles[k], (ALL, k)
+
+
+def _common_to_all(inputs: Inputs) -> list[int]:
+    """Places of the causes, and of what concerns the noise."""
+    noise = [isinstance(each, HeavyTails) for each in inputs]
+    return np.flatnonzero(inputs.of_role("suspected") | noise).tolist()
 
 
 def _room(own: Sequence[Stiffness], known: pd.DataFrame) -> tuple[float, float]:

@@ -21,7 +21,7 @@ from regional_lv.inference.likelihood import Noise
 from regional_lv.inference.observed import Observed
 from regional_lv.inference.point import CHUNK, LOG_SIGMA_BOUNDS
 from regional_lv.inputs.closed_forms import HeavyTails
-from regional_lv.inputs.scales import Scale
+from regional_lv.inputs.scales import Linear, Scale
 from regional_lv.inputs.space import Inputs
 from regional_lv.reduction import VOLUME
 
@@ -147,8 +147,10 @@ class Potential:
         known = doubted | inputs.of_role("fixed")
         self.always = torch.as_tensor(np.append(~known, np.ones(groups, dtype=bool)))
         self.suspected = tuple(np.flatnonzero(doubted).tolist())
-        self._inferred = torch.as_tensor(np.flatnonzero(inputs.of_role("inferred")))
-        self._in_units = inputs.subset(inputs.of_role("inferred")).coordinates
+        linear = np.array([isinstance(each.scale, Linear) for each in inputs])
+        curved = inputs.of_role("inferred") & ~linear
+        self._curved = torch.as_tensor(np.flatnonzero(curved))
+        self._scales = inputs.subset(curved).coordinates
         self.measured = [_prior(inputs, k) for k in np.flatnonzero(inputs.of_role("measured"))]
         tails = [k for k, each in enumerate(inputs) if isinstance(each, HeavyTails)]
         self.tails = tails[0] if tails else None
@@ -181,7 +183,7 @@ class Potential:
     @cached_property
     def _range(self) -> torch.Tensor:
         """Widths (P,) of the ranges on what the priors are uniform on."""
-        found, at = self.width.clone(), self._inferred
+        found, at = self.width.clone(), self._curved
         found[at] = torch.as_tensor(self.inputs.upper - self.inputs.lower)[at]
         return found
 
@@ -319,9 +321,9 @@ class Potential:
         total = x.new_zeros(len(x))
         for prior in self.measured:
             total = total + prior.log_density(x)
-        if len(self._inferred):
-            value = self._in_units.natural(x[:, self._inferred])
-            total = total + self._in_units.slope(value).log().sum(-1)
+        if len(self._curved):  # uniform in the unit, not on the scale
+            value = self._scales.natural(x[:, self._curved])
+            total = total + self._scales.slope(value).log().sum(-1)
         if self.noise.groups:
             log_sigma = x[:, len(self.inputs) :]
             total = total + self.noise.log_prior(log_sigma) + log_sigma.sum(-1)
