@@ -41,6 +41,9 @@ OF_TRUE_MODEL = [
 ]
 """Columns of the table of true models."""
 
+OF_RELIABILITY = ["lower", "upper", "count", "probability", "share", "low", "high"]
+"""Columns of the table of reliability."""
+
 
 # --------------------------------------------------------------------------------- true models
 
@@ -287,6 +290,8 @@ def reliabilities(probabilities: pd.DataFrame) -> pd.DataFrame:
     probabilities: `probability`, `present`, `size`. Hearts count so that every number of causes is
     as frequent as the others, as the prior of the sets has it.
     """
+    if probabilities.empty:
+        return pd.DataFrame(columns=OF_RELIABILITY)
     frequency = probabilities["size"].map(probabilities["size"].value_counts())
     table = probabilities.assign(weight=1 / frequency)
     table["bin"] = np.digitize(table["probability"], BINS[1:-1])
@@ -295,8 +300,7 @@ def reliabilities(probabilities: pd.DataFrame) -> pd.DataFrame:
         row = {"lower": BINS[number], "upper": BINS[number + 1], "count": len(inside)}
         row["probability"] = np.average(inside["probability"], weights=inside["weight"])
         rows.append(row | weighted_rate(inside["present"], inside["weight"]))
-    columns = ["lower", "upper", "count", "probability", "share", "low", "high"]
-    return pd.DataFrame(rows, columns=columns)
+    return pd.DataFrame(rows, columns=OF_RELIABILITY)
 
 
 def summarise(cases: pd.DataFrame, stiffness: pd.DataFrame, p_values: pd.Series) -> dict:
@@ -332,12 +336,8 @@ def summarise(cases: pd.DataFrame, stiffness: pd.DataFrame, p_values: pd.Series)
     summary["absent_named"] = rate(hearts.loc[with_effects, "wrong_named"].astype(bool))
     summary["coverage"] = rate(cases["covered"].dropna().astype(bool))
     p_values = p_values.dropna()
-    summary["true_model"] = {
-        "rejected": rate(p_values < LEVEL),
-        "uniform_p_value": float(stats.kstest(p_values, "uniform").pvalue)
-        if len(p_values)
-        else None,
-    }
+    uniform = float(stats.kstest(p_values, "uniform").pvalue) if len(p_values) else None
+    summary["true_model"] = {"rejected": rate(p_values < LEVEL), "uniform_p_value": uniform}
     return summary
 
 
