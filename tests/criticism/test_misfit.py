@@ -182,10 +182,14 @@ def test_departures_show_in_their_family():
     study = Study(heart_inputs())
     pattern = contrasts(HEART.channels)["wall"]["septal radial"]
     y = study.data(truth_of(study.inputs), 1, 3)[0] + pattern
-    tested = misfit.test(study.model(y), (), 199, 1)
+    linear = study.model(y)
+    tested = misfit.test(linear, (), 199, 1)
     assert tested.p_value <= 0.02 and not tested.causes and tested.critical_z(0.05) == 0.0
     first = next(one for one in tested.largest if one.family == "wall")
     assert first.name == "septal radial" and first.z > 3 and first.p_value <= 0.02
+    content = tested.content(left_out(linear), ["somebody"], 0.05)
+    assert content["detected"] and content["largest"][0]["family"] == "overall"
+    assert len(content["channels"]) == len(HEART.names)
 
 
 def test_heavy_tails():
@@ -284,6 +288,21 @@ def test_groups_are_of_one_heart():
     assert [s.stop for s in hearts_of(both)] == [len(channels), 2 * len(channels)]
     radial = contrasts(both.channels)["direction"]["radial"]
     assert int(radial.sum()) == 4 * 17
+
+
+def test_hearts_err_independently():
+    """Blocks by heart, with one unknown scale that both have."""
+    few = Channels.of(("radial",))
+    both = replace(of_heart([*few, *few]), heart=np.repeat([0, 1], 17))
+    noise = Noise(torch.zeros(34).double(), {"radial": torch.full((34,), NOISE).double()}, 10.0)
+    study = Study(toy_inputs(3, (), 1), noise, both)
+    apart = torch.kron(torch.eye(2), torch.ones(17, 17)).double()
+    study.emulator.error = study.emulator.error * apart
+    linear = study.model(study.data(np.zeros(4), 1, 3)[0])
+    found = linear.fit(linear.y[None])
+    whole = linear.error[0] + torch.diag(noise.variance(found.log_sigma[0]))
+    np.testing.assert_allclose(found.precision[0] @ whole, np.eye(34), atol=1e-8)
+    assert misfit.test(linear, (3,), 99, 1).p_value > 0.01
 
 
 def test_places_of_a_cause():
