@@ -13,6 +13,7 @@ from regional_lv.criticism import misfit
 from regional_lv.criticism.left_out import gain, gains, left_out
 from regional_lv.criticism.outliers_of import why_not
 from regional_lv.criticism.patterns import cause_of, contrasts, groups_of, hearts_of
+from regional_lv.inference.likelihood import Noise
 from regional_lv.inputs.closed_forms import HeavyTails
 from regional_lv.inputs.material import FocalScar
 from tests.criticism.linear_toys import (
@@ -62,7 +63,7 @@ def test_p_values_of_the_true_model_are_uniform(on):
     """Measured inputs vary from data set to data set; a cause that is on is free in the model."""
     study = Study(heart_inputs())
     members = tuple(at for at, _ in on)
-    p, families = p_values(study, truth_of(study.inputs, on=on), members, 200, 199)
+    p, families = p_values(study, truth_of(study.inputs, on=on), members, 120, 119)
     assert_uniform(p)
     assert list(families) == "overall channel direction level wall cause pair".split()
     for of_family in families.values():
@@ -72,7 +73,7 @@ def test_p_values_of_the_true_model_are_uniform(on):
 def test_p_values_are_uniform_where_noise_is_inferred():
     study = Study(heart_inputs(), inferred_noise(FEW), of_heart(FEW), error=0.005)
     truth = truth_of(study.inputs, on=[(FREE, 0.6)])
-    p, families = p_values(study, truth, (FREE,), 80, 59)
+    p, families = p_values(study, truth, (FREE,), 60, 59)
     assert "overall" not in families
     for each in (p, *families.values()):
         assert_uniform(each)
@@ -82,7 +83,7 @@ def test_p_values_at_the_ends_of_ranges():
     """Four parameters at an end, or next to it: no more false alarms than stated."""
     study = Study(heart_inputs())
     stiffness = np.array([1.0, 1.0, 0.99, -1.0, *STIFFNESS[4:]])
-    p, families = p_values(study, truth_of(study.inputs, stiffness), (), 200, 99)
+    p, families = p_values(study, truth_of(study.inputs, stiffness), (), 120, 59)
     for each in (p, *families.values()):
         assert (each <= 0.05).sum() <= stats.binom.ppf(0.998, len(p), 0.05)
         assert 0.4 < each.mean() < 0.6
@@ -95,14 +96,29 @@ def test_a_cause_is_detected_and_leads(inferred):
     linear = study.model(study.data(truth_of(study.inputs), 1, 3)[0])
     known = misfit.identify(linear, linear.fit(linear.y[None]), OTHER)
     effect = 6 * known.sd
-    y = study.data(truth_of(study.inputs, on=[(OTHER, effect)]), 8, 3)
-    found = [misfit.test(replace(linear, y=row), linear.doubted, 199, 1) for row in y]
-    assert sum(t.p_value <= 0.05 for t in found) >= 7
-    assert sum(t.causes[0].at == OTHER for t in found) >= 7
+    y = study.data(truth_of(study.inputs, on=[(OTHER, effect)]), 6, 3)
+    found = [misfit.test(replace(linear, y=row), linear.doubted, 99, 1) for row in y]
+    assert sum(t.p_value <= 0.05 for t in found) >= 5
+    assert sum(t.causes[0].at == OTHER for t in found) >= 5
     lead = found[0].causes[0]
     assert lead.z > found[0].critical_z(0.05) and lead.p_value <= 0.05
     assert lead.p_single <= lead.p_value
-    np.testing.assert_allclose(np.mean([t.causes[0].z for t in found]), 6, atol=1.5)
+    assert np.mean([t.causes[0].z for t in found]) == pytest.approx(4.2 if inferred else 6.0, abs=1)
+
+
+def test_a_cause_counts_with_the_noise_that_it_leaves():
+    """Without other errors, the likelihood ratio of one unknown scale: n log of the ratio of the
+    sums of squares that are left, n the channels less the parameters."""
+    channels = Channels.of(("radial", "circumferential"))
+    noise = Noise(torch.zeros(34).double(), {"all": torch.full((34,), NOISE).double()}, 1e3)
+    study = Study(heart_inputs((), half=50.0), noise, of_heart(channels), error=1e-5)
+    y = study.data(truth_of(study.inputs, on=[(OTHER, 0.1)]), 1, 3)[0]
+    tested = misfit.test(study.model(y), (OTHER,), 19, 1)
+    base, more = (study.slopes[:, [*range(10), *extra]].numpy() for extra in ([], [OTHER]))
+    squares = [np.linalg.lstsq(j, y.numpy(), rcond=None)[1][0] for j in (base, more)]
+    expected = 24 * np.log(squares[0] / squares[1])
+    assert tested.causes[0].z ** 2 == pytest.approx(expected, rel=0.1)
+    assert expected > 6
 
 
 def test_scores_have_closed_forms():
@@ -166,10 +182,14 @@ def test_departures_show_in_their_family():
     study = Study(heart_inputs())
     pattern = contrasts(HEART.channels)["wall"]["septal radial"]
     y = study.data(truth_of(study.inputs), 1, 3)[0] + pattern
-    tested = misfit.test(study.model(y), (), 199, 1)
+    linear = study.model(y)
+    tested = misfit.test(linear, (), 199, 1)
     assert tested.p_value <= 0.02 and not tested.causes and tested.critical_z(0.05) == 0.0
     first = next(one for one in tested.largest if one.family == "wall")
     assert first.name == "septal radial" and first.z > 3 and first.p_value <= 0.02
+    content = tested.content(left_out(linear), ["somebody"], 0.05)
+    assert content["detected"] and content["largest"][0]["family"] == "overall"
+    assert len(content["channels"]) == len(HEART.names)
 
 
 def test_heavy_tails():
@@ -180,7 +200,7 @@ def test_heavy_tails():
     roles = dict(zip(inputs.names, inputs.roles, strict=True)) | {
         tails.name: type(inputs.roles[0])("suspected")
     }
-    study = Study(type(inputs)({}, members, roles))
+    study = Study(type(inputs)({}, members, roles), error=0.005)
     y = study.data(truth_of(study.inputs), 1, 3)[0]
     y[[5, 20, 33, 48]] += torch.tensor([1.5, -2.0, 1.8, -1.4])
     tested = misfit.test(study.model(y), (10, 12), 99, 1)
@@ -270,6 +290,21 @@ def test_groups_are_of_one_heart():
     assert int(radial.sum()) == 4 * 17
 
 
+def test_hearts_err_independently():
+    """Blocks by heart, with one unknown scale that both have."""
+    few = Channels.of(("radial",))
+    both = replace(of_heart([*few, *few]), heart=np.repeat([0, 1], 17))
+    noise = Noise(torch.zeros(34).double(), {"radial": torch.full((34,), NOISE).double()}, 10.0)
+    study = Study(toy_inputs(3, (), 1), noise, both)
+    apart = torch.kron(torch.eye(2), torch.ones(17, 17)).double()
+    study.emulator.error = study.emulator.error * apart
+    linear = study.model(study.data(np.zeros(4), 1, 3)[0])
+    found = linear.fit(linear.y[None])
+    whole = linear.error[0] + torch.diag(noise.variance(found.log_sigma[0]))
+    np.testing.assert_allclose(found.precision[0] @ whole, np.eye(34), atol=1e-8)
+    assert misfit.test(linear, (3,), 99, 1).p_value > 0.01
+
+
 def test_places_of_a_cause():
     inputs = FocalScar.members({"factors": {}})
     assert [cause_of(one) for one in inputs][3] == ("focal_scar", "4")
@@ -283,7 +318,7 @@ def test_places_of_a_cause():
         ({"volume_ml": 5.0}, "all of the volume is off"),
         ({"radial_03": 5.0, "circumferential_03": -2.5}, "radial_03 and circumferential_03"),
         ({"radial_03": 5.0, "radial_09": 2.5}, "radial_03 and radial_09"),
-        ({f"radial_{s:02d}": 4.0 for s in (1, 3, 5, 8, 10, 12)}, "are radial and above"),
+        ({f"radial_{s:02d}": 4.0 for s in (1, 3, 5, 10, 13)}, "are radial and above"),
         ({f"radial_{s:02d}": 4.0 for s in range(1, 10)}, "too many"),
     ],
 )

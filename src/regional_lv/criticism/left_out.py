@@ -1,4 +1,4 @@
-"""Each segment predicted from all other channels, by a fitted model that is linear about its fit."""
+"""Each segment predicted from all other channels, by a model that is linear about its fit."""
 
 import math
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""A fitted model, linear about its fit: thousands of data sets are fitted at once, without emulator.
+"""A model that is linear about its fit: thousands of data sets are fitted without an emulator.
 
 Errors are those of the emulator, of the measured inputs, which are integrated out, and the noise.
 Parameters are the inferred inputs and the suspected ones that are free, within their ranges.
@@ -25,8 +25,9 @@ ITERATIONS, LEAST_GAIN = 60, 1e-10
 SCALE_STEPS, SETTLED = 12, 1e-3
 """Of the noise scales' fit: its steps, and the change of a logarithm at which it ends."""
 
-LONGEST_STEP = 1.0
-"""Of the logarithm of a noise scale."""
+LONGEST_STEP, LEAST_INFORMATION = 1.0, 0.5
+"""Of the logarithm of a noise scale; and of the information about it, as a share of what is
+expected."""
 
 NUMBERS = 2e6
 """In the matrices (D x D) of the data sets that are fitted at once, at most: they stay in the
@@ -168,50 +169,53 @@ class LinearModel:
 
         Parameters are the most probable ones within their ranges. Scales maximise the likelihood of
         what the parameters leave (Patterson and Thompson 1971, doi 10.1093/biomet/58.3.545), times
-        their prior, by Fisher scoring: those that maximise it together with the parameters are too
+        their prior, by Newton's method: those that maximise it together with the parameters are too
         small.
         """
         log_sigma = self.log_sigma.repeat(len(y), 1)
         change = y.new_zeros(len(y), self.slopes.shape[1])
-        for step in range(SCALE_STEPS):
-            found = self._fit_parameters(y, log_sigma, change, keep)
-            if not self.noise.groups or step == SCALE_STEPS - 1:
+        rows = torch.arange(len(y) if self.noise.groups else 0)
+        for _ in range(SCALE_STEPS):
+            if not len(rows):
                 break
-            change = found.change
-            moved = (log_sigma + self._scale_step(found)).clamp(*LOG_SIGMA_BOUNDS)
-            if (moved - log_sigma).abs().max() < SETTLED:
-                break
-            log_sigma = moved
-        return found
+            seen = None if keep is None else keep[rows]
+            found = self._fit_parameters(y[rows], log_sigma[rows], change[rows], seen)
+            step = self._scale_step(found)
+            change[rows] = found.change
+            log_sigma[rows] = (log_sigma[rows] + step).clamp(*LOG_SIGMA_BOUNDS)
+            rows = rows[step.abs().amax(1) > SETTLED]
+        return self._fit_parameters(y, log_sigma, change, keep)
 
     def _fit_parameters(self, y, log_sigma, start, keep) -> "LinearFit":
         precision = self.precision(log_sigma, keep)
         error = y - self.mean
         reduced = self.slopes.mT @ precision
         curvature = reduced @ self.slopes + WEAK * torch.eye(self.slopes.shape[1]).to(error)
-        slope = _applied(reduced, error)
-        low, high = self._bounds
-        change, inner = start, torch.ones_like(start, dtype=torch.bool)
-        if start.shape[1]:
-            of_row = curvature.expand(len(y), -1, -1)
-
-            def value(rows, d):
-                return ((slope[rows] - 0.5 * _applied(of_row[rows], d)) * d).sum(-1)
-
-            def derivatives(rows, d):
-                return slope[rows] - _applied(of_row[rows], d), of_row[rows]
-
-            change, _, _ = maximise(
-                *(value, derivatives, start, low, high), *(ITERATIONS, LEAST_GAIN)
-            )
-            outwards = slope - _applied(curvature, change)
-            inner = ~((change <= low) & (outwards < 0) | (change >= high) & (outwards > 0))
+        change, inner = self._within_ranges(_applied(reduced, error), curvature, start)
         both = inner[:, :, None] & inner[:, None]
         own = torch.where(both, curvature, torch.diag_embed((~inner).to(error)))
         inverse = torch.where(both, torch.linalg.inv(own), 0.0)
         error = error - change @ self.slopes.mT
         pulled = _applied(precision, error)
         return LinearFit(log_sigma, change, error, pulled, precision, reduced, inverse)
+
+    def _within_ranges(self, slope, curvature, start) -> tuple[torch.Tensor, torch.Tensor]:
+        """Changes d (M, n) of the parameters that maximise slope d - d' curvature d / 2, and a mask
+        of those that are not held at an end."""
+        if not start.shape[1]:
+            return start, torch.ones_like(start, dtype=torch.bool)
+        low, high = self._bounds
+        of_row = curvature.expand(len(start), -1, -1)
+
+        def value(rows, d):
+            return ((slope[rows] - 0.5 * _applied(of_row[rows], d)) * d).sum(-1)
+
+        def derivatives(rows, d):
+            return slope[rows] - _applied(of_row[rows], d), of_row[rows]
+
+        d, _, _ = maximise(value, derivatives, start, low, high, ITERATIONS, LEAST_GAIN)
+        gradient = slope - _applied(curvature, d)
+        return d, ~((d <= low) & (gradient < 0) | (d >= high) & (gradient > 0))
 
     def posterior(self, found: "LinearFit") -> tuple[torch.Tensor, torch.Tensor]:
         """Mean (M, n) and covariance (M, n, n) of the change of the parameters, in their ranges."""
@@ -232,12 +236,18 @@ class LinearModel:
         of_prior = torch.exp(2 * found.log_sigma) / self.noise.prior_scale**2
         change = 2 * self.variances(found)
         excess = found.pulled.square() - left.diagonal(dim1=-2, dim2=-1)
+        by_data = 0.5 * _applied(change, excess)
         # The density is that of the logarithm, as in the potential: sigma times that of sigma.
-        gradient = 0.5 * (change @ excess[..., None])[..., 0] - of_prior + 1
-        information = 0.5 * change @ left.square() @ change.mT
-        # Where sigma is next to nothing, that factor is all the curvature there is.
-        information = information + torch.diag_embed(2 * of_prior + 2)
-        step = torch.linalg.solve(information, gradient)
+        gradient = by_data - of_prior + 1
+        expected = 0.5 * change @ left.square() @ change.mT + torch.diag_embed(2 * of_prior + 2)
+        pulled = change * found.pulled[:, None]
+        observed = pulled @ left @ pulled.mT - 0.5 * change @ left.square() @ change.mT
+        observed = observed + 2 * torch.diag_embed(of_prior - by_data)
+        # The observed information, but not less of any direction than a share of the expected one.
+        half = torch.linalg.inv(torch.linalg.cholesky(expected))
+        size, axes = torch.linalg.eigh(half @ observed @ half.mT)
+        root = axes.mT @ half / size.clamp(min=LEAST_INFORMATION).sqrt()[..., None]
+        step = _applied(root.mT @ root, gradient)
         return step.clamp(-LONGEST_STEP, LONGEST_STEP)
 
     def variances(self, found: "LinearFit") -> torch.Tensor:

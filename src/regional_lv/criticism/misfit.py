@@ -11,7 +11,9 @@ from dataclasses import dataclass
 
 import torch
 
+from regional_lv.criticism import contract
 from regional_lv.criticism.identifiable import Identified, identify
+from regional_lv.criticism.left_out import LeftOut
 from regional_lv.criticism.linear_model import LinearFit, LinearModel
 from regional_lv.criticism.patterns import cause_of, contrasts, groups_of
 from regional_lv.inputs.base import Input
@@ -75,6 +77,19 @@ class Tested:
         """|z| of a cause that the test over all of them asks for; 0 if none is tested."""
         null = self.largest_of_replicates
         return float(null.quantile(1 - level)) if len(null) else 0.0
+
+    def content(self, predicted: LeftOut, subjects: Sequence[str], level: float) -> contract.Misfit:
+        """As the findings have it; predicted: of the same model; subjects: name of each heart."""
+        return {
+            "detected": self.p_value <= level,
+            "p_value": self.p_value,
+            "families": self.families,
+            "largest": [
+                {"family": one.family, "what": one.name, "z": one.z, "p_value": one.p_value}
+                for one in self.largest
+            ],
+            "channels": predicted.channels(subjects),
+        }
 
 
 def test(linear: LinearModel, causes: Sequence[int], replicates: int, seed: int) -> Tested:
