@@ -1,42 +1,21 @@
 """Hearts whose outputs are linear in their inputs, and fits of their models."""
 
-from dataclasses import dataclass
-
 import numpy as np
 import torch
 
-from regional_lv.channels import Channel, Channels
+from regional_lv.channels import Channels
 from regional_lv.criticism.linear_model import LinearModel
 from regional_lv.inference.evidence import fit
 from regional_lv.inference.likelihood import Noise
+from regional_lv.inference.observed import Observed
 from regional_lv.inference.potential import Potential
 from tests.inference.toys import known_noise, linear, toy_inputs
 
 NOISE = 0.1
 
 
-@dataclass(frozen=True)
-class Heart:
-    """What was observed."""
-
-    channels: tuple[Channel, ...]
-    heart: np.ndarray
-
-    @property
-    def names(self):
-        return tuple(channel.name for channel in self.channels)
-
-    def dense(self, blocks):
-        return blocks
-
-
-def of_heart(channels) -> Heart:
-    """A single one."""
-    return Heart(tuple(channels), np.zeros(len(channels), dtype=int))
-
-
 FEW = Channels.of(("volume", "circumferential", "radial"))
-HEART = of_heart(Channels.of())
+HEART = Observed.one(Channels.of())
 
 
 def inferred_noise(channels, unit=NOISE) -> Noise:
@@ -74,11 +53,11 @@ class Study:
 
     def model(self, y, members=()) -> LinearModel:
         """Of the suspected inputs `members`, fitted to y (D,)."""
-        potential = Potential(self.emulator, self.inputs, y, self.noise)
+        potential = Potential(self.emulator, self.inputs, y, self.noise, observed=self.observed)
         x, zero = potential.nominal[None], torch.zeros(1).double()
         free = potential.free(members)[None]
         fitted = fit(potential, free, zero, x, potential.settle(x, zero), 60, 1e-9)
-        return LinearModel.of(potential, fitted, self.observed)
+        return LinearModel.of(potential, fitted)
 
 
 def heart_inputs(measured=(0.1, 0.1), suspected=6, half=1.0, ends=()):

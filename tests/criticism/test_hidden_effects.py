@@ -11,10 +11,10 @@ import json
 import numpy as np
 import pandas as pd
 import pytest
+from regional_lv.criticism.extension import read_extensions
 
 from regional_lv import config as study_config
 from regional_lv import emulators
-from regional_lv.criticism.extension import read_extensions
 from regional_lv.criticism.injection import Ventricles, read_effects, simulate_design, unit_noise
 from regional_lv.criticism.study import Inputs, criticise, split
 from regional_lv.criticism.verdict import Settings

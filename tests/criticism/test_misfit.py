@@ -11,11 +11,11 @@ from scipy import stats
 from regional_lv.channels import Channels
 from regional_lv.criticism import misfit
 from regional_lv.criticism.left_out import gain, gains, left_out
-from regional_lv.criticism.outliers_of import why_not
-from regional_lv.criticism.patterns import cause_of, contrasts, groups_of, hearts_of
+from regional_lv.criticism.outliers import why_not
+from regional_lv.criticism.patterns import contrasts, groups_of, hearts_of
 from regional_lv.inference.likelihood import Noise
+from regional_lv.inference.observed import Observed
 from regional_lv.inputs.closed_forms import HeavyTails
-from regional_lv.inputs.material import FocalScar
 from tests.criticism.linear_toys import (
     FEW,
     HEART,
@@ -23,7 +23,6 @@ from tests.criticism.linear_toys import (
     Study,
     heart_inputs,
     inferred_noise,
-    of_heart,
 )
 from tests.inference.toys import toy_inputs
 
@@ -71,7 +70,7 @@ def test_p_values_of_the_true_model_are_uniform(on):
 
 
 def test_p_values_are_uniform_where_noise_is_inferred():
-    study = Study(heart_inputs(), inferred_noise(FEW), of_heart(FEW), error=0.005)
+    study = Study(heart_inputs(), inferred_noise(FEW), Observed.one(FEW), error=0.005)
     truth = truth_of(study.inputs, on=[(FREE, 0.6)])
     p, families = p_values(study, truth, (FREE,), 60, 59)
     assert "overall" not in families
@@ -111,7 +110,7 @@ def test_a_cause_counts_with_the_noise_that_it_leaves():
     sums of squares that are left, n the channels less the parameters."""
     channels = Channels.of(("radial", "circumferential"))
     noise = Noise(torch.zeros(34).double(), {"all": torch.full((34,), NOISE).double()}, 1e3)
-    study = Study(heart_inputs((), half=50.0), noise, of_heart(channels), error=1e-5)
+    study = Study(heart_inputs((), half=50.0), noise, Observed.one(channels), error=1e-5)
     y = study.data(truth_of(study.inputs, on=[(OTHER, 0.1)]), 1, 3)[0]
     tested = misfit.test(study.model(y), (OTHER,), 19, 1)
     base, more = (study.slopes[:, [*range(10), *extra]].numpy() for extra in ([], [OTHER]))
@@ -213,7 +212,7 @@ def test_heavy_tails():
 
 def test_few_channels_are_not_tested():
     channels = Channels.parse(["volume_ml", "circumferential_01", "radial_07", "radial_08"])
-    study = Study(heart_inputs(), observed=of_heart(channels))
+    study = Study(heart_inputs(), observed=Observed.one(channels))
     linear = study.model(study.data(truth_of(study.inputs), 1, 3)[0])
     tested = misfit.test(linear, linear.doubted, 19, 1)
     assert math.isnan(tested.p_value) and tested.families == {} and tested.largest == ()
@@ -277,10 +276,15 @@ def test_the_right_model_gains():
 # ------------------------------------------------------------------------- channels, outliers
 
 
+def twice(channels) -> Observed:
+    """Two hearts with the same channels."""
+    heart = np.repeat([0, 1], len(channels))
+    return Observed((*channels.names, *channels.names), (*channels, *channels), heart)
+
+
 def test_groups_are_of_one_heart():
     channels = Channels.of(("volume", "radial", "torsion"), load_fractions=(0.5,))
-    both = of_heart([*channels, *channels])
-    both = replace(both, heart=np.repeat([0, 1], len(channels)))
+    both = twice(channels)
     groups = groups_of(both)
     assert len(groups) == 2 * (17 + 4)
     assert torch.cat(groups).sort().values.tolist() == [*range(2 * len(channels))]
@@ -293,7 +297,7 @@ def test_groups_are_of_one_heart():
 def test_hearts_err_independently():
     """Blocks by heart, with one unknown scale that both have."""
     few = Channels.of(("radial",))
-    both = replace(of_heart([*few, *few]), heart=np.repeat([0, 1], 17))
+    both = twice(few)
     noise = Noise(torch.zeros(34).double(), {"radial": torch.full((34,), NOISE).double()}, 10.0)
     study = Study(toy_inputs(3, (), 1), noise, both)
     apart = torch.kron(torch.eye(2), torch.ones(17, 17)).double()
@@ -303,12 +307,6 @@ def test_hearts_err_independently():
     whole = linear.error[0] + torch.diag(noise.variance(found.log_sigma[0]))
     np.testing.assert_allclose(found.precision[0] @ whole, np.eye(34), atol=1e-8)
     assert misfit.test(linear, (3,), 99, 1).p_value > 0.01
-
-
-def test_places_of_a_cause():
-    inputs = FocalScar.members({"factors": {}})
-    assert [cause_of(one) for one in inputs][3] == ("focal_scar", "4")
-    assert cause_of(heart_inputs()[0]) == ("t0", "")
 
 
 @pytest.mark.parametrize(

@@ -57,7 +57,7 @@ def judged(seed=2, confirmed="all", half=1.0, alike=None, outside=0.0, **values)
     for n in [averaged.base, *list(averaged.drawn)[:4]]:
         model = averaged.models[n]
         if n not in examined and model.fit is not None:
-            linear = LinearModel.of(potential, model.fit, potential.observed)
+            linear = LinearModel.of(potential, model.fit)
             suspected = potential.suspected if n == averaged.base else ()
             tested = examine(linear, suspected, 99, seed)
             examined[n] = Examined(linear, tested, left_out(linear))

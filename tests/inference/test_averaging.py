@@ -108,7 +108,7 @@ def test_what_the_data_do_not_see_is_uniform_in_its_unit(scale):
     y = torch.tensor([0.3, 0.2, 0.4, 0.1]).double()
     emulator = Emulator(lambda x: x[:, :1].expand(-1, 4), 1e-6 * torch.eye(4).double())
     both, one = (
-        average(Potential(emulator, Inputs({}, members, {}), y, known_noise(4)), 0, 0)
+        average(Potential(emulator, Inputs({}, members, {}), y, known_noise(4)), 0, 0, 4000)
         for members in ([seen, unseen], [seen])
     )
     row = both.table().loc["t1"]

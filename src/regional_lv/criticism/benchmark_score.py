@@ -106,7 +106,7 @@ def true_model(
         for k, score in expected_scores(potential, x, free, on).items():
             rows[k]["expected_z"] = score
         fitted = fit(potential, free, zero, x, potential.settle(x, zero), ITERATIONS, LEAST_GAIN)
-        linear = LinearModel.of(potential, fitted, potential.observed)
+        linear = LinearModel.of(potential, fitted)
         p_value = misfit.test(linear, (), replicates, seed).p_value
         for k, (low, high) in _intervals(potential, fitted, list(rows), seed).items():
             rows[k] |= {"low": low, "high": high, "p_value": p_value}

@@ -196,7 +196,7 @@ class Findings(TypedDict):
     causes; groups: of causes of which one is present; acts_like: causes whose estimate is at the
     end of its range. explained: whether a set that fits stands behind what is named. trusted:
     whether any model passes the misfit test, so that the stiffness can be. outliers: why departures
-    are no outliers, empty if they are, or were not tried.
+    from the best set are no outliers, empty if they are, or if it has no heavy tails.
     """
 
     subject: str

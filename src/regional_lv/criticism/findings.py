@@ -72,7 +72,7 @@ def findings_of(verdict: Verdict, context: Context) -> Findings:
         "acts_like": verdict.acts_like,
         "explained": verdict.explained,
         "trusted": verdict.trusted,
-        "outliers": verdict.outliers,
+        "outliers": verdict.final.no_outliers,
         "confirmation": _confirmation(verdict, context),
         "separating": _separating(verdict, context),
         "best": None if verdict.best is None else list(verdict.causes_of(verdict.best)),

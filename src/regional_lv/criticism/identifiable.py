@@ -39,6 +39,13 @@ class Identified:
     why: str
 
 
+def imitated(linear: LinearModel) -> list[int]:
+    """Places of the suspected inputs whose effect the parameters take up as a whole: no measurement
+    tells of them, and a model in which one is free is as good as that without it."""
+    here = linear.fit(linear.y[None])
+    return [k for k in linear.doubted if identify(linear, here, k).absorbed > ABSORBED]
+
+
 def identify(linear: LinearModel, found: LinearFit, at: int) -> Identified:
     """Judge the suspected input at place `at` by its effect at a fit (M = 1)."""
     one = linear.inputs[at]

@@ -10,9 +10,10 @@ from functools import cached_property
 
 import torch
 
-from regional_lv.criticism.patterns import Observed, hearts_of
+from regional_lv.criticism.patterns import hearts_of
 from regional_lv.inference.evidence import WEAK, Fits, integrate
 from regional_lv.inference.likelihood import Noise
+from regional_lv.inference.observed import Observed
 from regional_lv.inference.optimise import maximise
 from regional_lv.inference.point import LOG_SIGMA_BOUNDS
 from regional_lv.inference.potential import Potential
@@ -59,13 +60,13 @@ class LinearModel:
     log_sigma: torch.Tensor
 
     @classmethod
-    def of(cls, potential: Potential, fitted: Fits, observed: Observed) -> "LinearModel":
-        """Of one fitted model (M = 1) whose outputs are `observed`.
+    def of(cls, potential: Potential, fitted: Fits) -> "LinearModel":
+        """Of one fitted model (M = 1).
 
         Where its noise has heavy tails, the noise is taken as normal with the variance that the fit
         gives to each channel: the larger, the further off it is.
         """
-        count = len(potential.inputs)
+        count, observed = len(potential.inputs), potential.observed
         mean, slopes = potential.linearise(fitted.x)
         error, noise = observed.dense(fitted.error), potential.noise
         at = [prior.at for prior in potential.measured]

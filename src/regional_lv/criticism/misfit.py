@@ -15,7 +15,7 @@ from regional_lv.criticism import contract
 from regional_lv.criticism.identifiable import Identified, identify
 from regional_lv.criticism.left_out import LeftOut
 from regional_lv.criticism.linear_model import LinearFit, LinearModel
-from regional_lv.criticism.patterns import cause_of, contrasts, groups_of
+from regional_lv.criticism.patterns import contrasts, groups_of
 from regional_lv.inputs.base import Input
 
 TAILS = (0.02, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4)
@@ -123,7 +123,7 @@ class _Battery:
         self.tails = linear.tails if linear.tails in usable else None
         self.causes = [k for k in usable if k != self.tails]
         self.signatures = linear.by_input[:, self.causes]
-        self.cause_names = [cause_of(linear.inputs[k])[0] for k in self.causes]
+        self.cause_names = [linear.inputs[k].cause for k in self.causes]
         # A parameter whose nominal value is an end of its range can go one way only.
         x, low, high = (v[self.causes] for v in (linear.x, linear.lower, linear.upper))
         self._least = torch.where(x <= low, 0.0, -math.inf)
@@ -278,7 +278,7 @@ def _of_causes(
     largest = torch.stack([*z.values()]).abs().amax(0) if z else torch.zeros(0)
     places: dict[str, list[int]] = {}
     for k in identified:
-        places.setdefault(cause_of(inputs[k])[0], []).append(k)
+        places.setdefault(inputs[k].cause, []).append(k)
     found = []
     for members in places.values():
         tried = [k for k in members if k in z]
@@ -288,6 +288,8 @@ def _of_causes(
             own = torch.stack([z[k] for k in tried]).abs().amax(0)
             p = share_beyond(own), share_beyond(torch.cat([own[:1], largest[1:]]))
         score_there = float(z[at][0]) if tried else 0.0
-        found.append(CauseTested(at, *cause_of(inputs[at]), score_there, *p, identified[at]))
+        found.append(
+            CauseTested(at, inputs[at].cause, inputs[at].place, score_there, *p, identified[at])
+        )
     found.sort(key=lambda c: (not c.identified.identifiable, c.p_value, -abs(c.z)))
     return found, largest[1:]

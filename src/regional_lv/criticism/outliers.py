@@ -1,12 +1,18 @@
 """Whether what is far off are outliers: few channels that stand alone, with nothing in common."""
 
 import itertools
+from collections.abc import Sequence
 
+import numpy as np
 import torch
 from scipy import stats
 
 from regional_lv import aha
-from regional_lv.criticism.observations import contrasts
+from regional_lv.channels import Channel
+from regional_lv.criticism.patterns import contrasts, hearts_of
+from regional_lv.inference.evidence import Fits
+from regional_lv.inference.observed import Observed
+from regional_lv.inference.potential import Potential
 
 FAR = 3.0
 """Standard deviations from which a channel counts as an outlier."""
@@ -22,42 +28,52 @@ COMMON = 0.01
 """Chance below which so many outliers of one direction, level or wall are no accident."""
 
 
-def why_not(sampled) -> str:
+def standardised(potential: Potential, fitted: Fits) -> torch.Tensor:
+    """Errors (D,) of a fit (M = 1) in the scale of their noise and the emulator's errors."""
+    log_sigma = fitted.x[0, len(potential.inputs) :]
+    variance = potential.observed.dense(fitted.error)[0].diagonal() + potential.noise.variance(
+        log_sigma
+    )
+    return (potential.y - potential.mean(fitted.x)[0]) / variance.sqrt()
+
+
+def why_not(z: torch.Tensor, observed: Observed) -> str:
     """Why the departures from a fit with heavy tails are no outliers; empty if they are.
 
-    sampled: `verdict.Sampled` with tails.
+    z (D,): `standardised` errors of the fit.
     """
-    model, observations = sampled.model, sampled.model.observations
-    residual, _ = sampled.posterior.moments(sampled.posterior.residual)
-    x, _ = sampled.posterior.moments(sampled.posterior.x)
-    variance = model.error.diagonal(dim1=-2, dim2=-1) + model.noise_variance(x[None])[0]
-    z = torch.where(observations.present, residual / variance.sqrt(), 0.0)
-    far, count = z.abs() > FAR, int(observations.present.sum())
-    if int(far.sum()) > max(1, MOST * count):
-        return f"{int(far.sum())} of {count} channels are off: too many for outliers"
-    for quantity in observations.channels.quantities:
-        own = observations.present & torch.as_tensor(observations.channels.of_quantity(quantity))
-        if own.any() and bool(far[own].all()):
+    far, channels = z.abs() > FAR, observed.channels
+    outliers = int(far.sum())
+    if outliers > max(1, MOST * len(z)):
+        return f"{outliers} of {len(z)} channels are off: too many for outliers"
+    quantities = np.array([channel.quantity for channel in channels])
+    for quantity in dict.fromkeys(quantities.tolist()):
+        if bool(far[torch.as_tensor(quantities == quantity)].all()):
             return f"all of the {quantity} is off, which is no outlier"
-    for heart in z:
-        company = _company(heart, observations.channels)
+    for at in hearts_of(observed):
+        company = _company(z[at], channels[at])
         if company:
             return f"{company[0]} and {company[1]} are off together"
-    patterns = [item for family in contrasts(observations).values() for item in family.items()]
+    return _together(z, channels)
+
+
+def _together(z: torch.Tensor, channels: Sequence[Channel]) -> str:
+    """In which direction, level or wall, and on which side, too many outliers lie; or empty."""
+    far = int((z.abs() > FAR).sum())
+    patterns = [item for family in contrasts(channels).values() for item in family.items()]
     for name, pattern in patterns:
-        inside = observations.present & (pattern > 0)
-        share = float(inside.sum()) / count
+        share = float(pattern.sum()) / len(z)
         for side, where in (("above", z > FAR), ("below", z < -FAR)):
-            hits = int((where & inside).sum())
+            hits = int((where & (pattern > 0)).sum())
             if hits < 2:
                 continue
-            chance = stats.binom.sf(hits - 1, int(far.sum()), share / 2)
+            chance = stats.binom.sf(hits - 1, far, share / 2)
             if chance * 2 * len(patterns) < COMMON:  # of either sign
                 return f"the outliers lie together: {hits} of them are {name} and {side}"
     return ""
 
 
-def _company(z: torch.Tensor, channels) -> tuple[str, str] | None:
+def _company(z: torch.Tensor, channels: Sequence[Channel]) -> tuple[str, str] | None:
     """Names of an outlier and of a channel beside it that is off as well; z (D,) of one heart."""
     for far in torch.nonzero(z.abs() > FAR)[:, 0].tolist():
         for other in torch.nonzero(z.abs() > BESIDE)[:, 0].tolist():

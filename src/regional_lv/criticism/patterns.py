@@ -1,27 +1,14 @@
 """Channels of one heart or several: what is left out together, and patterns of departures."""
 
 import itertools
-from collections.abc import Iterable, Mapping, Sequence
-from typing import Protocol
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 import torch
 
 from regional_lv import aha
 from regional_lv.channels import Channel, at_load
-from regional_lv.inputs.base import Input, SegmentInput
-
-
-class Observed(Protocol):
-    """D observed channels: their names, which may repeat from heart to heart if nothing comes
-    before them; what they are; and the number of each one's heart."""
-
-    names: Sequence[str]
-    channels: Sequence[Channel]
-    heart: np.ndarray
-
-    def dense(self, blocks: torch.Tensor) -> torch.Tensor:
-        """(M, D, D) of covariances as a potential has them."""
+from regional_lv.inference.observed import Observed
 
 
 def hearts_of(observed: Observed) -> list[slice]:
@@ -68,10 +55,3 @@ def contrasts(channels: Iterable[Channel]) -> dict[str, dict[str, torch.Tensor]]
                     name = f"{place} {quantity}".strip()
                     found.setdefault(family, {})[name] = torch.as_tensor(mask).double()
     return found
-
-
-def cause_of(one: Input) -> tuple[str, str]:
-    """The cause that an input stands for, and its place: the number of a segment, or ''."""
-    if isinstance(one, SegmentInput):
-        return one.stem or type(one).name, str(one.segment)
-    return one.name, ""

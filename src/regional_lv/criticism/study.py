@@ -9,21 +9,23 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from regional_lv.criticism import confirmation
+from regional_lv.criticism import confirmation, outliers
 from regional_lv.criticism.confirmation import Round, conditioned
 from regional_lv.criticism.contract import Findings
 from regional_lv.criticism.findings import Context, findings_of, write_findings
+from regional_lv.criticism.identifiable import imitated
 from regional_lv.criticism.left_out import left_out
 from regional_lv.criticism.linear_model import LinearModel
 from regional_lv.criticism.misfit import test
 from regional_lv.criticism.verdict import LEAST_PROBABILITY, Examined, Verdict
 from regional_lv.emulators.joint_gp import JointGP
-from regional_lv.inference.averaging import Averaged, average
+from regional_lv.inference.averaging import DRAWS, Averaged, average
 from regional_lv.inference.departure import noise_units
 from regional_lv.inference.emulated import EmulatedInputs
 from regional_lv.inference.hearts import potential_of_tables, read_known_theta, stiffness_of
 from regional_lv.inference.potential import Potential
 from regional_lv.inference.sampling import write
+from regional_lv.inference.sets import fit_base
 from regional_lv.inputs.space import Inputs
 from regional_lv.jobs import passes_on
 from regional_lv.measured import read_measured
@@ -31,8 +33,11 @@ from regional_lv.seeds import derive
 
 log = logging.getLogger(__name__)
 
-DRAWS = 4000
-"""Of the posterior, in its file."""
+KEPT = 4000
+"""Draws of the posterior in its file."""
+
+PLANNING = 500
+"""Draws of a round of sampling, of a posterior that says where to simulate."""
 
 EXAMINED = 4
 """Sets that are tested, at most, beside the model as it is."""
@@ -125,7 +130,7 @@ class Critic:
         potential = self.potential(emulator)
         if found and found[-1].agrees(self._noise_sd):
             return pd.DataFrame(columns=["sample", "set", *emulator.coordinates.names])
-        averaged = average(potential, self.settings.largest_set, self.seed)
+        averaged = self._average(potential, PLANNING)
         return confirmation.plan(
             averaged, self.settings.confirmation, derive(self.seed, "round", len(rounds))
         )
@@ -134,7 +139,7 @@ class Critic:
         """Decide with the simulations of all rounds."""
         emulator, found = conditioned(self.emulator, rounds, self._outputs)
         potential = self.potential(emulator)
-        averaged = average(potential, self.settings.largest_set, self.seed)
+        averaged = self._average(potential, DRAWS)
         confirmed = _confirmed(averaged, found, self._noise_sd) if has_simulator else None
         verdict = Verdict(
             averaged, self._examine(averaged), self.settings.level, confirmed
@@ -146,6 +151,12 @@ class Critic:
             self.settings.strain_exponent,
         )
         return Concluded(verdict, findings_of(verdict, context))
+
+    def _average(self, potential: Potential, draws: int) -> Averaged:
+        """Over what the data can tell of."""
+        base = LinearModel.of(potential, fit_base(potential, self.seed))
+        told = potential.without(imitated(base))
+        return average(told, self.settings.largest_set, self.seed, draws)
 
     def _examine(self, averaged: Averaged) -> dict[int, Examined]:
         """The model as it is, and the most probable others."""
@@ -162,14 +173,17 @@ class Critic:
         fitted = averaged.models[number].fit
         assert fitted is not None
         potential = averaged.potential
-        linear = LinearModel.of(potential, fitted, potential.observed)
+        linear = LinearModel.of(potential, fitted)
+        model = averaged.models[number]
+        tails = potential.tails in model.members
         tested = test(
             linear,
             potential.suspected if number == averaged.base else (),
             self.settings.bootstrap,
             derive(self.seed, "bootstrap", averaged.names[number]),
         )
-        return Examined(linear, tested, left_out(linear))
+        why_not = outliers.why_not(outliers.standardised(potential, fitted), potential.observed)
+        return Examined(linear, tested, left_out(linear), why_not if tails else "")
 
 
 def _confirmed(averaged: Averaged, rounds: Sequence[Round], noise_sd) -> frozenset[int]:
@@ -249,7 +263,7 @@ def conclude_criticism(
     """
     critic = read_critic(**inputs)
     concluded = critic.conclude(_read(simulations))
-    write(concluded.verdict.averaged.inference_data(DRAWS, critic.seed), posterior)
+    write(concluded.verdict.averaged.inference_data(KEPT, critic.seed), posterior)
     write_findings(concluded.findings, findings)
     for sentence in concluded.findings["words"]:
         log.info("%s", sentence)

@@ -36,11 +36,12 @@ BEYOND = 1.645
 @dataclass(frozen=True)
 class Examined:
     """One model about its fit: the linear model, its tests, and each segment predicted from the
-    others."""
+    others. no_outliers: of a model with heavy tails, why what is far off are no outliers."""
 
     linear: LinearModel
     tested: Tested
     left_out: LeftOut
+    no_outliers: str = ""
 
     def fits(self, size: int) -> bool:
         """Whether a set of `size` causes passes the tests."""
@@ -54,7 +55,7 @@ class Verdict:
     examined: by number of the model, the model as it is among them. confirmed: numbers of the
     models that simulations stand behind; None where there is no simulator to ask. best: number of
     the most probable set of causes that is confirmed (or of all, without a simulator) and fits, or
-    of the first if none does; None if there is none. outliers: why departures are no outliers.
+    of the first if none does; None if there is none.
     """
 
     averaged: Averaged
@@ -62,7 +63,6 @@ class Verdict:
     level: float
     confirmed: frozenset[int] | None
     best: int | None = None
-    outliers: str = ""
     named: list[str] = field(default_factory=list)
     groups: list[list[str]] = field(default_factory=list)
     acts_like: list[str] = field(default_factory=list)
@@ -144,7 +144,7 @@ class Verdict:
         assert self.best is not None
         for cause, k in self.causes_of(self.best).items():
             probability = self.averaged.probability_of_cause(cause)
-            if k == self.potential.tails and self.outliers:
+            if k == self.potential.tails and self.examined[self.best].no_outliers:
                 continue
             if self.at_bound(self.best, k):
                 # Of all listed causes this one comes nearest, or it is not worth a word.

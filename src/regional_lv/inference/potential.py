@@ -5,7 +5,8 @@ others are at their nominal values. Coordinates x (P,) are the scaled coordinate
 then the log noise scale of each of the G quantities whose noise is inferred.
 """
 
-from collections.abc import Sequence
+import copy
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Protocol
@@ -109,7 +110,8 @@ class Potential:
     to where the emulator is least certain; draws have their own (`settle`).
 
     Attributes: low, high, nominal (P,); always (P,), what is free in every model; suspected, the
-    places of the suspected inputs; causes, these by cause; measured, the priors of the measured
+    places of the suspected inputs; causes, these by cause; searched, those of them that models may
+        free (`without`); measured, the priors of the measured
     ones; tails, the place of `heavy_tails`, or None.
 
     Parameters
@@ -147,6 +149,7 @@ class Potential:
         known = doubted | inputs.of_role("fixed")
         self.always = torch.as_tensor(np.append(~known, np.ones(groups, dtype=bool)))
         self.suspected = tuple(np.flatnonzero(doubted).tolist())
+        self.searched = self.suspected
         linear = np.array([isinstance(each.scale, Linear) for each in inputs])
         curved = inputs.of_role("inferred") & ~linear
         self._curved = torch.as_tensor(np.flatnonzero(curved))
@@ -165,6 +168,12 @@ class Potential:
         free = self.always.clone()
         free[list(members)] = True
         return free
+
+    def without(self, places: Iterable[int]) -> "Potential":
+        """The same, without models in which the suspected inputs at some places are free."""
+        fewer, left = copy.copy(self), set(places)
+        fewer.searched = tuple(k for k in self.searched if k not in left)
+        return fewer
 
     @cached_property
     def causes(self) -> dict[str, tuple[int, ...]]:

@@ -16,7 +16,7 @@ takes any of `AMPLITUDES`.
 
 import logging
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -88,6 +88,11 @@ class Candidate:
         return bool(self.members or self.amplitude)
 
 
+def fit_base(potential: Potential, seed: int) -> Fits:
+    """The model as it is (M = 1), fitted as the search fits it."""
+    return _Search(potential, 0).fit_base(seed)
+
+
 def search(potential: Potential, largest: int, seed: int) -> list[Candidate]:
     """All models that were judged, the most probable first.
 
@@ -103,7 +108,7 @@ class Prior:
     competes with them.
     """
 
-    def __init__(self, causes: Mapping[str, Sequence[int]], largest: int, departs: bool):
+    def __init__(self, causes: Mapping[str, Collection[int]], largest: int, departs: bool):
         self._share = {k: 1 / len(places) for places in causes.values() for k in places}
         # The elementary symmetric polynomials of the shares, which sum over all sets of a size.
         self._total = np.zeros(largest + 1)
@@ -120,15 +125,17 @@ class Prior:
 class _Search:
     def __init__(self, potential: Potential, largest: int):
         self.potential = potential
-        self.largest = min(largest, len(potential.suspected))
-        self.prior = Prior(potential.causes, self.largest, potential.departure is not None)
+        self.largest = min(largest, len(potential.searched))
+        searched = set(potential.searched)
+        causes = {c: searched.intersection(places) for c, places in potential.causes.items()}
+        self.prior = Prior(causes, self.largest, potential.departure is not None)
         self.found: dict[Members, Fits] = {}
         self.expected: dict[Members, float] = {}
         self._grown: set[Members] = set()
         self._reduced: set[tuple[Members, Members]] = set()
 
     def run(self, seed: int) -> list[Candidate]:
-        self.found[()] = self._base(seed)
+        self.found[()] = self.fit_base(seed)
         for size in range(1, self.largest + 1):
             beam, most = (None, FITTED) if size <= EXHAUSTIVE else (BEAM, FITTED_BEYOND)
             for _ in range(ROUNDS):
@@ -157,7 +164,7 @@ class _Search:
 
     # ----------------------------------------------------------------------------------- fits
 
-    def _base(self, seed: int) -> Fits:
+    def fit_base(self, seed: int) -> Fits:
         """The model as it is, from its nominal values and from the most probable Sobol points."""
         potential = self.potential
         inferred = np.flatnonzero(potential.inputs.of_role("inferred"))
@@ -276,7 +283,7 @@ class _Search:
         move = torch.minimum(torch.maximum(centre, low), high)
         for row, members in enumerate(parents):
             parent = self.found[members]
-            for k in set(potential.suspected) - set(members):
+            for k in set(potential.searched) - set(members):
                 grown = tuple(sorted((*members, k)))
                 evidence = self.expected[members] + float(gain[row, k])
                 start = x[row] + (steps[row] - follow[row, :, k] * move[row, k]) * width
