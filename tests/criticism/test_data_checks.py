@@ -6,7 +6,6 @@ import pytest
 from regional_lv.channels import Channels
 from regional_lv.criticism.data_checks import check
 from regional_lv.measured import synthetic_subject
-from tests.criticism.toy import ToyEmulator, measured
 
 CHANNELS = Channels.of()
 
@@ -76,7 +75,7 @@ def test_impossible_strains_are_named():
 
 
 def test_without_three_directions_there_is_nothing_to_check():
-    table = measured(ToyEmulator())
+    table = strains(2.0)
     table = table[table["quantity"] != "longitudinal"]
     assert [c["name"] for c in check(table, 2.0)] == ["possible_stretch"]
 
