@@ -29,6 +29,7 @@ SUBJECT = {
 ANSWER = (
     {
         "posterior": f"{C}/{{subject}}/posterior.nc",
+        "diagnostics": [],
         "findings": f"{C}/{{subject}}/findings.json",
     }
     if DOUBTS
