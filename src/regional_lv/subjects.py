@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from regional_lv.criticism.injection import unit_noise
-from regional_lv.criticism.ventricles import Ventricles
+from regional_lv.simulation.ventricles import Ventricles
 from regional_lv.errors import InputError
 from regional_lv.inputs.closed_forms import ClosedForm, HeavyTails
 from regional_lv.inputs.material import Stiffness

@@ -13,7 +13,7 @@ from regional_lv.criticism import injection
 from regional_lv.criticism.groups import EFFECTS
 from regional_lv.criticism.injection import Heart, Injection, draw_values, inject, plan_hearts
 from regional_lv.criticism.unlisted import UNLISTED
-from regional_lv.criticism.ventricles import Ventricles
+from regional_lv.simulation.ventricles import Ventricles
 from regional_lv.errors import InputError
 from regional_lv.inputs.space import Inputs, sections_of
 
@@ -131,7 +131,7 @@ class Formula(Ventricles):
 
 @pytest.fixture
 def no_mesh(monkeypatch):
-    monkeypatch.setattr("regional_lv.criticism.ventricles.read_mesh", lambda path: path)
+    monkeypatch.setattr("regional_lv.simulation.ventricles.read_mesh", lambda path: path)
 
 
 @pytest.mark.usefixtures("no_mesh")

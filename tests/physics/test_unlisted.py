@@ -5,7 +5,7 @@ import pytest
 import ufl
 
 from regional_lv.criticism.unlisted import UNLISTED, HydrostaticPressure, changed
-from regional_lv.criticism.ventricles import Ventricles
+from regional_lv.simulation.ventricles import Ventricles
 from regional_lv.geometry.mesh import ENDOCARDIUM, read_mesh
 from regional_lv.inputs.space import Inputs, sections_of
 from regional_lv.mechanics import dolfinx_api as api

@@ -14,7 +14,7 @@ from scipy import special
 from regional_lv.channels import Channels
 from regional_lv.criticism.groups import EFFECTS
 from regional_lv.criticism.unlisted import UNLISTED
-from regional_lv.criticism.ventricles import Ventricles
+from regional_lv.simulation.ventricles import Ventricles
 from regional_lv.errors import InputError
 from regional_lv.inputs.base import Input
 from regional_lv.inputs.closed_forms import HeavyTails

@@ -10,7 +10,7 @@ import numpy as np
 from scipy import optimize
 
 from regional_lv.aha import WALLS
-from regional_lv.criticism.ventricles import Ventricles
+from regional_lv.simulation.ventricles import Ventricles
 from regional_lv.errors import InputError
 from regional_lv.geometry.mesh import ENDOCARDIUM
 from regional_lv.inputs.material import Stiffness
