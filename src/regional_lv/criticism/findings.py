@@ -356,10 +356,10 @@ def _limits(verdict: Verdict, context: Context) -> list[str]:
             "intervals are rough"
         )
     searched = {potential.inputs[k].cause for k in potential.suspected}
-    known = {kind.name for kind in INPUTS.values() if "suspected" in kind.roles}
+    known = {kind.name for kind in INPUTS.values() if kind.is_cause}
     if others := sorted(known - searched - set(potential.inputs.names)):
         limits.append(
-            f"{len(others)} inputs of the catalogue were not doubted, because the section `inputs` "
+            f"{len(others)} causes of the catalogue were not searched, because the section `inputs` "
             f"does not make them suspected: {', '.join(others)}"
         )
     return limits

@@ -72,9 +72,9 @@ def estimate(hypothesis: Cause) -> str:
 
 def misfit(part: Misfit) -> str:
     """One or two sentences: whether the model misses the data, where, which way."""
-    p = p_value(part["p_value"])
     if not part["families"]:
         return "There are too few channels to test the model."
+    p = p_value(part["p_value"])
     if not part["detected"]:
         return f"The model fits the measurements within their noise ({p})."
     groups = [x for x in part["largest"] if x["family"] in ("direction", "level", "wall")]
