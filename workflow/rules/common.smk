@@ -408,3 +408,24 @@ def ventricle_of(wildcards):
     """Mesh that a synthetic subject is simulated on: the study's, or a finer one."""
     finer = config["synthetic_subjects"][wildcards.subject]["mesh"] == "finer"
     return f"{R}/geometry/{'finer/' if finer else ''}mesh.vtu"
+
+
+def criticised(name):
+    """Subjects that a criticism is of: those of a joint one, or the one of that name."""
+    joint = config["criticism"]["joint"]
+    return joint[name]["subjects"] if name in joint else [name]
+
+
+def known_theta(name):
+    """Tables of the known thetas of a joint criticism, if it has any."""
+    joint = config["criticism"]["joint"].get(name, {})
+    theta = joint.get("theta")
+    if theta == "published":
+        return expand(f"{R}/known_theta/{{subject}}.csv", subject=joint["subjects"])
+    return [] if theta is None else [given(theta)]
+
+
+def confirmations(name, rounds):
+    """Simulations of the first `rounds` of a confirmation."""
+    folder = f"{R}/criticism/{name}/confirmation"
+    return expand(f"{folder}/simulations-{{round}}.parquet", round=range(rounds))

@@ -10,24 +10,6 @@ CRITICISM_FIGURES = ["residuals", "causes", "effects", "sources"]
 ROUNDS = range(config["criticism"]["confirmation"]["rounds"])
 
 
-def criticised(name):
-    """Subjects that a criticism is of: those of a joint one, or the one of that name."""
-    return JOINT[name]["subjects"] if name in JOINT else [name]
-
-
-def known_theta(name):
-    """Tables of the known thetas of a joint criticism, if it has any."""
-    theta = JOINT.get(name, {}).get("theta")
-    if theta == "published":
-        return expand(f"{R}/known_theta/{{subject}}.csv", subject=JOINT[name]["subjects"])
-    return [] if theta is None else [given(theta)]
-
-
-def confirmations(name, rounds):
-    """Simulations of the first `rounds` of the confirmation."""
-    return expand(f"{C}/{name}/confirmation/simulations-{{round}}.parquet", round=range(rounds))
-
-
 if DOUBTS:
     CRITICISM = {
         **{

@@ -1,9 +1,7 @@
 """Where every simulation starts: an inflation, anchors, and the fields predicted from them."""
 
 # Two at least: nothing else can be simulated before the anchors.
-ANCHOR_BATCHES = batches(
-    ANCHORS, min(config["simulations"]["batch_size"], -(-ANCHORS // 2))
-)
+ANCHOR_BATCHES = batches(ANCHORS, min(config["simulations"]["batch_size"], -(-ANCHORS // 2)))
 
 
 rule solve_baseline:

@@ -4,7 +4,9 @@ PAGE_FIGURES = f"{R}/figures/{{subject}}"
 TOGETHER = [name for name in CRITICISED if name in JOINT] if DOUBTS else []
 PAGES = expand(f"{R}/pages/{{subject}}.html", subject=[*SUBJECTS, *TOGETHER])
 TEMPLATES = SOURCE / "regional_lv" / "page"
-PARTS = [given(os.path.relpath(TEMPLATES / f"{part}.html")) for part in ("base", "criticism", "sources")]
+PARTS = [
+    given(os.path.relpath(TEMPLATES / f"{part}.html")) for part in ("base", "criticism", "sources")
+]
 PAGE_OF_CRITICISM = (
     {f"{name}_picture": f"{C}/{{subject}}/{name}.png" for name in CRITICISM_FIGURES}
     if DOUBTS
@@ -27,9 +29,7 @@ rule make_page:
         template=given(os.path.relpath(TEMPLATES / "page.html")),
         measured=f"{R}/measured/{{subject}}.csv",
         choice=CHOICE if EVALUATION and not DOUBTS else [],
-        predictions=(
-            [] if DOUBTS else f"{R}/emulators/{EMULATOR}/test_predictions.parquet"
-        ),
+        predictions=([] if DOUBTS else f"{R}/emulators/{EMULATOR}/test_predictions.parquet"),
         strains_picture=f"{PAGE_FIGURES}/measured_strains.png",
         stiffness_picture=f"{PAGE_FIGURES}/bullseye_posterior.png",
         fit_picture=f"{PAGE_FIGURES}/posterior_predictive.png",
