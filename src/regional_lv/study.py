@@ -26,7 +26,7 @@ from regional_lv.emulators.training import train_emulator
 from regional_lv.geometry.from_config import make_heart
 from regional_lv.geometry.mesh_config import finer
 from regional_lv.inference.sampling import sample_subject
-from regional_lv.inputs.space import sections_of
+from regional_lv.inputs.space import model_sections_of
 from regional_lv.mechanics.predictor import fit_predictor
 from regional_lv.parameters import Parameterisation
 from regional_lv.physics import physics_of
@@ -170,7 +170,7 @@ class Study:
             name,
             entry,
             mesh,
-            sections_of(self.config),
+            model_sections_of(self.config),
             seed=derive(seed, "subject", name) if entry["seed"] is None else entry["seed"],
             measured=measured,
             truth=self._file(f"truth/{name}.json"),

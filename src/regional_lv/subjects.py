@@ -27,7 +27,7 @@ def simulate_subject(
     """Simulate `subject`, the entry `name` of `synthetic_subjects`; write the measured table and,
     apart, the truth.
 
-    mesh: the study's, or a finer one. physics: what `inputs.space.sections_of` gives. The truth
+    mesh: the study's, or a finer one. physics: what `inputs.space.model_sections_of` gives. The truth
     (theta, effects, noise, seed) is for a file that no inference reads. Raises InputError if the
     ventricle cannot be inflated at its theta with its effects.
     """

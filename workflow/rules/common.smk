@@ -36,7 +36,7 @@ from regional_lv.errors import InputError  # noqa: E402
 from regional_lv.faults import AGAIN, damage_of  # noqa: E402
 from regional_lv.geometry.mesh_config import finer  # noqa: E402
 from regional_lv.input_files import without_braces  # noqa: E402
-from regional_lv.inputs.space import Inputs, sections_of  # noqa: E402
+from regional_lv.inputs.space import Inputs, model_sections_of, sections_of  # noqa: E402
 from regional_lv.jobs import module_of  # noqa: E402
 from regional_lv.measured import states_noise  # noqa: E402
 from regional_lv.parameters import Parameterisation  # noqa: E402

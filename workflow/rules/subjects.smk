@@ -16,7 +16,7 @@ rule simulate_subject:
     params:
         call="subjects:simulate_subject",
         name=lambda wildcards: wildcards.subject,
-        physics=sections_of(config),
+        physics=model_sections_of(config),
         subject=lambda wildcards: config["synthetic_subjects"][wildcards.subject],
         seed=lambda wildcards: subject_seed(wildcards.subject),
     script:

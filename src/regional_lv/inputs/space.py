@@ -217,8 +217,13 @@ class Inputs(Sequence[Input]):
 
 def sections_of(config: Mapping) -> dict:
     """What `Inputs.from_config` reads of a configuration, and no more: plain values."""
+    return {**model_sections_of(config), SECTION: config[SECTION]}
+
+
+def model_sections_of(config: Mapping) -> dict:
+    """The same without the roles: what `inputs.model.model_of` reads."""
     return {
-        **{section: config[section] for section in (*SECTIONS, "geometry", "parameters", SECTION)},
+        **{section: config[section] for section in (*SECTIONS, "geometry", "parameters")},
         "design": {end: config["design"][end] for end in ("lower", "upper")},
     }
 
