@@ -6,13 +6,13 @@ from pathlib import Path
 import numpy as np
 
 from regional_lv.criticism.injection import unit_noise
-from regional_lv.simulation.ventricles import Ventricles
 from regional_lv.errors import InputError
 from regional_lv.inputs.closed_forms import ClosedForm, HeavyTails
 from regional_lv.inputs.material import Stiffness
 from regional_lv.inputs.model import model_of
 from regional_lv.inputs.space import Inputs, catalogue
 from regional_lv.measured import synthetic_subject, write_measured, write_truth
+from regional_lv.simulation.ventricles import Ventricles
 
 
 def simulate_subject(
@@ -27,7 +27,7 @@ def simulate_subject(
     """Simulate `subject`, the entry `name` of `synthetic_subjects`; write the measured table and,
     apart, the truth.
 
-    mesh: the study's, or a finer one. physics: what `inputs.space.model_sections_of` gives. The truth
+    mesh: the study's, or a finer one. physics: of `inputs.space.model_sections_of`. The truth
     (theta, effects, noise, seed) is for a file that no inference reads. Raises InputError if the
     ventricle cannot be inflated at its theta with its effects.
     """

@@ -359,7 +359,7 @@ def _limits(verdict: Verdict, context: Context) -> list[str]:
     known = {kind.name for kind in INPUTS.values() if kind.is_cause}
     if others := sorted(known - searched - set(potential.inputs.names)):
         limits.append(
-            f"{len(others)} causes of the catalogue were not searched, because the section `inputs` "
+            f"{len(others)} causes of the catalogue were not searched, because `inputs` "
             f"does not make them suspected: {', '.join(others)}"
         )
     return limits
