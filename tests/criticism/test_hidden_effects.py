@@ -92,22 +92,24 @@ def test_hidden_effects_are_found_through_the_rules(results, subject, effects):
     assert found["gain"]["rmse_after"] < found["gain"]["rmse_before"]
 
 
-@pytest.mark.parametrize("subject", ["moving_base", "septum", "healthy"])
-def test_stiffness_survives_the_criticism(results, subject):
-    """Averaged over models its intervals hold the truth (one of ten may miss), and are those of the
-    draws; without the effects in the model many more are missed."""
-    found = findings(results, subject)
-    inside = {
-        which: [
-            row[which]["interval95"][0] < THETA[row["name"]] < row[which]["interval95"][1]
-            for row in found["stiffness"]
-        ]
-        for which in ("averaged", "as_it_is")
-    }
-    assert sum(inside["averaged"]) >= 9
-    if subject != "healthy":
-        assert sum(inside["as_it_is"]) <= 8
-    data = az.from_netcdf(results / "criticism" / subject / "posterior.nc")
+def covered(results, which: str, subjects) -> list[bool]:
+    """Whether 95 % intervals of the stiffness hold the truth."""
+    return [
+        row[which]["interval95"][0] < THETA[row["name"]] < row[which]["interval95"][1]
+        for subject in subjects
+        for row in findings(results, subject)["stiffness"]
+    ]
+
+
+def test_stiffness_survives_the_criticism(results):
+    """Averaged over models, three of thirty may be missed; the model as it is misses many more."""
+    assert sum(covered(results, "averaged", ["moving_base", "septum", "healthy"])) >= 27
+    assert sum(covered(results, "as_it_is", ["moving_base", "septum"])) <= 15
+
+
+def test_files_say_what_the_findings_do(results):
+    found = findings(results, "septum")
+    data = az.from_netcdf(results / "criticism" / "septum" / "posterior.nc")
     for row in found["stiffness"]:
         draws = data.posterior["value"].sel(input=row["name"]).to_numpy()
         assert abs(draws.mean() - row["averaged"]["mean"]) < 0.2 * row["averaged"]["sd"]
@@ -115,7 +117,8 @@ def test_stiffness_survives_the_criticism(results, subject):
     assert "as_it_is" in data.groups()
     replicated = data.posterior_predictive["y"].to_numpy()[0]
     low, high = np.quantile(replicated, [0.005, 0.995], axis=0)
-    assert ((data.observed_data["y"] > low) & (data.observed_data["y"] < high)).mean() > 0.9
+    observed = data.observed_data["y"].to_numpy()
+    assert ((observed > low) & (observed < high)).mean() > 0.9
 
 
 @pytest.mark.test_all("a simulation that is made by the rules in other tests")

@@ -65,27 +65,29 @@ rule make_page:
         "../scripts/call.py"
 
 
-rule make_page_of_several:
-    """The page of hearts whose causes are searched together."""
-    input:
-        PARTS,
-        **PAGE_OF_CRITICISM,
-        findings=f"{C}/{{subject}}/findings.json",
-        template=given(os.path.relpath(TEMPLATES / "several.html")),
-    output:
-        page=report(
-            f"{R}/pages/{{subject}}.html",
-            caption="../report/page.rst",
-            category="Subjects",
-            subcategory="{subject}",
-        ),
-    log:
-        f"{LOGS}/pages/{{subject}}.log",
-    wildcard_constraints:
-        subject=any_of(TOGETHER),
-    localrule: True
-    params:
-        call="page.page:make_page_of_several",
-        extended=f"{C}/{{subject}}/extended.yaml",
-    script:
-        "../scripts/call.py"
+if DOUBTS:
+
+    rule make_page_of_several:
+        """The page of hearts whose causes are searched together."""
+        input:
+            PARTS,
+            **PAGE_OF_CRITICISM,
+            findings=f"{C}/{{subject}}/findings.json",
+            template=given(os.path.relpath(TEMPLATES / "several.html")),
+        output:
+            page=report(
+                f"{R}/pages/{{subject}}.html",
+                caption="../report/page.rst",
+                category="Subjects",
+                subcategory="{subject}",
+            ),
+        log:
+            f"{LOGS}/pages/{{subject}}.log",
+        wildcard_constraints:
+            subject=any_of(TOGETHER),
+        localrule: True
+        params:
+            call="page.page:make_page_of_several",
+            extended=f"{C}/{{subject}}/extended.yaml",
+        script:
+            "../scripts/call.py"
