@@ -5,8 +5,6 @@ import pytest
 import torch
 from scipy import integrate, stats
 
-from regional_lv.channels import Channels
-from regional_lv.errors import InputError
 from regional_lv.inference.likelihood import Noise
 from regional_lv.inference.potential import (
     Measured,

@@ -1,9 +1,10 @@
 """Where and how wide a posterior is: weighted draws of a surrogate of its density.
 
 Posteriors of simulated outputs are narrow and nearly Gaussian. Those of measured hearts are wide,
-bent and, across the direction that the volume tells of, thin: an approximation at the maximum says
-little of them, and chains take hundreds of steps to cross them. A batch of two thousand densities costs as much as a dozen gradients one after the
-other, so that proposals are fitted to weighted draws instead (`importance.sample`).
+bent and, where a volume is known far better than the strains, thin: an approximation at the maximum
+says little of them, and chains take hundreds of steps to cross them. A batch of two thousand
+densities costs as much as a dozen gradients one after the other, so that proposals are fitted to
+weighted draws instead (`importance.sample`).
 """
 
 import math

@@ -13,7 +13,7 @@ directions are taken to have it."""
 
 
 class Target:
-    """-log posterior density of positions (..., P + G): theta through `transform`, then log sigma."""
+    """-log posterior density of positions (..., P + G): theta by `transform`, then log sigma."""
 
     def __init__(self, likelihood: Likelihood, transform: ThetaTransform):
         self.likelihood, self.transform = likelihood, transform

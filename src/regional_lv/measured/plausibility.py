@@ -24,7 +24,7 @@ GROWTH = (0.85, 1.2)
 one is 0.88 to 1.19 times the unloaded over the loaded volume of the cavity with a quarter of the
 wall."""
 
-SDS = {"strains": (0.002, 0.15), "the volume": (0.2, 30.0)}
+SDS = {"strains": (0.002, 0.15), "the volume": (0.5, 30.0)}
 """Standard deviations of the noise, as fractions and in mL, beyond which a unit may be wrong."""
 
 SLIP = 20.0

@@ -38,8 +38,8 @@ VOLUME_SHARE = 0.005
 
 LEAST_VOLUME_SHARE = 0.001
 """Smallest sd of a volume, as a share of it. Beside noisy strains it leaves a posterior that is far
-thinner than long; with a tenth of this sd, what is sampled is up to a third too narrow and may pass
-the convergence check."""
+thinner than long: at this sd what passes the convergence check can be up to a fifth too narrow, and
+the more so, the smaller the sd (LIMITATIONS.md)."""
 
 SIGN_TOLERANCE = 0.05
 """A noisy channel near zero may come out on the wrong side by this much, or by three `sd`."""
