@@ -29,8 +29,8 @@ MOSTLY = pytest.mark.parametrize(
 )
 """NUTS in `make test-all` only."""
 
-WELL_KNOWN = 0.005
-"""In training sd: what a volume is known to whose sd is 0.2 mL. Half a percent is 0.025."""
+FIFTH_OF_A_ML, HALF_PERCENT = 0.005, 0.025
+"""What a volume is known to, in training sd."""
 
 
 def observed(spread: float, truth: float, noise: str = "none", freedom: float = np.inf):
@@ -170,8 +170,8 @@ class Ridges(LinearEmulator):
         return SeparablePrediction(mean, super()._predict(theta).variance, self.matrix)
 
 
-@pytest.mark.parametrize("zones", [1, 2])
-def test_along_the_ridges_of_well_known_outputs_beside_known_noise(zones):
+@pytest.mark.parametrize(("zones", "known"), [(1, FIFTH_OF_A_ML), (2, HALF_PERCENT)])
+def test_along_the_ridges_of_well_known_outputs_beside_known_noise(zones, known):
     """One or two outputs with little noise among noisy ones: against quadrature along the ridges.
     The noise leaves their ends far apart."""
     emulator = Ridges.of(zones)
@@ -179,7 +179,7 @@ def test_along_the_ridges_of_well_known_outputs_beside_known_noise(zones):
     rng = np.random.default_rng(5)
     sd = 0.5 * emulator.output_sd
     y = emulator.predict_mean(truth) + sd * torch.as_tensor(rng.normal(size=len(sd)))
-    y[:zones], sd[:zones] = emulator.predict_mean(truth)[:zones], WELL_KNOWN * emulator.output_sd[0]
+    y[:zones], sd[:zones] = emulator.predict_mean(truth)[:zones], known * emulator.output_sd[0]
     likelihood = Likelihood(emulator, y, Noise.known(sd))
 
     settings = {"warmup": 100, "draws": 500, "chains": 4, "rhat_max": 1.02, "ess_min": 400.0}
@@ -200,7 +200,7 @@ def test_along_the_ridges_of_well_known_outputs_beside_known_noise(zones):
     weight = torch.softmax(-0.5 * residual.square().sum(1) + torch.where(inside, 0, -math.inf), 0)
     mean = weight @ theta
     scatter = (weight @ (theta - mean).square()).sqrt()
-    assert scatter.min() > 0.1  # fifty times as long as wide
+    assert scatter.min() > 0.1  # far longer than wide
     found = draws.theta.reshape(-1, 2 * zones)
     assert np.abs((found.mean(0) - mean.numpy()) / scatter.numpy()).max() < 0.15
     np.testing.assert_allclose(found.std(0), scatter, rtol=0.1)
@@ -220,7 +220,7 @@ def test_across_the_layer_of_a_well_known_volume(sampler):
     unit = emulator.output_sd.clone()
     unit[0] = 0.0
     even = torch.arange(len(unit)) % 2 == 0
-    known = torch.where(unit == 0, WELL_KNOWN * emulator.output_sd, 0.0)
+    known = torch.where(unit == 0, FIFTH_OF_A_ML * emulator.output_sd, 0.0)
     noise = Noise(known, {"even": unit * even, "odd": unit * ~even}, 1.0)
     deviates = torch.as_tensor(np.random.default_rng(4).normal(size=len(unit)))
     likelihood = Likelihood(emulator, emulator.predict(truth).mean + 0.3 * deviates * unit, noise)

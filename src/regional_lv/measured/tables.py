@@ -362,7 +362,7 @@ def _check_sd(table: pd.DataFrame) -> Complaints:
             yield (
                 row["line"],
                 f"sd {row['sd']:g} mL of a volume of {row['value']:g} mL: nobody measures it that "
-                f"well; give at least {least:.2g} mL, or leave it empty (an sd of "
+                f"well; give at least {math.ceil(100 * least) / 100:g} mL, or leave it empty (an sd of "
                 f"{100 * VOLUME_SHARE:g} % then)",
             )
         if kind.is_strain and row["sd"] > LARGEST_SD:
