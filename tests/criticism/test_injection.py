@@ -13,9 +13,9 @@ from regional_lv.criticism import injection
 from regional_lv.criticism.groups import EFFECTS
 from regional_lv.criticism.injection import Heart, Injection, draw_values, inject, plan_hearts
 from regional_lv.criticism.unlisted import UNLISTED
+from regional_lv.simulation.ventricles import Ventricles
 from regional_lv.errors import InputError
 from regional_lv.inputs.space import Inputs, sections_of
-from regional_lv.simulation.ventricles import Ventricles
 
 ROLES = {
     "segment_thickness": {"role": "measured", "sd_mm": 1.0},

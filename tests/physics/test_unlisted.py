@@ -5,13 +5,13 @@ import pytest
 import ufl
 
 from regional_lv.criticism.unlisted import UNLISTED, HydrostaticPressure, changed
+from regional_lv.simulation.ventricles import Ventricles
 from regional_lv.geometry.mesh import ENDOCARDIUM, read_mesh
 from regional_lv.inputs.space import Inputs, sections_of
 from regional_lv.mechanics import dolfinx_api as api
 from regional_lv.mechanics.equilibrium import deformation_gradient, deformed_normal
 from regional_lv.mechanics.problem import Problem
 from regional_lv.mechanics.supports import Surroundings
-from regional_lv.simulation.ventricles import Ventricles
 
 
 @pytest.fixture(scope="module")

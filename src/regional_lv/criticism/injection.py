@@ -14,6 +14,7 @@ from scipy import special
 from regional_lv.channels import Channels
 from regional_lv.criticism.groups import EFFECTS
 from regional_lv.criticism.unlisted import UNLISTED
+from regional_lv.simulation.ventricles import Ventricles
 from regional_lv.errors import InputError
 from regional_lv.inputs.base import Input
 from regional_lv.inputs.closed_forms import HeavyTails
@@ -23,7 +24,6 @@ from regional_lv.measured import synthetic_subject
 from regional_lv.mechanics.dolfinx_api import release_unused
 from regional_lv.progress import Progress
 from regional_lv.seeds import derive
-from regional_lv.simulation.ventricles import Ventricles
 
 log = logging.getLogger(__name__)
 

@@ -10,6 +10,7 @@ import numpy as np
 from scipy import optimize
 
 from regional_lv.aha import WALLS
+from regional_lv.simulation.ventricles import Ventricles
 from regional_lv.errors import InputError
 from regional_lv.geometry.mesh import ENDOCARDIUM
 from regional_lv.inputs.material import Stiffness
@@ -22,7 +23,6 @@ from regional_lv.parameters import Parameterisation
 from regional_lv.quantities import QUANTITIES
 from regional_lv.reduction import VOLUME
 from regional_lv.registry import Registry
-from regional_lv.simulation.ventricles import Ventricles
 
 SAME_VOLUME = 1e-3
 """Change of the logarithm of a stiffness at which two laws give the same volume (0.1 mL)."""

@@ -357,12 +357,13 @@ def _check_sd(table: pd.DataFrame) -> Complaints:
     """An sd beyond what a value of its quantity can be is one in another unit; a volume with hardly
     any leaves a posterior that cannot be sampled."""
     for _, row in table[table["sd"].notna()].iterrows():
-        kind, least = QUANTITIES[row["quantity"]], LEAST_VOLUME_SHARE * row["value"]
+        kind = QUANTITIES[row["quantity"]]
+        least = math.ceil(100 * LEAST_VOLUME_SHARE * row["value"]) / 100
         if row["quantity"] == "volume" and row["sd"] < least:
             yield (
                 row["line"],
                 f"sd {row['sd']:g} mL of a volume of {row['value']:g} mL: nobody measures it that "
-                f"well; give at least {math.ceil(100 * least) / 100:g} mL, or leave it empty (an sd of "
+                f"well; give at least {least:g} mL, or leave it empty (an sd of "
                 f"{100 * VOLUME_SHARE:g} % then)",
             )
         if kind.is_strain and row["sd"] > LARGEST_SD:
