@@ -12,12 +12,13 @@ from regional_lv.errors import InputError
 from regional_lv.inference.averaging import average
 from regional_lv.inference.evidence import fit
 from regional_lv.inference.hearts import Layout, potential_of_tables, read_known_theta
-from regional_lv.inference.potential import VOLUME_SHARE, Potential
+from regional_lv.inference.potential import Potential
 from regional_lv.inference.sources import sources_of_variance
 from regional_lv.inputs.closed_forms import HeavyTails
 from regional_lv.inputs.material import Stiffness
 from regional_lv.inputs.scales import Logarithmic
 from regional_lv.inputs.space import Inputs, Role
+from regional_lv.measured.tables import VOLUME_SHARE
 from tests.inference.toys import Toy
 
 NAMES = ["volume_ml", *(f"circumferential_{s:02d}" for s in range(1, 7)), "radial_01", "radial_02"]

@@ -3,12 +3,12 @@
 import math
 
 import numpy as np
-import pandas as pd
 import pytest
 import torch
 from scipy import stats
 
 from regional_lv.emulators.base import Emulator, Prediction, SeparablePrediction
+from regional_lv.errors import InputError
 from regional_lv.inference.likelihood import Likelihood, Noise, inflate
 from regional_lv.parameters import Parameterisation
 
@@ -61,13 +61,19 @@ def linear(
 THETA = torch.as_tensor(np.random.default_rng(2).uniform(0.5, 4.0, size=(3, 10)))
 
 
-def noises(emulator: Emulator) -> dict[str, Noise]:
+def inferred(emulator: LinearEmulator, prior_scale: float) -> Noise:
+    """Of values like `base` that came without sd."""
+    none = np.full(len(emulator.outputs), np.nan)
+    return Noise.of_subject(emulator, emulator.base.numpy(), none, prior_scale)
+
+
+def noises(emulator: LinearEmulator) -> dict[str, Noise]:
     sd = torch.full((len(OUTPUTS),), 0.2, dtype=torch.float64)
     sd[0] = float("nan")
     return {
         "none": Noise.none(emulator),
         "known": Noise.known(sd),
-        "inferred": Noise.inferred(emulator, 0.7),
+        "inferred": inferred(emulator, 0.7),
     }
 
 
@@ -87,7 +93,8 @@ def test_against_scipy(kind, separable):
             variance[1:] = 0.04
         elif kind == "inferred":
             sigma = np.exp([-1.0, 0.2, 0.5])
-            variance[1:] = ((sigma[unit] * emulator.output_sd.numpy()) ** 2)[1:]
+            variance = (sigma[unit] * emulator.output_sd.numpy()) ** 2
+            variance[0] = (0.005 * emulator.base[0]) ** 2
         covariance = prediction.covariance.numpy() + np.diag(variance)
         expected = stats.multivariate_normal(prediction.mean.numpy(), covariance).logpdf(y.numpy())
         assert float(density[i]) == pytest.approx(expected, rel=1e-9)
@@ -212,7 +219,7 @@ def test_draws_have_the_covariance_of_the_likelihood():
 
 def test_a_covariance_without_factor_is_impossible_and_leaves_the_others_alone():
     emulator = linear(0.3)
-    likelihood = Likelihood(emulator, emulator.base, Noise.inferred(emulator, 0.7))
+    likelihood = Likelihood(emulator, emulator.base, inferred(emulator, 0.7))
     log_sigma = torch.zeros(3, len(likelihood.noise.groups), dtype=torch.float64)
     expected = likelihood.log_density(THETA, log_sigma)
     log_sigma[1, 0] = 400.0  # its square overflows
@@ -222,39 +229,6 @@ def test_a_covariance_without_factor_is_impossible_and_leaves_the_others_alone()
     torch.testing.assert_close(density[[0, 2]], expected[[0, 2]])
     (gradient,) = torch.autograd.grad(density.sum(), theta)
     assert torch.isfinite(gradient[[0, 2]]).all() and gradient[[0, 2]].abs().min() > 0
-
-
-def test_outputs_that_are_exact_beside_noise():
-    emulator = linear(0.3)
-
-    def exact(noise, level=0.03):
-        return noise.exact_beside(level, emulator.output_sd).nonzero()[:, 0].tolist()
-
-    stated = torch.full_like(emulator.output_sd, 0.2)
-    for noise in (Noise.none(emulator), Noise.known(stated), Noise.shared(emulator, 0.3)):
-        assert exact(noise) == []
-    assert exact(Noise.inferred(emulator, 0.7)) == [0]
-    stated[0] = float("nan")
-    assert exact(Noise.known(stated)) == [0]
-    stated[:2] = 0.004 * emulator.output_sd[:2]
-    assert exact(Noise.known(stated)) == [0, 1]
-    assert exact(Noise.known(stated), 0.003) == []
-    assert exact(Noise.known(0.001 * stated)) == []
-    # Noise of about the same size everywhere leaves nothing thin.
-    small = 0.02 * emulator.output_sd
-    small[5:] *= 2
-    assert exact(Noise.known(small)) == []
-    several = Noise(torch.stack([stated, small, torch.zeros_like(small)]))
-    assert several.exact_beside(0.03, emulator.output_sd).sum(1).tolist() == [2, 0, 0]
-
-
-def test_blurring_adds_noise_to_some_outputs():
-    emulator = linear(0.3)
-    likelihood = Likelihood(emulator, emulator.base, Noise.inferred(emulator, 0.7))
-    mask = torch.arange(len(emulator.base)) == 0
-    blurred = likelihood.blurred(0.01, mask)
-    assert blurred.noise.sd[0] == 0.01 * emulator.output_sd[0]
-    assert not blurred.noise.sd[1:].any()
 
 
 def test_one_unknown_scale_is_whitened_too():
@@ -271,17 +245,30 @@ def test_one_unknown_scale_is_whitened_too():
 
 
 def test_noise_of_any_quantities_at_any_loads():
-    """A scale for torsion beside those of the strains, the same at all loads; volumes are exact."""
+    """A scale for torsion beside those of the strains, the same at all loads; volumes without sd
+    are known to half a percent."""
     names = ("radial_01", "volume_ml@0.5", "torsion_basal-apical", "radial_01@0.5", "volume_ml")
     emulator = linear(0.3)
     emulator.outputs, emulator.output_sd = names, torch.arange(1.0, 6.0, dtype=torch.float64)
-    noise = Noise.inferred(emulator, 0.7)
-    assert list(noise.groups) == ["radial", "torsion"] and not noise.sd.any()
+    y, none = np.array([0.3, 150.0, 2.0, 0.2, 180.0]), np.full(5, np.nan)
+    noise = Noise.of_subject(emulator, y, none, 0.7)
+    assert list(noise.groups) == ["radial", "torsion"] and noise.prior_scale == 0.7
+    assert noise.sd.tolist() == [0.0, 0.75, 0.0, 0.0, 0.9]
     assert noise.groups["radial"].tolist() == [1.0, 0.0, 0.0, 4.0, 0.0]
     assert noise.groups["torsion"].tolist() == [0.0, 0.0, 3.0, 0.0, 0.0]
-    sd = pd.Series([np.nan, 2.0, np.nan, np.nan, np.nan], index=names)
-    measured = Noise.of_subject(emulator, sd, 0.7)
+    measured = Noise.of_subject(emulator, y, np.where(y == 150, 2.0, none), 0.7)
     assert list(measured.groups) == ["radial", "torsion"]
-    assert measured.sd.tolist() == [0.0, 2.0, 0.0, 0.0, 0.0]
-    known = Noise.of_subject(emulator, sd.fillna(0.1).mask(sd.index == "volume_ml"), 0.7)
-    assert not known.groups and known.sd.tolist() == [0.1, 2.0, 0.1, 0.1, 0.0]
+    assert measured.sd.tolist() == [0.0, 2.0, 0.0, 0.0, 0.9]
+    known = Noise.of_subject(emulator, y, np.array([0.1, 2.0, 0.1, 0.1, np.nan]), 0.7)
+    assert not known.groups and known.sd.tolist() == [0.1, 2.0, 0.1, 0.1, 0.9]
+    some = Noise.of_subject(emulator, y, np.array([0.1, 2.0, np.nan, 0.1, 2.0]), 0.7)
+    assert list(some.groups) == ["torsion"] and some.sd.tolist() == [0.1, 2.0, 0.0, 0.1, 2.0]
+
+
+@pytest.mark.parametrize("value", [0.0, -0.01, np.inf])
+def test_noise_that_cannot_be(value):
+    emulator = linear(0.3)
+    sd = np.full(len(OUTPUTS), 0.01)
+    sd[2] = value
+    with pytest.raises(InputError, match=f"{OUTPUTS[2]}.*give a number above 0"):
+        Noise.of_subject(emulator, np.ones(len(sd)), sd, 1.0)

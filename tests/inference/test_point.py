@@ -7,7 +7,7 @@ from regional_lv.emulators import create
 from regional_lv.inference.likelihood import Likelihood, Noise
 from regional_lv.inference.point import find_map
 from tests.inference.conftest import PARAMETERS
-from tests.inference.test_likelihood import THETA, linear
+from tests.inference.test_likelihood import THETA, inferred, linear
 
 
 def test_is_generalised_least_squares_where_that_lies_inside():
@@ -40,7 +40,7 @@ def test_stays_on_the_bound_that_the_data_point_beyond():
 
 def test_finds_the_noise_scale():
     emulator = linear(0.001)
-    noise = Noise.inferred(emulator, 5.0)
+    noise = inferred(emulator, 5.0)
     rng = np.random.default_rng(4)
     sd = noise.variance(torch.log(torch.tensor([0.2, 0.2, 0.2]).double())).sqrt()
     y = emulator.predict(THETA[:1]).mean + sd * torch.as_tensor(rng.normal(size=(1, len(sd))))

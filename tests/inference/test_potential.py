@@ -5,15 +5,11 @@ import pytest
 import torch
 from scipy import integrate, stats
 
-from regional_lv.channels import Channels
-from regional_lv.errors import InputError
 from regional_lv.inference.likelihood import Noise
 from regional_lv.inference.potential import (
-    VOLUME_SHARE,
     Measured,
     Potential,
     _information_of_tails,
-    noise_of,
 )
 from regional_lv.inputs.closed_forms import HeavyTails
 from regional_lv.inputs.scales import Linear, Logarithmic, Saturating
@@ -170,31 +166,3 @@ def test_departure_adds_to_the_error():
     error = potential.settle(torch.zeros(2, 2).double(), torch.tensor([0.0, 3.0]).double())
     torch.testing.assert_close(error[0], emulator.error)
     torch.testing.assert_close(error[1], emulator.error + 9 * pattern)
-
-
-CHANNELS = Channels.parse(["volume_ml", "circumferential_01", "circumferential_02", "radial_01"])
-Y = np.array([120.0, -0.15, -0.14, 0.3])
-
-
-@pytest.mark.parametrize(
-    ("sd", "known", "groups"),
-    [
-        ([2.0, 0.01, 0.02, 0.03], [2.0, 0.01, 0.02, 0.03], []),
-        ([np.nan, 0.01, 0.02, 0.03], [120 * VOLUME_SHARE, 0.01, 0.02, 0.03], []),
-        ([np.nan] * 4, [120 * VOLUME_SHARE, 0, 0, 0], ["circumferential", "radial"]),
-        ([1.0, 0.01, 0.01, np.nan], [1.0, 0.01, 0.01, 0], ["radial"]),
-    ],
-)
-def test_noise_of(sd, known, groups):
-    noise = noise_of(CHANNELS, Y, np.array(sd), np.full(4, 0.5), 2.0)
-    np.testing.assert_allclose(noise.sd, known)
-    assert list(noise.groups) == groups and noise.prior_scale == 2.0
-    if groups:
-        np.testing.assert_allclose(noise.units.sum(0), 0.5 * (np.array(known) == 0))
-
-
-@pytest.mark.parametrize("value", [0.0, -0.01, np.inf])
-def test_noise_that_cannot_be(value):
-    sd = np.array([1.0, value, 0.01, 0.01])
-    with pytest.raises(InputError, match=r"circumferential_01.*give a number above 0"):
-        noise_of(CHANNELS, Y, sd, np.ones(4), 1.0)

@@ -279,7 +279,7 @@ def test_curves_are_checked_and_the_frame_is_reported(call, filled, monkeypatch)
     for line in (
         f"unloaded frame 4, by earliest_diastole ({key}.frame, {config}); end-diastolic frame 1 "
         f"({key}.end_diastole_frame, default); engineering strain ({key}.measure, default)",
-        f"volume 180 mL ({key}.volume_ml, {config}), taken as exact ({key}.sd.volume, default)",
+        f"volume 180 mL ({key}.volume_ml, {config}), known to 0.5 % ({key}.sd.volume, default)",
         f"sd of the strains not given: the noise is inferred ({key}.sd.strain, default)",
     ):
         assert f"anna: {line}" in lines

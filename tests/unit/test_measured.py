@@ -172,6 +172,12 @@ def test_mistake_names_file_line_and_remedy(tmp_path, name):
 MISTAKES_IN_FURTHER_COLUMNS = {
     "sd zero": ("sd", ["volume,,180,mL,0"], 2, "correct it, or leave it empty"),
     "sd negative": ("sd", ["volume,,180,mL,-2"], 2, "correct it, or leave it empty"),
+    "volume known too well": (
+        "sd",
+        ["volume,,180,mL,0.1"],
+        2,
+        "give at least 0.18 mL, or leave it empty (an sd of 0.5 % then)",
+    ),
     "sd not finite": ("sd", ["volume,,180,mL,nan"], 2, "remove the row"),
     "sd for some strains": (
         "sd",

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pandas as pd
 
+from regional_lv.measured.tables import VOLUME_SHARE
 from regional_lv.quantities import QUANTITIES
 
 Layers = Sequence[tuple[Path, Mapping]]
@@ -65,7 +66,8 @@ def subject_lines(
         )
         origins = [where("volume_ml"), where("sd", "volume")] if of_curves else None
         value, sd = origins or [f"column {c}, {subject['measured']}" for c in ("value", "sd")]
-        noise = "taken as exact" if pd.isna(row["sd"]) else f"sd {row['sd']:g} mL"
+        unknown = f"known to {100 * VOLUME_SHARE:g} %"
+        noise = unknown if pd.isna(row["sd"]) else f"sd {row['sd']:g} mL"
         yield f"volume{at} {row['value']:g} mL ({value}), {noise} ({sd})"
     at = where("sd", "strain") if of_curves else f"column sd, {subject['measured']}"
     others = table[table["quantity"] != "volume"]

@@ -1,10 +1,10 @@
 """Where and how wide a posterior is: weighted draws of a surrogate of its density.
 
 Posteriors of simulated outputs are narrow and nearly Gaussian. Those of measured hearts are wide,
-bent and, where a volume is known to a tenth of a mL beside strains whose noise is inferred, thin
-shells: an approximation at the maximum says little of them, and chains take hundreds of steps to
-cross them. A batch of two thousand densities costs as much as a dozen gradients one after the
-other, so that proposals are fitted to weighted draws instead (`importance.sample`).
+bent and, where a volume is known far better than the strains, thin: an approximation at the maximum
+says little of them, and chains take hundreds of steps to cross them. A batch of two thousand
+densities costs as much as a dozen gradients one after the other, so that proposals are fitted to
+weighted draws instead (`importance.sample`).
 """
 
 import math
@@ -17,7 +17,6 @@ from regional_lv.inference import importance
 from regional_lv.inference.importance import Student, Weighted
 from regional_lv.inference.likelihood import Likelihood
 from regional_lv.inference.point import CHUNK
-from regional_lv.inference.shell import flatten
 from regional_lv.inference.surrogate import Potential, fit_surrogate
 from regional_lv.inference.target import Target
 from regional_lv.inference.transform import ThetaTransform
@@ -99,38 +98,24 @@ def approximate(
     """Approximations of one posterior, each better than the one before; the first often suffices.
 
     theta_map (P,), log_sigma_map (G,): its maximum. The first is about the Gaussian at the maximum,
-    the second in coordinates that fit the draws of the first. Where the posterior is a thin shell
-    these are of the density that is `blurred`, and the first to be handed out is of the density
-    itself, in the coordinates of a `Shell`, or of one within the other where there are several.
+    the second in coordinates that fit the draws of the first.
     """
     target = Target.near(likelihood, theta_map, log_sigma_map)
-    thin = target.thin(theta_map)
-    broad = target.blurred(thin)
-    mode, scale = broad.gaussian(theta_map, log_sigma_map)
+    mode, scale = target.gaussian(theta_map, log_sigma_map)
     student = Student(torch.zeros_like(mode), NARROW**2 * torch.eye(len(mode), dtype=mode.dtype))
     count = count_places(len(mode))
-    best = _explore(broad, mode + student.draw(count, generator) @ scale.mT, generator)
-    if not thin:
-        yield best
+    best = _explore(target, mode + student.draw(count, generator) @ scale.mT, generator)
+    yield best
 
-    theta, log_sigma = broad.constrain(best.found.u)
+    theta, log_sigma = target.constrain(best.found.u)
     transform = ThetaTransform.around(theta, best.found.weight, likelihood.emulator)
-    wide = Target(broad.likelihood, transform)
+    target = Target(likelihood, transform)
     kept = importance.resample(best.found.weight, count, generator)
-    best = _explore(wide, wide.unconstrain(theta[kept], log_sigma[kept]), generator)
-    for at, output in enumerate(thin):
-        before = best.target
-        form = before.transform, *best.preconditioner()
-        shell, thickness = flatten(likelihood, output, *form, generator)
-        flat = Target(likelihood, shell).blurred(thin[at + 1 :])
-        places = flat.unconstrain(*before.constrain(best.places(generator)))
-        across = likelihood.inputs - 1
-        places[:, across] *= thickness / places[:, across].std()
-        best = _explore(flat, places, generator)
+    best = _explore(target, target.unconstrain(theta[kept], log_sigma[kept]), generator)
     yield best
 
     for _ in range(REFINEMENTS):
-        best = _explore(best.target, best.places(generator), generator)
+        best = _explore(target, best.places(generator), generator)
         yield best
 
 

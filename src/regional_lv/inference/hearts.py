@@ -26,7 +26,7 @@ from regional_lv.inference.departure import departure_covariance
 from regional_lv.inference.emulated import EmulatedInputs
 from regional_lv.inference.likelihood import Noise
 from regional_lv.inference.observed import Observed
-from regional_lv.inference.potential import Emulated, Potential, noise_of
+from regional_lv.inference.potential import Emulated, Potential
 from regional_lv.input_files import reading
 from regional_lv.inputs.base import Input
 from regional_lv.inputs.closed_forms import HeavyTails
@@ -215,7 +215,7 @@ def potential_of_tables(
     `read_measured` returns them. noise_prior_scale: of the half-normal prior of an unknown noise,
     in sds of an output over the training data. known: as for `Layout.of`.
 
-    Raises InputError as `noise_of` and `Layout.of`.
+    Raises InputError as `Noise.of_subject` and `Layout.of`.
     """
     tables = {heart: table.set_index("output") for heart, table in tables.items()}
     names = [n for n in emulator.outputs if any(n in table.index for table in tables.values())]
@@ -241,7 +241,7 @@ def _noise(emulator: Emulator, tables: Sequence[pd.DataFrame], prior_scale: floa
     for table in tables:
         mine = emulator.select([*table.index])
         value, sd = (table[column].to_numpy(float) for column in ("value", "sd"))
-        parts.append(noise_of(mine.channels, value, sd, mine.output_sd.numpy(), prior_scale))
+        parts.append(Noise.of_subject(mine, value, sd, prior_scale))
     groups = {
         quantity: torch.cat([p.groups.get(quantity, torch.zeros_like(p.sd)) for p in parts])
         for quantity in dict.fromkeys(name for part in parts for name in part.groups)

@@ -3,24 +3,22 @@
 import math
 from dataclasses import dataclass, field, replace
 
-import pandas as pd
+import numpy as np
 import torch
 from scipy import stats
 
 from regional_lv.emulators.base import Emulator, Prediction, SeparablePrediction
+from regional_lv.errors import InputError
 from regional_lv.gaussian import LOG_2PI
+from regional_lv.measured.tables import VOLUME_SHARE
 from regional_lv.reduction import VOLUME
-
-CONTRAST = 30
-"""By how much an output has to be better known than the others to count as exact. A volume known to
-1 mL beside strains known to 0.01 does not: samplers reach the ends of such a posterior."""
 
 
 @dataclass(frozen=True)
 class Noise:
     """Measurement noise, independent between outputs.
 
-    sd: (D,) known standard deviations in natural units, 0 where an output counts as exact.
+    sd: (D,) known standard deviations in natural units, 0 where there is none or it is unknown.
     groups: quantity -> (D,) unit of the noise that is unknown there, 0 elsewhere: the noise of an
     output is sigma (one per quantity, the same at all loads, inferred) times its unit, the training
     sd.
@@ -42,35 +40,32 @@ class Noise:
         return cls(torch.nan_to_num(torch.as_tensor(sd, dtype=torch.float64)))
 
     @classmethod
-    def inferred(
-        cls, emulator: Emulator, prior_scale: float, sd: torch.Tensor | None = None
+    def of_subject(
+        cls, emulator: Emulator, y: np.ndarray, sd: np.ndarray, prior_scale: float
     ) -> "Noise":
-        """One unknown scale for each quantity that `emulator` has; volumes have their own `sd`.
+        """Of measured values `y` (D,) whose `sd` (D,), in natural units, is NaN where not given.
 
-        sd: (D,), of which that of volumes counts. Without it, volumes are exact up to the
-        emulator's error, as in the paper.
+        Volumes without sd are known to `VOLUME_SHARE`; each other quantity with such channels has
+        an unknown scale. Raises InputError for an sd that is not above 0.
         """
-        groups, channels = {}, emulator.channels
-        for quantity in channels.quantities:
-            if quantity != VOLUME:
-                here = torch.as_tensor(channels.of_quantity(quantity))
-                groups[quantity] = torch.where(here, emulator.output_sd, 0.0)
-        known = torch.zeros_like(emulator.output_sd)
-        if sd is not None:
-            volumes = torch.as_tensor(channels.of_quantity(VOLUME))
-            known = torch.where(volumes, torch.nan_to_num(sd), known)
-        return cls(known, groups, float(prior_scale))
-
-    @classmethod
-    def of_subject(cls, emulator: Emulator, sd: pd.Series, prior_scale: float) -> "Noise":
-        """Known noise if all but the volumes have an `sd`, inferred noise if they have none.
-
-        sd: by output, natural units, NaN where not given; `read_measured` allows no mixture.
-        """
-        values = torch.as_tensor(sd.to_numpy(float))
-        if sd[~emulator.channels.of_quantity(VOLUME)].notna().all():
-            return cls.known(values)
-        return cls.inferred(emulator, prior_scale, values)
+        channels = emulator.channels
+        volumes = channels.of_quantity(VOLUME)
+        known = np.where(volumes & np.isnan(sd), VOLUME_SHARE * np.abs(y), sd)
+        for name, value in zip(channels.names, known, strict=True):
+            if value <= 0 or np.isinf(value):
+                raise InputError(
+                    f"{name}: noise of standard deviation {value:g}; give a number above 0 in the "
+                    "column sd, or leave it empty"
+                )
+        unknown = np.isnan(known)
+        groups = {
+            quantity: torch.where(
+                torch.as_tensor(unknown & channels.of_quantity(quantity)), emulator.output_sd, 0.0
+            )
+            for quantity in channels.quantities
+            if unknown[channels.of_quantity(quantity)].any()
+        }
+        return cls(torch.as_tensor(np.nan_to_num(known)), groups, float(prior_scale))
 
     @classmethod
     def shared(cls, emulator: Emulator, prior_scale: float) -> "Noise":
@@ -85,20 +80,6 @@ class Noise:
     def present(self) -> bool:
         """Whether there is any."""
         return bool(self.groups) or bool((self.sd > 0).any())
-
-    def exact_beside(self, level: float, output_sd: torch.Tensor) -> torch.Tensor:
-        """Outputs (..., D) whose noise is known to be less than `level` training sd, and far less
-        than what others have (`CONTRAST`); sd may be (..., D). Inferred noise counts as a training
-        sd.
-
-        The strains' noise leaves theta wide, and a volume known to a tenth of a mL makes a thin
-        curved shell of it.
-        """
-        inferred = (self.units > 0).any(0)
-        scaled = torch.where(inferred, 1.0, self.sd / output_sd)
-        noisy = torch.where(scaled >= level, scaled, torch.nan)
-        typical = noisy.nanmedian(-1, keepdim=True).values
-        return (scaled < level) & (scaled < typical / CONTRAST)
 
     @property
     def units(self) -> torch.Tensor:
@@ -186,11 +167,6 @@ class Likelihood:
         """Whether the noise is unknown but for one scale of all outputs."""
         return bool(self.noise.groups) and self._whiten is not None
 
-    @property
-    def noisy(self) -> bool:
-        """Whether there is measurement noise, known or unknown."""
-        return self.noise.present
-
     def at(self, y: torch.Tensor) -> "Likelihood":
         """The same likelihood for other observations; nothing is factorised again."""
         other = object.__new__(Likelihood)
@@ -218,15 +194,9 @@ class Likelihood:
 
     def tempered(self, level: float) -> "Likelihood":
         """The same observations with further noise of `level` training sd on every output."""
-        return self._with_noise(level * self.emulator.output_sd)
-
-    def blurred(self, level: float, outputs: torch.Tensor) -> "Likelihood":
-        """With further noise of `level` training sd on some `outputs` (a mask, D)."""
-        return self._with_noise(level * self.emulator.output_sd * outputs)
-
-    def _with_noise(self, sd: torch.Tensor) -> "Likelihood":
-        more = (self.noise.sd.square() + sd.square()).sqrt()
-        return Likelihood(self.emulator, self.y, replace(self.noise, sd=more), self.jacobian)
+        more = level * self.emulator.output_sd
+        noise = replace(self.noise, sd=(self.noise.sd.square() + more.square()).sqrt())
+        return Likelihood(self.emulator, self.y, noise, self.jacobian)
 
     def log_density(
         self, theta: torch.Tensor, log_sigma: torch.Tensor | None = None

@@ -15,8 +15,6 @@ import numpy as np
 import torch
 from scipy import stats
 
-from regional_lv.channels import Channels
-from regional_lv.errors import InputError
 from regional_lv.gaussian import LOG_2PI
 from regional_lv.inference.likelihood import Noise
 from regional_lv.inference.observed import Observed
@@ -24,10 +22,6 @@ from regional_lv.inference.point import CHUNK, LOG_SIGMA_BOUNDS
 from regional_lv.inputs.closed_forms import HeavyTails
 from regional_lv.inputs.scales import Linear, Scale
 from regional_lv.inputs.space import Inputs
-from regional_lv.reduction import VOLUME
-
-VOLUME_SHARE = 0.005
-"""Sd of a volume that comes without one, as a share of it (about 1 mL): nobody measures better."""
 
 FIRST_SIGMA = 0.3
 """Noise scale that fits start from, in its unit."""
@@ -352,31 +346,3 @@ def _information_of_tails(nu: torch.Tensor) -> torch.Tensor:
     nu = nu.clamp(max=1e3)  # beyond, digits cancel
     halves = torch.special.polygamma(1, nu / 2) - torch.special.polygamma(1, (nu + 1) / 2)
     return nu**4 * (halves / 4 - (nu + 5) / (2 * nu * (nu + 1) * (nu + 3)))
-
-
-def noise_of(
-    channels: Channels, y: np.ndarray, sd: np.ndarray, unit: np.ndarray, prior_scale: float
-) -> Noise:
-    """The noise of measured values y (D,) whose `sd` (D,) is NaN where it was not given.
-
-    Volumes are known to `VOLUME_SHARE` then; other quantities have an unknown scale each, times the
-    `unit` (D,) of a channel, with a half-normal prior of `prior_scale`.
-
-    Raises InputError for an sd that is not above 0.
-    """
-    volumes = channels.of_quantity(VOLUME)
-    known = np.where(volumes & np.isnan(sd), VOLUME_SHARE * np.abs(y), sd)
-    for name, value in zip(channels.names, known, strict=True):
-        if value <= 0 or np.isinf(value):
-            raise InputError(
-                f"{name}: noise of standard deviation {value:g}; give a number above 0 in the "
-                "column sd, or leave it empty"
-            )
-    unknown = np.isnan(known)
-    groups = {
-        quantity: torch.as_tensor(np.where(unknown & channels.of_quantity(quantity), unit, 0.0))
-        for quantity in dict.fromkeys(
-            c.quantity for c, u in zip(channels, unknown, strict=True) if u
-        )
-    }
-    return Noise(torch.as_tensor(np.nan_to_num(known)), groups, float(prior_scale))

@@ -246,8 +246,9 @@ def sample_subject(
     """Sample the posterior of a measured file; write it (NetCDF) and its diagnostics (CSV).
 
     The emulator is reduced to the outputs that were measured. Where they come with a standard
-    deviation, that is the noise; where they do not, one scale per quantity but the volume is
-    inferred with a half-normal prior of scale `noise_prior_scale` (in training sd).
+    deviation, that is the noise; where they do not, the volume is known to `VOLUME_SHARE`, and one
+    scale for each other quantity is inferred with a half-normal prior of scale `noise_prior_scale`
+    (in training sd).
 
     Raises InputError if the measured file cannot be used.
     """
@@ -283,7 +284,8 @@ def subject_likelihood(
     table, emulator = table.loc[names], emulator.select(names)
     y = torch.as_tensor(table["value"].to_numpy(float))
     emulator = emulator.localise(y)
-    return Likelihood(emulator, y, Noise.of_subject(emulator, table["sd"], noise_prior_scale))
+    sd = table["sd"].to_numpy(float)
+    return Likelihood(emulator, y, Noise.of_subject(emulator, y.numpy(), sd, noise_prior_scale))
 
 
 def predict_observations(sampled: Sampled, seed: int) -> np.ndarray:

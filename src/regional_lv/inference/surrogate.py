@@ -11,7 +11,6 @@ import torch
 
 from regional_lv.emulators.base import join
 from regional_lv.inference.point import CHUNK
-from regional_lv.inference.shell import products
 from regional_lv.inference.target import Target
 
 Potential = Callable[[torch.Tensor], torch.Tensor]
@@ -70,3 +69,9 @@ def fit_surrogate(
     gram = gram + RIDGE * torch.diag(gram.diagonal())
     coefficients = torch.linalg.solve(gram, weighted.T @ logs)
     return Surrogate(target, centre, inverse, coefficients, logs.min(), logs.max())
+
+
+def products(y: torch.Tensor) -> torch.Tensor:
+    """1, y and all products of two (..., F)."""
+    first, second = torch.triu_indices(y.shape[-1], y.shape[-1])
+    return torch.cat([torch.ones_like(y[..., :1]), y, y[..., first] * y[..., second]], dim=-1)

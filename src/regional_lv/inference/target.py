@@ -4,32 +4,18 @@ import numpy as np
 import torch
 
 from regional_lv.emulators.base import Prediction
-from regional_lv.errors import InputError
 from regional_lv.inference.likelihood import Likelihood
-from regional_lv.inference.shell import Shell
 from regional_lv.inference.transform import POWER, ThetaTransform
 
 WEAKEST_CURVATURE = 0.3
 """Where the data say nothing, a parameter has about this curvature from its soft bounds; flatter
 directions are taken to have it."""
 
-BLUR = 0.03
-"""An output that is known to less training sd than this, about 1 mL of volume, beside others that
-are not, makes a thin shell. `Likelihood.blurred` so far for where and how wide the whole is: widths
-at one point say little."""
-
-MOST_SHELLS = 2
-"""Outputs without noise beside noisy ones: of each, every place is searched for within the search
-for the one before, which takes some twenty times as long."""
-
 
 class Target:
-    """-log posterior density of positions (..., P + G): theta through `transform`, then log sigma.
+    """-log posterior density of positions (..., P + G): theta by `transform`, then log sigma."""
 
-    transform: a `Shell`, where an output is exact and the posterior thin.
-    """
-
-    def __init__(self, likelihood: Likelihood, transform: ThetaTransform | Shell):
+    def __init__(self, likelihood: Likelihood, transform: ThetaTransform):
         self.likelihood, self.transform = likelihood, transform
         self.inputs = likelihood.inputs
 
@@ -45,40 +31,6 @@ class Target:
         covariance = torch.linalg.inv(information + torch.diag(torch.as_tensor(12 / spans**2)))
         width = covariance.diagonal()[: len(theta)].sqrt() * theta**POWER
         return cls(likelihood, ThetaTransform(emulator.lower, emulator.upper, width))
-
-    def thin(self, theta: torch.Tensor) -> list[int]:
-        """Outputs each of which makes a thin shell of the posterior at `theta` (P,).
-
-        Raises InputError if there are more than `MOST_SHELLS`.
-        """
-        likelihood = self.likelihood
-        exact = likelihood.noise.exact_beside(BLUR, likelihood.emulator.output_sd)
-        if not exact.any():
-            return []
-        with torch.no_grad():
-            prediction = likelihood.emulator.predict(theta)
-        variance = prediction.covariance.diagonal() + likelihood.noise.sd.square()
-        thin = exact & (variance.sqrt() < BLUR * likelihood.emulator.output_sd)
-        thin = thin & likelihood.emulator.linearise(theta)[1].any(-1)  # what never moves has none
-        found = thin.nonzero()[:, 0].tolist()
-        # As many of them as parameters leave a point: there is nothing to make flat.
-        if len(found) >= self.inputs:
-            return []
-        if len(found) > MOST_SHELLS:
-            names = ", ".join(likelihood.emulator.outputs[output] for output in found)
-            raise InputError(
-                f"{names}: {len(found)} outputs count as exact beside noisy ones, and a posterior "
-                f"can be sampled with {MOST_SHELLS}; give the others an sd (volumes: 1 mL)"
-            )
-        return found
-
-    def blurred(self, outputs: list[int]) -> "Target":
-        """With some outputs blurred by `BLUR`; itself if there are none."""
-        if not outputs:
-            return self
-        mask = torch.zeros_like(self.likelihood.y, dtype=torch.bool)
-        mask[..., outputs] = True
-        return Target(self.likelihood.blurred(BLUR, mask), self.transform)
 
     def unconstrain(self, theta: torch.Tensor, log_sigma: torch.Tensor) -> torch.Tensor:
         """Position (..., P + G)."""

@@ -9,7 +9,7 @@ import pandas as pd
 from regional_lv import seth_hill
 from regional_lv.channels import Channel, Channels
 from regional_lv.criticism import data_checks
-from regional_lv.measured.tables import shortcomings
+from regional_lv.measured.tables import VOLUME_SHARE, shortcomings
 
 GREEN_MEANS = {
     "circumferential": (-0.27, -0.06),
@@ -24,7 +24,7 @@ GROWTH = (0.85, 1.2)
 one is 0.88 to 1.19 times the unloaded over the loaded volume of the cavity with a quarter of the
 wall."""
 
-SDS = {"strains": (0.002, 0.15), "the volume": (0.2, 30.0)}
+SDS = {"strains": (0.002, 0.15), "the volume": (0.5, 30.0)}
 """Standard deviations of the noise, as fractions and in mL, beyond which a unit may be wrong."""
 
 SLIP = 20.0
@@ -67,7 +67,10 @@ def data_warnings(
             "known"
         )
     if (unknown & volume).any():
-        found.append("no sd of the volume: it is taken as exact; give its sd, in mL")
+        found.append(
+            f"no sd of the volume: it counts as known to {100 * VOLUME_SHARE:g} %; give its sd, in "
+            "mL, if it is known"
+        )
     found += _unusual_sd(table, volume)
     full = table[table["load_fraction"] == 1]
     stretches = {

@@ -33,6 +33,14 @@ PASSED_ON = ("frame", "slice", "source")
 LARGEST_SD = 0.5
 """Of a strain, as a fraction."""
 
+VOLUME_SHARE = 0.005
+"""Sd of a volume that comes without one, as a share of it (about 1 mL): nobody measures better."""
+
+LEAST_VOLUME_SHARE = 0.001
+"""Smallest sd of a volume, as a share of it. Beside noisy strains it leaves a posterior that is far
+thinner than long: at this sd what passes the convergence check can be up to a fifth too narrow, and
+the more so, the smaller the sd (LIMITATIONS.md)."""
+
 SIGN_TOLERANCE = 0.05
 """A noisy channel near zero may come out on the wrong side by this much, or by three `sd`."""
 
@@ -346,9 +354,18 @@ def _check_size(table: pd.DataFrame, strain_exponent: float | None) -> Complaint
 
 
 def _check_sd(table: pd.DataFrame) -> Complaints:
-    """An sd beyond what a value of its quantity can be is one in another unit."""
+    """An sd beyond what a value of its quantity can be is one in another unit; a volume with hardly
+    any leaves a posterior that cannot be sampled."""
     for _, row in table[table["sd"].notna()].iterrows():
         kind = QUANTITIES[row["quantity"]]
+        least = math.ceil(100 * LEAST_VOLUME_SHARE * row["value"]) / 100
+        if row["quantity"] == "volume" and row["sd"] < least:
+            yield (
+                row["line"],
+                f"sd {row['sd']:g} mL of a volume of {row['value']:g} mL: nobody measures it that "
+                f"well; give at least {least:g} mL, or leave it empty (an sd of "
+                f"{100 * VOLUME_SHARE:g} % then)",
+            )
         if kind.is_strain and row["sd"] > LARGEST_SD:
             yield (
                 row["line"],
