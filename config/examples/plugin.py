@@ -149,7 +149,5 @@ class ApicalTether(KeyInput):
     unit = "kPa/mm"
     low, high = 0.0, 0.1
     stress_power, length_power = 1, -1
-    description = (
-        "Springs along the axis hold the epicardium; the model of the example has few."
-    )
+    description = "Springs along the axis hold the epicardium; the model of the example has few."
     source = "none: an example"
