@@ -307,10 +307,7 @@ def _drop_impossible(config: dict, named: Iterable[str]) -> None:
     for itself, which stay, to be complained about."""
     again = meshes_anew(config)
     for name, subject in list(config["synthetic_subjects"].items()):
-        try:
-            possible = not list(check_effects(name, subject["effects"], config))
-        except InputError:
-            return  # reported with everything else
+        possible = not list(check_effects(name, subject["effects"], config))
         if name not in named and not (possible and (again or subject["mesh"] == "study")):
             del config["synthetic_subjects"][name]
             config["subjects"].pop(name, None)
@@ -322,10 +319,7 @@ def _drop_unused(config: dict) -> None:
     for name, subject in list(config["synthetic_subjects"].items()):
         if name in config["subjects"]:
             continue
-        try:
-            impossible = list(check_effects(name, subject["effects"], config))
-        except InputError:
-            return  # reported with everything else
+        impossible = list(check_effects(name, subject["effects"], config))
         if impossible or (subject["mesh"] == "finer" and not meshes_anew(config)):
             del config["synthetic_subjects"][name]
 

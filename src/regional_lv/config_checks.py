@@ -62,7 +62,8 @@ def cross_check(config: dict) -> Iterator[str]:
     geometry, design, loading = config["geometry"], config["design"], config["loading"]
     if geometry["epi_apex_z_mm"] >= geometry["endo_apex_z_mm"]:
         yield "geometry.epi_apex_z_mm: must lie below geometry.endo_apex_z_mm; lower it"
-    yield from _check_geometry_files(geometry)
+    without_heart = list(_check_geometry_files(geometry))
+    yield from without_heart
     if design["lower"] >= design["upper"]:
         yield (
             f"design.lower: {design['lower']} is not below design.upper ({design['upper']}); "
@@ -87,7 +88,8 @@ def cross_check(config: dict) -> Iterator[str]:
     mistakes += _complaints(Channels.from_config, config)
     if design["lower"] < design["upper"]:
         mistakes += _complaints(Parameterisation.from_config, config)
-    if config["inputs"] and not mistakes:
+    sound = not (mistakes or without_heart) and design["lower"] < design["upper"]
+    if config["inputs"] and sound:
         # The catalogue reads segment tables: pandas, for every process that reads a configuration.
         from regional_lv.inputs.space import Inputs
 
@@ -243,17 +245,17 @@ def _check_noise(key: str, noise: dict, channels: Channels) -> Iterator[str]:
 
 
 def check_effects(key: str, effects: dict, config: dict) -> Iterator[str]:
-    """Mistakes in the effects of a synthetic subject, which stand at `key` of the configuration.
-
-    Raises InputError as `physics_of` does.
-    """
+    """Mistakes in the effects of a synthetic subject, which stand at `key` of the configuration."""
     if not effects:
         return
     # The catalogue reads segment tables: pandas, for every process that reads a configuration.
     from regional_lv.inputs.model import model_of
     from regional_lv.inputs.space import catalogue, why_unknown
 
-    model = model_of(config)
+    try:
+        model = model_of(config)
+    except InputError:
+        return  # there is no heart, which is reported with everything else
     known = {each.name: each for each in catalogue(model) if each.nominal is not None}
     for name, value in effects.items():
         if name not in known:

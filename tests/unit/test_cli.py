@@ -324,7 +324,7 @@ MISTAKES = {
             "design": {"lower": 3.0, "upper": 2.0},
         },
         [
-            r"geometry\.segments: hearts/anna/segments\.csv, line 11: wall_thickness_mm is 1\.243",
+            r"geometry\.segments: hearts/anna/segments\.csv, line 13: wall_thickness_mm is 1\.243",
             r"design\.lower: 3\.0 is not below design\.upper \(2\.0\); exchange them",
         ],
     ),
@@ -334,7 +334,7 @@ MISTAKES = {
             "segments": ("0.0,-13.6", "0.0,-15.6"),
         },
         [
-            r"geometry\.segments: hearts/anna/segments\.csv, line 17: the mid level begins at z",
+            r"geometry\.segments: hearts/anna/segments\.csv, line 19: the mid level begins at z",
             "subjects.patient.measured: hearts/anna/measured.csv, line 5: unit `mm` does not go",
         ],
     ),
