@@ -254,9 +254,10 @@ def check_effects(key: str, effects: dict, config: dict) -> Iterator[str]:
 
     try:
         model = model_of(config)
+        every = catalogue(model)
     except InputError:
-        return  # there is no heart, which is reported with everything else
-    known = {each.name: each for each in catalogue(model) if each.nominal is not None}
+        return  # there is no such model, which is reported with everything else
+    known = {each.name: each for each in every if each.nominal is not None}
     for name, value in effects.items():
         if name not in known:
             yield f"{key}.{name}: {why_unknown(name, [*known.values()], model)}"
