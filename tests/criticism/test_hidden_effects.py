@@ -42,6 +42,7 @@ def hide(config: dict) -> None:
     config["emulators"]["joint_gp"] = {"iterations": 40}
     config["inputs"] = dict.fromkeys(SUSPECTED, "suspected")
     config["all_inputs"] = {"simulations": 128, "test": 4, "anchors": 32}
+    config["simulations"] |= {"batch_size": 64}
     config["criticism"] = {
         **{"bootstrap": 199, "largest_set": 3},
         "confirmation": {"sets": 3, "simulations": 6, "rounds": 2},
