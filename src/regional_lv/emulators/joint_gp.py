@@ -102,7 +102,11 @@ class JointGP(Emulator):
         found = [process.predict(theta) for process in self.processes]
         v = sum(each.mean for each in found)
         by_v, _ = self.scale.slopes(v, theta)
-        covariance = sum(each.covariance for each in found)
+        # A posterior over many inputs knows no directions along which errors are larger.
+        covariance = sum(
+            process.jacobian_factor * each.covariance
+            for process, each in zip(self.processes, found, strict=True)
+        )
         covariance = by_v[..., :, None] * covariance * by_v[..., None, :]
         return Prediction(self.scale.outputs(v, theta), covariance)
 
