@@ -94,10 +94,6 @@ class JointGP(Emulator):
         found = self.predict(torch.as_tensor(theta))
         return (torch.as_tensor(y) - found.mean) / found.sd
 
-    @property
-    def jacobian_factor(self) -> float:
-        return self.processes[0].jacobian_factor
-
     def _predict(self, theta):
         found = [process.predict(theta) for process in self.processes]
         v = sum(each.mean for each in found)
