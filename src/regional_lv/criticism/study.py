@@ -127,10 +127,9 @@ class Critic:
     def plan(self, rounds: Sequence[pd.DataFrame]) -> pd.DataFrame:
         """What to simulate after some rounds; no rows where that was enough."""
         emulator, found = conditioned(self.emulator, rounds, self._outputs)
-        potential = self.potential(emulator)
         if found and found[-1].agrees(self._noise_sd):
             return pd.DataFrame(columns=["sample", "set", *emulator.coordinates.names])
-        averaged = self._average(potential, PLANNING)
+        averaged = self._average(self.potential(emulator), PLANNING)
         return confirmation.plan(
             averaged, self.settings.confirmation, derive(self.seed, "round", len(rounds))
         )
@@ -175,15 +174,16 @@ class Critic:
         potential = averaged.potential
         linear = LinearModel.of(potential, fitted)
         model = averaged.models[number]
-        tails = potential.tails in model.members
         tested = test(
             linear,
             potential.suspected if number == averaged.base else (),
             self.settings.bootstrap,
             derive(self.seed, "bootstrap", averaged.names[number]),
         )
-        why_not = outliers.why_not(outliers.standardised(potential, fitted), potential.observed)
-        return Examined(linear, tested, left_out(linear), why_not if tails else "")
+        why_not = ""
+        if potential.tails in model.members:
+            why_not = outliers.why_not(outliers.standardised(potential, fitted), potential.observed)
+        return Examined(linear, tested, left_out(linear), why_not)
 
 
 def _confirmed(averaged: Averaged, rounds: Sequence[Round], noise_sd) -> frozenset[int]:
