@@ -200,7 +200,7 @@ def test_roles_rerun_what_is_over_all_inputs_only(editable):
     edit_config(editable, lambda c: c["inputs"].update(basal_motion="suspected"))
     rules = planned(editable)
     assert {"design_inputs", "solve_inputs_anchors", "simulate_inputs", "train_on_inputs"} <= rules
-    assert {"plan_confirmation", "conclude_criticism", "make_page"} <= rules
+    assert {"confirm_models", "conclude_criticism", "make_page"} <= rules
     assert not rules & {"make_mesh", "simulate_batch", "train_emulator", "sample_subject"}
 
 

@@ -36,47 +36,28 @@ if DOUBTS:
         "known_theta": lambda wildcards: known_theta(wildcards.subject),
     }
 
-    rule plan_confirmation:
-        """What has to be simulated of the leading models, round by round. Reads what was measured,
-        never a truth."""
+    rule confirm_models:
+        """One round: the leading models at draws of their posterior, with derivatives about all
+        inputs; none where the rounds before were enough. Reads what was measured, never a truth.
+        """
         input:
             **OF_SUBJECT,
-            simulations=lambda wildcards: confirmations(wildcards.subject, int(wildcards.round)),
+            mesh=f"{R}/geometry/mesh.vtu",
+            predictor=f"{OVER_INPUTS}/predictor.npz",
+            earlier=lambda wildcards: confirmations(wildcards.subject, int(wildcards.round)),
         output:
-            design=f"{C}/{{subject}}/confirmation/design-{{round}}.parquet",
+            simulations=f"{C}/{{subject}}/confirmation/simulations-{{round}}.parquet",
         log:
-            f"{LOGS}/criticism/{{subject}}/plan-{{round}}.log",
+            f"{LOGS}/criticism/{{subject}}/confirm-{{round}}.log",
         benchmark:
-            f"{R}/benchmarks/criticism/{{subject}}/plan-{{round}}.tsv"
+            f"{R}/benchmarks/criticism/{{subject}}/confirm-{{round}}.tsv"
         wildcard_constraints:
             subject=any_of(CRITICISED),
         priority: FIRST
         threads: 1
         params:
             **STEP,
-            call="criticism.study:plan_confirmation",
-        script:
-            "../scripts/call.py"
-
-    rule simulate_models:
-        """The leading models at draws of their posterior, with derivatives about all inputs."""
-        input:
-            mesh=f"{R}/geometry/mesh.vtu",
-            predictor=f"{OVER_INPUTS}/predictor.npz",
-            design=f"{C}/{{subject}}/confirmation/design-{{round}}.parquet",
-        output:
-            simulations=f"{C}/{{subject}}/confirmation/simulations-{{round}}.parquet",
-        log:
-            f"{LOGS}/criticism/{{subject}}/simulate-{{round}}.log",
-        benchmark:
-            f"{R}/benchmarks/criticism/{{subject}}/simulate-{{round}}.tsv"
-        wildcard_constraints:
-            subject=any_of(CRITICISED),
-        priority: FIRST
-        threads: 1
-        params:
-            call="criticism.confirmation:simulate_round",
-            physics=INPUTS,
+            call="criticism.study:confirm_models",
         script:
             "../scripts/call.py"
 
