@@ -12,28 +12,26 @@ include: "{root}/Snakefile"
 
 import inspect
 
-from regional_lv.jobs import NOT_PASSED, function_of
+from regional_lv.jobs import arguments_of, calls_of, function_of
 from snakemake.io import is_flagged
 
 for step in workflow.rules:
-    call = step.params.get("call")
-    if call is None:
-        if step.script is not None:
-            print("SCRIPT", step.name)
-        continue
-    arguments = inspect.signature(function_of(call)).parameters
-    parts = (step.input, step.output, step.params)
-    given = {{name for part in parts for name in part.keys()}} - NOT_PASSED
-    needed = {{name for name, p in arguments.items() if p.default is p.empty}}
-    # What an input function unpacks has its names only when a job is made.
-    unpacks = any(is_flagged(item, "unpack") for item in step.input)
-    missing = set() if unpacks else needed - given - set(step.wildcard_names)
-    decorated = hasattr(function_of(call), "__wrapped__")
-    unknown = set() if decorated else given - set(arguments)
-    print("CALL", step.name)
-    if missing or unknown:
-        print("WRONG", step.name, call, "missing:", sorted(missing), "unknown:", sorted(unknown))
-    if "code" not in step.params.keys():
+    calls, parts = calls_of(step.params), (step.input, step.output, step.params)
+    if step.script is not None and not calls:
+        print("SCRIPT", step.name)
+    for before, call in calls.items():
+        arguments = inspect.signature(function_of(call)).parameters
+        given = set(arguments_of(parts, before))
+        needed = {{name for name, p in arguments.items() if p.default is p.empty}}
+        # What an input function unpacks has its names only when a job is made.
+        unpacks = any(is_flagged(item, "unpack") for item in step.input)
+        missing = set() if unpacks else needed - given - set(step.wildcard_names)
+        decorated = hasattr(function_of(call), "__wrapped__")
+        unknown = set() if decorated else given - set(arguments)
+        print("CALL", step.name)
+        if missing or unknown:
+            print("WRONG", step.name, call, "missing:", missing, "unknown:", unknown)
+    if calls and "code" not in step.params.keys():
         print("WRONG", step.name, "does not depend on its code")
 """
 

@@ -6,6 +6,8 @@ CRITICISED = [
     *SUBJECTS,
     *(name for name, entry in JOINT.items() if set(entry["subjects"]) <= set(SUBJECTS)),
 ]
+# Criticisms of several subjects together.
+TOGETHER = [name for name in CRITICISED if name in JOINT] if DOUBTS else []
 CRITICISM_FIGURES = ["residuals", "causes", "effects", "sources"]
 ROUNDS = range(config["criticism"]["confirmation"]["rounds"])
 
@@ -80,24 +82,6 @@ if DOUBTS:
         params:
             **STEP,
             call="criticism.study:conclude_criticism",
-        script:
-            "../scripts/call.py"
-
-    rule plot_criticism:
-        """Residuals, causes, their effects, and what the variance of the stiffness comes from."""
-        input:
-            findings=f"{C}/{{subject}}/findings.json",
-        output:
-            **{name: f"{C}/{{subject}}/{name}.png" for name in CRITICISM_FIGURES},
-            tables=[f"{C}/{{subject}}/{name}.csv" for name in CRITICISM_FIGURES],
-        log:
-            f"{LOGS}/criticism/{{subject}}/plot.log",
-        wildcard_constraints:
-            subject=any_of(CRITICISED),
-        localrule: True
-        params:
-            call="plots.criticism:draw",
-            parameters=PARAMETER_SPEC,
         script:
             "../scripts/call.py"
 
