@@ -26,9 +26,10 @@ DESIGN = {
     "design": {"natural": 48, "log": 16, "test": 4, "lower": 0.4, "upper": 3.0},
     "simulations": {"batch_size": 16, "anchors": 16},
     "nuts": {
-        **{"chains": 2, "warmup": 50, "draws": 100, "rhat_max": 1.1, "ess_min": 40},
-        **{"max_tree_depth": 4, "cases_per_batch": 3},
+        **{"chains": 2, "warmup": 30, "draws": 60, "rhat_max": 1.3, "ess_min": 15},
+        **{"max_tree_depth": 3, "cases_per_batch": 3},
     },
+    "clinical": {"chains": 2, "warmup": 30, "draws": 60, "noise_prior_scales": [0.2]},
     "inputs": {"end_diastolic_pressure": "suspected", "radial_scale": "suspected"},
     "all_inputs": {"simulations": 48, "test": 4, "anchors": 16},
     "criticism": {

@@ -1,7 +1,9 @@
 """A job of the workflow: the library function that a rule names, with its files and values.
 
 Every rule says `call="<module>:<function>"` in its `params` and names its files and values as the
-function names its arguments; `workflow/scripts/call.py` hands them over.
+function names its arguments; `workflow/scripts/call.py` hands them over. A rule that makes several
+things says `calls`, a call for each name of a thing, and puts that name and a dot before the names
+of its arguments.
 """
 
 import gc
@@ -24,7 +26,7 @@ OBJECTS = {"parameters": from_spec, "channels": Channels.parse}
 """Arguments that a rule gives as plain values, which Snakemake can compare, and what makes the
 object of them."""
 
-NOT_PASSED = {"call", "code"}
+NOT_PASSED = {"call", "calls", "code"}
 """Names of a rule that are no arguments: what is called, and the code that it depends on."""
 
 
@@ -38,6 +40,24 @@ def function_of(call: str) -> Callable:
         # so at the same moment finds its temporary file gone. The file is there the second time.
         imported = importlib.import_module(f"{PACKAGE}.{module}")
     return getattr(imported, name)
+
+
+def calls_of(params) -> dict[str, str]:
+    """What a rule with these `params` calls, by what stands before the names of the arguments."""
+    if "call" in params.keys():
+        return {"": params["call"]}
+    return {f"{name}.": call for name, call in params.get("calls", {}).items()}
+
+
+def arguments_of(parts, before: str) -> dict:
+    """Named files and values of a rule's `parts` for the call whose arguments have `before` before
+    their names."""
+    return {
+        name.removeprefix(before): value
+        for part in parts
+        for name, value in part.items()
+        if name.startswith(before) and name not in NOT_PASSED
+    }
 
 
 def module_of(call: str) -> str:
@@ -62,7 +82,7 @@ def passes_on(to: Callable) -> Callable:
 
 
 def run(snakemake) -> None:
-    """Run the job: log to its log file, use as many threads as it has, call its function.
+    """Run the job: log to its log file, use as many threads as it has, call its functions.
 
     Arguments are the named inputs, outputs and params; of the wildcards, those that the function
     takes and that have no value otherwise.
@@ -71,19 +91,20 @@ def run(snakemake) -> None:
     """
     start_log(snakemake.log[0])
     running.take_part(Path(snakemake.log[0]).parts[1])  # results/<study>/logs/...
-    function = function_of(snakemake.params.call)
+    functions = {before: function_of(call) for before, call in calls_of(snakemake.params).items()}
     # What was imported stays. A collection, such as the one after every simulation of an effect,
     # would take a fifth of a second to look through it.
     gc.freeze()
     # Where the function's module brings torch in, it takes all cores unless it is told.
     if "torch" in sys.modules:
         sys.modules["torch"].set_num_threads(snakemake.threads)
-    wanted = inspect.signature(function).parameters
-    values = {k: v for k, v in snakemake.wildcards.items() if k in wanted}
-    for part in (snakemake.input, snakemake.output, snakemake.params):
-        values |= {k: v for k, v in part.items() if k not in NOT_PASSED}
+    parts = snakemake.input, snakemake.output, snakemake.params
     try:
-        function(**{k: OBJECTS[k](v) if k in OBJECTS else v for k, v in values.items()})
+        for before, function in functions.items():
+            wanted = inspect.signature(function).parameters
+            values = {k: v for k, v in snakemake.wildcards.items() if k in wanted}
+            values |= arguments_of(parts, before)
+            function(**{k: OBJECTS[k](v) if k in OBJECTS else v for k, v in values.items()})
     except (Exception, SystemExit) as error:  # meshio ends the process over damaged files
         if fault := explain(error, snakemake.input, snakemake.output):
             raise InputError(fault) from error

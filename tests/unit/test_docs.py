@@ -128,10 +128,11 @@ def test_page_of_the_papers_figures_is_complete():
     tables = [number for what, number in rows if what == "Table"]
     assert figures == [*map(str, range(1, 13)), *(f"S{n}" for n in range(1, 7))]
     assert tables == ["1", *(f"S{n}" for n in range(1, 7))]
-    plots, captions = ROOT / "src" / "regional_lv" / "plots", ROOT / "workflow" / "report"
-    for name in re.findall(r"`plot_(\w+)`", text):
-        assert (plots / f"{name}.py").exists(), name
-    for name in re.findall(r"`make_table_(\w+)`", text):
+    package, captions = ROOT / "src" / "regional_lv", ROOT / "workflow" / "report"
+    for name in re.findall(r"`plots\.(\w+)`", text):
+        assert (package / "plots" / f"{name}.py").exists() and (captions / f"{name}.rst").exists()
+    for module, name in re.findall(r"`tables\.(\w+):(\w+)`", text):
+        assert f"\ndef {name}(" in (package / "tables" / f"{module}.py").read_text(), name
         assert (captions / f"table_{name}.rst").exists(), name
 
 

@@ -48,6 +48,7 @@ MODELS = {
     "segments": Parameterisation(ZONES["segments"]),
     "guccione": Parameterisation(law="guccione", bounds={"C_c": (0.1, 5.0), "C_b": (0.2, 3.0)}),
     "one factor": Parameterisation(factors=["C_a"]),
+    "one parameter": Parameterisation(ZONES["whole"], factors=["C_a"]),
 }
 CHANNELS = Channels.of(
     ("volume", "circumferential", "radial", "torsion", "shortening"),
@@ -56,11 +57,18 @@ CHANNELS = Channels.of(
 )
 
 
-MANY = pytest.mark.test_all("the figures of 34 parameters take as long as all others")
+DEEP = {
+    "segments": "the figures of 34 parameters take as long as all others",
+    "whole": "one zone, as `one parameter` has, and two factors, as `guccione`",
+    "one factor": "one factor, as `one parameter` has, and five zones, as `guccione`",
+}
 
 
 @pytest.fixture(
-    params=[pytest.param(name, marks=MANY if name == "segments" else []) for name in MODELS]
+    params=[
+        pytest.param(name, marks=pytest.mark.test_all(DEEP[name]) if name in DEEP else [])
+        for name in MODELS
+    ]
 )
 def parameters(request) -> Parameterisation:
     return MODELS[request.param]

@@ -1,40 +1,33 @@
 """Every rule calls a function that there is, with the names of its arguments; and the numbers that
 rules see are those of the configuration."""
 
+import inspect
+import json
 import os
 import subprocess
 import sys
 
 import pytest
 
-CHECK = """
+from regional_lv.jobs import function_of
+
+LISTED = """
 include: "{root}/Snakefile"
 
-import inspect
+import json
 
-from regional_lv.jobs import NOT_PASSED, function_of
+from regional_lv.jobs import arguments_of, calls_of
 from snakemake.io import is_flagged
 
 for step in workflow.rules:
-    call = step.params.get("call")
-    if call is None:
-        if step.script is not None:
-            print("SCRIPT", step.name)
-        continue
-    arguments = inspect.signature(function_of(call)).parameters
-    parts = (step.input, step.output, step.params)
-    given = {{name for part in parts for name in part.keys()}} - NOT_PASSED
-    needed = {{name for name, p in arguments.items() if p.default is p.empty}}
-    # What an input function unpacks has its names only when a job is made.
-    unpacks = any(is_flagged(item, "unpack") for item in step.input)
-    missing = set() if unpacks else needed - given - set(step.wildcard_names)
-    decorated = hasattr(function_of(call), "__wrapped__")
-    unknown = set() if decorated else given - set(arguments)
-    print("CALL", step.name)
-    if missing or unknown:
-        print("WRONG", step.name, call, "missing:", sorted(missing), "unknown:", sorted(unknown))
-    if "code" not in step.params.keys():
-        print("WRONG", step.name, "does not depend on its code")
+    if step.script is not None:
+        parts = step.input, step.output, step.params
+        called = calls_of(step.params).items()
+        calls = [(call, list(arguments_of(parts, before))) for before, call in called]
+        # What an input function unpacks has its names only when a job is made.
+        unpacks = any(is_flagged(item, "unpack") for item in step.input)
+        code = "code" in step.params.keys()
+        print("RULE", json.dumps([step.name, calls, list(step.wildcard_names), unpacks, code]))
 """
 
 
@@ -82,11 +75,22 @@ def test_rules_see_numbers_as_they_are_written(root, tmp_path, pressure, given, 
 @pytest.mark.parametrize("study", ["smoke", "published", "published_heart", "smoke examples/roles"])
 def test_rules_and_functions_agree(root, tmp_path, study):
     files = [root / "config" / f"{name}.yaml" for name in study.split()]
-    done = listed(tmp_path, CHECK.format(root=root), "--configfile", *files)
-    lines = done.stdout.splitlines()
+    done = listed(tmp_path, LISTED.format(root=root), "--configfile", *files)
     assert done.returncode == 0, done.stdout + done.stderr
-    assert not [line for line in lines if line.startswith("WRONG")], "\n".join(lines)
-    assert sum(line.startswith("CALL") for line in lines) > 30
-    assert ("CALL conclude_criticism" in lines) == (study != "published")
+    lines = [line for line in done.stdout.splitlines() if line.startswith("RULE ")]
+    rules = {name: rest for name, *rest in (json.loads(line[5:]) for line in lines)}
+    assert len(rules) > 30 and ("conclude_criticism" in rules) == (study != "published")
     # Scripts of their own are for what a function cannot take from its rule.
-    assert [line for line in lines if line.startswith("SCRIPT")] == ["SCRIPT fetch_published"]
+    assert [name for name, (calls, *_) in rules.items() if not calls] == ["fetch_published"]
+    wrong = []
+    for name, (calls, wildcards, unpacks, code) in rules.items():
+        wrong += [f"{name} does not depend on its code"] if calls and not code else []
+        for call, given in calls:
+            function = function_of(call)
+            arguments = inspect.signature(function).parameters
+            needed = {key for key, p in arguments.items() if p.default is p.empty}
+            missing = set() if unpacks else needed - {*given, *wildcards}
+            unknown = set() if hasattr(function, "__wrapped__") else {*given} - set(arguments)
+            if missing or unknown:
+                wrong.append(f"{name}, {call}: missing {missing}, unknown {unknown}")
+    assert wrong == []

@@ -64,7 +64,7 @@ def test_no_rule_needs_the_simulator(study):
     assert status == 0, output[-3000:]
     rules = set(re.findall(r"^(?:local)?(?:rule|checkpoint) (\w+):", output, flags=re.MULTILINE))
     assert {"import_simulations", "estimate_parameters", "rank_emulators"} <= rules
-    assert {"fit_reference", "sample_posteriors", "make_table_transforms"} <= rules
+    assert {"fit_reference", "sample_posteriors", "compare_transforms"} <= rules
     assert not rules & MECHANICS
     for emulator in ("dnn", "dnn-identity"):
         assert f"results/tables/estimates/{emulator}/test.parquet" in output

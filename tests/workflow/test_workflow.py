@@ -164,7 +164,7 @@ def test_unedited_study_has_nothing_to_do(study):
 def test_draws_rerun_posteriors_only(editable):
     edit_config(editable, lambda c: c["nuts"].update(draws=160))
     rules = planned(editable)
-    assert {"sample_posteriors", "sample_subject", "plot_traces"} <= rules
+    assert {"sample_posteriors", "sample_subject", "show_subject_as_it_is"} <= rules
     assert not rules & UNTOUCHED_BY_POSTERIORS
 
 
@@ -190,7 +190,7 @@ def test_mesh_reruns_everything_after_it(editable):
         "train_emulator",
         "sample_posteriors",
         "simulate_subject",
-        "plot_zones",
+        "show_heart",
     } <= rules
     assert "make_design" not in rules
 
@@ -200,14 +200,14 @@ def test_roles_rerun_what_is_over_all_inputs_only(editable):
     edit_config(editable, lambda c: c["inputs"].update(basal_motion="suspected"))
     rules = planned(editable)
     assert {"design_inputs", "solve_inputs_anchors", "simulate_inputs", "train_on_inputs"} <= rules
-    assert {"plan_confirmation", "conclude_criticism", "make_page"} <= rules
+    assert {"confirm_models", "conclude_criticism", "make_page"} <= rules
     assert not rules & {"make_mesh", "simulate_batch", "train_emulator", "sample_subject"}
 
 
-def test_figure_module_reruns_that_figure_only(editable):
+def test_figure_module_reruns_the_job_of_that_figure_only(editable):
     module = editable / "src" / "regional_lv" / "plots" / "parity.py"
     module.write_text(module.read_text() + "\n# edited\n")
-    assert planned(editable) - {"all"} == {*("plot_parity", "tabulate_costs", "write_manifest")}
+    assert planned(editable) - {"all"} == {*("show_test_set", "tabulate_costs", "write_manifest")}
 
 
 def test_bounds_rerun_what_they_bound_but_not_the_mesh(editable):

@@ -37,7 +37,7 @@ from regional_lv.faults import AGAIN, damage_of  # noqa: E402
 from regional_lv.geometry.mesh_config import finer  # noqa: E402
 from regional_lv.input_files import without_braces  # noqa: E402
 from regional_lv.inputs.space import Inputs, model_sections_of, sections_of  # noqa: E402
-from regional_lv.jobs import module_of  # noqa: E402
+from regional_lv.jobs import calls_of, module_of  # noqa: E402
 from regional_lv.measured import states_noise  # noqa: E402
 from regional_lv.parameters import Parameterisation  # noqa: E402
 from regional_lv.physics import physics_of, why_not_scaling  # noqa: E402
@@ -249,12 +249,6 @@ def simulation_table(name, kind):
     return published_table(source, kind) if path == PUBLISHED else given(path)
 
 
-# Figures and tables of the stage `estimates`, up to the shortlist.
-COMPARISON_FIGURES = ["per_sample_mse", "sample_efficiency"]
-COMPARISON_TABLES = ["architectures", "ranking", "pairs", "sample_efficiency"]
-if config["estimates"]["both_transforms"]:
-    COMPARISON_TABLES.append("transforms")
-
 # By emulator and input transform, the name of its files: its own for the one that it is configured
 # with, `<emulator>-<transform>` for the other.
 TRANSFORMS = {
@@ -306,12 +300,12 @@ def code_of(*modules, files=()):
 
 
 def depend_on_code(steps):
-    """Give every rule that calls a function (`params.call`) the code behind it as a param, unless
-    it names its own (`code`)."""
+    """Give every rule that calls functions the code behind them as a param, unless it names its own
+    (`code`)."""
     for step in steps:
-        call = step.params.get("call")
-        if call is not None and "code" not in step.params.keys():
-            step.set_params(code=code_of(module_of(call)))
+        calls = calls_of(step.params).values()
+        if calls and "code" not in step.params.keys():
+            step.set_params(code=code_of(*map(module_of, calls)))
 
 
 def batches(size, per_batch):
@@ -429,3 +423,25 @@ def confirmations(name, rounds):
     """Simulations of the first `rounds` of a confirmation."""
     folder = f"{R}/criticism/{name}/confirmation"
     return expand(f"{folder}/simulations-{{round}}.parquet", round=range(rounds))
+
+
+def made_by(*jobs, kind=""):
+    """Files that jobs make (`MADE_BY_JOBS`), of all their subjects; of one kind, or of all."""
+    return [
+        path
+        for name, made in MADE_BY_JOBS.items()
+        if made["job"] in jobs and name.startswith(kind)
+        for path in expand([*made["output"].values()], subject=OF_SUBJECTS.get(made["job"], [""]))
+    ]
+
+
+def of_report(made, key, path):
+    """An output as it is, or with the place in the report that is its own."""
+    if key not in made.get("reported", {}):
+        return path
+    return report(
+        path,
+        caption=f"../report/{made['reported'][key]}.rst",
+        category=made["category"],
+        subcategory="{subject}" if made["job"] in OF_SUBJECTS else None,
+    )

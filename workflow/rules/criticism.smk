@@ -6,6 +6,8 @@ CRITICISED = [
     *SUBJECTS,
     *(name for name, entry in JOINT.items() if set(entry["subjects"]) <= set(SUBJECTS)),
 ]
+# Criticisms of several subjects together.
+TOGETHER = [name for name in CRITICISED if name in JOINT] if DOUBTS else []
 CRITICISM_FIGURES = ["residuals", "causes", "effects", "sources"]
 ROUNDS = range(config["criticism"]["confirmation"]["rounds"])
 
@@ -36,47 +38,28 @@ if DOUBTS:
         "known_theta": lambda wildcards: known_theta(wildcards.subject),
     }
 
-    rule plan_confirmation:
-        """What has to be simulated of the leading models, round by round. Reads what was measured,
-        never a truth."""
+    rule confirm_models:
+        """One round: the leading models at draws of their posterior, with derivatives about all
+        inputs; none where the rounds before were enough. Reads what was measured, never a truth.
+        """
         input:
             **OF_SUBJECT,
-            simulations=lambda wildcards: confirmations(wildcards.subject, int(wildcards.round)),
+            mesh=f"{R}/geometry/mesh.vtu",
+            predictor=f"{OVER_INPUTS}/predictor.npz",
+            earlier=lambda wildcards: confirmations(wildcards.subject, int(wildcards.round)),
         output:
-            design=f"{C}/{{subject}}/confirmation/design-{{round}}.parquet",
+            simulations=f"{C}/{{subject}}/confirmation/simulations-{{round}}.parquet",
         log:
-            f"{LOGS}/criticism/{{subject}}/plan-{{round}}.log",
+            f"{LOGS}/criticism/{{subject}}/confirm-{{round}}.log",
         benchmark:
-            f"{R}/benchmarks/criticism/{{subject}}/plan-{{round}}.tsv"
+            f"{R}/benchmarks/criticism/{{subject}}/confirm-{{round}}.tsv"
         wildcard_constraints:
             subject=any_of(CRITICISED),
         priority: FIRST
         threads: 1
         params:
             **STEP,
-            call="criticism.study:plan_confirmation",
-        script:
-            "../scripts/call.py"
-
-    rule simulate_models:
-        """The leading models at draws of their posterior, with derivatives about all inputs."""
-        input:
-            mesh=f"{R}/geometry/mesh.vtu",
-            predictor=f"{OVER_INPUTS}/predictor.npz",
-            design=f"{C}/{{subject}}/confirmation/design-{{round}}.parquet",
-        output:
-            simulations=f"{C}/{{subject}}/confirmation/simulations-{{round}}.parquet",
-        log:
-            f"{LOGS}/criticism/{{subject}}/simulate-{{round}}.log",
-        benchmark:
-            f"{R}/benchmarks/criticism/{{subject}}/simulate-{{round}}.tsv"
-        wildcard_constraints:
-            subject=any_of(CRITICISED),
-        priority: FIRST
-        threads: 1
-        params:
-            call="criticism.confirmation:simulate_round",
-            physics=INPUTS,
+            call="criticism.study:confirm_models",
         script:
             "../scripts/call.py"
 
@@ -99,24 +82,6 @@ if DOUBTS:
         params:
             **STEP,
             call="criticism.study:conclude_criticism",
-        script:
-            "../scripts/call.py"
-
-    rule plot_criticism:
-        """Residuals, causes, their effects, and what the variance of the stiffness comes from."""
-        input:
-            findings=f"{C}/{{subject}}/findings.json",
-        output:
-            **{name: f"{C}/{{subject}}/{name}.png" for name in CRITICISM_FIGURES},
-            tables=[f"{C}/{{subject}}/{name}.csv" for name in CRITICISM_FIGURES],
-        log:
-            f"{LOGS}/criticism/{{subject}}/plot.log",
-        wildcard_constraints:
-            subject=any_of(CRITICISED),
-        localrule: True
-        params:
-            call="plots.criticism:draw",
-            parameters=PARAMETER_SPEC,
         script:
             "../scripts/call.py"
 

@@ -184,18 +184,3 @@ rule measure_efficiency:
         seed=config["seed"],
     script:
         "../scripts/call.py"
-
-
-rule sample_efficiency:
-    """How many simulations a Gaussian process needs, with and without their sensitivities."""
-    input:
-        expand(f"{R}/figures/sample_efficiency.{{ext}}", ext=["png", "csv"]),
-        expand(f"{R}/tables/sample_efficiency.{{ext}}", ext=["csv", "tex"]),
-
-
-rule compare_emulators:
-    """Everything up to the shortlist, without posteriors."""
-    input:
-        SHORTLIST,
-        expand(f"{R}/figures/{{name}}.{{ext}}", name=COMPARISON_FIGURES, ext=["png", "csv"]),
-        expand(f"{R}/tables/{{name}}.{{ext}}", name=COMPARISON_TABLES, ext=["csv", "tex"]),

@@ -1,7 +1,6 @@
 """One HTML page for each subject: measurements, stiffness, fit, criticism, what to measure next."""
 
 PAGE_FIGURES = f"{R}/figures/{{subject}}"
-TOGETHER = [name for name in CRITICISED if name in JOINT] if DOUBTS else []
 PAGES = expand(f"{R}/pages/{{subject}}.html", subject=[*SUBJECTS, *TOGETHER])
 TEMPLATES = SOURCE / "regional_lv" / "page"
 PARTS = [

@@ -15,39 +15,32 @@ VOLUNTEER_FILES = [
     )
 ]
 
-if EVALUATION and PARAMETERS.names == Parameterisation().names:
-    TABLES += expand(f"{R}/tables/paper_comparison.{{ext}}", ext=["csv", "md"])
-
-
-rule make_paper_comparison:
-    input:
-        numbers=given(os.path.relpath(papers("numbers.csv"))),
-        reasons=given(os.path.relpath(papers("differences.csv"))),
-        screened=expand(f"{R}/screening/{{name}}.parquet", name=["train", "test", *SCENARIOS]),
-        explained=f"{R}/reduction/explained_variance.csv",
-        coverage=lambda wildcards: [
-            *of_shortlist("coverage.csv"),
-            f"{POSTERIORS}/test/coverage.csv",
-        ],
-        diagnostics=lambda wildcards: [
-            *of_shortlist("diagnostics.csv"),
-            f"{POSTERIORS}/test/diagnostics.csv",
-        ],
-        zone_correlations=expand(f"{POSTERIORS}/{{name}}/zone_correlations.csv", name=SCENARIOS),
-        volunteer=VOLUNTEER_FILES,
-        estimates=[f"{ESTIMATES}/ranking.csv", f"{ESTIMATES}/pairs.csv"],
-        choice=CHOICE,
-    output:
-        csv=report(
-            f"{R}/tables/paper_comparison.csv",
-            caption="../report/table_paper_comparison.rst",
-            category="Paper",
-        ),
-        md=f"{R}/tables/paper_comparison.md",
-    log:
-        f"{LOGS}/tables/paper_comparison.log",
-    localrule: True
-    params:
-        call="paper.comparison:compare_study",
-    script:
-        "../scripts/call.py"
+if PARAMETERS.names == Parameterisation().names:
+    TABULATED["paper_comparison"] = {
+        "job": "paper",
+        "category": "Paper",
+        "call": "paper.comparison:compare_study",
+        "text": "md",
+        "input": {
+            "numbers": given(os.path.relpath(papers("numbers.csv"))),
+            "reasons": given(os.path.relpath(papers("differences.csv"))),
+            "screened": expand(
+                f"{R}/screening/{{name}}.parquet", name=["train", "test", *SCENARIOS]
+            ),
+            "explained": f"{R}/reduction/explained_variance.csv",
+            "coverage": lambda wildcards: [
+                *of_shortlist("coverage.csv"),
+                f"{POSTERIORS}/test/coverage.csv",
+            ],
+            "diagnostics": lambda wildcards: [
+                *of_shortlist("diagnostics.csv"),
+                f"{POSTERIORS}/test/diagnostics.csv",
+            ],
+            "zone_correlations": expand(
+                f"{POSTERIORS}/{{name}}/zone_correlations.csv", name=SCENARIOS
+            ),
+            "volunteer": VOLUNTEER_FILES,
+            "estimates": [f"{ESTIMATES}/ranking.csv", f"{ESTIMATES}/pairs.csv"],
+            "choice": CHOICE,
+        },
+    }

@@ -1,11 +1,13 @@
-"""All tables, as CSV and LaTeX: what each is made from, and one rule for each.
+"""All tables, as CSV and LaTeX: what each is made from, and by which job (`shown.smk`).
 
 A table is made by the function that `call` names; its caption is `report/table_<name>.rst`.
 """
 
-# Category of the report, function, inputs and params; of some, the file's name with its wildcards.
+# Job, category of the report, function, inputs and params; of some, the name of the file, and what is
+# beside the CSV file where it is not LaTeX (`text`).
 TABULATED = {
     "architectures": {
+        "job": "comparison",
         "category": "Emulator",
         "call": "tables.emulators:architectures",
         "input": {
@@ -13,43 +15,45 @@ TABULATED = {
         },
     },
     "ranking": {
+        "job": "comparison",
         "category": "Emulator",
         "call": "tables.emulators:ranking",
         "input": {"ranking": f"{ESTIMATES}/ranking.csv"}
         | ({"holdout": f"{ESTIMATES}/holdout_ranking.csv"} if "holdout" in SCORED else {}),
     },
     "pairs": {
+        "job": "comparison",
         "category": "Emulator",
         "call": "tables.emulators:pairs",
         "input": {"pairs": f"{ESTIMATES}/pairs.csv"},
     },
-    "transforms": {
-        "category": "Emulator",
-        "call": "tables.emulators:transforms",
-        "input": {"transforms": f"{ESTIMATES}/transforms.csv"},
-    },
     "sample_efficiency": {
+        "job": "efficiency",
         "category": "Emulator",
         "call": "tables.emulators:sample_efficiency",
         "input": {"curves": expand(f"{R}/efficiency/{{curve}}.csv", curve=EFFICIENCY_CURVES)},
     },
     "recovery": {
+        "job": "test_set",
         "category": "Test set",
         "call": "tables.posteriors:recovery",
         "input": {"coverage": f"{POSTERIORS}/test/coverage.csv"},
     },
     "variance_ratios": {
+        "job": "shortlist",
         "category": "Test set",
         "call": "tables.posteriors:variance_ratios",
         "input": {"coverages": lambda wildcards: of_shortlist("coverage.csv")},
         "params": OF_PARAMETERS,
     },
     "choice": {
+        "job": "test_set",
         "category": "Test set",
         "call": "tables.posteriors:choice",
         "input": {"choice": CHOICE},
     },
     "diagnostics": {
+        "job": "paper",
         "category": "Test set",
         "call": "tables.posteriors:diagnostics",
         "input": {
@@ -61,6 +65,7 @@ TABULATED = {
         },
     },
     "scenarios": {
+        "job": "scenarios",
         "category": "Scenarios",
         "call": "tables.posteriors:scenarios",
         "input": {
@@ -71,6 +76,7 @@ TABULATED = {
         "params": OF_PARAMETERS,
     },
     "subjects": {
+        "job": "subjects",
         "category": "Subjects",
         "call": "tables.subjects:subjects",
         "input": {
@@ -84,57 +90,24 @@ TABULATED = {
         "params": {"sources": [SUBJECT_SOURCES[subject] for subject in SUBJECTS]},
     },
     "convergence": {
+        "job": "subject_as_it_is",
         "category": "Subjects",
         "call": "tables.subjects:convergence",
         "file": "{subject}/convergence",
         "input": SUBJECT,
     },
     "noise_prior": {
+        "job": "noise_prior",
         "category": "Subjects",
         "call": "tables.subjects:noise_prior",
         "file": "{subject}/noise_prior",
         "input": {"noise_prior": f"{POSTERIORS}/subjects/{{subject}}_noise_prior.csv"},
     },
 }
-
-for name, table in TABULATED.items():
-    file = table.get("file", name)
-
-    rule:
-        name:
-            f"make_table_{name}"
-        input:
-            **table["input"],
-        output:
-            csv=report(
-                f"{R}/tables/{file}.csv",
-                caption=f"../report/table_{name}.rst",
-                category=table["category"],
-                subcategory="{subject}" if "{subject}" in file else None,
-            ),
-            tex=f"{R}/tables/{file}.tex",
-        log:
-            f"{LOGS}/tables/{file}.log",
-        localrule: True
-        params:
-            **table.get("params", {}),
-            call=table["call"],
-        script:
-            "../scripts/call.py"
-
-
-EVALUATING_TABLES = [
-    *COMPARISON_TABLES,
-    *("choice", "diagnostics", "recovery", "variance_ratios"),
-    *(["scenarios"] if SCENARIOS else []),
-    *(f"{subject}/noise_prior" for subject in NOISE_INFERRED),
-]
-TABLES = expand(
-    f"{R}/tables/{{name}}.{{ext}}",
-    name=[
-        *(["subjects"] if SUBJECTS else []),
-        *(f"{subject}/convergence" for subject in SUBJECTS if ALONE),
-        *(EVALUATING_TABLES if EVALUATION else []),
-    ],
-    ext=["csv", "tex"],
-)
+if config["estimates"]["both_transforms"]:
+    TABULATED["transforms"] = {
+        "job": "comparison",
+        "category": "Emulator",
+        "call": "tables.emulators:transforms",
+        "input": {"transforms": f"{ESTIMATES}/transforms.csv"},
+    }

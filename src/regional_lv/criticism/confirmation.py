@@ -6,9 +6,8 @@ stated, the posterior is made again and simulated again.
 """
 
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -122,27 +121,6 @@ def conditioned(
             *(len(found), len(good), found[-1].size),
         )
     return emulator, found
-
-
-def simulate_round(
-    mesh: str | Path,
-    predictor: str | Path,
-    design: str | Path,
-    physics: Mapping,
-    simulations: str | Path,
-) -> None:
-    """Simulate the rows of a `plan`; write the table of `simulations.tabulate`, empty where nothing
-    is planned.
-
-    mesh, predictor: the study's, of all inputs. physics: what `inputs.space.sections_of` gives.
-    """
-    rows = pd.read_parquet(design)
-    if rows.empty:
-        rows.to_parquet(simulations, index=False)
-        return
-    from regional_lv.simulations import make_runner  # DOLFINx takes seconds to load
-
-    simulate(make_runner(mesh, physics, predictor), rows).to_parquet(simulations, index=False)
 
 
 def simulate(runner, rows: pd.DataFrame) -> pd.DataFrame:

@@ -244,12 +244,25 @@ def read_critic(
 
 
 @passes_on(read_critic)
-def plan_confirmation(simulations: Sequence[str | Path], design: str | Path, **inputs) -> None:
-    """Write what the next round of the confirmation has to simulate (Parquet).
+def confirm_models(
+    mesh: str | Path,
+    predictor: str | Path,
+    earlier: Sequence[str | Path],
+    simulations: str | Path,
+    **inputs,
+) -> None:
+    """Simulate what the next round of the confirmation asks for; write the table of
+    `simulations.tabulate` (Parquet), empty where the rounds before were enough.
 
-    simulations: of the rounds before. inputs: as of `read_critic`.
+    mesh, predictor: the study's, of all inputs. earlier: tables of the rounds before. inputs: as of
+    `read_critic`.
     """
-    read_critic(**inputs).plan(_read(simulations)).to_parquet(design, index=False)
+    rows = read_critic(**inputs).plan(_read(earlier))
+    if len(rows):
+        from regional_lv.simulations import make_runner  # DOLFINx takes seconds to load
+
+        rows = confirmation.simulate(make_runner(mesh, inputs["physics"], predictor), rows)
+    rows.to_parquet(simulations, index=False)
 
 
 @passes_on(read_critic)

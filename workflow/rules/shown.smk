@@ -1,0 +1,104 @@
+"""Jobs that make figures and tables: those of one kind share a job, which takes seconds to start."""
+
+# Whether `all` needs what a job makes.
+SHOWS = {
+    "heart": not FROM_TABLES,
+    "strain_field": ALONE and not FROM_TABLES,
+    "design": ALONE,
+    **dict.fromkeys(["comparison", "efficiency", "shortlist", "test_set", "checks"], EVALUATION),
+    "scenarios": EVALUATION and bool(SCENARIOS),
+    "subject": True,
+    "subject_as_it_is": ALONE,
+    "noise_prior": EVALUATION,
+    "several": True,
+    "subjects": bool(SUBJECTS),
+    "paper": EVALUATION,
+}
+# Jobs of one subject each.
+OF_SUBJECTS = {
+    **dict.fromkeys(["subject", "subject_as_it_is"], SUBJECTS),
+    "noise_prior": NOISE_INFERRED,
+    "several": TOGETHER,
+}
+
+
+# What the jobs make, by kind and name.
+MADE_BY_JOBS = {}
+for name, plot in PLOTS.items():
+    of, file = plot.get("of", name), f"{R}/figures/{plot.get('file', name)}"
+    MADE_BY_JOBS[f"figures/{name}"] = plot | {
+        "call": f"plots.{of}:draw",
+        "output": {"png": f"{file}.png", "csv": f"{file}.csv"},
+        "reported": {"png": of},
+    }
+for name, table in TABULATED.items():
+    text, file = table.get("text", "tex"), f"{R}/tables/{table.get('file', name)}"
+    MADE_BY_JOBS[f"tables/{name}"] = table | {
+        "output": {"csv": f"{file}.csv", text: f"{file}.{text}"},
+        "reported": {"csv": f"table_{name}"},
+    }
+if DOUBTS:
+    for job in ("subject", "several"):
+        MADE_BY_JOBS[f"criticism/{job}"] = {
+            "job": job,
+            "call": "plots.criticism:draw",
+            "input": {"findings": f"{C}/{{subject}}/findings.json"},
+            "params": OF_PARAMETERS,
+            "output": {
+                **{name: f"{C}/{{subject}}/{name}.png" for name in CRITICISM_FIGURES},
+                "tables": [f"{C}/{{subject}}/{name}.csv" for name in CRITICISM_FIGURES],
+            },
+        }
+
+FIGURES, TABLES = (
+    made_by(*(job for job, shows in SHOWS.items() if shows), kind=kind)
+    for kind in ("figures/", "tables/")
+)
+
+for job in SHOWS:
+    together = {name: made for name, made in MADE_BY_JOBS.items() if made["job"] == job}
+    if not together:
+        continue
+
+    rule:
+        name:
+            f"show_{job}"
+        input:
+            **{
+                f"{name}.{key}": files
+                for name, made in together.items()
+                for key, files in made["input"].items()
+            },
+        output:
+            **{
+                f"{name}.{key}": of_report(made, key, files)
+                for name, made in together.items()
+                for key, files in made["output"].items()
+            },
+        log:
+            f"{LOGS}/shown/{'{subject}/' if job in OF_SUBJECTS else ''}{job}.log",
+        wildcard_constraints:
+            subject=any_of(OF_SUBJECTS.get(job, [])),
+        localrule: True
+        params:
+            **{
+                f"{name}.{key}": value
+                for name, made in together.items()
+                for key, value in made.get("params", {}).items()
+            },
+            calls={name: made["call"] for name, made in together.items()},
+        script:
+            "../scripts/call.py"
+
+
+rule sample_efficiency:
+    """How many simulations a Gaussian process needs, with and without their sensitivities."""
+    input:
+        made_by("efficiency"),
+
+
+rule compare_emulators:
+    """Everything up to the shortlist, without posteriors."""
+    input:
+        SHORTLIST,
+        made_by("comparison", "efficiency"),
