@@ -63,6 +63,7 @@ hidden-effects: env
 
 test: DEPTH := not test_all
 test-all: DEPTH :=
+test-all: export FUZZ_EXAMPLES := 20
 test test-all:
 	@envs/install.sh test
 	@$(MAKE) --no-print-directory --jobs 2 --output-sync lint docs

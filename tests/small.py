@@ -34,7 +34,7 @@ DESIGN = {
     "all_inputs": {"simulations": 48, "test": 4, "anchors": 16},
     "criticism": {
         "bootstrap": 49,
-        "confirmation": {"sets": 1, "simulations": 2, "rounds": 1},
+        "confirmation": {"sets": 1, "simulations": 2, "rounds": 2},
     },
 }
 """Of the small study, in place of the smoke study's own. Its causes are exact transforms: those

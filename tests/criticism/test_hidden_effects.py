@@ -45,7 +45,7 @@ def hide(config: dict) -> None:
     config["simulations"] |= {"batch_size": 64}
     config["criticism"] = {
         **{"bootstrap": 199, "largest_set": 3},
-        "confirmation": {"sets": 3, "simulations": 6, "rounds": 2},
+        "confirmation": {"sets": 3, "simulations": 6, "rounds": 1},
     }
     config["subjects"] = {name: {"source": "synthetic"} for name in SUBJECTS}
     same = {"theta": THETA, "noise": NOISE, "mesh": "study"}

@@ -31,8 +31,8 @@ NASTY_BYTES = (
 
 
 def profile(share: float = 1.0) -> settings:
-    """Deterministic; FUZZ_EXAMPLES (default 20) times `share` examples."""
-    examples = max(1, round(share * int(os.environ.get("FUZZ_EXAMPLES", "20"))))
+    """Deterministic; FUZZ_EXAMPLES (default 10) times `share` examples."""
+    examples = max(1, round(share * int(os.environ.get("FUZZ_EXAMPLES", "10"))))
     return settings(
         max_examples=examples,
         derandomize=True,
