@@ -9,6 +9,14 @@ INPUTS_BATCHES = {
 }
 INPUTS_ANCHORS = min(ALL_INPUTS["anchors"], ALL_INPUTS["simulations"])
 INPUTS_ANCHOR_BATCHES = batches(INPUTS_ANCHORS, -(-INPUTS_ANCHORS // 2))
+# Whose shapes they are of.
+DESIGN = {
+    "study": "simulation.design:write_design",
+    "population": "hearts.design:write_design",
+}[ALL_INPUTS["shapes"]]
+# The first simulations of a longer design are the same, and are not made again: they depend on what
+# draws them, not on the file.
+DRAWN = f"{code_of(module_of(DESIGN), 'simulations')} seed {config['seed']}"
 # Simulations that are made on the finer mesh as well.
 FINER = min(ALL_INPUTS["finer"], INPUTS_ANCHORS)
 EMULATOR_OF_INPUTS = f"{OVER_INPUTS}/{'finer/' if FINER else ''}emulator.pt"
@@ -34,7 +42,7 @@ if DOUBTS:
             f"{LOGS}/all_inputs/design_inputs.log",
         localrule: True
         params:
-            call="simulation.design:write_design",
+            call=DESIGN,
             physics=INPUTS,
             sizes={"train": ALL_INPUTS["simulations"], "test": ALL_INPUTS["test"]},
             seed=config["seed"],
@@ -59,7 +67,7 @@ if DOUBTS:
         input:
             mesh=f"{R}/geometry/{{mesh_folder}}mesh.vtu",
             start=f"{OVER_INPUTS}/{{mesh_folder}}baseline.npz",
-            design=f"{OVER_INPUTS}/design/train.parquet",
+            design=ancient(f"{OVER_INPUTS}/design/train.parquet"),
         output:
             fields=f"{OVER_INPUTS}/{{mesh_folder}}anchors/batch-{{batch}}.npz",
             simulations=f"{OVER_INPUTS}/{{mesh_folder}}anchors/batch-{{batch}}.parquet",
@@ -69,6 +77,7 @@ if DOUBTS:
             f"{R}/benchmarks/all_inputs/{{mesh_folder}}anchors/batch-{{batch}}.tsv"
         params:
             call="simulations:solve_anchors",
+            code=DRAWN,
             physics=INPUTS,
             anchors=lambda wildcards: FINER if wildcards.mesh_folder else INPUTS_ANCHORS,
             batches=len(INPUTS_ANCHOR_BATCHES),
@@ -93,7 +102,7 @@ if DOUBTS:
         input:
             mesh=f"{R}/geometry/mesh.vtu",
             predictor=f"{OVER_INPUTS}/predictor.npz",
-            design=f"{OVER_INPUTS}/design/{{set}}.parquet",
+            design=ancient(f"{OVER_INPUTS}/design/{{set}}.parquet"),
             anchors=lambda wildcards: (
                 expand(f"{OVER_INPUTS}/anchors/{{batch}}.parquet", batch=INPUTS_ANCHOR_BATCHES)
                 if wildcards.set == "train"
@@ -109,6 +118,7 @@ if DOUBTS:
             set=any_of(INPUTS_BATCHES),
         params:
             call="simulations:simulate_batch",
+            code=DRAWN,
             physics=INPUTS,
             batch_size=config["simulations"]["batch_size"],
 
