@@ -280,7 +280,7 @@ def process_of(like, theta, seen):
 
 def test_conditioning_is_the_process_of_all_observations(emulator):
     like, theta, at = emulator.processes[0], points(26, 11), torch.as_tensor(points(30, 12))
-    first, second = Seen.some(20, 5, 60, seed=5), Seen.of_all(torch.arange(20, 26), 5)
+    first, second = Seen.some(20, 5, 60, seed=5), Seen.of_all(torch.arange(20, 26), torch.arange(5))
     whole = process_of(like, theta, first.joined(second))
     found = process_of(like, theta[:20], first)
     for part in (slice(20, 23), slice(23, 26)):

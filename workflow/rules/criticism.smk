@@ -11,17 +11,7 @@ ROUNDS = range(config["criticism"]["confirmation"]["rounds"])
 
 
 if DOUBTS:
-    CRITICISM = {
-        **{
-            key: config["criticism"][key]
-            for key in ("bootstrap", "level", "largest_set", "confirmation")
-        },
-        "load_fractions": (
-            [] if why_not_scaling(PHYSICS) else config["criticism"]["load_fractions"]
-        ),
-        "noise_prior_scale": config["clinical"]["noise_prior_scale"],
-        "strain_exponent": config["observables"]["strain_exponent"],
-    }
+    CRITICISM = settings_of(config)
     STEP = {
         "physics": INPUTS,
         "settings": CRITICISM,

@@ -60,7 +60,7 @@ class Settings:
 
     @classmethod
     def from_config(cls, section: Mapping) -> "Settings":
-        """From the section `criticism` of the config, with the other two beside it."""
+        """From what `settings.settings_of` gives."""
         own = {key: section[key] for key in cls.__dataclass_fields__}
         own["confirmation"] = confirmation.Settings(**section["confirmation"])
         return cls(**own | {"load_fractions": tuple(section["load_fractions"])})

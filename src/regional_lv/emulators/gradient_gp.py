@@ -2,6 +2,7 @@
 
 import copy
 import math
+from collections.abc import Sequence
 from dataclasses import asdict
 from functools import cached_property
 
@@ -196,11 +197,16 @@ class GradientGP(ExactGP):
         return self._separable(self.predict_mean(theta), scale * variance)
 
     def condition(
-        self, theta: np.ndarray, y: np.ndarray, sensitivities: np.ndarray
+        self,
+        theta: np.ndarray,
+        y: np.ndarray,
+        sensitivities: np.ndarray,
+        about: Sequence[int] | None = None,
     ) -> "GradientGP":
         """This emulator given further simulations as well; hyperparameters and calibration stay.
 
-        theta (m, P), y (m, D), sensitivities d(y)/d(theta) (m, D, P), natural units.
+        theta (m, P), y (m, D), sensitivities d(y)/d(theta) (m, D, P), natural units. about: places
+        of the parameters whose sensitivities are known; None: of all.
 
         The error of the mean is a process with this kernel that is zero at what the variance is
         computed from, and at the new simulations what it is found to be there: the mean of that is
@@ -217,7 +223,8 @@ class GradientGP(ExactGP):
         given = copy.copy(self)
         given._forget()
         given.inputs = torch.cat([self.inputs, self.standardise(theta)])
-        new = Seen.of_all(torch.arange(m), theta.shape[1])
+        known = torch.arange(theta.shape[1]) if about is None else torch.as_tensor(about)
+        new = Seen.of_all(torch.arange(m), known)
         given.variance_seen = self.variance_seen.joined(Seen(n + new.at, new.along))
         few = given._few
         found = error.new_zeros(len(few.cholesky), error.shape[1])

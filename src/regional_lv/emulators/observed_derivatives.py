@@ -48,9 +48,9 @@ class Seen:
         return cls(at, along)
 
     @classmethod
-    def of_all(cls, points: torch.Tensor, inputs: int) -> "Seen":
-        """All derivatives at these `points` (m,)."""
-        return cls(points.repeat(inputs), torch.arange(inputs).repeat_interleave(len(points)))
+    def of_all(cls, points: torch.Tensor, inputs: torch.Tensor) -> "Seen":
+        """All derivatives about some `inputs` (k,) at these `points` (m,)."""
+        return cls(points.repeat(len(inputs)), inputs.repeat_interleave(len(points)))
 
     def joined(self, other: "Seen") -> "Seen":
         """These, then the others."""
