@@ -1,15 +1,15 @@
 """The emulator of any heart in the coordinates of one: what its shape, its pressure and the inputs
 that its study holds fixed make of it.
 
-A ventricle that is scaled as a whole has the same strains, and one whose stresses, loads and springs
-are all multiplied by one number moves as before: every heart is looked up at one length and one
-pressure.
+A ventricle that is scaled as a whole has the same strains, and one whose stresses, loads and
+springs are all multiplied by one number moves as before: every heart is looked up at one length and
+one pressure.
 """
 
 import copy
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 
-import numpy as np
 import torch
 
 from regional_lv.channels import Channels
@@ -27,6 +27,12 @@ def length_power(each: Input) -> int:
     return 1 if each.changes == "geometry" else each.length_power
 
 
+def inputs_of(model: Mapping, known: Inputs) -> list[Input | None]:
+    """The emulator's inputs as another model has them, None for those that it cannot have."""
+    here = {each.name: each for each in catalogue(model)}
+    return [here.get(name) for name in known.names]
+
+
 class LookedUp:
     """Values of the emulator's E inputs, at values of the k simulated inputs of one heart's study.
 
@@ -41,12 +47,13 @@ class LookedUp:
     """
 
     def __init__(self, known: Inputs, inputs: Inputs):
-        here = {each.name: each for each in catalogue(inputs.base)}
-        self._here = [here[name] for name in known.names]
-        nominal = [each.value_in(inputs.base) for each in self._here]
+        here = [each for each in inputs_of(inputs.base, known) if each is not None]
+        self._here = here
         # Of a stiffness nothing is known beforehand: it is among the study's.
-        self._values = torch.tensor([np.nan if value is None else value for value in nominal])
-        self._values = self._values.double()
+        values = [each.value_in(inputs.base) for each in here]
+        self._values = torch.tensor(
+            [math.nan if value is None else value for value in values], dtype=torch.float64
+        )
         places = {name: e for e, name in enumerate(known.names)}
         pairs = [(places[name], k) for k, name in enumerate(inputs.names) if name in places]
         self.direct = torch.tensor(pairs, dtype=torch.long).T

@@ -4,9 +4,9 @@ Lengths are shares of the cavity's length, since a ventricle that is scaled as a
 its own shape. Ranges are wider than the population's: at early diastole 1,991 volunteers of MESA
 (Cardiac Atlas Project) have walls of 0.08 to 0.14 and radii of 0.23 to 0.30 of the length; the
 paper's volunteer 0.10 to 0.18 and 0.23 to 0.38. Walls of infarcts are thinned to 4 mm and less
-(Shah et al. 2013, doi 10.1001/jama.2013.1381), those of hypertrophic hearts are 15 to 30 mm thick at
-their thickest (Elliott et al. 2014, doi 10.1093/eurheartj/ehu284), dilated hearts are two thirds as
-wide as long and wider (Lang et al. 2015, doi 10.1016/j.echo.2014.10.003).
+(Shah et al. 2013, doi 10.1001/jama.2013.1381), those of hypertrophic hearts are 15 to 30 mm thick
+at their thickest (Elliott et al. 2014, doi 10.1093/eurheartj/ehu284), dilated hearts are two thirds
+as wide as long and wider (Lang et al. 2015, doi 10.1016/j.echo.2014.10.003).
 """
 
 from collections.abc import Iterator
@@ -114,8 +114,7 @@ class Layout:
 def draw(table: pd.DataFrame, length_mm: float, n: int, seed: int) -> pd.DataFrame:
     """Shapes of n ventricles of this length (mm), with the angles and levels of a segment table.
 
-    Columns: `HEART`, a word of `KINDS`, and `COLUMNS` (mm). The first of a longer draw are the same.
-    Shapes through which no smooth surfaces go, or whose wall gets too thin between its segments'
+    Columns: `HEART`, a word of `KINDS`, and `COLUMNS` (mm). The first of more are the same. Shapes through which no smooth surfaces go, or whose wall gets too thin between its segments'
     means, are left out, and later ones of the sequence move up.
     """
     layout = Layout(table, length_mm)

@@ -4,11 +4,12 @@ import copy
 from collections.abc import Iterator, Mapping
 
 import numpy as np
+import torch
 
 from regional_lv.channels import Channels
 from regional_lv.emulators.joint_gp import JointGP
 from regional_lv.errors import InputError
-from regional_lv.hearts.emulator import LookedUp
+from regional_lv.hearts.emulator import LookedUp, inputs_of
 from regional_lv.hearts.population import COLUMNS
 from regional_lv.inputs.base import Input
 from regional_lv.inputs.shape import Length
@@ -19,8 +20,8 @@ LONG_WAY = "simulate this heart (regional-lv run --own)"
 """What to do about a heart that the emulator does not know."""
 
 MOST_ANGLE_DEG, MOST_LEVEL = 3.0, 0.02
-"""Between a table's and the emulator's borders of segments: degrees around, once the table is turned
-as a whole, and of the length along the axis."""
+"""Between a table's and the emulator's borders of segments: degrees around, once the table is
+turned as a whole, and of the length along the axis."""
 
 COMPARED = ("material", "fibres", "loading", "supports", "observables", "factors")
 """Sections of a model that have to be the emulator's, once the inputs act that it has."""
@@ -74,8 +75,13 @@ def _check_model(config: Mapping, known: Inputs) -> None:
         if mine != its:
             _refuse(f"parameters.{key}: {mine} is not the emulator's {its}")
     model = Inputs.from_config(sections_of(config)).base
-    here = LookedUp.values_in(model, known)
-    there = known.model([1.0 if value is None else value for value in here])
+    here = inputs_of(model, known)
+    for name, each in zip(known.names, here, strict=True):
+        if each is None:
+            _refuse(f"{SECTION}.{name}: this study has no such input, and the emulator has it")
+    values = [each.value_in(model) for each in here if each is not None]
+    # Of a stiffness nothing is known beforehand.
+    there = known.model([1.0 if value is None else value for value in values])
     for section in COMPARED:
         for path in _differing(model[section], there[section], (section,)):
             _refuse(f"{'.'.join(path)}: is not as in the emulator, and none of its inputs")
@@ -125,44 +131,31 @@ def _check_borders(config: Mapping, known: Inputs, inputs: Inputs) -> None:
 
 
 def _check_shape(config: Mapping, emulator: JointGP, known: Inputs, inputs: Inputs) -> None:
-    """Raise OutOfReach for a shape that is unlike all that the emulator has learnt from.
-
-    The distance is that of the normal distribution of their logarithms; the figure that is least
-    like what the others would have it is named.
+    """Raise OutOfReach for a shape that is unlike all that the emulator has learnt from: a figure
+    beyond their range, or all of them farther from their middle, in the normal distribution of their
+    logarithms, than any of them is. The figure is named that is least like what the others would
+    have it.
     """
     places = [known.names.index(name) for name in COLUMNS]
-    learnt = emulator.inputs[:, places].numpy()
+    learnt = np.log(emulator.learnt_from[:, places].numpy())
     looked_up = LookedUp(known, inputs)
-    nominal = looked_up(_row(inputs))
-    here = emulator.standardise(nominal)[0, places].numpy()
-    precision = np.linalg.inv(np.cov(learnt.T))
-    spread = learnt - learnt.mean(axis=0)
-    off = here - learnt.mean(axis=0)
-    limit = np.einsum("ni,ij,nj->n", spread, precision, spread).max()
+    here = looked_up(torch.as_tensor(inputs.nominal)[None])[0, places].log().numpy()
     low, high = learnt.min(axis=0), learnt.max(axis=0)
-    if off @ precision @ off <= limit and ((low <= here) & (here <= high)).all():
+    middle, precision = learnt.mean(axis=0), np.linalg.pinv(np.cov(learnt.T), hermitian=True)
+    off, spread = here - middle, learnt - middle
+    farthest = np.einsum("ni,ij,nj->n", spread, precision, spread).max()
+    beyond = np.maximum(low - here, here - high)
+    if beyond.max() <= 0 and off @ precision @ off <= farthest:
         return
-    outside = np.maximum(low - here, here - high)
     alone = np.abs(precision @ off) / np.sqrt(precision.diagonal())
-    worst = int(outside.argmax() if outside.max() > 0 else alone.argmax())
-    name, value = COLUMNS[worst], float(nominal[0, places[worst]] / looked_up.factor[places[worst]])
-    ends = emulator.lower.new_tensor(np.stack([low, high]))
-    full = emulator.inputs[:2].clone()
-    full[:, places] = ends
-    smallest, largest = (
-        emulator.natural(full)[:, places[worst]] / looked_up.factor[places[worst]]
-    ).tolist()
+    worst = int((beyond if beyond.max() > 0 else alone).argmax())
+    factor = float(looked_up.factor[places[worst]])
+    value, least, most = (np.exp(each[worst]) / factor for each in (here, low, high))
     _refuse(
-        f"{config['geometry']['segments']}: {name} is {value:.3g} mm; for a heart of this length the "
-        f"emulator knows {smallest:.3g} to {largest:.3g} mm, and figures of the other segments that "
-        "go with it"
+        f"{config['geometry']['segments']}: {COLUMNS[worst]} is {value:.3g} mm; in hearts of this "
+        f"length the emulator knows {least:.3g} to {most:.3g} mm, together with figures of the other "
+        "segments that are like it"
     )
-
-
-def _row(inputs: Inputs):
-    import torch
-
-    return torch.as_tensor(inputs.nominal)[None]
 
 
 def _cut(config: Mapping, known: Inputs, inputs: Inputs) -> tuple[dict, list[str]]:
