@@ -116,6 +116,8 @@ class GradientGP(ExactGP):
 
     name = "gradient_gp"
     learns_from_sensitivities = True
+    fixed: tuple[torch.Tensor, torch.Tensor] | None = None
+    """Values (P,) and mask (P,) of what is the same wherever it is asked (`at_fixed`)."""
 
     def _learn_hyperparameters(self, training: TrainingSet, seed: int) -> dict:
         rows = subset(len(training.x), self.settings["hyperparameter_rows"], seed)
@@ -179,7 +181,19 @@ class GradientGP(ExactGP):
 
     @cached_property
     def _by_simulation(self) -> Weighted:
-        return Weighted(self.model.of_values, self.inputs, self.seen, self.weights)
+        fixed = None
+        if self.fixed is not None:
+            values, mask = self.fixed
+            fixed = self.standardise(values), mask
+        return Weighted(self.model.of_values, self.inputs, self.seen, self.weights, fixed)
+
+    def at_fixed(self, theta: torch.Tensor, mask: torch.Tensor) -> "GradientGP":
+        """This emulator for points at which the parameters of a mask (P,) are those of theta (P,):
+        its mean and derivatives cost less, the latter 0 about these."""
+        given = copy.copy(self)
+        given._forget("_by_simulation")
+        given.fixed = theta, mask
+        return given
 
     @cached_property
     def _few(self) -> Factorised:

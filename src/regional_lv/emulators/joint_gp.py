@@ -88,6 +88,12 @@ class JointGP(Emulator):
         given.inputs = given.processes[0].inputs
         return given
 
+    def at_fixed(self, theta: torch.Tensor, mask: torch.Tensor) -> "JointGP":
+        """As `GradientGP.at_fixed`."""
+        given = copy.copy(self)
+        given.processes = tuple(process.at_fixed(theta, mask) for process in self.processes)
+        return given
+
     @property
     def of_study_mesh(self) -> "JointGP":
         """Without what a finer mesh changes."""

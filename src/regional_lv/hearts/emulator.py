@@ -69,6 +69,14 @@ class LookedUp:
         """(M, E) at x (M, k)."""
         return self._look_up(x, None)
 
+    @property
+    def moved(self) -> torch.Tensor:
+        """Mask (E,) of the emulator's inputs that those of the study move."""
+        moves = {name for _, direction in self._directions for name in direction.moves}
+        moved = torch.tensor([each.name in moves for each in self._here])
+        moved[self.direct[0]] = True
+        return moved if self.length is None else moved | (self.length_powers != 0)
+
     def with_slopes(self, x: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """The same, and its derivatives (M, E, k)."""
         by_x = x.new_zeros(len(x), len(self.factor), x.shape[1])
@@ -122,8 +130,10 @@ class HeartEmulator:
     """
 
     def __init__(self, emulator: JointGP, known: Inputs, inputs: Inputs):
-        self.emulator, simulated = emulator, inputs.simulated
+        simulated = inputs.simulated
         self._there = LookedUp(known, simulated)
+        nominal = self._there(torch.as_tensor(simulated.nominal)[None])[0]
+        self.emulator = emulator.at_fixed(nominal, ~self._there.moved)
         self._scale = _length(simulated) / _length(known)
         self.coordinates: Coordinates = simulated.coordinates
 

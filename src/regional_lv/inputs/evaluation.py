@@ -13,8 +13,11 @@ from regional_lv.channels import Channels
 from regional_lv.inputs.closed_forms import ClosedForm
 from regional_lv.inputs.space import Inputs
 
-Evaluate = Callable[[torch.Tensor], tuple[torch.Tensor, torch.Tensor]]
-"""From values (M, k) of the simulated inputs to outputs (M, D) and their derivatives (M, D, k)
+Rows = tuple[int, ...]
+"""Numbers of d of the outputs."""
+
+Evaluate = Callable[[torch.Tensor, Rows], tuple[torch.Tensor, torch.Tensor]]
+"""From values (M, k) of the simulated inputs to outputs (M, d) and their derivatives (M, d, k)
 about these values, as `Emulator.linearise`."""
 
 
@@ -31,7 +34,7 @@ class AllInputs:
         looked_up = np.array([form.concerned(channels) for _, form in self._forms])
         looked_up = looked_up.reshape(len(self._forms), len(channels))
         self._patterns = [
-            (pattern, np.flatnonzero((looked_up == pattern[:, None]).all(axis=0)))
+            (pattern, tuple(np.flatnonzero((looked_up == pattern[:, None]).all(axis=0)).tolist()))
             for pattern in np.unique(looked_up, axis=1).T
         ]
         self._powers = np.array([[form.power(each) for each in inputs] for _, form in self._forms])
@@ -73,21 +76,21 @@ class AllInputs:
         for pattern, rows in self._patterns:
             by_x = torch.eye(size, dtype=x.dtype).repeat(len(x), 1, 1)
             there = self.looked_up(x, pattern, by_x)
-            found, gradient = evaluate(there[:, self.simulated])
-            values[:, rows] = found[:, rows]
-            slopes[:, rows] = gradient[:, rows] @ by_x[:, self.simulated]
+            found, gradient = evaluate(there[:, self.simulated], rows)
+            values[:, rows] = found
+            slopes[:, rows] = gradient @ by_x[:, self.simulated]
         factor = self.factor(x)
         values, slopes = values * factor, slopes * factor[..., None]
         for j, power in self._reported:
             slopes[:, :, j] += values * power / x[:, j, None]
         return values, slopes * self.inputs.coordinates.slope(x)[:, None]
 
-    def values(self, evaluate: Callable[[torch.Tensor], torch.Tensor], x: torch.Tensor):
+    def values(self, evaluate: Callable[[torch.Tensor, Rows], torch.Tensor], x: torch.Tensor):
         """Outputs (M, D) alone at values x (M, K), from those (M, D) of the simulated inputs."""
         values = x.new_empty(len(x), len(self.channels))
         for pattern, rows in self._patterns:
             there = self.looked_up(x, pattern)
-            values[:, rows] = evaluate(there[:, self.simulated])[:, rows]
+            values[:, rows] = evaluate(there[:, self.simulated], rows)
         return values * self.factor(x)
 
     def most_looked_up(self, x: torch.Tensor) -> torch.Tensor:
