@@ -9,15 +9,18 @@ import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol, Self, TypeVar
 
 import numpy as np
 import pandas as pd
 import torch
 
+from regional_lv.channels import Channels
 from regional_lv.criticism.verdict import LEAST_PROBABILITY
-from regional_lv.emulators.joint_gp import JointGP
+from regional_lv.emulators.base import Prediction
 from regional_lv.inference import importance
 from regional_lv.inference.averaging import Averaged
+from regional_lv.inputs.coordinates import Coordinates
 from regional_lv.seeds import derive
 
 log = logging.getLogger(__name__)
@@ -93,9 +96,46 @@ class Round:
         return self.size <= LARGEST_ERROR or float(beside) <= NEGLIGIBLE
 
 
+class OfAllInputs(Protocol):
+    """An emulator over all simulated inputs of a study, as a criticism needs it: `JointGP`, or the
+    one of any heart in the coordinates of one."""
+
+    output_sd: torch.Tensor
+
+    @property
+    def outputs(self) -> tuple[str, ...]: ...
+    @property
+    def channels(self) -> Channels: ...
+    @property
+    def coordinates(self) -> Coordinates: ...
+    @property
+    def of_study_mesh(self) -> Self: ...
+    def select(self, outputs: Sequence[str]) -> Self: ...
+    def predict(self, theta: torch.Tensor) -> Prediction: ...
+    def predict_mean(self, theta: torch.Tensor) -> torch.Tensor: ...
+    def linearise(self, theta: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]: ...
+    def errors_of(self, theta: torch.Tensor, y: torch.Tensor) -> torch.Tensor: ...
+    def condition(
+        self, theta: torch.Tensor, y: torch.Tensor, sensitivities: torch.Tensor
+    ) -> Self: ...
+
+
+AnEmulator = TypeVar("AnEmulator", bound=OfAllInputs)
+
+
+def knowing(emulator: AnEmulator, simulations: pd.DataFrame) -> AnEmulator:
+    """The emulator that has learnt from simulations (`simulations.tabulate`) as well."""
+    theta, y = (
+        torch.as_tensor(simulations[list(columns)].to_numpy(float))
+        for columns in (emulator.coordinates.names, emulator.outputs)
+    )
+    slopes = np.stack([np.asarray(row, dtype=float) for row in simulations["sensitivity"]])
+    return emulator.condition(theta, y, torch.as_tensor(slopes).reshape(*y.shape, theta.shape[1]))
+
+
 def conditioned(
-    emulator: JointGP, rounds: Sequence[pd.DataFrame], outputs: Sequence[str]
-) -> tuple[JointGP, list[Round]]:
+    emulator: AnEmulator, rounds: Sequence[pd.DataFrame], outputs: Sequence[str]
+) -> tuple[AnEmulator, list[Round]]:
     """The emulator that knows the simulations of all rounds, and what each round says of the
     emulator that knew those before it, about the measured `outputs`, on the study's mesh."""
     found, names = [], list(emulator.coordinates.names)
@@ -106,17 +146,12 @@ def conditioned(
             found.append(Round(good, len(table), nothing, nothing))
             continue
         theta, y = (
-            torch.as_tensor(good[list(columns)].to_numpy(float))
-            for columns in (names, emulator.outputs)
+            torch.as_tensor(good[list(columns)].to_numpy(float)) for columns in (names, outputs)
         )
-        measured = [emulator.outputs.index(name) for name in outputs]
         own = emulator.of_study_mesh.select(outputs)
-        in_sds = own.errors_of(theta, y[:, measured]).numpy()
-        errors = (y[:, measured] - own.predict_mean(theta)).numpy()
-        found.append(Round(good, len(table) - len(good), errors, in_sds))
-        slopes = np.stack([np.asarray(row, dtype=float) for row in good["sensitivity"]])
-        slopes = slopes.reshape(len(good), len(emulator.outputs), len(names))
-        emulator = emulator.condition(theta, y, torch.as_tensor(slopes))
+        errors = (y - own.predict_mean(theta)).numpy()
+        found.append(Round(good, len(table) - len(good), errors, own.errors_of(theta, y).numpy()))
+        emulator = knowing(emulator, good)
         log.info(
             "round %d: %d simulations; simulated minus emulated, in stated sds: %.2f",
             *(len(found), len(good), found[-1].size),

@@ -1,34 +1,50 @@
 """One heart, from its segment table and measured file to posterior, verdict and page, by the
 emulator of any heart: no simulation, no mesh, no simulator."""
 
-import logging
-from collections.abc import Mapping
+import tempfile
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from regional_lv.channels import Channels
-from regional_lv.criticism.findings import write_findings
 from regional_lv.criticism.settings import settings_of
-from regional_lv.criticism.study import KEPT, Critic, Settings
+from regional_lv.criticism.study import Critic, critic_of, write_concluded
+from regional_lv.emulators import OF_INPUTS
 from regional_lv.errors import InputError
-from regional_lv.hearts.emulator import HeartEmulator
+from regional_lv.geometry.from_config import make_heart
+from regional_lv.geometry.meshing import write_plain
 from regional_lv.hearts.file import AnyHeart, shipped
 from regional_lv.hearts.reach import within
-from regional_lv.inference.sampling import write
-from regional_lv.inputs.space import Inputs, sections_of
-from regional_lv.measured import read_measured
+from regional_lv.inputs.space import sections_of
 from regional_lv.measured.curves import import_curves
 from regional_lv.measured.tables import import_measured
+from regional_lv.page.page import make_page
 from regional_lv.parameters import Parameterisation
+from regional_lv.physics import physics_of, why_not_scaling
+from regional_lv.plots import (
+    bullseye_posterior,
+    criticism,
+    measured_strains,
+    posterior_predictive,
+)
 
-log = logging.getLogger(__name__)
+PICTURES = {
+    "measured_strains": "strains",
+    "bullseye_posterior": "stiffness",
+    "posterior_predictive": "fit",
+}
+"""Figures by their file, and what the page calls them."""
 
-NOTES = "notes.txt"
-"""What was cut to what the emulator knows, a line each."""
+OF_CRITICISM = ("residuals", "causes", "effects", "sources")
+
+RESTS_ON = (
+    "the answer comes from an emulator of hearts of all kinds that the package brings along; nothing "
+    "was simulated of this one, so that what stands out is suspected and never named"
+)
 
 
 def answer(heart: Mapping, folder: str | Path, any_heart: AnyHeart | None = None) -> None:
     """Write what can be said of one heart: `measured.csv`, `findings.json` (`criticism.contract`),
-    `posterior.nc` averaged over models, figures, `page.html`, and `notes.txt` if ranges were cut.
+    `posterior.nc` averaged over models, figures, and `page.html`.
 
     heart: a checked configuration with one subject, measured by the user. folder: made if it is not
     there. any_heart: the emulator; the one that comes with the package by default, read once in a
@@ -44,28 +60,68 @@ def answer(heart: Mapping, folder: str | Path, any_heart: AnyHeart | None = None
     folder.mkdir(parents=True, exist_ok=True)
     measured = folder / "measured.csv"
     import_subject(config, subject, measured)
-    critic = critic_of(config, subject, measured, known)
+    critic = critic_of_heart(config, subject, measured, known)
     concluded = critic.conclude([], has_simulator=False)
-    write(concluded.verdict.averaged.inference_data(KEPT, critic.seed), folder / "posterior.nc")
-    write_findings(concluded.findings, folder / "findings.json")
-    (folder / NOTES).write_text("".join(f"{note}\n" for note in notes))
-    for sentence in (*notes, *concluded.findings["words"]):
-        log.info("%s", sentence)
+    write_concluded(critic, concluded, folder / "findings.json", folder / "posterior.nc")
+    write_page(config, subject, notes, folder)
 
 
-def critic_of(config: Mapping, subject: str, measured: Path, known: AnyHeart) -> Critic:
+def write_page(config: Mapping, subject: str, notes: Sequence[str], folder: Path) -> None:
+    """The figures and the page of what `answer` has written to `folder`."""
+    parameters, channels = Parameterisation.from_config(config), Channels.from_config(config)
+    source = config["subjects"][subject]["source"]
+    given = {
+        "posterior": folder / "posterior.nc",
+        "findings": folder / "findings.json",
+        "diagnostics": None,
+        "source": source,
+    }
+    pictures = {name: folder / f"{name}.png" for name in (*PICTURES, *OF_CRITICISM)}
+    tables = {name: folder / f"{name}.csv" for name in pictures}
+
+    def files(name: str) -> dict[str, Path]:
+        return {"png": pictures[name], "csv": tables[name]}
+
+    measured = folder / "measured.csv"
+    measured_strains.draw(
+        measured, subject, source, parameters=parameters, **files("measured_strains")
+    )
+    bullseye_posterior.draw(**given, parameters=parameters, **files("bullseye_posterior"))
+    posterior_predictive.draw(**given, **files("posterior_predictive"))
+    criticism.draw(
+        given["findings"],
+        parameters,
+        **{name: pictures[name] for name in OF_CRITICISM},
+        tables=[tables[name] for name in OF_CRITICISM],
+    )
+    with tempfile.TemporaryDirectory() as heart:
+        make_page(
+            subject=subject,
+            study=config["study"],
+            source=source,
+            measured=measured,
+            posterior=given["posterior"],
+            findings=given["findings"],
+            emulator=OF_INPUTS,
+            **{f"{name}_picture": pictures[file] for file, name in PICTURES.items()},
+            **{f"{name}_picture": pictures[name] for name in OF_CRITICISM},
+            mesh=make_heart(config, heart, lay_out=write_plain),
+            parameters=parameters,
+            channels=channels,
+            pressure_mmhg=config["loading"]["pressure_mmhg"],
+            strain_exponent=config["observables"]["strain_exponent"],
+            scales_with_pressure=not why_not_scaling(physics_of(dict(config))),
+            notes=[RESTS_ON, *notes],
+            page=folder / "page.html",
+        )
+
+
+def critic_of_heart(config: Mapping, subject: str, measured: Path, known: AnyHeart) -> Critic:
     """Of a heart within reach."""
     physics = sections_of(config)
-    channels = Channels.from_config(config)
-    emulator = HeartEmulator(known.emulator, known.known, Inputs.from_config(physics))
-    settings = Settings.from_config(settings_of(config))
-    table = read_measured(measured, channels, strain_exponent=settings.strain_exponent)
-    return Critic(
-        subject,
-        {subject: table},
-        emulator.select(channels.names),
-        *(physics, settings, config["seed"]),
-    )
+    emulator = known.of_heart(physics, Channels.from_config(config))
+    settings, seed = settings_of(config), config["seed"]
+    return critic_of(emulator, subject, [subject], [measured], physics, settings, seed)
 
 
 def import_subject(config: Mapping, name: str, measured: Path) -> None:

@@ -12,8 +12,10 @@ from typing import Any
 import torch
 
 from regional_lv import data
+from regional_lv.channels import Channels
 from regional_lv.emulators.joint_gp import JointGP
 from regional_lv.errors import InputError
+from regional_lv.hearts.emulator import HeartEmulator
 from regional_lv.inputs.space import Inputs
 
 SHIPPED = data.path("heart_emulator.pt.gz")
@@ -42,6 +44,12 @@ class AnyHeart:
     def known(self) -> Inputs:
         """The emulator's inputs, in the model that they are about."""
         return Inputs.from_config(self.physics).simulated
+
+    def of_heart(self, physics: Mapping, channels: Channels) -> HeartEmulator:
+        """In the coordinates of the simulated inputs of a heart within reach (`hearts.reach`), whose
+        study `physics` describes, and of what that observes."""
+        one = HeartEmulator(self.emulator, self.known, Inputs.from_config(physics))
+        return one.select(channels.names)
 
 
 def write(emulator: JointGP, physics: Mapping, card: Mapping, path: str | Path) -> None:
