@@ -18,8 +18,12 @@ if DOUBTS:
         "seed": config["seed"],
         "subjects": lambda wildcards: criticised(wildcards.subject),
     }
+    CRITIC = "hearts.full" if JOINED else "criticism.study"
+    if JOINED:
+        STEP["channels"] = OUTPUTS
     OF_SUBJECT = {
         "emulator_file": EMULATOR_OF_INPUTS,
+        **({"own": f"{OVER_INPUTS}/train.parquet"} if JOINED else {}),
         "measured": lambda wildcards: expand(
             f"{R}/measured/{{subject}}.csv", subject=criticised(wildcards.subject)
         ),
@@ -44,7 +48,7 @@ if DOUBTS:
         threads: 1
         params:
             **STEP,
-            call="criticism.study:plan_confirmation",
+            call=f"{CRITIC}:plan_confirmation",
         script:
             "../scripts/call.py"
 
@@ -88,7 +92,7 @@ if DOUBTS:
         threads: 1
         params:
             **STEP,
-            call="criticism.study:conclude_criticism",
+            call=f"{CRITIC}:conclude_criticism",
         script:
             "../scripts/call.py"
 

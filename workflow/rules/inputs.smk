@@ -19,7 +19,13 @@ DESIGN = {
 DRAWN = f"{code_of(module_of(DESIGN), 'simulations')} seed {config['seed']}"
 # Simulations that are made on the finer mesh as well.
 FINER = min(ALL_INPUTS["finer"], INPUTS_ANCHORS)
-EMULATOR_OF_INPUTS = f"{OVER_INPUTS}/{'finer/' if FINER else ''}emulator.pt"
+# Whether the simulations join the emulator of any heart, which comes with the package.
+JOINED = ALL_INPUTS["emulator"] == "shipped"
+EMULATOR_OF_INPUTS = (
+    given(os.path.relpath(SHIPPED))
+    if JOINED
+    else f"{OVER_INPUTS}/{'finer/' if FINER else ''}emulator.pt"
+)
 # Whether the model is doubted, and the stiffness averaged over models.
 INPUTS = sections_of(config)
 STUDIED = Inputs.from_config(INPUTS)
@@ -204,4 +210,8 @@ if DOUBTS:
         script:
             "../scripts/call.py"
 
-    INPUTS_RESULTS = [*rules.judge_inputs_emulator.output, *rules.train_on_inputs.output]
+    INPUTS_RESULTS = (
+        rules.screen_inputs.output[:1]
+        if JOINED
+        else [*rules.judge_inputs_emulator.output, *rules.train_on_inputs.output]
+    )

@@ -15,12 +15,10 @@ import numpy as np
 import pandas as pd
 import torch
 
-from regional_lv.channels import Channels
 from regional_lv.criticism.verdict import LEAST_PROBABILITY
-from regional_lv.emulators.base import Prediction
 from regional_lv.inference import importance
 from regional_lv.inference.averaging import Averaged
-from regional_lv.inputs.coordinates import Coordinates
+from regional_lv.inference.emulated import OfInputs
 from regional_lv.seeds import derive
 
 log = logging.getLogger(__name__)
@@ -96,31 +94,18 @@ class Round:
         return self.size <= LARGEST_ERROR or float(beside) <= NEGLIGIBLE
 
 
-class OfAllInputs(Protocol):
-    """An emulator over all simulated inputs of a study, as a criticism needs it: `JointGP`, or the
-    one of any heart in the coordinates of one."""
+class Learning(OfInputs, Protocol):
+    """An emulator that further simulations join (`JointGP`)."""
 
-    output_sd: torch.Tensor
-
-    @property
-    def outputs(self) -> tuple[str, ...]: ...
-    @property
-    def channels(self) -> Channels: ...
-    @property
-    def coordinates(self) -> Coordinates: ...
     @property
     def of_study_mesh(self) -> Self: ...
-    def select(self, outputs: Sequence[str]) -> Self: ...
-    def predict(self, theta: torch.Tensor) -> Prediction: ...
-    def predict_mean(self, theta: torch.Tensor) -> torch.Tensor: ...
-    def linearise(self, theta: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]: ...
     def errors_of(self, theta: torch.Tensor, y: torch.Tensor) -> torch.Tensor: ...
     def condition(
         self, theta: torch.Tensor, y: torch.Tensor, sensitivities: torch.Tensor
     ) -> Self: ...
 
 
-AnEmulator = TypeVar("AnEmulator", bound=OfAllInputs)
+AnEmulator = TypeVar("AnEmulator", bound=Learning)
 
 
 def knowing(emulator: AnEmulator, simulations: pd.DataFrame) -> AnEmulator:

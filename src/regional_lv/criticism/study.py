@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from regional_lv.criticism import confirmation, outliers
-from regional_lv.criticism.confirmation import OfAllInputs, Round, conditioned
+from regional_lv.criticism.confirmation import Learning, Round, conditioned
 from regional_lv.criticism.contract import Findings
 from regional_lv.criticism.findings import Context, findings_of, write_findings
 from regional_lv.criticism.identifiable import imitated
@@ -90,7 +90,7 @@ class Critic:
         self,
         name: str,
         tables: Mapping[str, pd.DataFrame],
-        emulator: OfAllInputs,
+        emulator: Learning,
         physics: Mapping,
         settings: Settings,
         seed: int,
@@ -101,7 +101,7 @@ class Critic:
         self.settings, self.known_theta = settings, known_theta
         self.seed = derive(seed, "criticism", name)
 
-    def potential(self, emulator: OfAllInputs) -> Potential:
+    def potential(self, emulator: Learning) -> Potential:
         """The posterior of all models, by an emulator."""
         return potential_of_tables(
             emulator, self.inputs, self.tables, self.settings.noise_prior_scale, self.known_theta
@@ -236,7 +236,7 @@ def read_critic(
 
 
 def critic_of(
-    emulator: OfAllInputs,
+    emulator: Learning,
     subject: str,
     subjects: Sequence[str],
     measured: Sequence[str | Path],

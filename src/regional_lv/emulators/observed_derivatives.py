@@ -201,9 +201,7 @@ class Weighted:
     def _with_slopes(self, x):
         k, u, inverse, towards, total = self._parts(x)
         found = x.new_zeros(len(x), total.shape[-1], x.shape[1])
-        blocks = zip(
-            self._free, u, self._columns, self.of_slopes, inverse, towards, strict=True
-        )
+        blocks = zip(self._free, u, self._columns, self.of_slopes, inverse, towards, strict=True)
         for free, part, columns, of_slopes, rate, toward in blocks:
             carried = k * rate
             nearer = total + rate[..., None] * toward / self.alpha

@@ -17,7 +17,8 @@ def make_heart(
     """Mesh the heart of a checked configuration; the mesh's file (.vtu, opens in ParaView).
 
     `mesh.vtu`, `segments.csv` and `summary.json` (cavity and wall volume among others) go to
-    `folder`, with what they are made from. lay_out: of `meshing`, for a segment table. Raises InputError for a geometry that cannot be meshed.
+    `folder`, with what they are made from. lay_out: a function of `meshing`, for a segment table.
+    Raises InputError for a geometry that cannot be meshed.
     """
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)

@@ -19,8 +19,8 @@ def mesh_between(
     """Mesh between two surfaces, with the borders of a segment table, as .msh and as .vtu.
 
     `surfaces` is what `meshing.write_gmsh` takes, `mesh`, `fibres` and `zones` are as in
-    `make_mesh`; `lay_out` is a function of `meshing`. Raises InputError for a wall that folds, with its `origin` (a file) and the
-    `remedy`.
+    `make_mesh`; `lay_out` is that function, or `meshing.write_plain`. Raises InputError for a wall
+    that folds, with its `origin` (a file) and the `remedy`.
     """
     lay_out(table, surfaces, mesh, msh)
     made = convert_mesh(msh)
@@ -53,8 +53,8 @@ def make_mesh(
     are written: `msh` for gmsh, `vtu` for ParaView, `segments` (CSV: what each segment became) and
     `summary` (JSON). The .vtu carries `segment`, `zone`, `surface` per cell and per point
     `transmural`, `longitudinal` (0 apex to 1 base) and the direction fields. Same input, same
-    bytes. `lay_out` is `meshing.write_gmsh` or, for the same mesh without gmsh, `write_plain`. Raises
-    InputError for a table that cannot be used, or whose surfaces cross.
+    bytes. `lay_out` is as in `mesh_between`. Raises InputError for a table that cannot be used, or
+    whose surfaces cross.
     """
     given = read_segments(table)
     check_apices(table, given, endo_apex_z_mm, epi_apex_z_mm)

@@ -206,10 +206,9 @@ class HeartEmulator:
         slopes = y.new_zeros(*y.shape, there.shape[1])
         given = sensitivities[:, :, own] / factor[..., None]
         slopes[:, :, theirs] = given / by_x[:, None, theirs, own]
+        values, outputs, derivatives = (each.numpy() for each in (there, y / factor, slopes))
         return self._with(
-            self.emulator.condition(
-                *(each.numpy() for each in (there, y / factor, slopes)), about=theirs.tolist()
-            )
+            self.emulator.condition(values, outputs, derivatives, about=theirs.tolist())
         )
 
     def _with(self, emulator: JointGP) -> "HeartEmulator":

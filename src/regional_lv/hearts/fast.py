@@ -27,18 +27,15 @@ from regional_lv.plots import (
     posterior_predictive,
 )
 
-PICTURES = {
-    "measured_strains": "strains",
-    "bullseye_posterior": "stiffness",
-    "posterior_predictive": "fit",
-}
-"""Figures by their file, and what the page calls them."""
+PICTURES = ("measured_strains", "bullseye_posterior", "posterior_predictive")
+"""Figures, by the module that draws each."""
 
 OF_CRITICISM = ("residuals", "causes", "effects", "sources")
+"""Those of `plots.criticism`, in its order."""
 
 RESTS_ON = (
-    "the answer comes from an emulator of hearts of all kinds that the package brings along; nothing "
-    "was simulated of this one, so that what stands out is suspected and never named"
+    "the answer comes from an emulator of hearts of all kinds that the package brings along; "
+    "nothing was simulated of this one, so that what stands out is suspected and never named"
 )
 
 
@@ -76,23 +73,19 @@ def write_page(config: Mapping, subject: str, notes: Sequence[str], folder: Path
         "diagnostics": None,
         "source": source,
     }
-    pictures = {name: folder / f"{name}.png" for name in (*PICTURES, *OF_CRITICISM)}
-    tables = {name: folder / f"{name}.csv" for name in pictures}
-
-    def files(name: str) -> dict[str, Path]:
-        return {"png": pictures[name], "csv": tables[name]}
-
-    measured = folder / "measured.csv"
-    measured_strains.draw(
-        measured, subject, source, parameters=parameters, **files("measured_strains")
-    )
-    bullseye_posterior.draw(**given, parameters=parameters, **files("bullseye_posterior"))
-    posterior_predictive.draw(**given, **files("posterior_predictive"))
+    figures = (*PICTURES, *OF_CRITICISM)
+    png, csv = ({name: folder / f"{name}.{end}" for name in figures} for end in ("png", "csv"))
+    measured, name = folder / "measured.csv", "measured_strains"
+    measured_strains.draw(measured, subject, source, parameters, png[name], csv[name])
+    name = "bullseye_posterior"
+    bullseye_posterior.draw(**given, parameters=parameters, png=png[name], csv=csv[name])
+    name = "posterior_predictive"
+    posterior_predictive.draw(**given, png=png[name], csv=csv[name])
     criticism.draw(
         given["findings"],
         parameters,
-        **{name: pictures[name] for name in OF_CRITICISM},
-        tables=[tables[name] for name in OF_CRITICISM],
+        **{name: png[name] for name in OF_CRITICISM},
+        tables=[csv[name] for name in OF_CRITICISM],
     )
     with tempfile.TemporaryDirectory() as heart:
         make_page(
@@ -103,8 +96,13 @@ def write_page(config: Mapping, subject: str, notes: Sequence[str], folder: Path
             posterior=given["posterior"],
             findings=given["findings"],
             emulator=OF_INPUTS,
-            **{f"{name}_picture": pictures[file] for file, name in PICTURES.items()},
-            **{f"{name}_picture": pictures[name] for name in OF_CRITICISM},
+            strains_picture=png["measured_strains"],
+            stiffness_picture=png["bullseye_posterior"],
+            fit_picture=png["posterior_predictive"],
+            residuals_picture=png["residuals"],
+            causes_picture=png["causes"],
+            effects_picture=png["effects"],
+            sources_picture=png["sources"],
             mesh=make_heart(config, heart, lay_out=write_plain),
             parameters=parameters,
             channels=channels,

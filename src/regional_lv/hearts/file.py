@@ -11,14 +11,12 @@ from typing import Any
 
 import torch
 
-from regional_lv import data
 from regional_lv.channels import Channels
+from regional_lv.data import SHIPPED
 from regional_lv.emulators.joint_gp import JointGP
 from regional_lv.errors import InputError
 from regional_lv.hearts.emulator import HeartEmulator
 from regional_lv.inputs.space import Inputs
-
-SHIPPED = data.path("heart_emulator.pt.gz")
 
 LARGE = 500
 """Numbers from which on a tensor is kept in half its length."""
@@ -46,8 +44,8 @@ class AnyHeart:
         return Inputs.from_config(self.physics).simulated
 
     def of_heart(self, physics: Mapping, channels: Channels) -> HeartEmulator:
-        """In the coordinates of the simulated inputs of a heart within reach (`hearts.reach`), whose
-        study `physics` describes, and of what that observes."""
+        """In the coordinates of the simulated inputs of a heart within reach (`hearts.reach`),
+        whose study `physics` describes, and of what that observes."""
         one = HeartEmulator(self.emulator, self.known, Inputs.from_config(physics))
         return one.select(channels.names)
 

@@ -9,7 +9,7 @@ at their thickest (Elliott et al. 2014, doi 10.1093/eurheartj/ehu284), dilated h
 as wide as long and wider (Lang et al. 2015, doi 10.1016/j.echo.2014.10.003).
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 import pandas as pd
@@ -55,7 +55,7 @@ MOST_SD = 2.5
 APEX = (-0.6, 0.2)
 """Logarithm of the wall's thickness at the apex beside that of segment 17."""
 
-INFARCT_MM = (0.036, 0.072)
+INFARCT = (0.036, 0.072)
 """Thickness of an infarct's wall."""
 
 BULGE = 0.12
@@ -114,8 +114,9 @@ class Layout:
 def draw(table: pd.DataFrame, length_mm: float, n: int, seed: int) -> pd.DataFrame:
     """Shapes of n ventricles of this length (mm), with the angles and levels of a segment table.
 
-    Columns: `HEART`, a word of `KINDS`, and `COLUMNS` (mm). The first of more are the same. Shapes through which no smooth surfaces go, or whose wall gets too thin between its segments'
-    means, are left out, and later ones of the sequence move up.
+    Columns: `HEART`, a word of `KINDS`, and `COLUMNS` (mm). The first of more are the same. Shapes
+    through which no smooth surfaces go, or whose wall gets too thin between its segments' means,
+    are left out, and later ones of the sequence move up.
     """
     layout = Layout(table, length_mm)
     found: list[tuple] = []
@@ -159,11 +160,11 @@ def _shape(layout: Layout, u: np.ndarray) -> tuple[str, np.ndarray]:
     kind = list(KINDS)[np.searchsorted(shares[:-1], next(numbers), side="right")]
     logs = {}
     for what, ends in zip(LEVEL_EFFECTS, KINDS[kind][1:], strict=True):
-        log = np.full(len(SEGMENTS), _between(*np.log(ends), next(numbers)))
+        log = np.full(len(SEGMENTS), _between(np.log(ends).tolist(), next(numbers)))
         for level, effect in LEVEL_EFFECTS[what].items():
-            log[[s - 1 for s in LEVELS[level]]] += _between(*effect, next(numbers))
+            log[[s - 1 for s in LEVELS[level]]] += _between(effect, next(numbers))
         for waves, amplitude in enumerate(AROUND[what], start=1):
-            cosine, sine = (_between(-amplitude, amplitude, next(numbers)) for _ in "cs")
+            cosine, sine = (_between((-amplitude, amplitude), next(numbers)) for _ in "cs")
             angle = waves * layout.angle[:-1]
             log[:-1] += cosine * np.cos(angle) + sine * np.sin(angle)
         single = norm.ppf([next(numbers) for _ in SEGMENTS])
@@ -175,14 +176,15 @@ def _shape(layout: Layout, u: np.ndarray) -> tuple[str, np.ndarray]:
         count = 1 + int(many * MOST_NEIGHBOURS[kind])
         near = layout.nearest[int(where * len(SEGMENTS))][:count]
         if kind == "infarct":
-            thickness[near] = np.minimum(thickness[near], _between(*INFARCT_MM, size))
-            radius[near] *= np.exp(_between(0.0, BULGE, bulge))
+            thickness[near] = np.minimum(thickness[near], _between(INFARCT, size))
+            radius[near] *= np.exp(_between((0.0, BULGE), bulge))
         else:
-            thickness[near] *= _between(*THICKENED, size)
+            thickness[near] *= _between(THICKENED, size)
     thickness, radius = np.clip(thickness, *THICKNESS), np.clip(radius, *RADIUS)
-    at_apex = np.clip(thickness[-1] * np.exp(_between(*APEX, apex)), *THICKNESS)
+    at_apex = np.clip(thickness[-1] * np.exp(_between(APEX, apex)), *THICKNESS)
     return kind, layout.length * np.concatenate([thickness, layout.cosine * radius, [at_apex]])
 
 
-def _between(low: float, high: float, share: float) -> float:
+def _between(ends: Sequence[float], share: float) -> float:
+    low, high = ends
     return low + share * (high - low)

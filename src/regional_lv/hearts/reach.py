@@ -132,10 +132,9 @@ def _check_borders(config: Mapping, known: Inputs, inputs: Inputs) -> None:
 
 def _check_shape(config: Mapping, emulator: JointGP, known: Inputs, inputs: Inputs) -> None:
     """Raise OutOfReach for a shape that is unlike all that the emulator has learnt from: a figure
-    beyond their range, or all of them farther from their middle, in the normal distribution of their
-    logarithms, than any of them is. The figure is named that is least like what the others would
-    have it.
-    """
+    beyond their range, or all of them farther from their middle, in the normal distribution of
+    their logarithms, than any of them is. The figure is named that is least like what the others
+    would have it."""
     places = [known.names.index(name) for name in COLUMNS]
     learnt = np.log(emulator.learnt_from[:, places].numpy())
     looked_up = LookedUp(known, inputs)
@@ -153,8 +152,8 @@ def _check_shape(config: Mapping, emulator: JointGP, known: Inputs, inputs: Inpu
     value, least, most = (np.exp(each[worst]) / factor for each in (here, low, high))
     _refuse(
         f"{config['geometry']['segments']}: {COLUMNS[worst]} is {value:.3g} mm; in hearts of this "
-        f"length the emulator knows {least:.3g} to {most:.3g} mm, together with figures of the other "
-        "segments that are like it"
+        f"length the emulator knows {least:.3g} to {most:.3g} mm, together with figures of the "
+        "other segments that are like it"
     )
 
 
@@ -173,7 +172,8 @@ def _cut(config: Mapping, known: Inputs, inputs: Inputs) -> tuple[dict, list[str
         low, high = (float(end / factor[e]) for end in (known.lower[e], known.upper[e]))
         if each.nominal is not None and not low <= nominal <= high:
             _refuse(
-                f"{SECTION}.{each.name}: {nominal:g} {each.unit} is outside of {low:.3g} to {high:.3g}"
+                f"{SECTION}.{each.name}: {nominal:g} {each.unit} is outside of {low:.3g} to "
+                f"{high:.3g}"
             )
         if low <= each.low and each.high <= high:
             continue

@@ -380,8 +380,8 @@ def _check_range(key: str, each: Input, low: float, high: float, at: float | Non
         raise InputError(f"{key}: {each.name} is above 0; give a lower end above 0")
     if at is not None and not low <= at <= high:
         raise InputError(
-            f"{key}: {each.name} is {at:g} {each.unit}, which {low:g} to {high:g} leaves out; widen "
-            "the range"
+            f"{key}: {each.name} is {at:g} {each.unit}, which {low:g} to {high:g} leaves out; "
+            "widen the range"
         )
 
 
