@@ -9,8 +9,8 @@ from scipy import stats
 
 from regional_lv.emulators.base import Emulator, Prediction, SeparablePrediction
 from regional_lv.errors import InputError
-from regional_lv.inference.emulated import OfInputs
 from regional_lv.gaussian import LOG_2PI
+from regional_lv.inference.emulated import OfInputs
 from regional_lv.measured.tables import VOLUME_SHARE
 from regional_lv.reduction import VOLUME
 
