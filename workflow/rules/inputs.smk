@@ -215,3 +215,23 @@ if DOUBTS:
         if JOINED
         else [*rules.judge_inputs_emulator.output, *rules.train_on_inputs.output]
     )
+    if ALL_INPUTS["shapes"] == "population":
+
+        rule heart_emulator:
+            """The emulator of any heart, as it comes with the package."""
+            input:
+                emulator_file=EMULATOR_OF_INPUTS,
+                test=f"{OVER_INPUTS}/test.parquet",
+                summary=f"{OVER_INPUTS}/train_summary.csv",
+            output:
+                shipped=f"{R}/heart_emulator.pt.gz",
+            log:
+                f"{LOGS}/all_inputs/heart_emulator.log",
+            threads: 1
+            params:
+                call="hearts.card:ship",
+                physics=INPUTS,
+                mesh=config["mesh"],
+                seed=config["seed"],
+            script:
+                "../scripts/call.py"

@@ -3,10 +3,12 @@
 import gzip
 import hashlib
 import io
+import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache, cached_property
 from pathlib import Path
+from pickle import UnpicklingError
 from typing import Any
 
 import torch
@@ -52,7 +54,8 @@ class AnyHeart:
 
 def write(emulator: JointGP, physics: Mapping, card: Mapping, path: str | Path) -> None:
     """Write an `AnyHeart`. Of large arrays single precision is kept."""
-    content = {"emulator": emulator.content(), "physics": dict(physics), "card": dict(card)}
+    plain = json.dumps({"physics": physics, "card": card}, default=float)
+    content = {"emulator": emulator.content(), "plain": plain}
     raw = io.BytesIO()
     torch.save(_each(content, _shortened), raw)
     # Without name and time, so that the same emulator is the same file.
@@ -66,12 +69,12 @@ def read(path: str | Path) -> AnyHeart:
         content = torch.load(io.BytesIO(gzip.decompress(raw)), weights_only=True)
         content = _each(content, _lengthened)
         emulator = JointGP.from_content(content["emulator"], path)
-    except (OSError, EOFError, KeyError, RuntimeError) as error:
+    except (OSError, EOFError, KeyError, RuntimeError, UnpicklingError) as error:
         raise InputError(
             f"{path}: no emulator of any heart ({error}); `make heart-emulator` makes one"
         ) from error
-    checksum = hashlib.sha256(raw).hexdigest()
-    return AnyHeart(emulator, content["physics"], content["card"], checksum)
+    plain = json.loads(content["plain"])
+    return AnyHeart(emulator, plain["physics"], plain["card"], hashlib.sha256(raw).hexdigest())
 
 
 @cache
