@@ -69,11 +69,11 @@ def read(path: str | Path) -> AnyHeart:
         content = torch.load(io.BytesIO(gzip.decompress(raw)), weights_only=True)
         content = _each(content, _lengthened)
         emulator = JointGP.from_content(content["emulator"], path)
+        plain = json.loads(content["plain"])
     except (OSError, EOFError, KeyError, RuntimeError, UnpicklingError) as error:
         raise InputError(
             f"{path}: no emulator of any heart ({error}); `make heart-emulator` makes one"
         ) from error
-    plain = json.loads(content["plain"])
     return AnyHeart(emulator, plain["physics"], plain["card"], hashlib.sha256(raw).hexdigest())
 
 
