@@ -101,7 +101,8 @@ def _can_simulate() -> bool:
 
 def _fast(path: Path, asked: bool, dry_run: bool) -> dict | None:
     """Answer from the emulator of any heart; keys of the configuration that were cut to what it
-    knows, or None for a heart that it does not know, which is said."""
+    knows, or None for a heart that it does not know, which is said, and without such an
+    emulator."""
     # Imported here: they take seconds, and a mistake in a table need not wait for them.
     from regional_lv.hearts.fast import answer
     from regional_lv.hearts.file import shipped
@@ -111,6 +112,11 @@ def _fast(path: Path, asked: bool, dry_run: bool) -> dict | None:
     inspect(path, config, ONE_HEART)
     try:
         known = shipped()
+    except InputError as error:
+        if asked:
+            raise Mistakes(str(error)) from None
+        return None
+    try:
         within_reach, _ = within(config, known.emulator, known.known)
         for subject in config["subjects"]:
             if dry_run:
