@@ -211,7 +211,7 @@ if DOUBTS:
             "../scripts/call.py"
 
     INPUTS_RESULTS = (
-        rules.screen_inputs.output[:1]
+        [f"{OVER_INPUTS}/train.parquet"]
         if JOINED
         else [*rules.judge_inputs_emulator.output, *rules.train_on_inputs.output]
     )
