@@ -74,7 +74,7 @@ def test_a_heart_out_of_reach_goes_the_long_way(run, folder, heart):
     assert code == 1 and "--own" in said and not simulated
     code, said, simulated = run("--dry-run", can_simulate=True)
     assert code == 0 and "so it is simulated" in said
-    ((path, base, *_),) = simulated
+    ((_, base, *_),) = simulated
     assert base.name == "quick.yaml"
 
 
