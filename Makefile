@@ -4,6 +4,8 @@
 # make published  the statistical half on the paper's own simulations, no simulator needed
 # make smoke    every step once
 # make hidden-effects   effects injected into synthetic hearts, criticised blind, and the score
+# make heart-emulator   the emulator of any heart, which the package brings along (hours; goes on where it
+#               was ended, and more simulations join those that there are)
 # make test     lint, format, workflow lint, the documentation without warnings, tests of every kind
 # make test-all   the same with all tests
 # make test-fuzz    thousands of damaged inputs of each kind (EXAMPLES=2000)
@@ -20,7 +22,7 @@
 SHELL := bash
 .SHELLFLAGS := -eu -o pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help env quick study paper published smoke hidden-effects
+.PHONY: help env quick study paper published smoke hidden-effects heart-emulator
 .PHONY: test test-all test-faults test-fuzz test-slurm test-wheel
 .PHONY: bench-simulator lint format docs docs-notebook
 
@@ -60,6 +62,11 @@ smoke: env
 
 hidden-effects: env
 	snakemake --cores "$$CORES" hidden_effects --configfile config/hidden_effects.yaml
+
+heart-emulator: env
+	snakemake --cores "$$CORES" heart_emulator --configfile config/heart_emulator.yaml
+	cp results/heart_emulator/heart_emulator.pt.gz src/regional_lv/data/
+	python -m regional_lv.hearts docs/heart_emulator.md
 
 test: DEPTH := not test_all
 test-all: DEPTH :=

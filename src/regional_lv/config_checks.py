@@ -151,6 +151,7 @@ def _check_model(config: dict, parameters: Parameterisation, channels: Channels)
         yield from check_effects(f"{key}.effects", subject["effects"], config)
     if config["all_inputs"]["finer"] and not meshes_anew(config):
         yield f"all_inputs.finer: {KEPT}; write 0"
+    yield from _check_shapes(config)
     if config["criticism"]["joint"] and not config["inputs"]:
         yield (
             "criticism.joint: nothing is suspected; make inputs suspected, such as "
@@ -170,6 +171,23 @@ def _check_model(config: dict, parameters: Parameterisation, channels: Channels)
     yield from _check_names("scenarios.noise", noise, QUANTITIES)
     if all(noise.get(name) is None for name in channels.quantities):
         yield "scenarios.noise: no quantity that the study observes is measured; name a noise"
+
+
+def _check_shapes(config: Mapping) -> Iterator[str]:
+    """Of a design over all kinds of hearts: inputs that its shapes are values of."""
+    if config["all_inputs"]["shapes"] == "study":
+        return
+    from regional_lv.hearts.population import COLUMNS
+    from regional_lv.inputs.space import Inputs
+
+    inputs = Inputs.from_config(config)
+    roles = dict(zip(inputs.names, (role.kind for role in inputs.roles), strict=True))
+    if any(roles.get(name) != "inferred" for name in COLUMNS):
+        yield (
+            "all_inputs.shapes: a population has shapes of all kinds, and not all shape inputs are "
+            "inferred; write `inputs: {segment_thickness: inferred, endo_radius: inferred, apex: "
+            "inferred}` for a heart from a segment table, or `shapes: study`"
+        )
 
 
 def _check_names(key: str, names: Iterable[str], known: Iterable[str]) -> Iterator[str]:

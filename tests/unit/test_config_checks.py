@@ -358,3 +358,13 @@ def test_only_a_mesh_that_is_kept_cannot_be_made_finer(subject, remesh, tmp_path
         config.load(study)
     for key in ("all_inputs.finer", "synthetic_subjects.s.mesh"):
         assert f"{key}: an imported mesh that is kept cannot be made finer" in str(error.value)
+
+
+def test_a_population_has_shapes_of_all_kinds():
+    study = {"study": "hearts", "all_inputs": {"shapes": "population"}}
+    with pytest.raises(
+        InputError, match=r"all_inputs\.shapes: .* not all shape inputs are inferred"
+    ):
+        config.load(study)
+    shapes = {"segment_thickness": "inferred", "endo_radius": "inferred", "apex": "inferred"}
+    config.load(study | {"inputs": shapes | {"wall_thickness": "fixed"}})

@@ -215,6 +215,27 @@ def test_inputs_that_a_study_does_not_have(sections, words):
         loaded(**sections)
 
 
+def test_a_range_in_place_of_the_plausible_one():
+    given = {"segment_thickness": {"role": "inferred", "range": [3, 25]}}
+    given |= {"basal_motion": {"role": "suspected", "range": [0, 30]}}
+    inputs = Inputs.from_config(loaded(inputs=given))
+    ends = dict(zip(inputs.names, zip(inputs.lower, inputs.upper, strict=True), strict=True))
+    assert ends["wall_thickness_3"] == (3.0, 25.0) and ends["basal_motion"] == (0.0, 30.0)
+
+
+@pytest.mark.parametrize(
+    ("limits", "words"),
+    [
+        ([25, 3], "25 is not below 3"),
+        ([0, 25], "is above 0"),
+        ([3, 7], "is 12.43 mm, which 3 to 7 leaves out"),
+    ],
+)
+def test_a_range_that_is_none(limits, words):
+    with pytest.raises(InputError, match=rf"inputs\.segment_thickness\.range: .*{words}"):
+        loaded(inputs={"segment_thickness": {"role": "inferred", "range": limits}})
+
+
 def test_an_input_of_a_plugin():
     with temporary():
 
@@ -252,9 +273,10 @@ def test_closed_forms_and_their_derivatives(model):
     assert "fibre_rotation" not in inner.names and len(inner) == 6
     channels = Channels.of(["volume", "radial", "circumferential"])
     rng = np.random.default_rng(0)
-    weights = torch.as_tensor(rng.normal(size=(len(channels), len(inner))))
+    every_weight = torch.as_tensor(rng.normal(size=(len(channels), len(inner))))
 
-    def simulate(x):
+    def simulate(x, rows=None):
+        weights = every_weight if rows is None else every_weight[[*rows]]
         phase = inner.coordinates.scaled(x) @ weights.T
         by_x = torch.cos(phase)[..., None] * weights / inner.coordinates.slope(x)[:, None]
         return torch.sin(phase) + 2, by_x

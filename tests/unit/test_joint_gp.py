@@ -166,6 +166,21 @@ def test_covariances_of_what_is_seen(most):
             )
 
 
+@pytest.mark.parametrize("fixed", [[4], [0, 3], [0, 1, 2], []])
+def test_what_is_fixed_costs_nothing_and_changes_nothing(emulator, fixed):
+    theta = torch.as_tensor(points(7, 31))
+    mask = torch.zeros(5, dtype=torch.bool)
+    mask[fixed] = True
+    theta[:, mask] = theta[0, mask]
+    mean, slopes = emulator.linearise(theta)
+    of_few = emulator.at_fixed(theta[0], mask)
+    torch.testing.assert_close(of_few.predict_mean(theta), mean)
+    found, by_theta = of_few.linearise(theta)
+    torch.testing.assert_close(found, mean)
+    torch.testing.assert_close(by_theta[..., ~mask], slopes[..., ~mask])
+    torch.testing.assert_close(of_few.select(OUTPUTS[1:2]).predict_mean(theta), mean[:, 1:2])
+
+
 # -------------------------------------------------------------------------- scale of the outputs
 
 
@@ -280,7 +295,7 @@ def process_of(like, theta, seen):
 
 def test_conditioning_is_the_process_of_all_observations(emulator):
     like, theta, at = emulator.processes[0], points(26, 11), torch.as_tensor(points(30, 12))
-    first, second = Seen.some(20, 5, 60, seed=5), Seen.of_all(torch.arange(20, 26), 5)
+    first, second = Seen.some(20, 5, 60, seed=5), Seen.of_all(torch.arange(20, 26), torch.arange(5))
     whole = process_of(like, theta, first.joined(second))
     found = process_of(like, theta[:20], first)
     for part in (slice(20, 23), slice(23, 26)):

@@ -28,6 +28,8 @@ from regional_lv import config as study_config  # noqa: E402
 from regional_lv import dependencies, running  # noqa: E402
 from regional_lv.channels import Channels  # noqa: E402
 from regional_lv.config_checks import meshes_anew  # noqa: E402
+from regional_lv.criticism.settings import settings_of  # noqa: E402
+from regional_lv.data import SHIPPED  # noqa: E402
 from regional_lv.data import path as packaged  # noqa: E402
 from regional_lv.data import segment_table  # noqa: E402
 from regional_lv.design import scenario_size  # noqa: E402

@@ -13,25 +13,19 @@ ROUNDS = range(config["criticism"]["confirmation"]["rounds"])
 
 
 if DOUBTS:
-    CRITICISM = {
-        **{
-            key: config["criticism"][key]
-            for key in ("bootstrap", "level", "largest_set", "confirmation")
-        },
-        "load_fractions": (
-            [] if why_not_scaling(PHYSICS) else config["criticism"]["load_fractions"]
-        ),
-        "noise_prior_scale": config["clinical"]["noise_prior_scale"],
-        "strain_exponent": config["observables"]["strain_exponent"],
-    }
+    CRITICISM = settings_of(config)
     STEP = {
         "physics": INPUTS,
         "settings": CRITICISM,
         "seed": config["seed"],
         "subjects": lambda wildcards: criticised(wildcards.subject),
     }
+    CRITIC = "hearts.full" if JOINED else "criticism.study"
+    if JOINED:
+        STEP["channels"] = OUTPUTS
     OF_SUBJECT = {
         "emulator_file": EMULATOR_OF_INPUTS,
+        **({"own": f"{OVER_INPUTS}/train.parquet"} if JOINED else {}),
         "measured": lambda wildcards: expand(
             f"{R}/measured/{{subject}}.csv", subject=criticised(wildcards.subject)
         ),
@@ -59,7 +53,7 @@ if DOUBTS:
         threads: 1
         params:
             **STEP,
-            call="criticism.study:confirm_models",
+            call=f"{CRITIC}:confirm_models",
         script:
             "../scripts/call.py"
 
@@ -81,7 +75,7 @@ if DOUBTS:
         threads: 1
         params:
             **STEP,
-            call="criticism.study:conclude_criticism",
+            call=f"{CRITIC}:conclude_criticism",
         script:
             "../scripts/call.py"
 

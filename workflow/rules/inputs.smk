@@ -9,9 +9,23 @@ INPUTS_BATCHES = {
 }
 INPUTS_ANCHORS = min(ALL_INPUTS["anchors"], ALL_INPUTS["simulations"])
 INPUTS_ANCHOR_BATCHES = batches(INPUTS_ANCHORS, -(-INPUTS_ANCHORS // 2))
+# Whose shapes they are of.
+DESIGN = {
+    "study": "simulation.design:write_design",
+    "population": "hearts.design:write_design",
+}[ALL_INPUTS["shapes"]]
+# The first simulations of a longer design are the same, and are not made again: they depend on what
+# draws them, not on the file.
+DRAWN = f"{code_of(module_of(DESIGN), 'simulations')} seed {config['seed']}"
 # Simulations that are made on the finer mesh as well.
 FINER = min(ALL_INPUTS["finer"], INPUTS_ANCHORS)
-EMULATOR_OF_INPUTS = f"{OVER_INPUTS}/{'finer/' if FINER else ''}emulator.pt"
+# Whether the simulations join the emulator of any heart, which comes with the package.
+JOINED = ALL_INPUTS["emulator"] == "shipped"
+EMULATOR_OF_INPUTS = (
+    given(os.path.relpath(SHIPPED))
+    if JOINED
+    else f"{OVER_INPUTS}/{'finer/' if FINER else ''}emulator.pt"
+)
 # Whether the model is doubted, and the stiffness averaged over models.
 INPUTS = sections_of(config)
 STUDIED = Inputs.from_config(INPUTS)
@@ -34,7 +48,7 @@ if DOUBTS:
             f"{LOGS}/all_inputs/design_inputs.log",
         localrule: True
         params:
-            call="simulation.design:write_design",
+            call=DESIGN,
             physics=INPUTS,
             sizes={"train": ALL_INPUTS["simulations"], "test": ALL_INPUTS["test"]},
             seed=config["seed"],
@@ -59,7 +73,7 @@ if DOUBTS:
         input:
             mesh=f"{R}/geometry/{{mesh_folder}}mesh.vtu",
             start=f"{OVER_INPUTS}/{{mesh_folder}}baseline.npz",
-            design=f"{OVER_INPUTS}/design/train.parquet",
+            design=ancient(f"{OVER_INPUTS}/design/train.parquet"),
         output:
             fields=f"{OVER_INPUTS}/{{mesh_folder}}anchors/batch-{{batch}}.npz",
             simulations=f"{OVER_INPUTS}/{{mesh_folder}}anchors/batch-{{batch}}.parquet",
@@ -69,6 +83,7 @@ if DOUBTS:
             f"{R}/benchmarks/all_inputs/{{mesh_folder}}anchors/batch-{{batch}}.tsv"
         params:
             call="simulations:solve_anchors",
+            code=DRAWN,
             physics=INPUTS,
             anchors=lambda wildcards: FINER if wildcards.mesh_folder else INPUTS_ANCHORS,
             batches=len(INPUTS_ANCHOR_BATCHES),
@@ -93,7 +108,7 @@ if DOUBTS:
         input:
             mesh=f"{R}/geometry/mesh.vtu",
             predictor=f"{OVER_INPUTS}/predictor.npz",
-            design=f"{OVER_INPUTS}/design/{{set}}.parquet",
+            design=ancient(f"{OVER_INPUTS}/design/{{set}}.parquet"),
             anchors=lambda wildcards: (
                 expand(f"{OVER_INPUTS}/anchors/{{batch}}.parquet", batch=INPUTS_ANCHOR_BATCHES)
                 if wildcards.set == "train"
@@ -109,6 +124,7 @@ if DOUBTS:
             set=any_of(INPUTS_BATCHES),
         params:
             call="simulations:simulate_batch",
+            code=DRAWN,
             physics=INPUTS,
             batch_size=config["simulations"]["batch_size"],
 
@@ -194,4 +210,28 @@ if DOUBTS:
         script:
             "../scripts/call.py"
 
-    INPUTS_RESULTS = [*rules.judge_inputs_emulator.output, *rules.train_on_inputs.output]
+    INPUTS_RESULTS = (
+        [f"{OVER_INPUTS}/train.parquet"]
+        if JOINED
+        else [*rules.judge_inputs_emulator.output, *rules.train_on_inputs.output]
+    )
+    if ALL_INPUTS["shapes"] == "population":
+
+        rule heart_emulator:
+            """The emulator of any heart, as it comes with the package."""
+            input:
+                emulator_file=EMULATOR_OF_INPUTS,
+                test=f"{OVER_INPUTS}/test.parquet",
+                summary=f"{OVER_INPUTS}/train_summary.csv",
+            output:
+                shipped=f"{R}/heart_emulator.pt.gz",
+            log:
+                f"{LOGS}/all_inputs/heart_emulator.log",
+            threads: 1
+            params:
+                call="hearts.card:ship",
+                physics=INPUTS,
+                mesh=config["mesh"],
+                seed=config["seed"],
+            script:
+                "../scripts/call.py"

@@ -60,6 +60,7 @@ def inspect(path: Path, config: dict, base: Path | None = None) -> None:
 
     from regional_lv.channels import Channels
     from regional_lv.geometry.from_config import make_heart
+    from regional_lv.geometry.meshing import write_plain
     from regional_lv.measured.plausibility import data_warnings, too_small
     from regional_lv.parameters import Parameterisation
     from regional_lv.plots import inputs
@@ -79,7 +80,7 @@ def inspect(path: Path, config: dict, base: Path | None = None) -> None:
     with tempfile.TemporaryDirectory() as folder:
         try:
             with _own_words(found):
-                mesh = make_heart(config, folder)
+                mesh = make_heart(config, folder, lay_out=write_plain)
         except InputError as error:
             _echo_warnings(found)
             raise Mistakes(str(error)) from None

@@ -1,4 +1,4 @@
-"""`regional-lv run`: the study of a heart, from its folder to posterior and criticism."""
+"""`regional-lv run`: a heart, from its folder to posterior and criticism."""
 
 import importlib.util
 import os
@@ -7,10 +7,12 @@ import sys
 from pathlib import Path
 
 import click
+import yaml
 
 from regional_lv.cli.check import inspect
 from regional_lv.cli.folder import Mistakes, checkout, config_file, load
 from regional_lv.config import final_emulator
+from regional_lv.errors import InputError
 
 RESULTS = {
     "page": "pages/{subject}.html",
@@ -20,15 +22,40 @@ RESULTS = {
 }
 """What a person looks at, per subject, below `results/<study>`."""
 
+FAST = {
+    "page": "page.html",
+    "findings": "findings.json",
+    "posterior averaged over models": "posterior.nc",
+}
+"""The same of the fast way, below `results/<study>/fast/<subject>`."""
+
+ONE_HEART = Path(__file__).parents[1] / "hearts" / "one_heart.yaml"
+"""What the configuration of a heart goes on top of, where the emulator of any heart is asked."""
+
+SIMULATOR = ("dolfinx", "dolfinx_solver")
+"""Modules of which one brings the simulator."""
+
+
+def _way(way: str, text: str):
+    return click.option(f"--{way}", "way", flag_value=way, help=text)
+
 
 @click.command()
 @click.argument("name")
+@_way("fast", "Answer from the emulator of any heart alone: a minute, no simulation.")
+@_way(
+    "full",
+    "The fast answer first; then some simulations of this heart join the emulator, and what stands "
+    "out gets a name. The default where simulator and Snakemake are installed.",
+)
+@_way("own", "An emulator of this heart alone, from simulations of it.")
 @click.option("--cores", default=2, show_default=True, type=click.IntRange(min=1))
 @click.option(
     "--study",
     default="quick",
     show_default=True,
-    help="The study's size: a configuration in the project's `config`, which NAME goes on top of.",
+    help="With --own, the study's size: a configuration in the project's `config`, which NAME goes "
+    "on top of.",
 )
 @click.option(
     "--workflow",
@@ -37,28 +64,103 @@ RESULTS = {
     "working directory, if this is not given.",
 )
 @click.option("--dry-run", is_flag=True, help="Say what would be made, and make nothing.")
-def run(name: str, cores: int, study: str, workflow: str | None, dry_run: bool) -> None:
-    """Check the folder NAME, run its study, and say where the results are.
+def run(
+    name: str, way: str | None, cores: int, study: str, workflow: str | None, dry_run: bool
+) -> None:
+    """Check the folder NAME, answer for its heart, and say where the results are.
 
     They go to results/<study> of the folder in which you start.
     """
-    path, project = config_file(name), checkout(workflow)
-    base = project / "config" / f"{study}.yaml"
+    path = config_file(name)
+    if way != "own":
+        cut = _fast(path, asked=way == "fast", dry_run=dry_run)
+        if cut is not None and (way == "fast" or (way is None and not _can_simulate())):
+            return
+        if cut is not None:
+            _simulate(path, ONE_HEART, cores, workflow, dry_run, cut)
+            return
+    base = checkout(workflow) / "config" / f"{study}.yaml"
     if not base.is_file():
         offered = ", ".join(sorted(file.stem for file in base.parent.glob("*.yaml")))
         raise Mistakes(f"--study {study}: there is no {base}; choose one of {offered}")
+    inspect(path, load(path, base), base)
+    _simulate(path, base, cores, workflow, dry_run)
+
+
+def _can_simulate() -> bool:
+    """Whether the simulator and Snakemake are installed, and there is a project to run."""
+    known = [importlib.util.find_spec(module) is not None for module in SIMULATOR]
+    if not any(known) or importlib.util.find_spec("snakemake") is None:
+        return False
+    try:
+        checkout(None)
+    except Mistakes:
+        return False
+    return True
+
+
+def _fast(path: Path, asked: bool, dry_run: bool) -> dict | None:
+    """Answer from the emulator of any heart; keys of the configuration that were cut to what it
+    knows, or None for a heart that it does not know, which is said, and without such an
+    emulator."""
+    # Imported here: they take seconds, and a mistake in a table need not wait for them.
+    from regional_lv.hearts.fast import answer
+    from regional_lv.hearts.file import shipped
+    from regional_lv.hearts.reach import OutOfReach, within
+
+    config = load(path, ONE_HEART)
+    inspect(path, config, ONE_HEART)
+    try:
+        known = shipped()
+    except InputError as error:
+        if asked:
+            raise Mistakes(str(error)) from None
+        return None
+    try:
+        within_reach, _ = within(config, known.emulator, known.known)
+        for subject in config["subjects"]:
+            if dry_run:
+                continue
+            folder = Path("results") / config["study"] / "fast" / subject
+            one = config | {"subjects": {subject: config["subjects"][subject]}}
+            answer(one, folder)
+            for what, file in FAST.items():
+                click.echo(f"{what} of {subject}: {folder / file}")
+    except OutOfReach as error:
+        if asked or not _can_simulate():
+            raise Mistakes(f"{path}: {error}") from None
+        click.echo(f"{path}: {error}; so it is simulated")
+        return None
+    except InputError as error:
+        raise Mistakes(f"{path}: {error}") from None
+    return {
+        key: within_reach[key]
+        for key in ("parameters", "inputs")
+        if within_reach[key] != config[key]
+    }
+
+
+def _simulate(
+    path: Path, base: Path, cores: int, workflow: str | None, dry_run: bool, cut: dict | None = None
+) -> None:
+    """Run the study of a heart; `cut` goes on top of its configuration."""
+    project = checkout(workflow)
     if importlib.util.find_spec("snakemake") is None:
         raise Mistakes("snakemake is not installed; `pip install 'regional-lv[workflow]'`")
     config = load(path, base)
-    inspect(path, config, base)
+    folder = Path("results") / config["study"]
+    files = [str(base), str(path)]
+    if cut:
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / "cut.yaml").write_text(yaml.safe_dump(cut))
+        files.append(str(folder / "cut.yaml"))
     command = [sys.executable, "-P", "-m", "snakemake", "--snakefile", str(project / "Snakefile")]
-    command += ["--cores", str(cores), "--configfile", str(base), str(path)]
+    command += ["--cores", str(cores), "--configfile", *files]
     # Each job is a process of its own; libraries that take all cores in each slow them down.
     environment = {"OMP_NUM_THREADS": "1"} | os.environ
     done = subprocess.run(command + ["--dry-run"] * dry_run, env=environment)
     if done.returncode:
         raise Mistakes(f"snakemake ended with {done.returncode}; its last lines say why")
-    folder = Path("results") / config["study"]
     for subject in config["subjects"]:
         for what, file in RESULTS.items():
             place = folder / file.format(subject=subject, emulator=final_emulator(config))

@@ -8,15 +8,16 @@ stated, the posterior is made again and simulated again.
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol, Self, TypeVar
 
 import numpy as np
 import pandas as pd
 import torch
 
 from regional_lv.criticism.verdict import LEAST_PROBABILITY
-from regional_lv.emulators.joint_gp import JointGP
 from regional_lv.inference import importance
 from regional_lv.inference.averaging import Averaged
+from regional_lv.inference.emulated import OfInputs
 from regional_lv.seeds import derive
 
 log = logging.getLogger(__name__)
@@ -92,9 +93,33 @@ class Round:
         return self.size <= LARGEST_ERROR or float(beside) <= NEGLIGIBLE
 
 
+class Learning(OfInputs, Protocol):
+    """An emulator that further simulations join (`JointGP`)."""
+
+    @property
+    def of_study_mesh(self) -> Self: ...
+    def errors_of(self, theta: torch.Tensor, y: torch.Tensor) -> torch.Tensor: ...
+    def condition(
+        self, theta: torch.Tensor, y: torch.Tensor, sensitivities: torch.Tensor
+    ) -> Self: ...
+
+
+AnEmulator = TypeVar("AnEmulator", bound=Learning)
+
+
+def knowing(emulator: AnEmulator, simulations: pd.DataFrame) -> AnEmulator:
+    """The emulator that has learnt from simulations (`simulations.tabulate`) as well."""
+    theta, y = (
+        torch.as_tensor(simulations[list(columns)].to_numpy(float))
+        for columns in (emulator.coordinates.names, emulator.outputs)
+    )
+    slopes = np.stack([np.asarray(row, dtype=float) for row in simulations["sensitivity"]])
+    return emulator.condition(theta, y, torch.as_tensor(slopes).reshape(*y.shape, theta.shape[1]))
+
+
 def conditioned(
-    emulator: JointGP, rounds: Sequence[pd.DataFrame], outputs: Sequence[str]
-) -> tuple[JointGP, list[Round]]:
+    emulator: AnEmulator, rounds: Sequence[pd.DataFrame], outputs: Sequence[str]
+) -> tuple[AnEmulator, list[Round]]:
     """The emulator that knows the simulations of all rounds, and what each round says of the
     emulator that knew those before it, about the measured `outputs`, on the study's mesh."""
     found, names = [], list(emulator.coordinates.names)
@@ -105,17 +130,12 @@ def conditioned(
             found.append(Round(good, len(table), nothing, nothing))
             continue
         theta, y = (
-            torch.as_tensor(good[list(columns)].to_numpy(float))
-            for columns in (names, emulator.outputs)
+            torch.as_tensor(good[list(columns)].to_numpy(float)) for columns in (names, outputs)
         )
-        measured = [emulator.outputs.index(name) for name in outputs]
         own = emulator.of_study_mesh.select(outputs)
-        in_sds = own.errors_of(theta, y[:, measured]).numpy()
-        errors = (y[:, measured] - own.predict_mean(theta)).numpy()
-        found.append(Round(good, len(table) - len(good), errors, in_sds))
-        slopes = np.stack([np.asarray(row, dtype=float) for row in good["sensitivity"]])
-        slopes = slopes.reshape(len(good), len(emulator.outputs), len(names))
-        emulator = emulator.condition(theta, y, torch.as_tensor(slopes))
+        errors = (y - own.predict_mean(theta)).numpy()
+        found.append(Round(good, len(table) - len(good), errors, own.errors_of(theta, y).numpy()))
+        emulator = knowing(emulator, good)
         log.info(
             "round %d: %d simulations; simulated minus emulated, in stated sds: %.2f",
             *(len(found), len(good), found[-1].size),

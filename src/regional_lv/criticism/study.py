@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from regional_lv.criticism import confirmation, outliers
-from regional_lv.criticism.confirmation import Round, conditioned
+from regional_lv.criticism.confirmation import Learning, Round, conditioned
 from regional_lv.criticism.contract import Findings
 from regional_lv.criticism.findings import Context, findings_of, write_findings
 from regional_lv.criticism.identifiable import imitated
@@ -60,7 +60,7 @@ class Settings:
 
     @classmethod
     def from_config(cls, section: Mapping) -> "Settings":
-        """From the section `criticism` of the config, with the other two beside it."""
+        """From what `settings.settings_of` gives."""
         own = {key: section[key] for key in cls.__dataclass_fields__}
         own["confirmation"] = confirmation.Settings(**section["confirmation"])
         return cls(**own | {"load_fractions": tuple(section["load_fractions"])})
@@ -90,7 +90,7 @@ class Critic:
         self,
         name: str,
         tables: Mapping[str, pd.DataFrame],
-        emulator: JointGP,
+        emulator: Learning,
         physics: Mapping,
         settings: Settings,
         seed: int,
@@ -101,7 +101,7 @@ class Critic:
         self.settings, self.known_theta = settings, known_theta
         self.seed = derive(seed, "criticism", name)
 
-    def potential(self, emulator: JointGP) -> Potential:
+    def potential(self, emulator: Learning) -> Potential:
         """The posterior of all models, by an emulator."""
         return potential_of_tables(
             emulator, self.inputs, self.tables, self.settings.noise_prior_scale, self.known_theta
@@ -231,7 +231,22 @@ def read_critic(
     are, and the files. settings: as of `Settings.from_config`. known_theta: tables (CSV) with
     `subject` and the parameters. Raises InputError for files that cannot be used.
     """
-    given, emulator = Settings.from_config(settings), JointGP.load(emulator_file)
+    emulator = JointGP.load(emulator_file)
+    return critic_of(emulator, subject, subjects, measured, physics, settings, seed, known_theta)
+
+
+def critic_of(
+    emulator: Learning,
+    subject: str,
+    subjects: Sequence[str],
+    measured: Sequence[str | Path],
+    physics: Mapping,
+    settings: Mapping,
+    seed: int,
+    known_theta: Sequence[str | Path] = (),
+) -> Critic:
+    """As `read_critic`, with an emulator."""
+    given = Settings.from_config(settings)
     tables = {
         name: read_measured(path, emulator.channels, strain_exponent=given.strain_exponent)
         for name, path in zip(subjects, measured, strict=True)
@@ -251,31 +266,52 @@ def confirm_models(
     simulations: str | Path,
     **inputs,
 ) -> None:
-    """Simulate what the next round of the confirmation asks for; write the table of
-    `simulations.tabulate` (Parquet), empty where the rounds before were enough.
-
-    mesh, predictor: the study's, of all inputs. earlier: tables of the rounds before. inputs: as of
-    `read_critic`.
-    """
-    rows = read_critic(**inputs).plan(_read(earlier))
-    if len(rows):
-        from regional_lv.simulations import make_runner  # DOLFINx takes seconds to load
-
-        rows = confirmation.simulate(make_runner(mesh, inputs["physics"], predictor), rows)
-    rows.to_parquet(simulations, index=False)
+    """`write_round` of `read_critic`."""
+    write_round(read_critic(**inputs), mesh, predictor, inputs["physics"], earlier, simulations)
 
 
 @passes_on(read_critic)
 def conclude_criticism(
     simulations: Sequence[str | Path], findings: str | Path, posterior: str | Path, **inputs
 ) -> None:
-    """Decide with the simulations of all rounds; write the findings (JSON) and the posterior
-    averaged over models (NetCDF, `Averaged.inference_data`).
+    """`write_conclusion` of `read_critic`."""
+    write_conclusion(read_critic(**inputs), simulations, findings, posterior)
 
-    inputs: as of `read_critic`.
+
+def write_round(
+    critic: Critic,
+    mesh: str | Path,
+    predictor: str | Path,
+    physics: Mapping,
+    earlier: Sequence[str | Path],
+    simulations: str | Path,
+) -> None:
+    """Simulate what the next round of the confirmation asks for; write the table of
+    `simulations.tabulate` (Parquet), empty where the rounds before were enough.
+
+    mesh, predictor: the study's, of all inputs. physics: what `inputs.space.sections_of` gives.
+    earlier: tables of the rounds before.
     """
-    critic = read_critic(**inputs)
-    concluded = critic.conclude(_read(simulations))
+    rows = critic.plan(_read(earlier))
+    if len(rows):
+        from regional_lv.simulations import make_runner  # DOLFINx takes seconds to load
+
+        rows = confirmation.simulate(make_runner(mesh, physics, predictor), rows)
+    rows.to_parquet(simulations, index=False)
+
+
+def write_conclusion(
+    critic: Critic, simulations: Sequence[str | Path], findings: str | Path, posterior: str | Path
+) -> None:
+    """Decide with the simulations of all rounds; write the findings (JSON) and the posterior
+    averaged over models (NetCDF, `Averaged.inference_data`)."""
+    write_concluded(critic, critic.conclude(_read(simulations)), findings, posterior)
+
+
+def write_concluded(
+    critic: Critic, concluded: Concluded, findings: str | Path, posterior: str | Path
+) -> None:
+    """Write findings and posterior, as `write_conclusion`."""
     write(concluded.verdict.averaged.inference_data(KEPT, critic.seed), posterior)
     write_findings(concluded.findings, findings)
     for sentence in concluded.findings["words"]:

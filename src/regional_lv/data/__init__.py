@@ -2,7 +2,8 @@
 
 `volunteer_segments.csv`: figures read off the paper's published mesh, borders of the sectors
 rounded to the AHA's. `measured_template.csv`: the form of a measured file. `land_2015.csv`: what
-the participants of a benchmark of the solver found.
+the participants of a benchmark of the solver found. `heart_emulator.pt.gz`: the emulator of any
+heart (`hearts.file`).
 """
 
 from pathlib import Path
@@ -20,3 +21,7 @@ VOLUNTEER = "volunteer"
 def segment_table(given: str | Path) -> Path:
     """The file of a segment table: a path, or the word `volunteer`."""
     return path("volunteer_segments.csv") if str(given) == VOLUNTEER else Path(given)
+
+
+SHIPPED = path("heart_emulator.pt.gz")
+"""The emulator of any heart."""

@@ -166,6 +166,11 @@ class Emulator(ABC):
         return torch.tensor(self.parameters.upper)
 
     @property
+    def learnt_from(self) -> torch.Tensor:
+        """Values (N, P) of the parameters in the simulations that it knows."""
+        return self._unstandardise(self.inputs)
+
+    @property
     def error_prior_scale(self) -> float | None:
         """Scale of the half-normal prior on one unknown scale of the errors of all outputs, in
         training sd, for an emulator that leaves it to the likelihood; None: its covariance says it

@@ -8,6 +8,7 @@ import pandas as pd
 import torch
 
 from regional_lv.emulators import load
+from regional_lv.emulators.base import Emulator
 from regional_lv.emulators.training import predict_each, read_simulations
 from regional_lv.gaussian import Z95
 
@@ -26,13 +27,25 @@ def judge(
     """
     emulator = load(emulator_file)
     theta, y, _ = read_simulations(test, emulator.parameters, emulator.outputs)
-    mean, sd = predict_each(emulator, torch.as_tensor(theta), torch.as_tensor(y))
-    error = np.abs(mean.numpy() - y)
-    held = error <= Z95 * sd.numpy()
     places = [emulator.coordinates.names.index(name) for name in nominal]
     on = (theta[:, places] != list(nominal.values())).sum(axis=1)
     groups = {str(n): on == n for n in range(MANY)}
     groups |= {f"{MANY}+": on >= MANY, "all": on >= 0}
+    errors_by(emulator, theta, y, groups, "on").to_csv(errors, index=False)
+
+
+def errors_by(
+    emulator: Emulator,
+    theta: np.ndarray,
+    y: np.ndarray,
+    groups: Mapping[str, np.ndarray],
+    of: str,
+) -> pd.DataFrame:
+    """Errors at theta (n, P) with outputs y (n, D), a row for each quantity and group, a mask (n,),
+    whose name is in the column `of`. The other columns: as of `judge`."""
+    mean, sd = predict_each(emulator, torch.as_tensor(theta), torch.as_tensor(y))
+    error = np.abs(mean.numpy() - y)
+    held = error <= Z95 * sd.numpy()
     quantities = np.array([channel.quantity for channel in emulator.channels])
     rows = []
     for quantity in dict.fromkeys(quantities):
@@ -42,11 +55,11 @@ def judge(
                 rows.append(
                     {
                         "quantity": quantity,
-                        "on": label,
+                        of: label,
                         "simulations": int(mask.sum()),
                         "median_error": np.median(found),
                         "rms_error": np.sqrt(np.square(found).mean()),
                         "coverage95": held[mask][:, quantities == quantity].mean(),
                     }
                 )
-    pd.DataFrame(rows).to_csv(errors, index=False)
+    return pd.DataFrame(rows)

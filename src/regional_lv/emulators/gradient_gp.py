@@ -2,6 +2,7 @@
 
 import copy
 import math
+from collections.abc import Sequence
 from dataclasses import asdict
 from functools import cached_property
 
@@ -115,6 +116,8 @@ class GradientGP(ExactGP):
 
     name = "gradient_gp"
     learns_from_sensitivities = True
+    fixed: tuple[torch.Tensor, torch.Tensor] | None = None
+    """Values (P,) and mask (P,) of what is the same wherever it is asked (`at_fixed`)."""
 
     def _learn_hyperparameters(self, training: TrainingSet, seed: int) -> dict:
         rows = subset(len(training.x), self.settings["hyperparameter_rows"], seed)
@@ -178,7 +181,19 @@ class GradientGP(ExactGP):
 
     @cached_property
     def _by_simulation(self) -> Weighted:
-        return Weighted(self.model.of_values, self.inputs, self.seen, self.weights)
+        fixed = None
+        if self.fixed is not None:
+            values, mask = self.fixed
+            fixed = self.standardise(values), mask
+        return Weighted(self.model.of_values, self.inputs, self.seen, self.weights, fixed)
+
+    def at_fixed(self, theta: torch.Tensor, mask: torch.Tensor) -> "GradientGP":
+        """This emulator for points at which the parameters of a mask (P,) are those of theta (P,):
+        its mean and derivatives cost less, the latter 0 about these."""
+        given = copy.copy(self)
+        given._forget("_by_simulation")
+        given.fixed = theta, mask
+        return given
 
     @cached_property
     def _few(self) -> Factorised:
@@ -196,11 +211,16 @@ class GradientGP(ExactGP):
         return self._separable(self.predict_mean(theta), scale * variance)
 
     def condition(
-        self, theta: np.ndarray, y: np.ndarray, sensitivities: np.ndarray
+        self,
+        theta: np.ndarray,
+        y: np.ndarray,
+        sensitivities: np.ndarray,
+        about: Sequence[int] | None = None,
     ) -> "GradientGP":
         """This emulator given further simulations as well; hyperparameters and calibration stay.
 
-        theta (m, P), y (m, D), sensitivities d(y)/d(theta) (m, D, P), natural units.
+        theta (m, P), y (m, D), sensitivities d(y)/d(theta) (m, D, P), natural units. about: places
+        of the parameters whose sensitivities are known; None: of all.
 
         The error of the mean is a process with this kernel that is zero at what the variance is
         computed from, and at the new simulations what it is found to be there: the mean of that is
@@ -217,7 +237,8 @@ class GradientGP(ExactGP):
         given = copy.copy(self)
         given._forget()
         given.inputs = torch.cat([self.inputs, self.standardise(theta)])
-        new = Seen.of_all(torch.arange(m), theta.shape[1])
+        known = torch.arange(theta.shape[1]) if about is None else torch.as_tensor(about)
+        new = Seen.of_all(torch.arange(m), known)
         given.variance_seen = self.variance_seen.joined(Seen(n + new.at, new.along))
         few = given._few
         found = error.new_zeros(len(few.cholesky), error.shape[1])

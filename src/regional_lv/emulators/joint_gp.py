@@ -1,6 +1,7 @@
 """The gradient-enhanced process over all inputs, on the scale on which effects add up."""
 
 import copy
+from collections.abc import Sequence
 
 import numpy as np
 import torch
@@ -62,12 +63,19 @@ class JointGP(Emulator):
         added.processes = (*self.processes, process.select(self.outputs))
         return added
 
-    def condition(self, theta: np.ndarray, y: np.ndarray, sensitivities: np.ndarray) -> "JointGP":
+    def condition(
+        self,
+        theta: np.ndarray,
+        y: np.ndarray,
+        sensitivities: np.ndarray,
+        about: Sequence[int] | None = None,
+    ) -> "JointGP":
         """This emulator given further simulations of the study's mesh as well, which its training
         set did not have: seconds instead of another training; hyperparameters and calibration stay.
 
         theta (m, P), y (m, D), sensitivities d(y)/d(theta) (m, D, P), natural units, of this
-        emulator's outputs. See `GradientGP.condition`.
+        emulator's outputs. about: places of the inputs whose sensitivities are known; None: of
+        all. See `GradientGP.condition`.
 
         Raises InputError for shapes that do not fit, numbers that are not finite, and what no
         volume or strain can be.
@@ -76,8 +84,14 @@ class JointGP(Emulator):
         v, slopes = self.on_scale(theta, y, slopes)
         first, *others = self.processes
         given = copy.copy(self)
-        given.processes = (first.condition(theta, v, slopes), *others)
+        given.processes = (first.condition(theta, v, slopes, about), *others)
         given.inputs = given.processes[0].inputs
+        return given
+
+    def at_fixed(self, theta: torch.Tensor, mask: torch.Tensor) -> "JointGP":
+        """As `GradientGP.at_fixed`."""
+        given = copy.copy(self)
+        given.processes = tuple(process.at_fixed(theta, mask) for process in self.processes)
         return given
 
     @property

@@ -12,6 +12,7 @@ bases 1 + r_b^2 / (2 alpha) and the block b(p) of input p
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import torch
 
@@ -48,9 +49,9 @@ class Seen:
         return cls(at, along)
 
     @classmethod
-    def of_all(cls, points: torch.Tensor, inputs: int) -> "Seen":
-        """All derivatives at these `points` (m,)."""
-        return cls(points.repeat(inputs), torch.arange(inputs).repeat_interleave(len(points)))
+    def of_all(cls, points: torch.Tensor, inputs: torch.Tensor) -> "Seen":
+        """All derivatives about some `inputs` (k,) at these `points` (m,)."""
+        return cls(points.repeat(len(inputs)), inputs.repeat_interleave(len(points)))
 
     def joined(self, other: "Seen") -> "Seen":
         """These, then the others."""
@@ -100,32 +101,79 @@ class Weighted:
 
     For every point all weights on derivatives are summed simulation by simulation first, so that
     derivatives of the mean cost no more for each derivative that is seen.
+
+    fixed: values (P,) of all inputs, and a mask (P,) of those which are the same at all points that
+    are asked for; they cost nothing then. What they add to the distance from a simulation is one
+    more coordinate of their block, and what they make of its weights is known.
     """
 
-    def __init__(self, kernel: BlockRQKernel, y: torch.Tensor, seen: Seen, weights: torch.Tensor):
-        self.kernel, self.y = kernel, y
+    def __init__(
+        self,
+        kernel: BlockRQKernel,
+        y: torch.Tensor,
+        seen: Seen,
+        weights: torch.Tensor,
+        fixed: tuple[torch.Tensor, torch.Tensor] | None = None,
+    ):
         n, p = y.shape
         self.scale = kernel.lengthscale[0].detach()
         self.alpha = kernel.alpha.detach()
-        self.u = y / self.scale
         self.of_values = weights[:n]
         dense = weights.new_zeros(p, n, weights.shape[1])
         # What is seen twice has the sum of its weights.
         dense.index_put_((seen.along, seen.at), weights[n:], accumulate=True)
-        self.of_slopes = dense
-        self.at_home = [(self.u.T[b, :, None] * dense[b]).sum(0) for b in kernel.blocks]
+        u = y / self.scale
+        at, still = (u.new_zeros(p), torch.zeros(p, dtype=torch.bool)) if fixed is None else fixed
+        self._columns: list[torch.Tensor] = []  # of y, by block
+        self.of_slopes: list[torch.Tensor] = []
+        self.at_home: list[torch.Tensor] = []
+        self._free: list[torch.Tensor] = []
+        for block in kernel.blocks:
+            own = torch.arange(block.start, block.stop)
+            free, rest = own[~still[own]], own[still[own]]
+            home = (u.T[free, :, None] * dense[free]).sum(0)
+            columns = u[:, free]
+            if len(rest):
+                gap = at[rest] / self.scale[rest] - u[:, rest]
+                home = home - (gap.T[..., None] * dense[rest]).sum(0)
+                columns = torch.cat([columns, gap.norm(dim=1, keepdim=True)], 1)
+            self._free.append(free)
+            self._columns.append(columns)
+            self.of_slopes.append(dense[free])
+            self.at_home.append(home)
+        widths = [columns.shape[1] for columns in self._columns]
+        ends = torch.tensor([0, *widths]).cumsum(0).tolist()
+        self._kernel = BlockRQKernel([slice(*pair) for pair in pairwise(ends)]).double()
+        self._kernel.initialize(lengthscale=1.0)
+        self._kernel.alpha = self.alpha
+        self._kernel.requires_grad_(False)
+        self.y = torch.cat(self._columns, 1)
         # By block, the weights on derivatives and what they make at home: (n, (1 + p) D).
         self._side_by_side = [
-            torch.cat([dense[b], home[None]]).transpose(0, 1).reshape(n, -1)
-            for b, home in zip(kernel.blocks, self.at_home, strict=True)
+            torch.cat([slopes, home[None]]).transpose(0, 1).reshape(n, -1)
+            for slopes, home in zip(self.of_slopes, self.at_home, strict=True)
         ]
 
+    def _reduced(self, x) -> list[torch.Tensor]:
+        """Coordinates (m, p) of x (m, P) in length scales, by block, without fixed ones."""
+        u = x / self.scale
+        return [u[:, free] for free in self._free]
+
+    def _bases(self, u):
+        """Of the kernel, at reduced coordinates."""
+        widened = [
+            torch.nn.functional.pad(part, (0, columns.shape[1] - part.shape[1]))
+            for part, columns in zip(u, self._columns, strict=True)
+        ]
+        return self._kernel.bases(torch.cat(widened, 1), self.y)
+
     def _parts(self, x):
-        bases = self.kernel.bases(x, self.y)
-        k, u = self.kernel.of_bases(bases), x / self.scale
+        u = self._reduced(x)
+        bases = self._bases(u)
+        k = self._kernel.of_bases(bases)
         towards = []
-        for b, home in zip(self.kernel.blocks, self.at_home, strict=True):
-            far = u[:, b] @ self.of_slopes[b].reshape(b.stop - b.start, -1)
+        for part, slopes, home in zip(u, self.of_slopes, self.at_home, strict=True):
+            far = part @ slopes.flatten(1)
             towards.append(far.reshape(len(x), *home.shape) - home)
         inverse = [1 / base for base in bases]
         total = self.of_values + sum(
@@ -135,29 +183,30 @@ class Weighted:
 
     def mean(self, x: torch.Tensor) -> torch.Tensor:
         """(m, D) at x (m, P)."""
-        bases = self.kernel.bases(x, self.y)
-        k, u = self.kernel.of_bases(bases), x / self.scale
+        u = self._reduced(x)
+        bases = self._bases(u)
+        k = self._kernel.of_bases(bases)
         total = k @ self.of_values
-        for b, base, weights in zip(self.kernel.blocks, bases, self._side_by_side, strict=True):
+        for part, base, weights in zip(u, bases, self._side_by_side, strict=True):
             found = ((k / base) @ weights).reshape(len(x), -1, total.shape[1])
-            total = total + (u[:, b, None] * found[:, :-1]).sum(1) - found[:, -1]
+            total = total + (part[..., None] * found[:, :-1]).sum(1) - found[:, -1]
         return total
 
     def with_slopes(self, x: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """`mean`, and its derivatives (m, D, P) about x."""
+        """`mean`, and its derivatives (m, D, P) about x, 0 about what is fixed."""
         parts = [self._with_slopes(part) for part in x.split(POINTS_AT_ONCE)]
         means, slopes = zip(*parts, strict=True)
         return torch.cat(means), torch.cat(slopes)
 
     def _with_slopes(self, x):
         k, u, inverse, towards, total = self._parts(x)
-        found = x.new_empty(len(x), total.shape[-1], x.shape[1])
-        blocks = zip(self.kernel.blocks, inverse, towards, strict=True)
-        for b, rate, toward in blocks:
+        found = x.new_zeros(len(x), total.shape[-1], x.shape[1])
+        blocks = zip(self._free, u, self._columns, self.of_slopes, inverse, towards, strict=True)
+        for free, part, columns, of_slopes, rate, toward in blocks:
             carried = k * rate
             nearer = total + rate[..., None] * toward / self.alpha
-            gap = u[:, b, None] - self.u.T[None, b]
+            gap = part[..., None] - columns.T[None, : len(free)]
             far = (carried[:, None] * gap) @ nearer
-            own = torch.einsum("mn,pnd->mpd", carried, self.of_slopes[b])
-            found[:, :, b] = (own - far).mT
+            own = torch.einsum("mn,pnd->mpd", carried, of_slopes)
+            found[:, :, free] = (own - far).mT
         return (k[:, None] @ total)[:, 0], found / self.scale

@@ -1,20 +1,24 @@
 """The heart that a configuration describes, whatever its geometry comes from."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from regional_lv.geometry.from_mesh import keep_mesh, remesh, write_imported
 from regional_lv.geometry.from_surfaces import mesh_surfaces
 from regional_lv.geometry.make import make_mesh
+from regional_lv.geometry.meshing import write_gmsh
 from regional_lv.parameters import Parameterisation
 from regional_lv.published import HEART_MESH, HEART_SEGMENTS, PUBLISHED_HEART, fetched_path
 
 
-def make_heart(config: Mapping, folder: str | Path) -> Path:
+def make_heart(
+    config: Mapping, folder: str | Path, lay_out: Callable[..., None] = write_gmsh
+) -> Path:
     """Mesh the heart of a checked configuration; the mesh's file (.vtu, opens in ParaView).
 
     `mesh.vtu`, `segments.csv` and `summary.json` (cavity and wall volume among others) go to
-    `folder`, with what they are made from. Raises InputError for a geometry that cannot be meshed.
+    `folder`, with what they are made from. lay_out: a function of `meshing`, for a segment table.
+    Raises InputError for a geometry that cannot be meshed.
     """
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
@@ -28,7 +32,7 @@ def make_heart(config: Mapping, folder: str | Path) -> Path:
     meshed = made | {"msh": folder / "mesh.msh", "zones": zones}
     if geometry["source"] == "segments":
         apices = geometry["endo_apex_z_mm"], geometry["epi_apex_z_mm"]
-        make_mesh(geometry["segments"], *apices, mesh, fibres, **meshed)
+        make_mesh(geometry["segments"], *apices, mesh, fibres, **meshed, lay_out=lay_out)
         return made["vtu"]
     if geometry["source"] == "surfaces":
         given = geometry["surfaces"]

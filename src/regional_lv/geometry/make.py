@@ -13,14 +13,16 @@ from regional_lv.geometry.surfaces import Surfaces
 from regional_lv.geometry.table import check_apices, read_segments
 
 
-def mesh_between(table, surfaces, mesh, fibres, msh, vtu, zones, origin, remedy):
+def mesh_between(
+    table, surfaces, mesh, fibres, msh, vtu, zones, origin, remedy, lay_out=write_gmsh
+):
     """Mesh between two surfaces, with the borders of a segment table, as .msh and as .vtu.
 
     `surfaces` is what `meshing.write_gmsh` takes, `mesh`, `fibres` and `zones` are as in
-    `make_mesh`. Raises InputError for a wall that folds, with its `origin` (a file) and the
-    `remedy`.
+    `make_mesh`; `lay_out` is that function, or `meshing.write_plain`. Raises InputError for a wall
+    that folds, with its `origin` (a file) and the `remedy`.
     """
-    write_gmsh(table, surfaces, mesh, msh)
+    lay_out(table, surfaces, mesh, msh)
     made = convert_mesh(msh)
     quality = scaled_jacobians(made).min(axis=1)
     if quality.min() <= 0:
@@ -41,6 +43,7 @@ def make_mesh(
     segments,
     summary,
     zones=None,
+    lay_out=write_gmsh,
 ):
     """Make the parametric left ventricle from a segment table (CSV).
 
@@ -50,7 +53,8 @@ def make_mesh(
     are written: `msh` for gmsh, `vtu` for ParaView, `segments` (CSV: what each segment became) and
     `summary` (JSON). The .vtu carries `segment`, `zone`, `surface` per cell and per point
     `transmural`, `longitudinal` (0 apex to 1 base) and the direction fields. Same input, same
-    bytes. Raises InputError for a table that cannot be used, or whose surfaces cross.
+    bytes. `lay_out` is as in `mesh_between`. Raises InputError for a table that cannot be used, or
+    whose surfaces cross.
     """
     given = read_segments(table)
     check_apices(table, given, endo_apex_z_mm, epi_apex_z_mm)
@@ -67,6 +71,7 @@ def make_mesh(
         origin=table,
         remedy="its thickness or radius differs too much from its neighbours', or two sector "
         "borders nearly coincide; check the row, or raise mesh.circumferential",
+        lay_out=lay_out,
     )
     by_segment, numbers = summarise(made, given)
     by_segment.to_csv(segments, index=False, float_format="%.6g")

@@ -1,16 +1,12 @@
 """The mesh: the bullseye meshed by gmsh, extruded, and moved onto the surfaces."""
 
 import logging
+from functools import cache
 from itertools import pairwise
 from pathlib import Path
 
 import meshio
 import numpy as np
-
-try:
-    import gmsh
-except OSError as error:  # its wheel needs X libraries, which bare machines lack
-    gmsh, WHY_NOT_GMSH = None, str(error)
 
 from regional_lv.aha import LEVELS, SEGMENTS
 from regional_lv.geometry import structured
@@ -95,7 +91,19 @@ def _patch_outline(angles):
     return first, radius
 
 
-def _build_disk(table, angles, rings, levels, layers):
+@cache
+def load_gmsh():
+    """The library, or None where its wheel does not load: it needs X libraries, which bare machines
+    lack."""
+    try:
+        import gmsh
+    except OSError as error:
+        log.info("gmsh cannot be loaded (%s); the same mesh is laid out without it", error)
+        return None
+    return gmsh
+
+
+def _build_disk(gmsh, table, angles, rings, levels, layers):
     """The bullseye in gmsh, extruded by 1 through the wall, meshed at order 2 and tagged."""
     geo = gmsh.model.geo
     n = len(angles)
@@ -155,7 +163,7 @@ def _build_disk(table, angles, rings, levels, layers):
     return volumes[17][0]
 
 
-def _node_places(patch):
+def _node_places(gmsh, patch):
     """(tags, rho, phi, t) of the nodes of the straight-sided gmsh model; `patch` is its volume tag.
 
     Nodes between corners lie half-way in rho and phi outside the patch, and half-way in the plane
@@ -192,24 +200,31 @@ def _node_places(patch):
     return tags, rho, phi, t
 
 
+def write_plain(table, surfaces, mesh, path):
+    """What `write_gmsh` does, without gmsh (`structured`): the same nodes and elements."""
+    angles = _grid_angles(table, mesh["circumferential"])
+    rings, levels, border = _rings(table, surfaces.endo_apex, mesh)
+    lines = (angles, rings, levels, border, *_patch_outline(angles))
+    structured.write(table, surfaces, mesh["transmural"], lines, path)
+
+
 def write_gmsh(table, surfaces, mesh, path):
     """Build the mesh in gmsh, move it onto the surfaces and write it (ASCII, format 4.1).
 
-    Where gmsh cannot be loaded, `structured` lays out the same nodes and elements.
+    Where gmsh cannot be loaded, it is `write_plain`.
     """
+    gmsh = load_gmsh()
+    if gmsh is None:
+        write_plain(table, surfaces, mesh, path)
+        return
     angles = _grid_angles(table, mesh["circumferential"])
     rings, levels, border = _rings(table, surfaces.endo_apex, mesh)
-    if gmsh is None:
-        log.info("gmsh cannot be loaded (%s); the same mesh is laid out without it", WHY_NOT_GMSH)
-        lines = (angles, rings, levels, border, *_patch_outline(angles))
-        structured.write(table, surfaces, mesh["transmural"], lines, path)
-        return
     gmsh.initialize(readConfigFiles=False, interruptible=False)
     try:
         gmsh.option.setNumber("General.Terminal", 0)
         gmsh.model.add("left ventricle")
-        patch = _build_disk(table, angles, rings, levels, mesh["transmural"])
-        tags, rho, phi, t = _node_places(patch)
+        patch = _build_disk(gmsh, table, angles, rings, levels, mesh["transmural"])
+        tags, rho, phi, t = _node_places(gmsh, patch)
         # To the nanometre: below it, results depend on the linear algebra library's threads.
         points = np.round(surfaces.wall(phi, rho, t, border), 6) + 0.0
         for tag, point in zip(tags, points, strict=True):

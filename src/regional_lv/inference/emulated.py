@@ -1,10 +1,33 @@
 """The emulator over all inputs as a posterior sees it (`potential.Emulated`)."""
 
+from collections.abc import Sequence
+from typing import Protocol, Self
+
 import torch
 
-from regional_lv.emulators.base import Emulator
+from regional_lv.channels import Channels
+from regional_lv.emulators.base import Prediction
+from regional_lv.inputs.coordinates import Coordinates
 from regional_lv.inputs.evaluation import AllInputs
 from regional_lv.inputs.space import Inputs
+
+
+class OfInputs(Protocol):
+    """An emulator of D outputs over the k simulated inputs of a study, as an `Emulator` is:
+    `JointGP`, or the one of any heart in the coordinates of one."""
+
+    @property
+    def outputs(self) -> tuple[str, ...]: ...
+    @property
+    def channels(self) -> Channels: ...
+    @property
+    def output_sd(self) -> torch.Tensor: ...
+    @property
+    def coordinates(self) -> Coordinates: ...
+    def select(self, outputs: Sequence[str]) -> Self: ...
+    def predict(self, theta: torch.Tensor) -> Prediction: ...
+    def predict_mean(self, theta: torch.Tensor) -> torch.Tensor: ...
+    def linearise(self, theta: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]: ...
 
 
 class EmulatedInputs:
@@ -14,7 +37,7 @@ class EmulatedInputs:
     emulator: of the simulated inputs and the observed channels. inputs: all K.
     """
 
-    def __init__(self, emulator: Emulator, inputs: Inputs):
+    def __init__(self, emulator: OfInputs, inputs: Inputs):
         self.emulator, self.coordinates = emulator, inputs.coordinates
         self._outputs = AllInputs(inputs, emulator.channels)
 

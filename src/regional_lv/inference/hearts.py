@@ -20,10 +20,9 @@ import numpy as np
 import pandas as pd
 import torch
 
-from regional_lv.emulators.base import Emulator
 from regional_lv.errors import InputError
 from regional_lv.inference.departure import departure_covariance
-from regional_lv.inference.emulated import EmulatedInputs
+from regional_lv.inference.emulated import EmulatedInputs, OfInputs
 from regional_lv.inference.likelihood import Noise
 from regional_lv.inference.observed import Observed
 from regional_lv.inference.potential import Emulated, Potential
@@ -203,7 +202,7 @@ class Hearts:
 
 
 def potential_of_tables(
-    emulator: Emulator,
+    emulator: OfInputs,
     inputs: Inputs,
     tables: Mapping[str, pd.DataFrame],
     noise_prior_scale: float,
@@ -235,7 +234,7 @@ def potential_of_tables(
     return Potential(hearts, layout.inputs, y, noise, departures, observed)
 
 
-def _noise(emulator: Emulator, tables: Sequence[pd.DataFrame], prior_scale: float) -> Noise:
+def _noise(emulator: OfInputs, tables: Sequence[pd.DataFrame], prior_scale: float) -> Noise:
     """Of the outputs of all hearts, with one unknown scale for each quantity."""
     parts = []
     for table in tables:

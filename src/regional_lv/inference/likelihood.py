@@ -10,6 +10,7 @@ from scipy import stats
 from regional_lv.emulators.base import Emulator, Prediction, SeparablePrediction
 from regional_lv.errors import InputError
 from regional_lv.gaussian import LOG_2PI
+from regional_lv.inference.emulated import OfInputs
 from regional_lv.measured.tables import VOLUME_SHARE
 from regional_lv.reduction import VOLUME
 
@@ -41,7 +42,7 @@ class Noise:
 
     @classmethod
     def of_subject(
-        cls, emulator: Emulator, y: np.ndarray, sd: np.ndarray, prior_scale: float
+        cls, emulator: OfInputs, y: np.ndarray, sd: np.ndarray, prior_scale: float
     ) -> "Noise":
         """Of measured values `y` (D,) whose `sd` (D,), in natural units, is NaN where not given.
 

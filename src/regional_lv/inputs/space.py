@@ -16,6 +16,7 @@ from regional_lv.inputs.coordinates import Coordinates, blocks_of
 from regional_lv.inputs.material import Stiffness
 from regional_lv.inputs.model import model_of
 from regional_lv.inputs.observation import StrainMeasure
+from regional_lv.inputs.scales import Logarithmic
 from regional_lv.parameters import Parameterisation
 from regional_lv.physics import SECTIONS
 
@@ -39,11 +40,13 @@ def stencil(here: float, step: float, low: float, high: float) -> list[tuple[flo
 @dataclass(frozen=True)
 class Role:
     """What a study does with an input: `kind`, one of `ROLES`; the `sd` (in its unit) of one that
-    is measured; `value` in place of the nominal one, if the study gives it."""
+    is measured; `value` in place of the nominal one and `range` in place of the plausible one, if
+    the study gives them."""
 
     kind: str
     sd: float | None = None
     value: float | None = None
+    range: tuple[float, float] | None = None
 
 
 class Inputs(Sequence[Input]):
@@ -76,9 +79,11 @@ class Inputs(Sequence[Input]):
         every = catalogue(base)
         roles = roles_of(config[SECTION], every, base)
         for each in every:
-            value = roles[each.name].value
-            if value is not None and roles[each.name].kind == "fixed":
-                base = each.act(base, value)
+            role = roles[each.name]
+            if role.value is not None and role.kind == "fixed":
+                base = each.act(base, role.value)
+            if role.range is not None:
+                each.low, each.high = role.range
         free = [each for each in every if roles[each.name].kind != "fixed"]
         _check_closed_forms(free, every)
         return cls(base, free, roles)
@@ -339,6 +344,8 @@ def _role(word: str, asked: dict, each: Input) -> Role:
     """The role of one input that `word` stands for."""
     key = f"{SECTION}.{word}"
     value, sd = asked.get("value"), asked.get(sd_key(each.unit))
+    limits = asked.get("range")
+    limits = None if limits is None else (float(limits[0]), float(limits[1]))
     if asked["role"] == "measured" and value is None and each.nominal is None:
         raise InputError(
             f"{key}: {each.name} has a standard deviation but no nominal value; give its `value`"
@@ -358,9 +365,24 @@ def _role(word: str, asked: dict, each: Input) -> Role:
         raise InputError(f"{key}: {each.name} has no nominal value; give its `value`")
     if sd is not None and not 0 <= sd < np.inf:
         raise InputError(f"{key}: a standard deviation of {sd:g}; give a number of 0 or more")
+    if limits is not None:
+        _check_range(f"{key}.range", each, *limits, each.nominal if value is None else value)
     if sd == 0:
         return Role("fixed", value=value)
-    return Role(asked["role"], sd, value)
+    return Role(asked["role"], sd, value, limits)
+
+
+def _check_range(key: str, each: Input, low: float, high: float, at: float | None) -> None:
+    """Raise InputError for ends that are no range of an input whose value is `at`."""
+    if not low < high:
+        raise InputError(f"{key}: {low:g} is not below {high:g}; give the lower end first")
+    if isinstance(each.scale, Logarithmic) and low <= 0:
+        raise InputError(f"{key}: {each.name} is above 0; give a lower end above 0")
+    if at is not None and not low <= at <= high:
+        raise InputError(
+            f"{key}: {each.name} is {at:g} {each.unit}, which {low:g} to {high:g} leaves out; "
+            "widen the range"
+        )
 
 
 def _check_directions(every: Sequence[Input], roles: Mapping[str, Role]) -> None:

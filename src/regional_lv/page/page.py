@@ -2,7 +2,7 @@
 
 import base64
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from itertools import combinations
 from pathlib import Path
 
@@ -77,8 +77,9 @@ def make_page(
     pressure_mmhg: float,
     strain_exponent: float,
     scales_with_pressure: bool,
-    limitations: str,
     page: str | Path,
+    limitations: str = "",
+    notes: Sequence[str] = (),
     extended: str = "",
     diagnostics: str | Path | None = None,
     predictions: str | Path | None = None,
@@ -110,7 +111,8 @@ def make_page(
     channels: what the study observes.
     pressure_mmhg, strain_exponent: the study's end-diastolic pressure and strain measure.
     scales_with_pressure: whether stresses of the study scale with theta and pressure alone.
-    limitations: where the page finds the project's limitations. extended: the file that the study
+    limitations: where the page finds the project's limitations, if it does. notes: what else the
+        answer rests on, sentences without a full stop. extended: the file that the study
         with the named causes goes to, if it can be made.
     mesh, zones_picture: the unloaded heart (VTU) and the figure of its zones (PNG), if the study
         has one.
@@ -160,6 +162,7 @@ def make_page(
         convergence=convergence_of(drawn, diagnostics) if diagnostics else None,
         emulator=emulator_of(emulator, choice, predictions, table),
         limitations=limitations,
+        notes=notes,
         **criticism_of(content),
     )
     Path(page).write_text(html)

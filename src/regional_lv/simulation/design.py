@@ -1,6 +1,6 @@
 """Where to simulate: a Sobol sequence over all inputs of a study that are not fixed."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -95,18 +95,39 @@ def _range(inputs: Inputs, k: int) -> tuple[float, float]:
     return max(each.low, at - REACH * sd), min(each.high, at + REACH * sd)
 
 
-def write_design(
-    physics: Mapping, sizes: Mapping[str, int], seed: int, train: str | Path, test: str | Path
+Draw = Callable[[Inputs, int, int], pd.DataFrame]
+"""Values of the inputs, a column each, of so many simulations, from a seed; the first rows of a
+longer table are the same."""
+
+
+def write_sets(
+    physics: Mapping,
+    sizes: Mapping[str, int],
+    seed: int,
+    draw: Draw,
+    train: str | Path,
+    test: str | Path,
 ) -> None:
     """Write the sets `train` and `test` (Parquet) of as many simulations as `sizes` says: `sample`,
-    `scale`, and the inputs that are simulated.
+    `scale`, and what is drawn of the inputs that are simulated.
 
     physics: what `inputs.space.sections_of` gives. seed: the study's.
     """
     inputs = Inputs.from_config(physics).simulated
     for name, path in (("train", train), ("test", test)):
-        values = draw_inputs(inputs, sizes[name], derive(seed, "design", "inputs", name))
-        table = pd.DataFrame(values, columns=list(inputs.names))
+        table = draw(inputs, sizes[name], derive(seed, "design", "inputs", name))
         table.insert(0, "scale", "log")
         table.insert(0, "sample", np.arange(len(table)))
         table.to_parquet(path, index=False)
+
+
+def draw_table(inputs: Inputs, n: int, seed: int) -> pd.DataFrame:
+    """`draw_inputs`, a column each."""
+    return pd.DataFrame(draw_inputs(inputs, n, seed), columns=list(inputs.names))
+
+
+def write_design(
+    physics: Mapping, sizes: Mapping[str, int], seed: int, train: str | Path, test: str | Path
+) -> None:
+    """`write_sets` for the study's heart."""
+    write_sets(physics, sizes, seed, draw_table, train, test)

@@ -1,0 +1,217 @@
+"""The emulator of any heart in the coordinates of one: what its shape, its pressure and the inputs
+that its study holds fixed make of it.
+
+A ventricle that is scaled as a whole has the same strains, and one whose stresses, loads and
+springs are all multiplied by one number moves as before: every heart is looked up at one length and
+one pressure.
+"""
+
+import copy
+import math
+from collections.abc import Mapping, Sequence
+
+import torch
+
+from regional_lv.channels import Channels
+from regional_lv.emulators.base import Prediction
+from regional_lv.emulators.joint_gp import JointGP
+from regional_lv.inputs.base import Input
+from regional_lv.inputs.closed_forms import LENGTH_POWERS
+from regional_lv.inputs.coordinates import Coordinates
+from regional_lv.inputs.shape import Length
+from regional_lv.inputs.space import Inputs, catalogue
+
+
+def length_power(each: Input) -> int:
+    """The power of a ventricle's size that an input's value goes with: of its own lengths, too."""
+    return 1 if each.changes == "geometry" else each.length_power
+
+
+def inputs_of(model: Mapping, known: Inputs) -> list[Input | None]:
+    """The emulator's inputs as another model has them, None for those that it cannot have."""
+    here = {each.name: each for each in catalogue(model)}
+    return [here.get(name) for name in known.names]
+
+
+class LookedUp:
+    """Values of the emulator's E inputs, at values of the k simulated inputs of one heart's study.
+
+    Attributes: factor (E,), what values in the study's units are multiplied by, at its nominal
+    length; direct, places of emulator's and study's inputs that are the same; length, the place of
+    the study's input of that name, or None.
+
+    Parameters
+    ----------
+    known: the emulator's inputs, in the model that they are about.
+    inputs: the study's, simulated ones alone.
+    """
+
+    def __init__(self, known: Inputs, inputs: Inputs):
+        here = [each for each in inputs_of(inputs.base, known) if each is not None]
+        self._here = here
+        # Of a stiffness nothing is known beforehand: it is among the study's.
+        values = [each.value_in(inputs.base) for each in here]
+        self._values = torch.tensor(
+            [math.nan if value is None else value for value in values], dtype=torch.float64
+        )
+        places = {name: e for e, name in enumerate(known.names)}
+        pairs = [(places[name], k) for k, name in enumerate(inputs.names) if name in places]
+        self.direct = torch.tensor(pairs, dtype=torch.long).T
+        self._directions = [(k, each) for k, each in enumerate(inputs) if each.carries]
+        self.length = inputs.names.index(Length.name) if Length.name in inputs.names else None
+        self._nominal_length = _length(inputs)
+        self.length_powers = torch.tensor([length_power(each) for each in known]).double()
+        stress = torch.tensor([each.stress_power for each in known]).double()
+        self.factor = (_pressure(known) / _pressure(inputs)) ** stress
+        self.factor = self.factor * (_length(known) / _length(inputs)) ** self.length_powers
+
+    def __call__(self, x: torch.Tensor) -> torch.Tensor:
+        """(M, E) at x (M, k)."""
+        return self._look_up(x, None)
+
+    @property
+    def moved(self) -> torch.Tensor:
+        """Mask (E,) of the emulator's inputs that those of the study move."""
+        moves = {name for _, direction in self._directions for name in direction.moves}
+        moved = torch.tensor([each.name in moves for each in self._here])
+        moved[self.direct[0]] = True
+        return moved if self.length is None else moved | (self.length_powers != 0)
+
+    def with_slopes(self, x: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """The same, and its derivatives (M, E, k)."""
+        by_x = x.new_zeros(len(x), len(self.factor), x.shape[1])
+        theirs, own = self.direct
+        by_x[:, theirs, own] = 1.0
+        return self._look_up(x, by_x), by_x
+
+    def size(self, x: torch.Tensor) -> torch.Tensor:
+        """Length (M,) beside the nominal one."""
+        if self.length is None:
+            return torch.ones(len(x), dtype=x.dtype)
+        return x[:, self.length] / self._nominal_length
+
+    def _look_up(self, x: torch.Tensor, by_x: torch.Tensor | None) -> torch.Tensor:
+        there = self._values.repeat(len(x), 1)
+        theirs, own = self.direct
+        there[:, theirs] = x[:, own]
+        for k, direction in self._directions:
+            for e, each in enumerate(self._here):
+                if each.name in direction.moves:
+                    there[:, e], by_own, by_it = direction.carry(each, there[:, e], x[:, k])
+                    if by_x is not None:
+                        by_x[:, e] *= by_own[:, None]
+                        by_x[:, e, k] += by_it
+        factor = self.factor * self.size(x)[:, None] ** -self.length_powers
+        there = there * factor
+        if by_x is not None:
+            by_x *= factor[..., None]
+            if self.length is not None:
+                by_x[:, :, self.length] -= self.length_powers * there / x[:, self.length, None]
+        return there
+
+
+def _length(inputs: Inputs) -> float:
+    return float(inputs.base["geometry"]["length_mm"])
+
+
+def _pressure(inputs: Inputs) -> float:
+    return float(inputs.base["loading"]["pressure_mmhg"])
+
+
+class HeartEmulator:
+    """What `JointGP` offers to a posterior and a criticism, for one heart.
+
+    Attributes: coordinates, of the study's k simulated inputs; outputs, channels; output_sd (D,).
+
+    Parameters
+    ----------
+    emulator: of any heart. known: its inputs, in the model that they are about.
+    inputs: of the heart's study, which the emulator has to know (`hearts.reach`).
+    """
+
+    def __init__(self, emulator: JointGP, known: Inputs, inputs: Inputs):
+        simulated = inputs.simulated
+        self._there = LookedUp(known, simulated)
+        nominal = self._there(torch.as_tensor(simulated.nominal)[None])[0]
+        self.emulator = emulator.at_fixed(nominal, ~self._there.moved)
+        self._scale = _length(simulated) / _length(known)
+        self.coordinates: Coordinates = simulated.coordinates
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        return self.emulator.outputs
+
+    @property
+    def channels(self) -> Channels:
+        return self.emulator.channels
+
+    @property
+    def output_sd(self) -> torch.Tensor:
+        return self.emulator.output_sd * self._scale**self._powers
+
+    @property
+    def _powers(self) -> torch.Tensor:
+        """Of the size, that outputs (D,) go with."""
+        return torch.tensor([LENGTH_POWERS[channel.unit] for channel in self.channels]).double()
+
+    def _reported(self, x: torch.Tensor) -> torch.Tensor:
+        """What outputs (M, D) that are looked up are multiplied by."""
+        return (self._scale * self._there.size(x)[:, None]) ** self._powers
+
+    def predict_mean(self, x: torch.Tensor) -> torch.Tensor:
+        """Outputs (M, D) at values x (M, k) of the study's inputs."""
+        return self.emulator.predict_mean(self._there(x)) * self._reported(x)
+
+    def linearise(self, x: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """The same, and their derivatives (M, D, k)."""
+        there, by_x = self._there.with_slopes(x)
+        mean, slopes = self.emulator.linearise(there)
+        factor = self._reported(x)
+        mean, slopes = mean * factor, (slopes @ by_x) * factor[..., None]
+        if self._there.length is not None:
+            by_length = mean * self._powers / x[:, self._there.length, None]
+            slopes[:, :, self._there.length] += by_length
+        return mean, slopes
+
+    def predict(self, x: torch.Tensor) -> Prediction:
+        """As `Emulator.predict`, at x (M, k)."""
+        found, factor = self.emulator.predict(self._there(x)), self._reported(x)
+        covariance = factor[:, :, None] * found.covariance * factor[:, None]
+        return Prediction(found.mean * factor, covariance)
+
+    def errors_of(self, x: torch.Tensor, y: torch.Tensor) -> torch.Tensor:
+        """Simulated outputs y (n, D) at x (n, k) less the emulated ones, in stated sds, (n, D)."""
+        return self.emulator.errors_of(self._there(x), y / self._reported(x))
+
+    @property
+    def of_study_mesh(self) -> "HeartEmulator":
+        """Without what a finer mesh changes."""
+        return self._with(self.emulator.of_study_mesh)
+
+    def select(self, outputs: Sequence[str]) -> "HeartEmulator":
+        """For some of its outputs, as `Emulator.select`."""
+        return self._with(self.emulator.select(outputs))
+
+    def condition(
+        self, x: torch.Tensor, y: torch.Tensor, sensitivities: torch.Tensor
+    ) -> "HeartEmulator":
+        """This emulator given simulations of this heart as well, as `JointGP.condition`: at x
+        (m, k), of outputs y (m, D), with derivatives (m, D, k).
+
+        What the study has of derivatives about the emulator's own inputs is learnt; those about
+        directions and the length are combinations of others.
+        """
+        there, by_x = self._there.with_slopes(x)
+        factor, (theirs, own) = self._reported(x), self._there.direct
+        slopes = y.new_zeros(*y.shape, there.shape[1])
+        given = sensitivities[:, :, own] / factor[..., None]
+        slopes[:, :, theirs] = given / by_x[:, None, theirs, own]
+        values, outputs, derivatives = (each.numpy() for each in (there, y / factor, slopes))
+        return self._with(
+            self.emulator.condition(values, outputs, derivatives, about=theirs.tolist())
+        )
+
+    def _with(self, emulator: JointGP) -> "HeartEmulator":
+        changed = copy.copy(self)
+        changed.emulator = emulator
+        return changed

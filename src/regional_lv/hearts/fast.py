@@ -1,0 +1,143 @@
+"""One heart, from its segment table and measured file to posterior, verdict and page, by the
+emulator of any heart: no simulation, no mesh, no simulator."""
+
+import tempfile
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from regional_lv.channels import Channels
+from regional_lv.criticism.settings import settings_of
+from regional_lv.criticism.study import Critic, critic_of, write_concluded
+from regional_lv.emulators import OF_INPUTS
+from regional_lv.errors import InputError
+from regional_lv.geometry.from_config import make_heart
+from regional_lv.geometry.meshing import write_plain
+from regional_lv.hearts.file import AnyHeart, shipped
+from regional_lv.hearts.reach import within
+from regional_lv.inputs.space import sections_of
+from regional_lv.measured.curves import import_curves
+from regional_lv.measured.tables import import_measured
+from regional_lv.page.page import make_page
+from regional_lv.parameters import Parameterisation
+from regional_lv.physics import physics_of, why_not_scaling
+from regional_lv.plots import (
+    bullseye_posterior,
+    criticism,
+    measured_strains,
+    posterior_predictive,
+)
+
+PICTURES = ("measured_strains", "bullseye_posterior", "posterior_predictive")
+"""Figures, by the module that draws each."""
+
+OF_CRITICISM = ("residuals", "causes", "effects", "sources")
+"""Those of `plots.criticism`, in its order."""
+
+RESTS_ON = (
+    "the answer comes from an emulator of hearts of all kinds that the package brings along; "
+    "nothing was simulated of this one, so that what stands out is suspected and never named"
+)
+
+
+def answer(heart: Mapping, folder: str | Path, any_heart: AnyHeart | None = None) -> None:
+    """Write what can be said of one heart: `measured.csv`, `findings.json` (`criticism.contract`),
+    `posterior.nc` averaged over models, figures, and `page.html`.
+
+    heart: a checked configuration with one subject, measured by the user. folder: made if it is not
+    there. any_heart: the emulator; the one that comes with the package by default, read once in a
+    process. What stands out is suspected, never named: nothing is simulated of this heart.
+
+    Raises `reach.OutOfReach` for a heart that the emulator does not know, before anything is
+    computed, and InputError for files that cannot be used.
+    """
+    known = any_heart or shipped()
+    config, notes = within(heart, known.emulator, known.known)
+    (subject,) = config["subjects"]
+    folder = Path(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    measured = folder / "measured.csv"
+    import_subject(config, subject, measured)
+    critic = critic_of_heart(config, subject, measured, known)
+    concluded = critic.conclude([], has_simulator=False)
+    write_concluded(critic, concluded, folder / "findings.json", folder / "posterior.nc")
+    write_page(config, subject, notes, folder)
+
+
+def write_page(config: Mapping, subject: str, notes: Sequence[str], folder: Path) -> None:
+    """The figures and the page of what `answer` has written to `folder`."""
+    parameters, channels = Parameterisation.from_config(config), Channels.from_config(config)
+    source = config["subjects"][subject]["source"]
+    given = {
+        "posterior": folder / "posterior.nc",
+        "findings": folder / "findings.json",
+        "diagnostics": None,
+        "source": source,
+    }
+    figures = (*PICTURES, *OF_CRITICISM)
+    png, csv = ({name: folder / f"{name}.{end}" for name in figures} for end in ("png", "csv"))
+    measured, name = folder / "measured.csv", "measured_strains"
+    measured_strains.draw(measured, subject, source, parameters, png[name], csv[name])
+    name = "bullseye_posterior"
+    bullseye_posterior.draw(**given, parameters=parameters, png=png[name], csv=csv[name])
+    name = "posterior_predictive"
+    posterior_predictive.draw(**given, png=png[name], csv=csv[name])
+    criticism.draw(
+        given["findings"],
+        parameters,
+        **{name: png[name] for name in OF_CRITICISM},
+        tables=[csv[name] for name in OF_CRITICISM],
+    )
+    with tempfile.TemporaryDirectory() as heart:
+        make_page(
+            subject=subject,
+            study=config["study"],
+            source=source,
+            measured=measured,
+            posterior=given["posterior"],
+            findings=given["findings"],
+            emulator=OF_INPUTS,
+            strains_picture=png["measured_strains"],
+            stiffness_picture=png["bullseye_posterior"],
+            fit_picture=png["posterior_predictive"],
+            residuals_picture=png["residuals"],
+            causes_picture=png["causes"],
+            effects_picture=png["effects"],
+            sources_picture=png["sources"],
+            mesh=make_heart(config, heart, lay_out=write_plain),
+            parameters=parameters,
+            channels=channels,
+            pressure_mmhg=config["loading"]["pressure_mmhg"],
+            strain_exponent=config["observables"]["strain_exponent"],
+            scales_with_pressure=not why_not_scaling(physics_of(dict(config))),
+            notes=[RESTS_ON, *notes],
+            page=folder / "page.html",
+        )
+
+
+def critic_of_heart(config: Mapping, subject: str, measured: Path, known: AnyHeart) -> Critic:
+    """Of a heart within reach."""
+    physics = sections_of(config)
+    emulator = known.of_heart(physics, Channels.from_config(config))
+    settings, seed = settings_of(config), config["seed"]
+    return critic_of(emulator, subject, [subject], [measured], physics, settings, seed)
+
+
+def import_subject(config: Mapping, name: str, measured: Path) -> None:
+    """Check what was measured of a subject and write it in the units used inside."""
+    subject = config["subjects"][name]
+    given = {
+        "channels": Channels.from_config(config),
+        "parameters": Parameterisation.from_config(config),
+        "strain_exponent": config["observables"]["strain_exponent"],
+        "measured": measured,
+    }
+    if subject["source"] == "file":
+        pressure = config["loading"]["pressure_mmhg"]
+        import_measured(subject["measured"], pressure_mmhg=pressure, **given)
+    elif subject["source"] == "curves":
+        import_curves(subject["curves"], subject, **given)
+    else:
+        raise InputError(
+            f"subjects.{name}.source: {subject['source']}; the fast way is for what a user "
+            "measured, `file` or `curves`"
+        )

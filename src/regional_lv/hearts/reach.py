@@ -1,0 +1,201 @@
+"""Whether the emulator of any heart knows one, and that heart's study within what it knows."""
+
+import copy
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+import torch
+
+from regional_lv.channels import Channels
+from regional_lv.emulators.joint_gp import JointGP
+from regional_lv.errors import InputError
+from regional_lv.hearts.emulator import LookedUp, inputs_of
+from regional_lv.hearts.population import COLUMNS
+from regional_lv.inputs.base import Input
+from regional_lv.inputs.shape import Length
+from regional_lv.inputs.space import SECTION, Inputs, Role, sd_key, sections_of
+from regional_lv.parameters import Parameterisation
+
+LONG_WAY = "simulate this heart (regional-lv run --own)"
+"""What to do about a heart that the emulator does not know."""
+
+MOST_ANGLE_DEG, MOST_LEVEL = 3.0, 0.005
+"""Between a table's and the emulator's borders of segments: degrees around, once the table is
+turned as a whole, and of the length along the axis. Simulated with the volunteer's figures and
+other borders, every sector's 3 degrees off, its neighbours' the other way, changes strains by 0.0002
+to 0.0006 (medians; 0.002 at most) and the volume by 0.3 mL; levels that are 0.02 of the length too
+low, by 0.0007 to 0.0024 (0.006) and 2.5 mL, four times what is let through."""
+
+COMPARED = ("material", "fibres", "loading", "supports", "observables", "factors")
+"""Sections of a model that have to be the emulator's, once the inputs act that it has."""
+
+ELSEWHERE = {
+    ("material", "bulk_modulus_kpa"),
+    ("material", "segment_factors"),
+    ("loading", "pressure_mmhg"),
+    ("loading", "frames"),
+    ("observables", "quantities"),
+}
+"""Keys that stand for inputs, or are compared as what they make."""
+
+
+class OutOfReach(InputError):
+    """The emulator of any heart does not know this one; the message says why."""
+
+
+def within(config: Mapping, emulator: JointGP, known: Inputs) -> tuple[dict, list[str]]:
+    """The study of a heart, with ranges of its inputs cut to what the emulator knows, and what was
+    cut, a sentence each.
+
+    config: checked. known: the emulator's inputs, in the model that they are about.
+
+    Raises OutOfReach, with the entry and the range, for a heart that it does not know.
+    """
+    _check_model(config, known)
+    inputs = Inputs.from_config(sections_of(config)).simulated
+    _check_borders(config, known, inputs)
+    unknown = set(Channels.from_config(config).names) - set(emulator.outputs)
+    if unknown:
+        _refuse(f"observables: {min(unknown)} is nothing that the emulator predicts")
+    _check_shape(config, emulator, known, inputs)
+    return _cut(config, known, inputs)
+
+
+def _refuse(why: str) -> None:
+    raise OutOfReach(f"{why}; {LONG_WAY}")
+
+
+def _check_model(config: Mapping, known: Inputs) -> None:
+    geometry = config["geometry"]
+    if geometry["source"] != "segments":
+        _refuse(f"geometry.source: {geometry['source']}, and the emulator is of segment tables")
+    if geometry["wall_thickness_scale"] != 1:
+        _refuse("geometry.wall_thickness_scale: is not 1; give the thickness in the segment table")
+    own = Parameterisation.from_config(config)
+    theirs = Parameterisation.from_spec(known.base["parameters"])
+    for key in ("law", "zones", "factors"):
+        mine, its = getattr(own, key), getattr(theirs, key)
+        if mine != its:
+            _refuse(f"parameters.{key}: {mine} is not the emulator's {its}")
+    model = Inputs.from_config(sections_of(config)).base
+    here = inputs_of(model, known)
+    for name, each in zip(known.names, here, strict=True):
+        if each is None:
+            _refuse(f"{SECTION}.{name}: this study has no such input, and the emulator has it")
+    values = [each.value_in(model) for each in here if each is not None]
+    # Of a stiffness nothing is known beforehand.
+    there = known.model([1.0 if value is None else value for value in values])
+    for section in COMPARED:
+        for path in _differing(model[section], there[section], (section,)):
+            _refuse(f"{'.'.join(path)}: is not as in the emulator, and none of its inputs")
+
+
+def _differing(one, other, path: tuple[str, ...]) -> Iterator[tuple[str, ...]]:
+    """Paths at which two sections of a model differ."""
+    if path in ELSEWHERE:
+        return
+    if isinstance(one, Mapping) and isinstance(other, Mapping):
+        for key in dict.fromkeys((*one, *other)):
+            yield from _differing(one.get(key), other.get(key), (*path, str(key)))
+    elif isinstance(one, str) or one is None or other is None:
+        if one != other:
+            yield path
+    elif np.shape(one) != np.shape(other) or not np.allclose(one, other, rtol=1e-9):
+        yield path
+
+
+def _check_borders(config: Mapping, known: Inputs, inputs: Inputs) -> None:
+    """Raise OutOfReach for other sectors or levels than the emulator's."""
+    mine, theirs = (each.base["geometry"] for each in (inputs, known))
+    file = config["geometry"]["segments"]
+    from_deg, other = (each["table"]["angle_from_deg"].to_numpy() for each in (mine, theirs))
+    # The seventeenth is a whole turn.
+    gap = np.exp(1j * np.radians(from_deg - other))[:-1]
+    away = np.degrees(np.angle(gap / gap.mean()))
+    level = np.array(
+        [
+            each["table"]["z_bottom_mm"].to_numpy()[:-1] / -each["length_mm"]
+            for each in (mine, theirs)
+        ]
+    )
+    for row, turned in enumerate(away):
+        where = f"{file}, line {mine['table']['line'].iloc[row]}"
+        if abs(turned) > MOST_ANGLE_DEG:
+            _refuse(
+                f"{where}: the sector begins {turned:+.0f} degrees from where the emulator has it, "
+                f"and {MOST_ANGLE_DEG:g} are possible"
+            )
+        own, its = level[:, row]
+        if abs(own - its) > MOST_LEVEL:
+            _refuse(
+                f"{where}: the level ends at {own:.3f} of the length, and the emulator's at "
+                f"{its:.3f}, {MOST_LEVEL:g} more or less"
+            )
+
+
+def _check_shape(config: Mapping, emulator: JointGP, known: Inputs, inputs: Inputs) -> None:
+    """Raise OutOfReach for a shape that is unlike all that the emulator has learnt from: a figure
+    beyond their range, or all of them farther from their middle, in the normal distribution of
+    their logarithms, than any of them is. The figure is named that is least like what the others
+    would have it."""
+    places = [known.names.index(name) for name in COLUMNS]
+    learnt = np.log(emulator.learnt_from[:, places].numpy())
+    looked_up = LookedUp(known, inputs)
+    here = looked_up(torch.as_tensor(inputs.nominal)[None])[0, places].log().numpy()
+    low, high = learnt.min(axis=0), learnt.max(axis=0)
+    middle, precision = learnt.mean(axis=0), np.linalg.pinv(np.cov(learnt.T), hermitian=True)
+    off, spread = here - middle, learnt - middle
+    farthest = np.einsum("ni,ij,nj->n", spread, precision, spread).max()
+    beyond = np.maximum(low - here, here - high)
+    if beyond.max() <= 0 and off @ precision @ off <= farthest:
+        return
+    alone = np.abs(precision @ off) / np.sqrt(precision.diagonal())
+    worst = int((beyond if beyond.max() > 0 else alone).argmax())
+    factor = float(looked_up.factor[places[worst]])
+    value, least, most = (np.exp(each[worst]) / factor for each in (here, low, high))
+    _refuse(
+        f"{config['geometry']['segments']}: {COLUMNS[worst]} is {value:.3g} mm; in hearts of this "
+        f"length the emulator knows {least:.3g} to {most:.3g} mm, together with figures of the "
+        "other segments that are like it"
+    )
+
+
+def _cut(config: Mapping, known: Inputs, inputs: Inputs) -> tuple[dict, list[str]]:
+    """Ranges of the study's inputs cut to the emulator's."""
+    factor = LookedUp(known, inputs).factor.numpy()
+    places = {name: e for e, name in enumerate(known.names)}
+    changed = copy.deepcopy(dict(config))
+    bounds, notes = changed["parameters"]["bounds"], {}
+    for each, role, nominal in zip(inputs, inputs.roles, inputs.nominal, strict=True):
+        if each.name not in places:
+            if not each.carries and each.name != Length.name:
+                _refuse(f"{SECTION}.{each.name}: the emulator has no such input")
+            continue
+        e = places[each.name]
+        low, high = (float(end / factor[e]) for end in (known.lower[e], known.upper[e]))
+        if each.nominal is not None and not low <= nominal <= high:
+            _refuse(
+                f"{SECTION}.{each.name}: {nominal:g} {each.unit} is outside of {low:.3g} to "
+                f"{high:.3g}"
+            )
+        if low <= each.low and each.high <= high:
+            continue
+        low, high = max(low, each.low), min(high, each.high)
+        of = getattr(each, "factor", None)
+        if of is not None:
+            bounds[of] = [low, high]
+        else:
+            changed[SECTION][each.name] = _entry(each, role, low, high)
+        notes[of or each.name] = (
+            f"the range of {of or each.name} is cut to {low:.3g} to {high:.3g} {each.unit}, beyond "
+            "which the emulator knows nothing at this size and pressure"
+        )
+    return changed, list(notes.values())
+
+
+def _entry(each: Input, role: Role, low: float, high: float) -> dict:
+    """What a configuration says of an input with a role and a range."""
+    entry: dict = {"role": role.kind, "range": [low, high]}
+    if role.sd is not None:
+        entry[sd_key(each.unit)] = role.sd
+    return entry | ({} if role.value is None else {"value": role.value})

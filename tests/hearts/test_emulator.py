@@ -1,0 +1,147 @@
+"""The emulator of any heart in the coordinates of one, and its file."""
+
+import gzip
+
+import numpy as np
+import pytest
+import torch
+
+from regional_lv.channels import Channels
+from regional_lv.emulators.joint_gp import JointGP
+from regional_lv.errors import InputError
+from regional_lv.hearts.card import document
+from regional_lv.hearts.emulator import HeartEmulator, LookedUp
+from regional_lv.hearts.file import read
+from regional_lv.inputs.space import Inputs, sections_of
+from tests.hearts.conftest import outputs_of
+
+ROLES = {
+    "segment_thickness": {"role": "measured", "sd_mm": 1.0},
+    "length": {"role": "measured", "sd_mm": 2.0},
+    "septal_load": "suspected",
+    "basal_motion": "suspected",
+    "strain_measure": "suspected",
+}
+
+
+@pytest.fixture
+def inputs(heart):
+    return Inputs.from_config(sections_of(heart(inputs=ROLES))).simulated
+
+
+@pytest.fixture
+def emulator(any_heart, inputs):
+    return HeartEmulator(any_heart.emulator, any_heart.known, inputs)
+
+
+def near(inputs, n, seed=0):
+    """Values (n, k) beside the nominal ones."""
+    rng = np.random.default_rng(seed)
+    low, high = (inputs.coordinates.scaled(ends) for ends in (inputs.lower, inputs.upper))
+    middle = inputs.coordinates.scaled(inputs.nominal)
+    z = middle + 0.2 * (high - low) * rng.uniform(-1, 1, size=(n, len(inputs)))
+    return torch.as_tensor(inputs.coordinates.natural(np.clip(z, low, high)))
+
+
+def test_values_go_with_size_and_pressure(any_heart, inputs):
+    x = near(inputs, 3)
+    there = LookedUp(any_heart.known, inputs)(x)
+    size, load = x[:, inputs.names.index("length")] / 74.4, 12 / 8
+    powers = {
+        "C_a_whole": 1 / load,
+        "C_b_whole": 1.0,
+        "wall_thickness_5": 1 / size,
+        "septal_load": 1 / load,
+        "basal_motion": load / size,
+        "strain_measure": 1.0,
+    }
+    for name, power in powers.items():
+        found = there[:, any_heart.known.names.index(name)]
+        torch.testing.assert_close(found, x[:, inputs.names.index(name)] * power)
+    for name, value in (("endo_radius_9", 1.2 * 17.36), ("apex", 1.2 * 6.8)):
+        found = there[:, any_heart.known.names.index(name)]
+        torch.testing.assert_close(found, value / size)
+
+
+def test_derivatives(emulator, inputs):
+    x = near(inputs, 4)
+    mean, slopes = emulator.linearise(x)
+    torch.testing.assert_close(mean, emulator.predict_mean(x))
+    torch.testing.assert_close(mean, emulator.predict(x).mean)
+    for k in range(len(inputs)):
+        step = torch.zeros(len(inputs)).double()
+        step[k] = 1e-5 * (inputs.upper[k] - inputs.lower[k])
+        ahead, behind = (emulator.predict_mean(x + s * step) for s in (1, -1))
+        change = (ahead - behind) / (2 * step[k])
+        torch.testing.assert_close(
+            slopes[..., k], change, rtol=1e-3, atol=1e-6 * float(slopes[..., k].abs().max())
+        )
+
+
+def test_outputs_and_errors_are_in_the_units_of_the_heart(any_heart, emulator, inputs):
+    x = near(inputs, 3)
+    there = LookedUp(any_heart.known, inputs)(x)
+    found, known = emulator.predict(x), any_heart.emulator.predict(there)
+    volume = torch.as_tensor(Channels.parse(emulator.outputs).of_quantity("volume"))
+    cube = (x[:, inputs.names.index("length")] / 74.4) ** 3
+    torch.testing.assert_close(found.mean[:, volume], known.mean[:, volume] * cube[:, None])
+    torch.testing.assert_close(found.sd[:, volume], known.sd[:, volume] * cube[:, None])
+    torch.testing.assert_close(found.sd[:, ~volume], known.sd[:, ~volume])
+    y = found.mean + 2 * found.sd
+    torch.testing.assert_close(emulator.errors_of(x, y), torch.full_like(y, 2.0))
+    few = emulator.select(emulator.outputs[3:5])
+    torch.testing.assert_close(few.predict_mean(x), found.mean[:, 3:5])
+
+
+def test_its_own_simulations_make_it_local(any_heart, emulator, inputs):
+    """Of a heart that is simulated as well: values are met, and errors beside them get small."""
+    there = LookedUp(any_heart.known, inputs)
+    truth = outputs_of(any_heart.known, any_heart.emulator.channels)
+    volume = torch.as_tensor(any_heart.emulator.channels.of_quantity("volume")).double()
+
+    def simulated(x):
+        size = x[:, inputs.names.index("length"), None] / 74.4
+        return truth(there(x)) * size ** (3 * volume)
+
+    def derivatives(x):
+        sides = []
+        for step in 1e-6 * torch.diag(torch.as_tensor(inputs.upper - inputs.lower)):
+            change = simulated(x + step) - simulated(x - step)
+            sides.append(change / (2 * step.abs().max()))
+        return torch.stack(sides, -1)
+
+    x, other = near(inputs, 12, seed=1), near(inputs, 6, seed=2)
+    given = emulator.condition(x, simulated(x), derivatives(x))
+    before, after, own = (
+        ((each.predict_mean(at) - simulated(at)) / emulator.output_sd).square().mean().sqrt()
+        for each, at in ((emulator, other), (given, other), (given, x))
+    )
+    assert own < 0.3 * before
+    assert after < 0.6 * before
+    assert given.predict(other).sd.mean() < emulator.predict(other).sd.mean()
+
+
+def test_the_file_holds_the_emulator(made, any_heart, file):
+    before = JointGP.load(made / "emulator.pt")
+    theta = before.learnt_from[:30]
+    change = (before.predict_mean(theta) - any_heart.emulator.predict_mean(theta)).abs()
+    assert float((change / before.output_sd).max()) < 1e-3
+    torch.testing.assert_close(
+        before.predict(theta).sd, any_heart.emulator.predict(theta).sd, rtol=1e-2, atol=0
+    )
+    assert file.stat().st_size < 0.5 * (made / "emulator.pt").stat().st_size
+    page = document(any_heart)
+    assert any_heart.checksum in page and "| `apex` |" in page
+    for kind in ("infarct", "dilated", "hypertrophied", "plain", "all"):
+        assert f"| volume | {kind} |" in page
+
+
+@pytest.mark.parametrize("damage", [lambda raw: b"nothing", lambda raw: raw[: len(raw) // 2]])
+def test_a_damaged_file(file, tmp_path, damage):
+    path = tmp_path / "damaged.pt.gz"
+    path.write_bytes(damage(file.read_bytes()))
+    with pytest.raises(InputError, match="make heart-emulator"):
+        read(path)
+    path.write_bytes(gzip.compress(b"nothing"))
+    with pytest.raises(InputError, match="make heart-emulator"):
+        read(path)

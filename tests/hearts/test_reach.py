@@ -1,0 +1,79 @@
+"""Which hearts the emulator knows, and what is cut to what it knows."""
+
+import re
+
+import pytest
+
+from regional_lv.hearts.reach import OutOfReach, within
+from regional_lv.inputs.space import Inputs, sections_of
+
+
+def test_a_heart_within_reach_is_cut_to_it(heart, any_heart):
+    config, notes = within(heart(), any_heart.emulator, any_heart.known)
+    # Of 0.08 to 10 at 8 mmHg, at 12; the prior begins at 0.1.
+    assert config["parameters"]["bounds"]["C_a"] == [pytest.approx(0.12), 5.0]
+    assert "C_b" not in config["parameters"]["bounds"]
+    inputs = Inputs.from_config(sections_of(config))
+    basal = inputs[inputs.names.index("basal_motion")]
+    # 100 mm/kPa as the emulator has it, of a heart 1.2 times as long at 1.5 times the pressure.
+    assert (basal.low, basal.high) == (0.0, pytest.approx(100 * 1.2 / 1.5))
+    assert inputs.roles[inputs.names.index("basal_motion")].kind == "suspected"
+    assert len(notes) == 2 and "C_a is cut to 0.12 to 5" in notes[0]
+    # Cut once, it is within reach.
+    assert within(config, any_heart.emulator, any_heart.known) == (config, [])
+
+
+def thinner(table):
+    table.loc[4, "wall_thickness_mm"] = 2.2
+
+
+def uneven(table):
+    table.loc[6:11, "endo_radius_mm"] *= [0.6, 1.6, 0.6, 1.6, 0.6, 1.6]
+
+
+def turned_as_a_whole(table):
+    table[["angle_from_deg", "angle_to_deg"]] += 20.0
+
+
+def one_sector_wider(table):
+    table.loc[6, "angle_to_deg"] += 8.0
+    table.loc[11, "angle_from_deg"] += 8.0
+
+
+def lower(table):
+    table.loc[table["z_top_mm"] == 0, "z_bottom_mm"] *= 1.5
+    table.loc[6:11, "z_top_mm"] *= 1.5
+
+
+def test_a_turned_table_is_the_same_heart(heart, any_heart):
+    within(heart(turned_as_a_whole), any_heart.emulator, any_heart.known)
+
+
+@pytest.mark.parametrize(
+    ("change", "sections", "message"),
+    [
+        (thinner, {}, "segments.csv: wall_thickness_5 is 2.2 mm; in hearts of this length"),
+        (uneven, {}, "segments.csv: endo_radius_"),
+        (one_sector_wider, {}, "segments.csv, line [0-9]+: the sector begins [+-][0-9]+ degrees"),
+        (lower, {}, "segments.csv, line 2: the level ends at 0.274 of the length"),
+        (None, {"inputs": {"helix_epi": "suspected"}}, "inputs.helix_epi: the emulator has no"),
+        (None, {"fibres": {"helix_endo_deg": 50}}, "fibres.helix_endo_deg: is not as in"),
+        (None, {"material": {"law": "guccione"}}, "parameters.law: guccione"),
+        (None, {"parameters": {"zones": "paper"}}, "parameters.zones: "),
+        (
+            None,
+            {"loading": {"pressure_mmhg": 12, "frames": [0.5]}},
+            "observables: .*0.5 is nothing",
+        ),
+        (
+            None,
+            {"supports": {"epicardium_kpa_per_mm": 0.01}, "inputs": {"C_a": "inferred"}},
+            "supports.epicardium_kpa_per_mm: is not as in",
+        ),
+    ],
+)
+def test_a_heart_out_of_reach(heart, any_heart, change, sections, message):
+    config = heart(change, **sections)
+    with pytest.raises(OutOfReach, match=message) as caught:
+        within(config, any_heart.emulator, any_heart.known)
+    assert re.search("regional-lv run --own", str(caught.value))

@@ -1,0 +1,84 @@
+"""`regional-lv run`: which way a heart goes."""
+
+import importlib
+
+import pytest
+import yaml
+from click.testing import CliRunner
+
+from regional_lv.cli import main
+from regional_lv.hearts import file as any_heart_file
+
+cli = importlib.import_module("regional_lv.cli.run")  # the name in the package is the command's
+
+
+@pytest.fixture
+def folder(heart, file, tmp_path, monkeypatch):
+    """Of a heart within reach of the emulator that comes with the package."""
+    monkeypatch.setattr(any_heart_file, "SHIPPED", file)
+    any_heart_file.shipped.cache_clear()
+    monkeypatch.chdir(tmp_path)
+    # The small emulator knows fewer inputs than the one that comes along.
+    base = tmp_path / "one_heart.yaml"
+    base.write_text(yaml.safe_dump({"study": "one_heart", "all_inputs": {"emulator": "shipped"}}))
+    monkeypatch.setattr(cli, "ONE_HEART", base)
+    heart()
+    yield tmp_path
+    any_heart_file.shipped.cache_clear()
+
+
+@pytest.fixture
+def run(folder, monkeypatch):
+    """Call `run` on the heart; exit code, what it says, and what would be simulated."""
+    simulated = []
+    monkeypatch.setattr(cli, "inspect", lambda *heart: None)
+    load = cli.load
+    monkeypatch.setattr(
+        cli, "load", lambda path, base: load(path, base if base.parent == path.parent else None)
+    )
+    monkeypatch.setattr(cli, "_simulate", lambda *heart: simulated.append(heart))
+
+    def run(*options, can_simulate):
+        monkeypatch.setattr(cli, "_can_simulate", lambda: can_simulate)
+        done = CliRunner().invoke(main, ["run", str(folder), *options])
+        assert done.exception is None or isinstance(done.exception, SystemExit), done.exception
+        return done.exit_code, done.output, simulated
+
+    return run
+
+
+def test_without_a_simulator_the_answer_is_the_fast_one(run, folder):
+    code, said, simulated = run(can_simulate=False)
+    assert code == 0 and not simulated
+    out = folder / "results" / "anna" / "fast" / "anna"
+    assert "page of anna: results/anna/fast/anna/page.html" in said
+    assert all((out / name).is_file() for name in ("page.html", "findings.json", "posterior.nc"))
+
+
+def test_with_one_its_simulations_join(run, folder):
+    """On top of the heart's configuration goes what was cut to what the emulator knows."""
+    code, _, simulated = run("--dry-run", can_simulate=True)
+    assert code == 0
+    ((path, base, _, _, dry_run, cut),) = simulated
+    assert path == folder / "config.yaml" and dry_run
+    assert yaml.safe_load(base.read_text())["all_inputs"]["emulator"] == "shipped"
+    assert cut["parameters"]["bounds"] == {"C_a": [pytest.approx(0.12), 5.0]}
+    assert cut["inputs"]["basal_motion"]["range"] == [0.0, pytest.approx(80.0)]
+
+
+def test_a_heart_out_of_reach_goes_the_long_way(run, folder, heart):
+    heart(lambda table: table.__setitem__("wall_thickness_mm", 2.2))
+    code, said, simulated = run("--fast", can_simulate=True)
+    assert code == 1 and "wall_thickness_" in said and not simulated
+    code, said, simulated = run(can_simulate=False)
+    assert code == 1 and "--own" in said and not simulated
+    code, said, simulated = run("--dry-run", can_simulate=True)
+    assert code == 0 and "so it is simulated" in said
+    ((_, base, *_),) = simulated
+    assert base.name == "quick.yaml"
+
+
+def test_the_long_way_asks_no_emulator(run, monkeypatch):
+    monkeypatch.setattr(cli, "_fast", None)
+    code, _, ((_, base, *_),) = run("--own", can_simulate=True)
+    assert code == 0 and base.name == "quick.yaml"
