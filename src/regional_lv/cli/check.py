@@ -14,6 +14,7 @@ import pandas as pd
 
 from regional_lv import config as study_config
 from regional_lv import manifest
+from regional_lv.cli.cohort import inspect_cohort
 from regional_lv.cli.folder import CONFIG, Mistakes, config_file, load
 from regional_lv.cli.scale import heart_lines, subject_lines
 from regional_lv.errors import InputError
@@ -36,9 +37,14 @@ PICTURE = "check.png"
 @click.argument("name")
 def check(name: str) -> None:
     """Report errors, missing values and unusual values in the folder NAME (or the configuration
-    NAME), and draw the heart and its strains (check.png)."""
+    NAME), and draw the heart and its strains (check.png). Of a cohort: of every heart, without
+    pictures."""
     path = config_file(name)
-    inspect(path, load(path))
+    config = load(path)
+    if config["cohort"]["hearts"]:
+        inspect_cohort(path, config)
+    else:
+        inspect(path, config)
 
 
 def inspect(path: Path, config: dict, base: Path | None = None) -> None:

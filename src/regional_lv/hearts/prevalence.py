@@ -25,6 +25,10 @@ NODES = 4001
 
 LEVELS = (0.025, 0.5, 0.975)
 
+SOME = 3.0
+"""Log Bayes factor from which on some hearts have a cause: strong evidence (Kass and Raftery 1995,
+doi 10.1080/01621459.1995.10476572)."""
+
 
 @dataclass(frozen=True)
 class Prevalence:
