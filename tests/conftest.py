@@ -4,7 +4,6 @@ import shutil
 from pathlib import Path
 
 import pytest
-
 from selenium import webdriver
 
 from regional_lv import config as study_config
