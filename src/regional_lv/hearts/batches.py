@@ -31,14 +31,12 @@ def answer_batch(
     hearts: each as the fields of `listing.Listed`. shared, folders: as of `cohort.configure`.
     answer: `hearts.fast.answer` by default.
     """
-    if answer is None:
-        from regional_lv.hearts.fast import answer
-    folder, failed = Path(folder), {}
+    how, folder, failed = answer or _fast(), Path(folder), dict[str, str]()
     folder.mkdir(parents=True, exist_ok=True)
     for one in hearts:
         listed = Listed(**one)
         try:
-            answer(configure(listed, shared, folders), folder / listed.name)
+            how(configure(listed, shared, folders), folder / listed.name)
         except OF_THE_MACHINE:
             raise
         except InputError as error:
@@ -48,3 +46,10 @@ def answer_batch(
             failed[listed.name] = f"{type(error).__name__}: {error}"
         log.info("%s: %s", listed.name, failed.get(listed.name, "answered"))
     (folder / FAILED).write_text(json.dumps(failed, indent=1) + "\n")
+
+
+def _fast() -> Callable[[Mapping, Path], None]:
+    # Imported here: it brings PyTorch and figures along, which listing and tests need not wait for.
+    from regional_lv.hearts.fast import answer
+
+    return answer

@@ -175,7 +175,7 @@ def _pool(
     found = infer_population(stacked, parameters.lower, parameters.upper, derive(seed, "sampler"))
     table = found.table(names, derive(seed, "table")).assign(hearts=len(hearts), rhat=found.rhat)
     low, middle, high = np.exp(found.heart_quantiles)
-    columns = {}
+    columns: dict[str, np.ndarray] = {}
     for k, name in enumerate(names):
         columns |= {f"{name}_pooled": middle[:, k], f"{name}_shrinkage": found.shrinkage[:, k]}
         columns |= {f"{name}_pooled_lower95": low[:, k], f"{name}_pooled_upper95": high[:, k]}
@@ -187,7 +187,7 @@ def _prevalences(
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
     """In how many hearts causes are, and the probability in each given all others."""
     factors = pd.DataFrame({name: one.log_factors for name, one in hearts.items()}).T
-    rows, columns = [], {}
+    rows, columns = [], dict[str, pd.Series]()
     for cause in factors:
         searched = factors[cause].dropna()
         found = infer_prevalence(searched.to_numpy(float), prior)

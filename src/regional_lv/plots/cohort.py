@@ -48,12 +48,10 @@ def draw_stiffness(
         ax.yaxis.grid(True)
         ax.axhline(1.0, color=style.BLACK, linewidth=0.6, linestyle=":")
     if len(known):
-        line = {"color": style.BLACK, "linewidth": 1.6}
-        handles = [
-            Line2D([], [], marker="o", markersize=4, label="population, 95 % interval", **line),
-            Line2D([], [], color=style.GREY, linewidth=0.8, label="95 % of hearts"),
-        ]
-        fig.legend(handles=handles, loc="outside lower center", ncols=2)
+        of_all = Line2D([], [], color=style.BLACK, linewidth=1.6, marker="o", markersize=4)
+        of_hearts = Line2D([], [], color=style.GREY, linewidth=0.8)
+        handles = {of_all: "population, 95 % interval", of_hearts: "95 % of hearts"}
+        fig.legend([*handles], [*handles.values()], loc="outside lower center", ncols=2)
     style.suptitle(fig, f"Stiffness of {table['heart'].nunique()} hearts by zone")
     style.save(fig, table, png, csv)
 
