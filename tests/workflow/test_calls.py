@@ -7,6 +7,8 @@ import sys
 
 import pytest
 
+from tests.hearts.folders import write_cohort
+
 CHECK = """
 include: "{root}/Snakefile"
 
@@ -90,3 +92,15 @@ def test_rules_and_functions_agree(root, tmp_path, study):
     assert ("CALL conclude_criticism" in lines) == (study != "published")
     # Scripts of their own are for what a function cannot take from its rule.
     assert [line for line in lines if line.startswith("SCRIPT")] == ["SCRIPT fetch_published"]
+
+
+def test_rules_of_a_cohort_and_their_functions_agree(root, tmp_path):
+    write_cohort(tmp_path / "group")
+    done = listed(
+        tmp_path, CHECK.format(root=root), "--configfile", tmp_path / "group" / "config.yaml"
+    )
+    lines = done.stdout.splitlines()
+    assert done.returncode == 0, done.stdout + done.stderr
+    of_cohort = {"check_cohort", "answer_hearts", "summarise_cohort", "make_cohort_page"}
+    assert {f"CALL {name}" for name in of_cohort} <= set(lines)
+    assert not [line for line in lines if line.startswith("WRONG")], "\n".join(lines)

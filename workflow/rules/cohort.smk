@@ -26,7 +26,7 @@ if config["cohort"]["hearts"]:
     rule check_cohort:
         """All hearts are read and compared before one of them is answered."""
         input:
-            files=lambda wildcards: files_of_hearts(LISTED),
+            lambda wildcards: files_of_hearts(LISTED),
         output:
             checked=f"{COHORT}/checked.json",
         log:
@@ -45,7 +45,7 @@ if config["cohort"]["hearts"]:
         matter to it."""
         input:
             ancient(f"{COHORT}/checked.json"),
-            files=lambda wildcards: files_of_hearts(COHORT_BATCHES[wildcards.batch]),
+            lambda wildcards: files_of_hearts(COHORT_BATCHES[wildcards.batch]),
         output:
             folder=directory(f"{COHORT}/hearts/{{batch}}"),
         log:
