@@ -1,10 +1,13 @@
 """`regional-lv run`: the study of a heart, from its folder to posterior and criticism."""
 
+import importlib.util
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import click
 
-from regional_lv.cli import workflow as started
 from regional_lv.cli.check import inspect
 from regional_lv.cli.folder import Mistakes, checkout, config_file, load
 from regional_lv.config import final_emulator
@@ -20,15 +23,20 @@ RESULTS = {
 
 @click.command()
 @click.argument("name")
-@started.cores
+@click.option("--cores", default=2, show_default=True, type=click.IntRange(min=1))
 @click.option(
     "--study",
     default="quick",
     show_default=True,
     help="The study's size: a configuration in the project's `config`, which NAME goes on top of.",
 )
-@started.workflow
-@started.dry_run
+@click.option(
+    "--workflow",
+    metavar="FOLDER",
+    help="The project with its Snakefile; the one that the package was installed from, or the "
+    "working directory, if this is not given.",
+)
+@click.option("--dry-run", is_flag=True, help="Say what would be made, and make nothing.")
 def run(name: str, cores: int, study: str, workflow: str | None, dry_run: bool) -> None:
     """Check the folder NAME, run its study, and say where the results are.
 
@@ -39,10 +47,17 @@ def run(name: str, cores: int, study: str, workflow: str | None, dry_run: bool) 
     if not base.is_file():
         offered = ", ".join(sorted(file.stem for file in base.parent.glob("*.yaml")))
         raise Mistakes(f"--study {study}: there is no {base}; choose one of {offered}")
-    started.require_snakemake()
+    if importlib.util.find_spec("snakemake") is None:
+        raise Mistakes("snakemake is not installed; `pip install 'regional-lv[workflow]'`")
     config = load(path, base)
     inspect(path, config, base)
-    started.run_workflow(project, [base, path], cores, dry_run)
+    command = [sys.executable, "-P", "-m", "snakemake", "--snakefile", str(project / "Snakefile")]
+    command += ["--cores", str(cores), "--configfile", str(base), str(path)]
+    # Each job is a process of its own; libraries that take all cores in each slow them down.
+    environment = {"OMP_NUM_THREADS": "1"} | os.environ
+    done = subprocess.run(command + ["--dry-run"] * dry_run, env=environment)
+    if done.returncode:
+        raise Mistakes(f"snakemake ended with {done.returncode}; its last lines say why")
     folder = Path("results") / config["study"]
     for subject in config["subjects"]:
         for what, file in RESULTS.items():
