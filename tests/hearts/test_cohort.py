@@ -45,7 +45,7 @@ def edit(folder, change):
 def test_hearts_of_folders(group, monkeypatch):
     """In the order of their names, from any working folder, each with its own configuration on top
     of the cohort's."""
-    edit(group, lambda c: c.update(inputs={"septal_load": "suspected"}, seed=7))
+    edit(group, lambda c: c.update(inputs={"basal_twist": "suspected"}, seed=7))
     edit(
         group / "hearts" / "bert",
         lambda c: c.update(
@@ -60,8 +60,9 @@ def test_hearts_of_folders(group, monkeypatch):
     anna, bert = (found.hearts[name].config for name in ("anna", "bert"))
     assert list(bert["subjects"]) == ["bert"] and bert["study"] == "group" and bert["seed"] == 7
     assert (anna["loading"]["pressure_mmhg"], bert["loading"]["pressure_mmhg"]) == (8, 12)
-    assert anna["inputs"] == {"septal_load": "suspected"}
-    assert set(bert["inputs"]) == {"septal_load", "end_diastolic_pressure"}
+    assert anna["inputs"]["basal_twist"] == bert["inputs"]["basal_twist"] == "suspected"
+    assert anna["inputs"]["end_diastolic_pressure"] == "suspected"
+    assert bert["inputs"]["end_diastolic_pressure"]["role"] == "measured"
     assert any("still is the example" in line for line in found.hearts["anna"].warnings)
 
 
@@ -97,8 +98,7 @@ def test_hearts_of_a_table(group):
     bert = found.hearts["bert"].config
     assert bert["loading"]["pressure_mmhg"] == 12 and list(bert["subjects"]) == ["bert"]
     assert bert["inputs"]["end_diastolic_pressure"] == {"role": "measured", "sd_mmhg": 2}
-    assert bert["inputs"]["causes"] == "suspected"
-    assert "end_diastolic_pressure" not in found.hearts["anna"].config["inputs"]
+    assert found.hearts["anna"].config["inputs"]["end_diastolic_pressure"] == "suspected"
 
 
 def test_rows_that_cannot_be_used_are_left_out_by_name(group):

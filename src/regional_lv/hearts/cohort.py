@@ -24,9 +24,11 @@ from regional_lv.hearts import checks
 from regional_lv.hearts.listing import Listed, model_of_hearts
 from regional_lv.measured.plausibility import data_warnings, too_small
 from regional_lv.parameters import Parameterisation
-from regional_lv.schema.keys import section_schema
 
 log = logging.getLogger(__name__)
+
+ONE_HEART = Path(__file__).parent / "one_heart.yaml"
+"""What every heart's configuration goes on top of, as that of `regional-lv run` does."""
 
 KPA, LIKE_KPA = 7.50062, (3.5, 20.0)
 """mmHg in a kPa, and how many times lower than the others a pressure is that is in kPa."""
@@ -72,13 +74,13 @@ class Heart:
 def configure(listed: Listed, shared: Mapping, folders: Sequence[str]) -> dict:
     """The checked configuration of a heart, whose one subject has the heart's name.
 
-    shared: what the cohort's configuration gives, on top of which the heart's is; folders: from
-    which its paths count. Raises InputError.
+    shared: what the cohort's configuration gives, which goes on top of that of any heart
+    (`one_heart.yaml`) and below the heart's own; folders: from which its paths count. Raises
+    InputError.
     """
     own = listed.own()
-    below = {key: value for key, value in shared.items() if key not in ("cohort", "subjects")}
-    # What a heart says of its inputs adds to what a cohort suspects.
-    below.setdefault("inputs", section_schema("inputs")["default"])
+    of_all = {key: value for key, value in shared.items() if key not in ("cohort", "subjects")}
+    below = study_config.merged(study_config.read(ONE_HEART), of_all)
     given = study_config.merged(below, own) | {"study": shared["study"]}
     config = study_config.load(given, listed.where, [listed.folder, *folders])
     subjects = checks.measured_subjects(config)
