@@ -9,6 +9,15 @@ if config["cohort"]["hearts"]:
     except InputError as error:
         raise WorkflowError(str(error))
     COHORT_BATCHES = batches_of([*LISTED], config["cohort"]["hearts_per_batch"])
+    # Beside the code, what any heart is answered by.
+    ANY_HEART = tuple(
+        os.path.relpath(path)
+        for path in (
+            SOURCE / "regional_lv" / "hearts" / "one_heart.yaml",
+            SOURCE / "regional_lv" / "data" / "heart_emulator.pt.gz",
+        )
+        if path.is_file()
+    )
     # What the files of the configuration say themselves: a heart's own comes on top of it.
     OF_COHORT = {
         "shared": {key: value for key, value in gathered.items() if key != "cohort"},
@@ -35,6 +44,7 @@ if config["cohort"]["hearts"]:
         params:
             **OF_COHORT,
             call="hearts.cohort:check_cohort",
+            code=code_of("hearts.cohort", files=ANY_HEART),
             hearts=[vars(heart) for heart in LISTED.values()],
             model=model_of_hearts(config),
         script:
@@ -58,6 +68,7 @@ if config["cohort"]["hearts"]:
         params:
             **OF_COHORT,
             call="hearts.batches:answer_batch",
+            code=code_of("hearts.batches", files=ANY_HEART),
             hearts=lambda wildcards: fields_of(COHORT_BATCHES[wildcards.batch]),
         script:
             "../scripts/call.py"
