@@ -81,7 +81,7 @@ def test_intervals_hold_from_draws_of_each_heart(monkeypatch):
     leaves is draws within a range."""
     monkeypatch.setattr(hierarchy, "DRAWS", 1500)
     mean, sd, of_hearts = [], [], []
-    for replicate in range(12):
+    for replicate in range(20, 32):
         truth, centre, covariance = measured(MEAN, SD, 20, 100 + replicate)
         hearts = NormalLikelihood.stack(
             [

@@ -24,7 +24,7 @@ log = logging.getLogger(__name__)
 FEWEST = 5
 """Hearts of which a population is summarised."""
 
-CHAINS, WARMUP, DRAWS, EVERY = 4, 500, 2500, 5
+CHAINS, WARMUP, DRAWS, EVERY = 4, 500, 4000, 5
 """Of the sampler; and how many of its draws there are for each that is kept of the hearts."""
 
 FREEDOM, SPREAD = 2.0, 0.5
