@@ -5,4 +5,4 @@ include: "workflow/Snakefile"
 
 
 # An included file cannot choose what is made when nothing is named.
-workflow.default_target = "all"
+workflow.default_target = "cohort" if config["cohort"]["hearts"] else "all"

@@ -1,8 +1,10 @@
 """What tests share: the default config and one small heart, made once."""
 
+import shutil
 from pathlib import Path
 
 import pytest
+from selenium import webdriver
 
 from regional_lv import config as study_config
 from tests.durations import DEEP, Durations
@@ -51,3 +53,24 @@ def small_mesh(tmp_path_factory, smoke_config) -> Path:
         folder / "summary.json",
     )
     return folder / "mesh.vtu"
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory):
+    """Chromium without a window, drawing 3-D in software."""
+    programs = {name: shutil.which(name) for name in ("chromium", "chromedriver")}
+    absent = [name for name, path in programs.items() if path is None]
+    assert not absent, f"no {' and no '.join(absent)}: install envs/debian-packages-test.txt"
+    options = webdriver.ChromeOptions()
+    options.binary_location = programs["chromium"]
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
+    for flag in (
+        *("headless", "no-sandbox", "disable-dev-shm-usage", "disable-quic", "no-first-run"),
+        *("use-angle=swiftshader", "enable-unsafe-swiftshader"),
+        *("disable-background-networking", "disable-component-update", "disable-sync"),
+        *("window-size=1200,900", f"user-data-dir={tmp_path_factory.mktemp('chromium')}"),
+    ):
+        options.add_argument(f"--{flag}")
+    driver = webdriver.Chrome(options, webdriver.ChromeService(programs["chromedriver"]))
+    yield driver
+    driver.quit()

@@ -8,12 +8,13 @@ schema cannot say (what fits together, and what is registered) is checked by
 
 import copy
 import functools
+import glob
 import math
 import os
 import reprlib
 import statistics
 import sys
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import jsonschema
@@ -66,7 +67,7 @@ def load(
     if not isinstance(config, dict):
         source, folders = str(config), [Path(config).parent]
         config = read(config)
-    config, schema = _usable(source, config), load_schema()
+    config, schema = _in_full(_usable(source, config)), load_schema()
     errors = list(jsonschema.Draft202012Validator(schema).iter_errors(config))
     empty = [error for error in errors if is_asked_for(error)]
     unfilled = sorted(line for error in empty for line in explain(error))
@@ -122,17 +123,18 @@ def gather(files: Iterable[str | Path], given: Mapping) -> dict:
     """The keys of several files, of which the last one counts first, and on top of them those of
     the command line, as Snakemake hands them over (`given`). Raises InputError.
 
-    Sections are joined, other values replaced. Snakemake's own reading of the files is not used: it
+    Snakemake's own reading of the files is not used: it
     follows YAML 1.1 (`yaml_core`), and keeps numbers inside a section of the command line as text.
     """
-    return functools.reduce(_merged, [*map(read, files), {k: _typed(v) for k, v in given.items()}])
+    return functools.reduce(merged, [*map(read, files), {k: _typed(v) for k, v in given.items()}])
 
 
-def _merged(below: dict, above: dict) -> dict:
+def merged(below: Mapping, above: Mapping) -> dict:
+    """The keys of both, `above` first: sections are joined, other values replaced."""
     both = dict(below)
     for key, value in above.items():
         joins = isinstance(value, dict) and isinstance(below.get(key), dict)
-        both[key] = _merged(below[key], value) if joins else value
+        both[key] = merged(below[key], value) if joins else value
     return both
 
 
@@ -193,6 +195,12 @@ def _usable(source: str, config: dict) -> dict:
     return usable
 
 
+def _in_full(config: dict) -> dict:
+    """With a cohort that stands as the word for its hearts as a section."""
+    cohort = config.get("cohort")
+    return config | {"cohort": {"hearts": cohort}} if isinstance(cohort, str) else config
+
+
 def _unusable_text(text: str, longest: int) -> str:
     if len(text) > longest:
         return f"has {len(text)} characters, and at most {longest} are possible"
@@ -223,7 +231,29 @@ def _resolve(schema: dict, value, folders: Sequence[str | Path]):
         for folder in folders:
             if (Path(folder) / value).is_file():
                 return os.path.relpath(Path(folder) / value)
+    if schema.get("glob") and isinstance(value, str) and not os.path.isabs(value):
+        for folder in folders:
+            if glob.glob(os.path.join(glob.escape(str(folder)), value)):
+                return os.path.join(glob.escape(os.path.relpath(folder)), value)
     return value
+
+
+def files_of(config: Mapping, folders: Sequence[str | Path]) -> list[str]:
+    """The files that keys of a configuration name and that are there, counted from the working
+    directory. folders: where the configuration was."""
+
+    def named(schema: dict, value) -> Iterator[str]:
+        if isinstance(value, dict):
+            for key, item in value.items():
+                yield from named(entry_schema(schema, key), item)
+        elif isinstance(value, list):
+            for item in value:
+                yield from named(schema.get("items", {}), item)
+        elif schema.get("path") and isinstance(value, str) and Path(value).is_file():
+            yield value
+
+    schema = load_schema()
+    return list(dict.fromkeys(named(schema, _resolve(schema, config, folders))))
 
 
 def _raise(source: str, lines: list[str]) -> None:

@@ -83,6 +83,12 @@ def test_files(linear_average, tmp_path):
     statistics = data.sample_stats
     assert float(statistics["probability"].sum()) == pytest.approx(1.0)
     assert list(statistics["model"].to_numpy()) == found.names and "as it is" in found.names
+    # All sets were judged: their priors add up to those of the causes.
+    prior = np.exp(statistics["log_prior"].to_numpy())
+    assert prior.sum() == pytest.approx(1.0)
+    known = data.constant_data
+    np.testing.assert_allclose(prior @ statistics["holds"].to_numpy(), known["prior_probability"])
+    assert (known["upper"].sel(input="c1"), known["lower"].sel(input="c1")) == (2.0, -2.0)
     # Draws of a model have the inputs at their nominal values that are not free in it.
     number = data.posterior["model_number"].to_numpy()[0]
     values = data.posterior["value"].to_numpy()[0]

@@ -16,9 +16,10 @@ from regional_lv import data
 from regional_lv.aha import WALLS
 from regional_lv.channels import Channels
 from regional_lv.cli import main
-from regional_lv.cli.check import _own_words, _uneven, _unusual
+from regional_lv.cli.check import _own_words
 from regional_lv.cli.scale import heart_lines, origin, subject_lines
 from regional_lv.geometry.table import read_segments
+from regional_lv.hearts.checks import uneven, unusual
 from regional_lv.manifest import NAME, write_manifest
 from regional_lv.measured import curves, read_measured
 from regional_lv.measured.plausibility import data_warnings, too_small
@@ -139,15 +140,15 @@ def test_a_copied_folder_and_an_uneven_wall_are_reported(call, filled, tmp_path)
 )
 def test_a_wall_of_uneven_thickness_is_reported_whatever_the_geometry(segment, thickness, expected):
     meshed = pd.DataFrame({"thickness_mm": 10.0}, index=range(1, 18))
-    assert _uneven(meshed) == []
+    assert uneven(meshed) == []
     meshed.loc[segment] = thickness
-    found = _uneven(meshed)
+    found = uneven(meshed)
     assert len(found) == (expected is not None)
     if expected:
         assert found[0].startswith(f"heart: segment {segment}: the wall is {thickness:g} mm thick")
         assert expected in found[0]
     # What a table of segments gives is what the user can correct.
-    assert _uneven(meshed.assign(thickness_table_mm=10.0)) == []
+    assert uneven(meshed.assign(thickness_table_mm=10.0)) == []
 
 
 @pytest.mark.parametrize(
@@ -161,7 +162,7 @@ def test_a_wall_of_uneven_thickness_is_reported_whatever_the_geometry(segment, t
     ],
 )
 def test_a_heart_of_unusual_size_is_reported(thickness, cavity, expected):
-    found = _unusual(thickness, cavity)
+    found = unusual(thickness, cavity)
     assert len(found) == len(expected)
     assert all(part in line for part, line in zip(expected, found, strict=True))
 

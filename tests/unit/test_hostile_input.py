@@ -27,6 +27,7 @@ from regional_lv.geometry.imported import import_mesh
 from regional_lv.geometry.segment_tags import PUBLISHED_FIELD, read_segment_tags
 from regional_lv.geometry.table import read_segments
 from regional_lv.geometry.triangulated import read_ventricle
+from regional_lv.hearts.listing import COLUMNS, list_hearts
 from regional_lv.input_files import MOST_GB, reading
 from regional_lv.measured import read_measured
 from regional_lv.measured.curves import read_curve_subject
@@ -92,6 +93,11 @@ def simulation_rows(_):
     return [[*PARAMETERS.names, *CHANNELS.names], *([f"{v:.4f}" for v in row] for row in values)]
 
 
+def heart_rows(_):
+    files = [["segments.csv", "-74.4", "-81.2", "8", f"{name}.csv"] for name in "abc"]
+    return [["heart", *COLUMNS], *([f"heart{i}", *row] for i, row in enumerate(files))]
+
+
 CURVE_SUBJECT = {
     **{"unit": "fraction", "reference": "end_diastole", "measure": "engineering"},
     **{"frame": "earliest_diastole", "end_diastole_frame": None},
@@ -106,6 +112,7 @@ TABLES = {
     ),
     "thetas": (theta_rows, lambda path: read_known_theta([path], ["s0", "s2"], PARAMETERS.names)),
     "tags": (tag_rows, lambda path: read_segment_tags(path, np.arange(1, 60))),
+    "hearts": (heart_rows, lambda path: list_hearts(str(path))),
     "simulations": (simulation_rows, lambda path: read_tables(path, path, PARAMETERS, CHANNELS)),
 }
 

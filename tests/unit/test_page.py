@@ -2,7 +2,6 @@
 
 import json
 import re
-import shutil
 from io import BytesIO
 
 import arviz as az
@@ -11,7 +10,6 @@ import pandas as pd
 import pytest
 import xarray as xr
 from matplotlib.image import imread
-from selenium import webdriver
 from selenium.webdriver import ActionChains
 from selenium.webdriver.support.wait import WebDriverWait
 
@@ -383,27 +381,6 @@ def test_an_emulator_that_was_named_has_its_errors_and_no_coverage(as_it_is, tmp
 
 
 # ------------------------------------------------------------------------------- in a browser
-
-
-@pytest.fixture(scope="module")
-def browser(tmp_path_factory):
-    """Chromium without a window, drawing 3-D in software."""
-    programs = {name: shutil.which(name) for name in ("chromium", "chromedriver")}
-    absent = [name for name, path in programs.items() if path is None]
-    assert not absent, f"no {' and no '.join(absent)}: install envs/debian-packages-test.txt"
-    options = webdriver.ChromeOptions()
-    options.binary_location = programs["chromium"]
-    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
-    for flag in (
-        *("headless", "no-sandbox", "disable-dev-shm-usage", "disable-quic", "no-first-run"),
-        *("use-angle=swiftshader", "enable-unsafe-swiftshader"),
-        *("disable-background-networking", "disable-component-update", "disable-sync"),
-        *("window-size=1200,900", f"user-data-dir={tmp_path_factory.mktemp('chromium')}"),
-    ):
-        options.add_argument(f"--{flag}")
-    driver = webdriver.Chrome(options, webdriver.ChromeService(programs["chromedriver"]))
-    yield driver
-    driver.quit()
 
 
 def seen(element) -> np.ndarray:

@@ -10,6 +10,7 @@ import sys
 import pytest
 
 from regional_lv.jobs import function_of
+from tests.hearts.folders import write_cohort
 
 LISTED = """
 include: "{root}/Snakefile"
@@ -72,16 +73,16 @@ def test_rules_see_numbers_as_they_are_written(root, tmp_path, pressure, given, 
     assert "Traceback" not in done.stdout + done.stderr
 
 
-@pytest.mark.parametrize("study", ["smoke", "published", "published_heart", "smoke examples/roles"])
-def test_rules_and_functions_agree(root, tmp_path, study):
-    files = [root / "config" / f"{name}.yaml" for name in study.split()]
-    done = listed(tmp_path, LISTED.format(root=root), "--configfile", *files)
+def listed_rules(root, folder, *files) -> dict:
+    """By rule: calls with the arguments given, wildcards, whether it unpacks, its code."""
+    done = listed(folder, LISTED.format(root=root), "--configfile", *files)
     assert done.returncode == 0, done.stdout + done.stderr
     lines = [line for line in done.stdout.splitlines() if line.startswith("RULE ")]
-    rules = {name: rest for name, *rest in (json.loads(line[5:]) for line in lines)}
-    assert len(rules) > 30 and ("conclude_criticism" in rules) == (study != "published")
-    # Scripts of their own are for what a function cannot take from its rule.
-    assert [name for name, (calls, *_) in rules.items() if not calls] == ["fetch_published"]
+    return {name: rest for name, *rest in (json.loads(line[5:]) for line in lines)}
+
+
+def disagreements(rules: dict) -> list[str]:
+    """What rules do not give of what their functions take, or give beside it."""
     wrong = []
     for name, (calls, wildcards, unpacks, code) in rules.items():
         wrong += [f"{name} does not depend on its code"] if calls and not code else []
@@ -93,4 +94,21 @@ def test_rules_and_functions_agree(root, tmp_path, study):
             unknown = set() if hasattr(function, "__wrapped__") else {*given} - set(arguments)
             if missing or unknown:
                 wrong.append(f"{name}, {call}: missing {missing}, unknown {unknown}")
-    assert wrong == []
+    return wrong
+
+
+@pytest.mark.parametrize("study", ["smoke", "published", "published_heart", "smoke examples/roles"])
+def test_rules_and_functions_agree(root, tmp_path, study):
+    files = [root / "config" / f"{name}.yaml" for name in study.split()]
+    rules = listed_rules(root, tmp_path, *files)
+    assert len(rules) > 30 and ("conclude_criticism" in rules) == (study != "published")
+    # Scripts of their own are for what a function cannot take from its rule.
+    assert [name for name, (calls, *_) in rules.items() if not calls] == ["fetch_published"]
+    assert disagreements(rules) == []
+
+
+def test_rules_of_a_cohort_and_their_functions_agree(root, tmp_path):
+    write_cohort(tmp_path / "group")
+    rules = listed_rules(root, tmp_path, tmp_path / "group" / "config.yaml")
+    assert {"check_cohort", "answer_hearts", "summarise_cohort", "make_cohort_page"} <= set(rules)
+    assert disagreements(rules) == []

@@ -1,10 +1,11 @@
-"""The command line: a folder for a heart of your own, the check of it, its study, and the check of
-what that made."""
+"""The command line: a folder for a heart of your own, the check of it, its study, that of many
+hearts, and the check of what these made."""
 
 import click
 
 from regional_lv import surroundings
 from regional_lv.cli.check import check
+from regional_lv.cli.cohort import cohort
 from regional_lv.cli.new import new
 from regional_lv.cli.run import run
 from regional_lv.cli.verify import verify
@@ -17,5 +18,5 @@ def main() -> None:
     surroundings.settle()
 
 
-for command in (new, check, run, verify):
+for command in (new, check, run, cohort, verify):
     main.add_command(command)

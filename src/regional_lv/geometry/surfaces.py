@@ -43,6 +43,7 @@ SOFTNESS = 0.2
 QUARTER = np.pi / 2
 RING = np.linspace(0, 4 * QUARTER, 90, endpoint=False)  # angles around a border
 STEP = 1e-5  # rad, of differences along the latitude
+VOLUME_NODES = 40  # along the latitude, of the volumes
 
 
 def polynomials(x, y, dx=0, dy=0, degree=DEGREE):
@@ -270,6 +271,17 @@ class Surfaces:
         thickness = self.thickness(phi, u)
         r, z = self.endocardium(phi, u)
         return r + thickness * cosine / length, z - thickness * sine / length
+
+    def volumes(self):
+        """Of the cavity and of the wall (mL), between the surfaces and the base plane."""
+        nodes, weights = legendre.leggauss(VOLUME_NODES)
+        phi, u = np.meshgrid(RING, QUARTER * (nodes + 1) / 2)
+        weight = (weights * QUARTER / 2)[:, None] * (4 * QUARTER / len(RING))
+        found = []
+        for surface in (self.endocardium, self.epicardium):
+            along = (surface(phi, u - STEP)[1] - surface(phi, u + STEP)[1]) / (2 * STEP)
+            found.append(float((weight * surface(phi, u)[0] ** 2 / 2 * along).sum()) / 1e3)
+        return found[0], found[1] - found[0]
 
     def _epicardial_height(self, phi, u):
         cosine, sine = np.cos(u), self._tilt * np.sin(u)

@@ -19,7 +19,7 @@ from regional_lv.inference import importance
 from regional_lv.inference.drawing import Drawn, approximate, fit_to_the_end, sample
 from regional_lv.inference.evidence import Fits
 from regional_lv.inference.potential import Potential
-from regional_lv.inference.sets import Candidate, fit_base, search
+from regional_lv.inference.sets import Candidate, Prior, fit_base, search
 from regional_lv.seeds import derive
 
 SHARE, MOST = 0.999, 200
@@ -40,10 +40,11 @@ RESAMPLED, LEVELS = 4000, (0.025, 0.975)
 
 @dataclass(frozen=True)
 class Averaged:
-    """Models, the most probable first, and their probabilities (L,)."""
+    """Models, the most probable first, and their probabilities (L,); the prior of their sets."""
 
     potential: Potential
     models: tuple[Candidate, ...]
+    prior: Prior
 
     @cached_property
     def probability(self) -> np.ndarray:
@@ -173,9 +174,11 @@ class Averaged:
         posterior: value (chain, draw, input), in the units of the inputs; sigma (chain, draw,
         quantity), scales of the noise where they are inferred; model_number (chain, draw).
         posterior_predictive: y (chain, draw, output), observed_data: y (output). sample_stats of
-        the models (model,): probability, log_evidence, evidence_error, ess, pareto_k (NaN of those
-        without draws), and free (model, input). as_it_is and as_it_is_predictive: as the first two
-        groups, of the model as it is.
+        the models (model,): probability, log_evidence, log_prior, evidence_error, ess, pareto_k
+        (NaN of those without draws), free (model, input) and holds (model, cause). constant_data:
+        lower and upper (input), the ranges, and prior_probability (cause), 0 of causes that were
+        not searched. as_it_is and as_it_is_predictive: as the first two groups, of the model as it
+        is.
         """
         generator = torch.Generator().manual_seed(derive(seed, "average"))
         posterior, predictive = self._groups([*self.drawn], draws, generator)
@@ -186,6 +189,7 @@ class Averaged:
             posterior=posterior,
             posterior_predictive=predictive,
             sample_stats=self._statistics(),
+            constant_data=self._known(),
             observed_data=observed,
             as_it_is=as_it_is,
             as_it_is_predictive=by_base,
@@ -216,18 +220,36 @@ class Averaged:
     def _statistics(self) -> xr.Dataset:
         names = self.potential.inputs.names
         free = torch.stack([self.potential.free(model.members) for model in self.models])
+        causes = self.potential.causes
+        holds = np.array(
+            [[bool({*p} & {*m.members}) for p in causes.values()] for m in self.models], dtype=bool
+        )
         statistics = xr.Dataset(
             {
                 "probability": ("model", self.probability),
                 "log_evidence": ("model", [model.log_evidence for model in self.models]),
+                "log_prior": ("model", [model.log_prior for model in self.models]),
                 "free": (("model", "input"), free[:, : len(names)].numpy()),
+                "holds": (("model", "cause"), holds.reshape(len(holds), len(causes))),
             },
-            coords={"model": self.names, "input": list(names)},
+            coords={"model": self.names, "input": list(names), "cause": list(causes)},
         )
         for key in ("evidence_error", "ess", "pareto_k"):
             values = [getattr(model.drawn, key, np.nan) for model in self.models]
             statistics[key] = ("model", values)
         return statistics
+
+    def _known(self) -> xr.Dataset:
+        """What was assumed of the inputs and causes."""
+        inputs, causes = self.potential.inputs, list(self.potential.causes)
+        return xr.Dataset(
+            {
+                "lower": ("input", inputs.lower),
+                "upper": ("input", inputs.upper),
+                "prior_probability": ("cause", [self.prior.of_cause(name) for name in causes]),
+            },
+            coords={"input": list(inputs.names), "cause": causes},
+        )
 
 
 def average(
@@ -256,7 +278,8 @@ def average(
                 models[n] = replace(model, fit=fitted, log_evidence=evidence, drawn=drawn)
             known += 1
         total += probability[n]
-    return Averaged(potential, tuple(sorted(_by_sampling(models), key=lambda m: -m.log_posterior)))
+    ranked = sorted(_by_sampling(models), key=lambda m: -m.log_posterior)
+    return Averaged(potential, tuple(ranked), Prior.of(potential, largest))
 
 
 def _by_sampling(models: Sequence[Candidate]) -> list[Candidate]:

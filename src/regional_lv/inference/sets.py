@@ -14,6 +14,7 @@ its inputs are of their causes. A smooth departure of unknown shape counts as on
 takes any of `AMPLITUDES`.
 """
 
+import itertools
 import logging
 import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
@@ -128,26 +129,43 @@ class Prior:
     """
 
     def __init__(self, causes: Mapping[str, Collection[int]], largest: int, departs: bool):
-        self._share = {k: 1 / len(places) for places in causes.values() for k in places}
-        # The elementary symmetric polynomials of the shares, which sum over all sets of a size.
-        self._total = np.zeros(largest + 1)
-        self._total[0] = 1.0
-        for share in self._share.values():
-            self._total[1:] += share * self._total[:-1]
-        self._log_sizes = math.log(largest + 1 + departs)
+        self._shares = {name: dict.fromkeys(p, 1 / len(p)) for name, p in causes.items() if p}
+        self._share = {k: share for own in self._shares.values() for k, share in own.items()}
+        self._total = _sums(self._share.values(), largest)
+        self._sizes = largest + 1 + departs
+
+    @classmethod
+    def of(cls, potential: Potential, largest: int) -> "Prior":
+        """Over the inputs that a posterior's models may free."""
+        searched = set(potential.searched)
+        causes = {c: searched.intersection(places) for c, places in potential.causes.items()}
+        return cls(causes, min(largest, len(searched)), potential.departure is not None)
 
     def __call__(self, members: Members) -> float:
         shares = math.prod(self._share[k] for k in members)
-        return -self._log_sizes - math.log(self._total[len(members)] / shares)
+        return -math.log(self._sizes) - math.log(self._total[len(members)] / shares)
+
+    def of_cause(self, name: str) -> float:
+        """Prior probability that any input of a cause is free; 0 of one that no model may free."""
+        others = (own.values() for cause, own in self._shares.items() if cause != name)
+        without = _sums(itertools.chain(*others), len(self._total) - 1)
+        return float((1 - without / self._total).sum() / self._sizes)
+
+
+def _sums(shares: Iterable[float], largest: int) -> np.ndarray:
+    """Elementary symmetric polynomials (largest + 1,): sums over all sets of each size."""
+    total = np.zeros(largest + 1)
+    total[0] = 1.0
+    for share in shares:
+        total[1:] += share * total[:-1]
+    return total
 
 
 class _Search:
     def __init__(self, potential: Potential, largest: int, base: Fits):
         self.potential = potential
         self.largest = min(largest, len(potential.searched))
-        searched = set(potential.searched)
-        causes = {c: searched.intersection(places) for c, places in potential.causes.items()}
-        self.prior = Prior(causes, self.largest, potential.departure is not None)
+        self.prior = Prior.of(potential, largest)
         self.found: dict[Members, Fits] = {(): base}
         self.expected: dict[Members, float] = {(): float(base.log_evidence)}
         self._grown: set[Members] = set()

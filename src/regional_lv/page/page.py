@@ -134,12 +134,12 @@ def make_page(
     }
     known = known_beforehand(content)
     scales = scales_with_pressure and "pressure" not in known
-    html = _read_template(template).render(
+    html = read_template(template).render(
         subject=subject,
         study=study,
         synthetic=source == "synthetic",
         data_from=SOURCES[source],
-        pictures=_embedded(pictures),
+        pictures=embedded(pictures),
         heart=Markup(heart3d.draw(mesh, parameters, middles, _hover(rows, table, parameters)))
         if mesh
         else "",
@@ -190,13 +190,13 @@ def make_page_of_several(
         "effects": effects_picture,
         "sources": sources_picture,
     }
-    html = _read_template(template).render(
-        pictures=_embedded(pictures), extended=extended, moved=MOVED, **criticism_of(content)
+    html = read_template(template).render(
+        pictures=embedded(pictures), extended=extended, moved=MOVED, **criticism_of(content)
     )
     Path(page).write_text(html)
 
 
-def _read_template(path: str | Path) -> jinja2.Template:
+def read_template(path: str | Path) -> jinja2.Template:
     """A template, which can include others of its folder."""
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(Path(path).parent),
@@ -210,7 +210,7 @@ def _read_template(path: str | Path) -> jinja2.Template:
     return environment.get_template(Path(path).name)
 
 
-def _embedded(pictures: Mapping[str, str | Path | None]) -> dict[str, str]:
+def embedded(pictures: Mapping[str, str | Path | None]) -> dict[str, str]:
     """Pictures (PNG) as the addresses of themselves, for a page that needs no other file."""
     return {
         name: "data:image/png;base64," + base64.b64encode(Path(png).read_bytes()).decode()

@@ -1,0 +1,55 @@
+"""Many hearts in one job: the emulator is read once, and a heart that fails does so alone."""
+
+import json
+import logging
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+from regional_lv.errors import InputError
+from regional_lv.hearts.cohort import configure
+from regional_lv.hearts.listing import Listed
+
+log = logging.getLogger(__name__)
+
+FAILED = "failed.json"
+"""In the folder of a batch: reasons by heart."""
+
+OF_THE_MACHINE = (OSError, MemoryError)
+"""What no heart is to blame for: the job fails, and is done again as a whole."""
+
+
+def answer_batch(
+    hearts: Sequence[Mapping],
+    shared: Mapping,
+    folders: Sequence[str],
+    folder: str | Path,
+    answer: Callable[[Mapping, Path], None] | None = None,
+) -> None:
+    """Answer the hearts of a batch, each in a folder of its name in `folder`; why others could not
+    be answered is in `failed.json` there.
+
+    hearts: each as the fields of `listing.Listed`. shared, folders: as of `cohort.configure`.
+    answer: `hearts.fast.answer` by default.
+    """
+    how, folder, failed = answer or _fast(), Path(folder), dict[str, str]()
+    folder.mkdir(parents=True, exist_ok=True)
+    for one in hearts:
+        listed = Listed(**one)
+        try:
+            how(configure(listed, shared, folders), folder / listed.name)
+        except OF_THE_MACHINE:
+            raise
+        except InputError as error:
+            failed[listed.name] = str(error)
+        except Exception as error:
+            log.exception("%s", listed.name)
+            failed[listed.name] = f"{type(error).__name__}: {error}"
+        log.info("%s: %s", listed.name, failed.get(listed.name, "answered"))
+    (folder / FAILED).write_text(json.dumps(failed, indent=1) + "\n")
+
+
+def _fast() -> Callable[[Mapping, Path], None]:
+    # Imported here: it brings PyTorch and figures along, which listing and tests need not wait for.
+    from regional_lv.hearts.fast import answer
+
+    return answer

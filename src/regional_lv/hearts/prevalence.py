@@ -1,0 +1,80 @@
+"""In how many hearts of a cohort a cause is present: evidence of hearts of any geometry, together.
+
+Of one heart the evidence of all models that hold a cause, weighed by their prior, over that of all
+that do not is its Bayes factor B_i. A share f of the hearts has the cause, with a Beta prior, so
+that what was measured of all hearts has the density
+
+    p(data | f)  ~  product over hearts of (1 - f + f B_i).
+
+Hearts are independent given f; a heart that has the cause has a size of its own, uniform within the
+range of the input, so that what is alike in all hearts is that they have it, not how much. (The
+joint criticism of several hearts of one geometry, `criticism.study.Critic`, has one size for all.)
+Each cause is looked at by itself: of two that can replace each other, both are found. An error that
+all hearts share, such as the emulator's, counts anew in every heart.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import arviz as az
+import numpy as np
+from scipy import special, stats
+
+NODES = 4001
+"""Of the integral over the share, equally probable by its prior."""
+
+LEVELS = (0.025, 0.5, 0.975)
+
+SOME = 3.0
+"""Log Bayes factor from which on some hearts have a cause: strong evidence (Kass and Raftery 1995,
+doi 10.1080/01621459.1995.10476572)."""
+
+
+@dataclass(frozen=True)
+class Prevalence:
+    """Posterior of the share of hearts with a cause: quantiles `LEVELS`; log Bayes factor against
+    no heart having it; and of each heart (H,) the probability that it has, given all others."""
+
+    share: tuple[float, ...]
+    log_bayes_factor: float
+    probability: np.ndarray
+
+    @property
+    def probability_any(self) -> float:
+        """That any heart has it, if that was as probable as not before the data."""
+        return float(special.expit(self.log_bayes_factor))
+
+
+def log_bayes_factors(data: az.InferenceData) -> Mapping[str, float]:
+    """By cause that was searched in one heart, log of the evidence with it over that without it.
+
+    data: as of `Averaged.inference_data`.
+    """
+    models, known = data.sample_stats, data.constant_data
+    weighed = (models["log_evidence"] + models["log_prior"]).to_numpy()
+    found = {}
+    for cause in known["cause"].to_numpy():
+        prior = float(known["prior_probability"].sel(cause=cause))
+        holds = models["holds"].sel(cause=cause).to_numpy()
+        if 0 < prior < 1 and holds.any():
+            present, absent = (special.logsumexp(weighed[at]) for at in (holds, ~holds))
+            found[str(cause)] = float(present - absent - special.logit(prior))
+    return found
+
+
+def infer_prevalence(
+    log_factors: Sequence[float] | np.ndarray, prior: Sequence[float]
+) -> Prevalence:
+    """From the log Bayes factors (H,) of hearts; prior: both parameters of the Beta prior."""
+    share = stats.beta.ppf((np.arange(NODES) + 0.5) / NODES, *prior)[:, None]
+    with np.errstate(divide="ignore"):  # a node may be 0 or 1 to all digits
+        present = np.log(share) + np.asarray(log_factors)
+        together = np.logaddexp(np.log1p(-share), present)
+    logs = together.sum(1)
+    weight = special.softmax(logs)
+    ends = np.interp(LEVELS, np.cumsum(weight) - weight / 2, share[:, 0])
+    return Prevalence(
+        share=tuple(map(float, ends)),
+        log_bayes_factor=float(special.logsumexp(logs) - np.log(NODES)),
+        probability=weight @ np.exp(present - together),
+    )
