@@ -73,9 +73,11 @@ def test_one_version():
     assert f"version {version}." in (ROOT / "docs" / "citing.md").read_text()
 
 
-def test_code_of_the_readme_is_a_study(tmp_path, monkeypatch):
+def test_code_of_the_page_is_a_study(tmp_path, monkeypatch):
     shutil.copy(data.path("volunteer_segments.csv"), tmp_path / "segments.csv")
-    code = re.search(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), flags=re.DOTALL)[1]
+    code = re.search(
+        r"```python\n(.*?)```", (ROOT / "docs" / "from_python.md").read_text(), flags=re.DOTALL
+    )[1]
     calls = [node for node in ast.walk(ast.parse(code)) if isinstance(node, ast.Call)]
     made = next(call for call in calls if ast.unparse(call.func) == "Study")
     monkeypatch.chdir(tmp_path)
