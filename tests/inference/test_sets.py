@@ -10,7 +10,7 @@ from regional_lv.inference import sets
 from regional_lv.inference.evidence import fit
 from regional_lv.inference.likelihood import Noise
 from regional_lv.inference.potential import Potential
-from regional_lv.inference.sets import AMPLITUDES, search
+from regional_lv.inference.sets import AMPLITUDES, fit_base, search
 from regional_lv.inputs.closed_forms import HeavyTails
 from regional_lv.inputs.space import Inputs
 from tests.inference.toys import Emulator, closed_form, known_noise, linear_problem, toy_inputs
@@ -38,7 +38,7 @@ def test_priors():
     inputs = toy_inputs(1, suspected=4)
     pattern = 1e-4 * torch.eye(8).double()
     potential, _, _ = linear_problem(inputs, 8, np.zeros(5), departure=pattern)
-    found = search(potential, 3, 0)
+    found = search(potential, 3, fit_base(potential, 0))
     total = {}
     for candidate in found:
         kind = "departure" if candidate.amplitude else len(candidate.members)
@@ -51,7 +51,7 @@ def test_linear_problem():
     inputs = toy_inputs(2, measured=(0.3,), suspected=5, half=20.0)
     truth = [0.5, -0.3, 0.0, 0.4, 0.0, 0.1, 0.0, 0.2]
     potential, slopes, covariance = linear_problem(inputs, 12, truth)
-    found = search(potential, 3, 0)
+    found = search(potential, 3, fit_base(potential, 0))
     assert len(found) == len(subsets(potential, 3))
     logs = {}
     for candidate in found:
@@ -65,7 +65,7 @@ def test_departure_in_closed_form():
     inputs = toy_inputs(2, suspected=2, half=20.0)
     pattern = 0.01 * torch.eye(12).double()
     potential, slopes, covariance = linear_problem(inputs, 12, [0.1, 0, 0, 0], departure=pattern)
-    for candidate in search(potential, 2, 0):
+    for candidate in search(potential, 2, fit_base(potential, 0)):
         if candidate.amplitude:
             wider = covariance + candidate.amplitude**2 * pattern
             expected, _, _ = closed_form(potential, slopes, wider)
@@ -136,7 +136,7 @@ def test_search_agrees_with_enumeration(problem, monkeypatch):
     monkeypatch.setattr(sets, "FITTED_BEYOND", 4)
     monkeypatch.setattr(sets, "BEAM", 2)
     potential = nonlinear(**problem)
-    candidates = search(potential, 4, 0)
+    candidates = search(potential, 4, fit_base(potential, 0))
     assert sum(c.fit is None for c in candidates) >= 5
     found, expected = probabilities(candidates), enumerated(potential, candidates, 4)
     for k in potential.suspected:
@@ -148,13 +148,15 @@ def test_heavy_tails_are_found():
     found = {}
     for outlier in (0.0, 3.0):
         potential = nonlinear(5, tails=True, suspected=5, outlier=outlier)
-        found[outlier] = present(probabilities(search(potential, 3, 0)), potential.suspected[-1])
+        found[outlier] = present(
+            probabilities(search(potential, 3, fit_base(potential, 0))), potential.suspected[-1]
+        )
     assert found[0.0] < 0.3 and found[3.0] > 0.95
 
 
 def test_no_suspected_input():
     potential, slopes, covariance = linear_problem(toy_inputs(2, half=20.0), 6, [0.1, 0.2])
-    (found,) = search(potential, 3, 0)
+    (found,) = search(potential, 3, fit_base(potential, 0))
     expected, _, _ = closed_form(potential, slopes, covariance)
     assert found.members == () and found.log_prior == 0.0
     assert found.log_evidence == pytest.approx(expected, abs=1e-4)
@@ -165,6 +167,6 @@ def test_larger_sets_are_reached():
     inputs = toy_inputs(1, suspected=7, half=3.0)
     truth = [0.2, 1.0, -1.0, 1.2, 0.9, 0.0, 0.0, 0.0]
     potential, _, _ = linear_problem(inputs, 16, truth)
-    found = search(potential, 5, 0)
+    found = search(potential, 5, fit_base(potential, 0))
     assert set(found[0].members) >= {1, 2, 3, 4}
     assert max(len(c.members) for c in found) == 5

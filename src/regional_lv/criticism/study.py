@@ -153,9 +153,9 @@ class Critic:
 
     def _average(self, potential: Potential, draws: int) -> Averaged:
         """Over what the data can tell of."""
-        base = LinearModel.of(potential, fit_base(potential, self.seed))
-        told = potential.without(imitated(base))
-        return average(told, self.settings.largest_set, self.seed, draws)
+        base = fit_base(potential, self.seed)
+        told = potential.without(imitated(LinearModel.of(potential, base)))
+        return average(told, self.settings.largest_set, self.seed, draws, base)
 
     def _examine(self, averaged: Averaged) -> dict[int, Examined]:
         """The model as it is, and the most probable others."""

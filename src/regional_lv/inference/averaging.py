@@ -17,8 +17,9 @@ import xarray as xr
 
 from regional_lv.inference import importance
 from regional_lv.inference.drawing import Drawn, approximate, fit_to_the_end, sample
+from regional_lv.inference.evidence import Fits
 from regional_lv.inference.potential import Potential
-from regional_lv.inference.sets import Candidate, search
+from regional_lv.inference.sets import Candidate, fit_base, search
 from regional_lv.seeds import derive
 
 SHARE, MOST = 0.999, 200
@@ -229,14 +230,17 @@ class Averaged:
         return statistics
 
 
-def average(potential: Potential, largest: int, seed: int, draws: int = DRAWS) -> Averaged:
+def average(
+    potential: Potential, largest: int, seed: int, draws: int = DRAWS, base: Fits | None = None
+) -> Averaged:
     """The posterior averaged over all sets of suspected inputs up to the `largest`, the model as it
     is and a smooth departure.
 
     draws: of a round of importance sampling of a model that is certain; others have their share of
-    them. The same seed gives the same answer.
+    them. base: the model as it is, if it is fitted already (`sets.fit_base`). The same seed gives
+    the same answer.
     """
-    models = search(potential, largest, seed)
+    models = search(potential, largest, fit_base(potential, seed) if base is None else base)
     probability, total, known = _probabilities(models), 0.0, 0
     for n, model in enumerate(models):
         counts = (total < SHARE and known < MOST) or not model.departs

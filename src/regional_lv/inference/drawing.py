@@ -76,26 +76,20 @@ def approximate(potential: Potential, fitted: Fits, draws: int, seed: int) -> Dr
 
 
 def sample(potential: Potential, fitted: Fits, draws: int, seed: int) -> Drawn:
-    """Sample one model (M = 1) by importance, `draws` a round, with the emulator's covariance at
-    every draw.
+    """Sample one model (M = 1) by importance, `draws` a round.
 
-    A model that misses the data is drawn to where the emulator is least certain; where that leaves
-    no reliable draws, the covariance is kept at the fit.
+    They are proposed for the emulator's covariance at the fit, and weighted with that at every
+    draw. A model that misses the data is drawn to where the emulator is least certain; where that
+    leaves no reliable draws, the covariance at the fit counts.
     """
-    found = _sample(potential, fitted, draws, seed, lambda x: potential.settle(x, fitted.amplitude))
-    if found.reliable:
-        return found
-    return _sample(potential, fitted, draws, seed, lambda x: fitted.error)
-
-
-def _sample(potential: Potential, fitted: Fits, draws: int, seed: int, error) -> Drawn:
     generator = torch.Generator().manual_seed(seed)
     coordinates = Standardised(potential, fitted, generator)
     uniform = float(potential.log_uniform(fitted.free))
 
     def log_density(v):
         x, slope = coordinates.open(v)
-        return potential.log_density(potential.mean(x), x, error(x)) + uniform + slope
+        mean = potential.mean(x)
+        return potential.log_density(mean, x, fitted.error) + uniform + slope
 
     found = importance.sample(
         lambda v: torch.cat([log_density(part) for part in v.split(potential.chunk)]),
@@ -105,9 +99,26 @@ def _sample(potential: Potential, fitted: Fits, draws: int, seed: int, error) ->
         least_ess=EFFICIENCY * draws,
         largest_sd=LARGEST_SD,
     )
+    x = torch.cat([coordinates.open(part)[0] for part in found.u.split(potential.chunk)])
+    change = torch.cat(
+        [_by_own_covariance(potential, fitted, part) for part in x.split(potential.chunk)]
+    )
+    own = _drawn(x, replace(found, log_weight=found.log_weight + change))
+    return own if own.reliable else _drawn(x, found)
+
+
+def _by_own_covariance(potential: Potential, fitted: Fits, x: torch.Tensor) -> torch.Tensor:
+    """What the log density (N,) at draws x (N, P) gains if the emulator's covariance is not that at
+    the fit but the draw's own."""
+    mean, own = potential.mean(x), potential.settle(x, fitted.amplitude)
+    after, before = (potential.log_density(mean, x, error) for error in (own, fitted.error))
+    return (after - before).nan_to_num(-torch.inf)
+
+
+def _drawn(x: torch.Tensor, found: importance.Weighted) -> Drawn:
+    """Draws x (N, P), their weights smoothed."""
     log_weight, k = importance.smooth(found.log_weight)
     weight = torch.softmax(log_weight, 0)
-    x = torch.cat([coordinates.open(part)[0] for part in found.u.split(potential.chunk)])
     ess = importance.effective(weight)
     return Drawn(x, weight, found.log_evidence, found.evidence_error, ess, k)
 

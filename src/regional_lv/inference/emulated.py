@@ -8,7 +8,7 @@ import torch
 from regional_lv.channels import Channels
 from regional_lv.emulators.base import Prediction
 from regional_lv.inputs.coordinates import Coordinates
-from regional_lv.inputs.evaluation import AllInputs, Rows
+from regional_lv.inputs.evaluation import AllInputs
 from regional_lv.inputs.space import Inputs
 
 
@@ -40,26 +40,14 @@ class EmulatedInputs:
     def __init__(self, emulator: OfInputs, inputs: Inputs):
         self.emulator, self.coordinates = emulator, inputs.coordinates
         self._outputs = AllInputs(inputs, emulator.channels)
-        self._parts: dict[Rows, OfInputs] = {}
-
-    def _of(self, rows: Rows) -> OfInputs:
-        """The emulator for some of its outputs."""
-        if rows not in self._parts:
-            names = [self.emulator.outputs[row] for row in rows]
-            self._parts[rows] = self.emulator.select(names)
-        return self._parts[rows]
 
     def mean(self, x: torch.Tensor) -> torch.Tensor:
         """(M, D), natural units."""
-        return self._outputs.values(
-            lambda at, rows: self._of(rows).predict_mean(at), self.coordinates.natural(x)
-        )
+        return self._outputs.values(self.emulator.predict_mean, self.coordinates.natural(x))
 
     def linearise(self, x: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Mean (M, D) and its derivatives (M, D, K) about the scaled coordinates."""
-        return self._outputs(
-            lambda at, rows: self._of(rows).linearise(at), self.coordinates.natural(x)
-        )
+        return self._outputs(self.emulator.linearise, self.coordinates.natural(x))
 
     @property
     def simulated_names(self) -> tuple[str, ...]:

@@ -89,16 +89,35 @@ class Candidate:
 
 
 def fit_base(potential: Potential, seed: int) -> Fits:
-    """The model as it is (M = 1), fitted as the search fits it."""
-    return _Search(potential, 0).fit_base(seed)
+    """The model as it is (M = 1), fitted from its nominal values and from the most probable Sobol
+    points."""
+    inferred = np.flatnonzero(potential.inputs.of_role("inferred"))
+    x, zero = potential.nominal[None], potential.nominal.new_zeros(1)
+    error = potential.settle(x, zero)
+    if len(inferred):
+        low, high = (end[inferred].numpy() for end in (potential.low, potential.high))
+        others = x.repeat(SCREENED, 1)
+        points = sobol(SCREENED, low, high, "natural", derive(seed, "starts"))
+        others[:, inferred] = torch.as_tensor(points)
+        value = potential.log_density(potential.mean(others), others, error)
+        x = torch.cat([x, others[value.topk(FOLLOWED).indices]])
+    free = potential.free().expand_as(x)
+    for _ in range(2):  # the second time with the covariance where the first one ended
+        fits = fit(
+            *(potential, free, zero.expand(len(x)), x, error),
+            *(3 * ITERATIONS, LEAST_GAIN),
+        )
+        best = fits.row(int(fits.log_evidence.argmax()))
+        x, error, free = best.x, best.error, free[:1]
+    return best
 
 
-def search(potential: Potential, largest: int, seed: int) -> list[Candidate]:
+def search(potential: Potential, largest: int, base: Fits) -> list[Candidate]:
     """All models that were judged, the most probable first.
 
-    largest: of the sets. The same seed gives the same answer.
+    largest: of the sets. base: the model as it is (`fit_base`).
     """
-    return _Search(potential, largest).run(seed)
+    return _Search(potential, largest, base).run()
 
 
 class Prior:
@@ -123,19 +142,18 @@ class Prior:
 
 
 class _Search:
-    def __init__(self, potential: Potential, largest: int):
+    def __init__(self, potential: Potential, largest: int, base: Fits):
         self.potential = potential
         self.largest = min(largest, len(potential.searched))
         searched = set(potential.searched)
         causes = {c: searched.intersection(places) for c, places in potential.causes.items()}
         self.prior = Prior(causes, self.largest, potential.departure is not None)
-        self.found: dict[Members, Fits] = {}
-        self.expected: dict[Members, float] = {}
+        self.found: dict[Members, Fits] = {(): base}
+        self.expected: dict[Members, float] = {(): float(base.log_evidence)}
         self._grown: set[Members] = set()
         self._reduced: set[tuple[Members, Members]] = set()
 
-    def run(self, seed: int) -> list[Candidate]:
-        self.found[()] = self.fit_base(seed)
+    def run(self) -> list[Candidate]:
         for size in range(1, self.largest + 1):
             beam, most = (None, FITTED) if size <= EXHAUSTIVE else (BEAM, FITTED_BEYOND)
             for _ in range(ROUNDS):
@@ -163,30 +181,6 @@ class _Search:
         )
 
     # ----------------------------------------------------------------------------------- fits
-
-    def fit_base(self, seed: int) -> Fits:
-        """The model as it is, from its nominal values and from the most probable Sobol points."""
-        potential = self.potential
-        inferred = np.flatnonzero(potential.inputs.of_role("inferred"))
-        x, zero = potential.nominal[None], potential.nominal.new_zeros(1)
-        error = potential.settle(x, zero)
-        if len(inferred):
-            low, high = (end[inferred].numpy() for end in (potential.low, potential.high))
-            others = x.repeat(SCREENED, 1)
-            points = sobol(SCREENED, low, high, "natural", derive(seed, "starts"))
-            others[:, inferred] = torch.as_tensor(points)
-            value = potential.log_density(potential.mean(others), others, error)
-            x = torch.cat([x, others[value.topk(FOLLOWED).indices]])
-        free = potential.free().expand_as(x)
-        for _ in range(2):  # the second time with the covariance where the first one ended
-            fits = fit(
-                *(potential, free, zero.expand(len(x)), x, error),
-                *(3 * ITERATIONS, LEAST_GAIN),
-            )
-            best = fits.row(int(fits.log_evidence.argmax()))
-            x, error, free = best.x, best.error, free[:1]
-        self.expected[()] = float(best.log_evidence)
-        return best
 
     def _departures(self) -> list[Candidate]:
         base = self.found[()]

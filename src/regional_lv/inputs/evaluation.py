@@ -4,7 +4,7 @@ Closed forms change the values at which outputs are looked up, and what is repor
 changes the inputs that it moves.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import torch
@@ -13,11 +13,8 @@ from regional_lv.channels import Channels
 from regional_lv.inputs.closed_forms import ClosedForm
 from regional_lv.inputs.space import Inputs
 
-Rows = tuple[int, ...]
-"""Numbers of d of the outputs."""
-
-Evaluate = Callable[[torch.Tensor, Rows], tuple[torch.Tensor, torch.Tensor]]
-"""From values (M, k) of the simulated inputs to outputs (M, d) and their derivatives (M, d, k)
+Evaluate = Callable[[torch.Tensor], tuple[torch.Tensor, torch.Tensor]]
+"""From values (M, k) of the simulated inputs to outputs (M, D) and their derivatives (M, D, k)
 about these values, as `Emulator.linearise`."""
 
 
@@ -34,7 +31,7 @@ class AllInputs:
         looked_up = np.array([form.concerned(channels) for _, form in self._forms])
         looked_up = looked_up.reshape(len(self._forms), len(channels))
         self._patterns = [
-            (pattern, tuple(np.flatnonzero((looked_up == pattern[:, None]).all(axis=0)).tolist()))
+            (pattern, np.flatnonzero((looked_up == pattern[:, None]).all(axis=0)))
             for pattern in np.unique(looked_up, axis=1).T
         ]
         self._powers = np.array([[form.power(each) for each in inputs] for _, form in self._forms])
@@ -73,25 +70,46 @@ class AllInputs:
         coordinates. Channels that are looked up at the same values are evaluated together."""
         count, size = len(self.channels), x.shape[1]
         values, slopes = x.new_empty(len(x), count), x.new_empty(len(x), count, size)
-        for pattern, rows in self._patterns:
-            by_x = torch.eye(size, dtype=x.dtype).repeat(len(x), 1, 1)
-            there = self.looked_up(x, pattern, by_x)
-            found, gradient = evaluate(there[:, self.simulated], rows)
-            values[:, rows] = found
-            slopes[:, rows] = gradient @ by_x[:, self.simulated]
+        by_x = torch.eye(size, dtype=x.dtype).repeat(len(self._patterns), len(x), 1, 1)
+        looked_up = [
+            self.looked_up(x, pattern, change)
+            for (pattern, _), change in zip(self._patterns, by_x, strict=True)
+        ]
+        found = self._evaluated(evaluate, looked_up)
+        for (_, rows), change, (value, gradient) in zip(self._patterns, by_x, found, strict=True):
+            values[:, rows] = value[:, rows]
+            slopes[:, rows] = gradient[:, rows] @ change[:, self.simulated]
         factor = self.factor(x)
         values, slopes = values * factor, slopes * factor[..., None]
         for j, power in self._reported:
             slopes[:, :, j] += values * power / x[:, j, None]
         return values, slopes * self.inputs.coordinates.slope(x)[:, None]
 
-    def values(self, evaluate: Callable[[torch.Tensor, Rows], torch.Tensor], x: torch.Tensor):
+    def values(self, evaluate: Callable[[torch.Tensor], torch.Tensor], x: torch.Tensor):
         """Outputs (M, D) alone at values x (M, K), from those (M, D) of the simulated inputs."""
         values = x.new_empty(len(x), len(self.channels))
-        for pattern, rows in self._patterns:
-            there = self.looked_up(x, pattern)
-            values[:, rows] = evaluate(there[:, self.simulated], rows)
+        looked_up = [self.looked_up(x, pattern) for pattern, _ in self._patterns]
+        found = self._evaluated(lambda at: (evaluate(at),), looked_up)
+        for (_, rows), (value,) in zip(self._patterns, found, strict=True):
+            values[:, rows] = value[:, rows]
         return values * self.factor(x)
+
+    def _evaluated(self, evaluate, looked_up: Sequence[torch.Tensor]) -> list:
+        """What `evaluate` returns at the values (M, K) of each pattern. A point is evaluated again
+        only where a closed form is at work, which in most models is nowhere."""
+        first, *others = looked_up
+        found = [evaluate(first[:, self.simulated])]
+        for there in others:
+            moved = (there != first).any(dim=1)
+            again = evaluate(there[moved][:, self.simulated]) if moved.any() else ()
+            found.append(
+                tuple(
+                    old.index_put((moved,), new) for old, new in zip(found[0], again, strict=True)
+                )
+                if again
+                else found[0]
+            )
+        return found
 
     def most_looked_up(self, x: torch.Tensor) -> torch.Tensor:
         """Values (M, k) of the simulated inputs at which most of the channels are looked up."""

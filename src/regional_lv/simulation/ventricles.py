@@ -48,7 +48,7 @@ class Ventricles:
         """
         values = torch.as_tensor(np.asarray(x, dtype=float))[None]
         found = self._outputs.values(
-            lambda at, rows: torch.as_tensor(self._run(at[0].numpy())[[*rows]])[None], values
+            lambda at: torch.as_tensor(self._run(at[0].numpy()))[None], values
         )
         return found[0].numpy()
 
