@@ -368,15 +368,15 @@ def test_folder_that_is_not_there(call):
 
 def test_run_needs_the_project_and_a_study(call, filled, root, tmp_path):
     filled()
-    code, (line,) = call("run", "hearts/anna", "--workflow", str(tmp_path))
+    code, (line,) = call("run", "hearts/anna", "--own", "--workflow", str(tmp_path))
     assert code == 1 and "clone the project" in line
-    code, (line,) = call("run", "hearts/anna", "--study", "slow", "--workflow", str(root))
+    code, (line,) = call("run", "hearts/anna", "--own", "--study", "slow", "--workflow", str(root))
     assert code == 1 and "choose one of" in line and "quick" in line
 
 
 def test_run_puts_the_folder_on_top_of_a_study(call, filled, root, capfd):
     filled()
-    code, lines = call("run", "hearts/anna", "--dry-run", "--workflow", str(root))
+    code, lines = call("run", "hearts/anna", "--own", "--dry-run", "--workflow", str(root))
     jobs = capfd.readouterr().out
     assert code == 0, lines
     assert "No errors, but see the warnings above." in lines

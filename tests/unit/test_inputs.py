@@ -273,10 +273,9 @@ def test_closed_forms_and_their_derivatives(model):
     assert "fibre_rotation" not in inner.names and len(inner) == 6
     channels = Channels.of(["volume", "radial", "circumferential"])
     rng = np.random.default_rng(0)
-    every_weight = torch.as_tensor(rng.normal(size=(len(channels), len(inner))))
+    weights = torch.as_tensor(rng.normal(size=(len(channels), len(inner))))
 
-    def simulate(x, rows=None):
-        weights = every_weight if rows is None else every_weight[[*rows]]
+    def simulate(x):
         phase = inner.coordinates.scaled(x) @ weights.T
         by_x = torch.cos(phase)[..., None] * weights / inner.coordinates.slope(x)[:, None]
         return torch.sin(phase) + 2, by_x

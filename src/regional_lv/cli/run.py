@@ -103,13 +103,13 @@ def _fast(path: Path, asked: bool, dry_run: bool) -> dict | None:
     """Answer from the emulator of any heart; keys of the configuration that were cut to what it
     knows, or None for a heart that it does not know, which is said, and without such an
     emulator."""
+    config = load(path, ONE_HEART)
+    inspect(path, config, ONE_HEART)
     # Imported here: they take seconds, and a mistake in a table need not wait for them.
     from regional_lv.hearts.fast import answer
     from regional_lv.hearts.file import shipped
     from regional_lv.hearts.reach import OutOfReach, within
 
-    config = load(path, ONE_HEART)
-    inspect(path, config, ONE_HEART)
     try:
         known = shipped()
     except InputError as error:

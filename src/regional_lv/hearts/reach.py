@@ -22,9 +22,9 @@ LONG_WAY = "simulate this heart (regional-lv run --own)"
 MOST_ANGLE_DEG, MOST_LEVEL = 3.0, 0.005
 """Between a table's and the emulator's borders of segments: degrees around, once the table is
 turned as a whole, and of the length along the axis. Simulated with the volunteer's figures and
-other borders, every sector's 3 degrees off, its neighbours' the other way, changes strains by 0.0002
-to 0.0006 (medians; 0.002 at most) and the volume by 0.3 mL; levels that are 0.02 of the length too
-low, by 0.0007 to 0.0024 (0.006) and 2.5 mL, four times what is let through."""
+other borders, every sector's 3 degrees off, its neighbours' the other way, changes strains by
+0.0002 to 0.0006 (medians; 0.002 at most) and the volume by 0.3 mL; levels that are 0.02 of the
+length too low, by 0.0007 to 0.0024 (0.006) and 2.5 mL, four times what is let through."""
 
 COMPARED = ("material", "fibres", "loading", "supports", "observables", "factors")
 """Sections of a model that have to be the emulator's, once the inputs act that it has."""
