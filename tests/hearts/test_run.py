@@ -39,7 +39,7 @@ def run(folder, monkeypatch):
     monkeypatch.setattr(cli, "_simulate", lambda *heart: simulated.append(heart))
 
     def run(*options, can_simulate):
-        monkeypatch.setattr(cli, "_can_simulate", lambda: can_simulate)
+        monkeypatch.setattr(cli, "_can_simulate", lambda workflow: can_simulate)
         done = CliRunner().invoke(main, ["run", str(folder), *options])
         assert done.exception is None or isinstance(done.exception, SystemExit), done.exception
         return done.exit_code, done.output, simulated
@@ -55,9 +55,14 @@ def test_without_a_simulator_the_answer_is_the_fast_one(run, folder):
     assert all((out / name).is_file() for name in ("page.html", "findings.json", "posterior.nc"))
 
 
-def test_with_one_its_simulations_join(run, folder):
-    """On top of the heart's configuration goes what was cut to what the emulator knows."""
+def test_with_one_the_heart_is_simulated(run):
     code, _, simulated = run("--dry-run", can_simulate=True)
+    assert code == 0 and [base.name for _, base, *_ in simulated] == ["quick.yaml"]
+
+
+def test_simulations_of_the_heart_join(run, folder):
+    """On top of the heart's configuration goes what was cut to what the emulator knows."""
+    code, _, simulated = run("--full", "--dry-run", can_simulate=True)
     assert code == 0
     ((path, base, _, _, dry_run, cut),) = simulated
     assert path == folder / "config.yaml" and dry_run
@@ -72,7 +77,7 @@ def test_a_heart_out_of_reach_goes_the_long_way(run, folder, heart):
     assert code == 1 and "wall_thickness_" in said and not simulated
     code, said, simulated = run(can_simulate=False)
     assert code == 1 and "--own" in said and not simulated
-    code, said, simulated = run("--dry-run", can_simulate=True)
+    code, said, simulated = run("--full", "--dry-run", can_simulate=True)
     assert code == 0 and "so it is simulated" in said
     ((_, base, *_),) = simulated
     assert base.name == "quick.yaml"
@@ -82,3 +87,11 @@ def test_the_long_way_asks_no_emulator(run, monkeypatch):
     monkeypatch.setattr(cli, "_fast", None)
     code, _, ((_, base, *_),) = run("--own", can_simulate=True)
     assert code == 0 and base.name == "quick.yaml"
+
+
+def test_a_size_is_one_of_a_study_of_its_own(run):
+    code, said, simulated = run("--study", "study", "--fast", can_simulate=True)
+    assert code == 1 and "--study study: goes with --own" in said and not simulated
+    run("--study", "study", "--dry-run", can_simulate=True)
+    ((_, base, *_),) = simulated
+    assert base.name == "study.yaml"

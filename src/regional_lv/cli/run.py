@@ -1,14 +1,12 @@
 """`regional-lv run`: a heart, from its folder to posterior and criticism."""
 
 import importlib.util
-import os
-import subprocess
-import sys
 from pathlib import Path
 
 import click
 import yaml
 
+from regional_lv.cli import workflow as started
 from regional_lv.cli.check import inspect
 from regional_lv.cli.folder import Mistakes, checkout, config_file, load
 from regional_lv.config import final_emulator
@@ -42,43 +40,44 @@ def _way(way: str, text: str):
 
 @click.command()
 @click.argument("name")
-@_way("fast", "Answer from the emulator of any heart alone: a minute, no simulation.")
+@_way(
+    "fast",
+    "Answer from the emulator of any heart alone, without a simulation. The default where simulator "
+    "or Snakemake are not installed.",
+)
 @_way(
     "full",
     "The fast answer first; then some simulations of this heart join the emulator, and what stands "
-    "out gets a name. The default where simulator and Snakemake are installed.",
+    "out gets a name.",
 )
-@_way("own", "An emulator of this heart alone, from simulations of it.")
-@click.option("--cores", default=2, show_default=True, type=click.IntRange(min=1))
+@_way("own", "An emulator of this heart alone, from simulations of it. The default elsewhere.")
+@started.cores
 @click.option(
     "--study",
-    default="quick",
-    show_default=True,
-    help="With --own, the study's size: a configuration in the project's `config`, which NAME goes "
-    "on top of.",
+    help="The size of a study of its own (--own): a configuration in the project's `config`, which "
+    "NAME goes on top of; `quick` if this is not given.",
 )
-@click.option(
-    "--workflow",
-    metavar="FOLDER",
-    help="The project with its Snakefile; the one that the package was installed from, or the "
-    "working directory, if this is not given.",
-)
-@click.option("--dry-run", is_flag=True, help="Say what would be made, and make nothing.")
+@started.workflow
+@started.dry_run
 def run(
-    name: str, way: str | None, cores: int, study: str, workflow: str | None, dry_run: bool
+    name: str, way: str | None, cores: int, study: str | None, workflow: str | None, dry_run: bool
 ) -> None:
     """Check the folder NAME, answer for its heart, and say where the results are.
 
     They go to results/<study> of the folder in which you start.
     """
     path = config_file(name)
-    if way != "own":
-        cut = _fast(path, asked=way == "fast", dry_run=dry_run)
-        if cut is not None and (way == "fast" or (way is None and not _can_simulate())):
-            return
+    if study and way not in (None, "own"):
+        raise Mistakes(f"--study {study}: goes with --own, not with --{way}; remove one of them")
+    if way is None and not study:
+        way = "own" if _can_simulate(workflow) else "fast"
+    if way in ("fast", "full"):
+        cut = _fast(path, way == "full", dry_run)
         if cut is not None:
-            _simulate(path, ONE_HEART, cores, workflow, dry_run, cut)
+            if way == "full":
+                _simulate(path, ONE_HEART, cores, workflow, dry_run, cut)
             return
+    study = study or "quick"
     base = checkout(workflow) / "config" / f"{study}.yaml"
     if not base.is_file():
         offered = ", ".join(sorted(file.stem for file in base.parent.glob("*.yaml")))
@@ -87,19 +86,19 @@ def run(
     _simulate(path, base, cores, workflow, dry_run)
 
 
-def _can_simulate() -> bool:
+def _can_simulate(workflow: str | None) -> bool:
     """Whether the simulator and Snakemake are installed, and there is a project to run."""
     known = [importlib.util.find_spec(module) is not None for module in SIMULATOR]
     if not any(known) or importlib.util.find_spec("snakemake") is None:
         return False
     try:
-        checkout(None)
+        checkout(workflow)
     except Mistakes:
         return False
     return True
 
 
-def _fast(path: Path, asked: bool, dry_run: bool) -> dict | None:
+def _fast(path: Path, goes_on: bool, dry_run: bool) -> dict | None:
     """Answer from the emulator of any heart; keys of the configuration that were cut to what it
     knows, or None for a heart that it does not know, which is said, and without such an
     emulator."""
@@ -113,7 +112,7 @@ def _fast(path: Path, asked: bool, dry_run: bool) -> dict | None:
     try:
         known = shipped()
     except InputError as error:
-        if asked:
+        if not goes_on:
             raise Mistakes(str(error)) from None
         return None
     try:
@@ -127,7 +126,7 @@ def _fast(path: Path, asked: bool, dry_run: bool) -> dict | None:
             for what, file in FAST.items():
                 click.echo(f"{what} of {subject}: {folder / file}")
     except OutOfReach as error:
-        if asked or not _can_simulate():
+        if not goes_on:
             raise Mistakes(f"{path}: {error}") from None
         click.echo(f"{path}: {error}; so it is simulated")
         return None
@@ -145,22 +144,15 @@ def _simulate(
 ) -> None:
     """Run the study of a heart; `cut` goes on top of its configuration."""
     project = checkout(workflow)
-    if importlib.util.find_spec("snakemake") is None:
-        raise Mistakes("snakemake is not installed; `pip install 'regional-lv[workflow]'`")
+    started.require_snakemake()
     config = load(path, base)
     folder = Path("results") / config["study"]
-    files = [str(base), str(path)]
+    files = [base, path]
     if cut:
         folder.mkdir(parents=True, exist_ok=True)
         (folder / "cut.yaml").write_text(yaml.safe_dump(cut))
-        files.append(str(folder / "cut.yaml"))
-    command = [sys.executable, "-P", "-m", "snakemake", "--snakefile", str(project / "Snakefile")]
-    command += ["--cores", str(cores), "--configfile", *files]
-    # Each job is a process of its own; libraries that take all cores in each slow them down.
-    environment = {"OMP_NUM_THREADS": "1"} | os.environ
-    done = subprocess.run(command + ["--dry-run"] * dry_run, env=environment)
-    if done.returncode:
-        raise Mistakes(f"snakemake ended with {done.returncode}; its last lines say why")
+        files.append(folder / "cut.yaml")
+    started.run_workflow(project, files, cores, dry_run)
     for subject in config["subjects"]:
         for what, file in RESULTS.items():
             place = folder / file.format(subject=subject, emulator=final_emulator(config))
