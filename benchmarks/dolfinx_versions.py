@@ -13,11 +13,11 @@ from pathlib import Path
 import numpy as np
 
 from regional_lv import config as study_config
-from regional_lv.design import further_points
+from regional_lv.inputs.physics import physics_of
 from regional_lv.mechanics import dolfinx_api
 from regional_lv.mechanics.continuation import Effort, Runner, Solver
-from regional_lv.physics import physics_of
-from regional_lv.simulations import known_from, make_simulator
+from regional_lv.simulation.batches import known_from, make_simulator
+from regional_lv.simulation.sobol import further_points
 
 NATURAL, LOG = 16, 8
 

@@ -44,12 +44,13 @@ def measure(arguments: argparse.Namespace, folder: Path) -> None:
     (`score`) in `folder`."""
     import torch
 
-    from regional_lv import config, dependencies, emulators
+    from regional_lv import config, emulators
     from regional_lv.channels import Channels
     from regional_lv.emulators import training
     from regional_lv.inference.sampling import sample_set_batch
     from regional_lv.inference.summaries import TABLES, summarise_posteriors
-    from regional_lv.parameters import Parameterisation
+    from regional_lv.inputs.parameters import Parameterisation
+    from regional_lv.study import dependencies
 
     torch.set_num_threads(1)
     study, (name,), (seed,) = config.load(arguments.config), arguments.emulators, arguments.seeds

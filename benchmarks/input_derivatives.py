@@ -19,7 +19,7 @@ from regional_lv.inputs.model import model_of
 from regional_lv.inputs.space import Inputs, catalogue
 from regional_lv.mechanics.continuation import Effort, Solver
 from regional_lv.mechanics.problem import Problem
-from regional_lv.study import Study
+from regional_lv.session import Study
 from regional_lv.verification.input_derivatives import (
     EVERYTHING_ON,
     TIGHT,

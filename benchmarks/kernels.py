@@ -14,7 +14,7 @@ import gpytorch
 import torch
 
 from regional_lv.emulators.kernels import ZONAL, make_kernel, positive
-from regional_lv.parameters import Parameterisation
+from regional_lv.inputs.parameters import Parameterisation
 
 PAIRS = 7
 BLOCKS = Parameterisation().blocks

@@ -21,9 +21,9 @@ from regional_lv import config as study_config
 from regional_lv.errors import InputError
 from regional_lv.geometry.from_surfaces import mesh_surfaces
 from regional_lv.geometry.mesh import read_mesh
+from regional_lv.inputs.physics import physics_of
 from regional_lv.mechanics.continuation import Effort, NotConverged, Solver
 from regional_lv.mechanics.simulator import Simulator
-from regional_lv.physics import physics_of
 from regional_lv.verification.shapes import SIDES, shapes
 
 CONFIG = Path(__file__).parents[1] / "config"

@@ -53,7 +53,7 @@ def measure(name: str, size: int) -> dict:
 
     from regional_lv import config, emulators
     from regional_lv.channels import Channels
-    from regional_lv.parameters import Parameterisation
+    from regional_lv.inputs.parameters import Parameterisation
 
     torch.set_num_threads(1)
     study = config.load(ROOT / "config/config.yaml")

@@ -15,11 +15,11 @@ from pathlib import Path
 import numpy as np
 
 from regional_lv import config as study_config
-from regional_lv.design import further_points
+from regional_lv.inputs.physics import physics_of
 from regional_lv.mechanics.continuation import Effort, NotConverged, Runner, Solver
 from regional_lv.mechanics.predictor import load_predictors
-from regional_lv.physics import physics_of
-from regional_lv.simulations import make_simulator
+from regional_lv.simulation.batches import make_simulator
+from regional_lv.simulation.sobol import further_points
 
 NATURAL, LOG, COLD = 150, 50, 16
 EVERY = 5  # of the points, with further load fractions

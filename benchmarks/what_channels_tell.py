@@ -16,11 +16,11 @@ import pandas as pd
 
 from regional_lv import config as study_config
 from regional_lv.channels import DEFAULT_QUANTITIES, Channels
+from regional_lv.inputs.parameters import label
 from regional_lv.measured import read_measured, synthetic_subject, write_measured
-from regional_lv.parameters import label
 from regional_lv.plots import style
-from regional_lv.simulations import make_runner
-from regional_lv.study import Study
+from regional_lv.session import Study
+from regional_lv.simulation.batches import make_runner
 
 SUBJECT = "synthetic_lateral"
 NOISE = {"strain": 0.02, "volume": 2.0, "torsion": 0.025, "shortening": 0.01}

@@ -17,8 +17,8 @@ from snakemake_interface_logger_plugins.base import LogHandlerBase
 from snakemake_interface_logger_plugins.common import LogEvent
 from snakemake_interface_logger_plugins.settings import LogHandlerSettingsBase
 
-from regional_lv import running, surroundings
-from regional_lv.progress import STOPPED
+from regional_lv.study import running, surroundings
+from regional_lv.study.progress import STOPPED
 from snakemake_logger_plugin_regional_lv.run import Run
 
 # Snakemake imports its plugins before it makes caches of its own.

@@ -5,7 +5,7 @@ from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
 
-from regional_lv.progress import duration
+from regional_lv.study.progress import duration
 
 TABLE = Path(__file__).with_name("stages.csv")
 """rule -> the stage it belongs to, and the seconds that one of its jobs takes on one core: in the

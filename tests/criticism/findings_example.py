@@ -22,7 +22,7 @@ from regional_lv.criticism.contract import (
     Stiffness,
     Summary,
 )
-from regional_lv.parameters import Parameterisation
+from regional_lv.inputs.parameters import Parameterisation
 
 BASE, LOAD, SCAR = 0.004, ["septal_load"], ["septal_load", "focal_scar"]
 UNLISTED = 0.01

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from regional_lv.study import Study
+from regional_lv.session import Study
 from tests.small import edit_config
 from tests.workflow.project import run
 

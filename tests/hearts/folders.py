@@ -14,7 +14,7 @@ from regional_lv import data
 from regional_lv.cli import main
 from regional_lv.criticism.findings import write_findings
 from regional_lv.errors import InputError
-from regional_lv.parameters import Parameterisation
+from regional_lv.inputs.parameters import Parameterisation
 from tests.criticism.findings_example import example, summary
 from tests.hearts.cohorts import covariances, posterior
 

@@ -6,7 +6,7 @@ import pytest
 
 from regional_lv.channels import Channels
 from regional_lv.emulators.exact_gp import ExactGP
-from regional_lv.parameters import Parameterisation
+from regional_lv.inputs.parameters import Parameterisation
 
 PARAMETERS = Parameterisation()
 CHANNELS = Channels.of()

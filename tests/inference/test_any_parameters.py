@@ -18,7 +18,7 @@ from regional_lv.inference.likelihood import Likelihood, Noise
 from regional_lv.inference.point import find_map
 from regional_lv.inference.rank_calibration import calibrate_chain
 from regional_lv.inference.summaries import TABLES, summarise_posteriors
-from regional_lv.parameters import Parameterisation
+from regional_lv.inputs.parameters import Parameterisation
 
 ONE = Parameterisation({"whole": range(1, 18)}, bounds={"C_a": (0.1, 5.0), "C_b": (0.5, 2.0)})
 SEGMENTS = Parameterisation(

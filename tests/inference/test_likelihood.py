@@ -10,7 +10,7 @@ from scipy import stats
 from regional_lv.emulators.base import Emulator, Prediction, SeparablePrediction
 from regional_lv.errors import InputError
 from regional_lv.inference.likelihood import Likelihood, Noise, inflate
-from regional_lv.parameters import Parameterisation
+from regional_lv.inputs.parameters import Parameterisation
 
 PARAMETERS = Parameterisation()
 DIRECTIONS = ("circumferential", "radial", "longitudinal")

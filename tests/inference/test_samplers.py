@@ -15,7 +15,7 @@ from regional_lv.inference.draws import Settings
 from regional_lv.inference.likelihood import Likelihood, Noise
 from regional_lv.inference.sampling import SAMPLERS
 from regional_lv.inference.target import Target
-from regional_lv.parameters import Parameterisation
+from regional_lv.inputs.parameters import Parameterisation
 from tests.inference.test_likelihood import DIRECTIONS, LinearEmulator, inferred, linear
 
 NONE = torch.zeros(0, dtype=torch.float64)

@@ -9,7 +9,7 @@ from regional_lv.inference.approximation import count_places
 from regional_lv.inference.likelihood import Likelihood, Noise
 from regional_lv.inference.surrogate import Surrogate, fit_surrogate
 from regional_lv.inference.target import Target
-from regional_lv.parameters import Parameterisation
+from regional_lv.inputs.parameters import Parameterisation
 from tests.inference.test_likelihood import OUTPUTS, LinearEmulator, linear
 
 SEGMENTS = Parameterisation({f"segment_{s:02d}": (s,) for s in range(1, 18)})

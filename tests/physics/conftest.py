@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from regional_lv.inputs.physics import physics_of
 from regional_lv.mechanics.continuation import Effort, Solver
-from regional_lv.physics import physics_of
-from regional_lv.simulations import make_simulator
+from regional_lv.simulation.batches import make_simulator
 
 PRESSURE = 8.0
 THETA = np.array([1.3, 0.8, 0.9, 1.2, 0.7, 1.5, 2.0, 0.6, 1.1, 1.0])

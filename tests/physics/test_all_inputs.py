@@ -13,9 +13,9 @@ from regional_lv.emulators.errors_by_causes import judge
 from regional_lv.emulators.training import read_sensitivities, read_simulations, train_emulator
 from regional_lv.inputs.space import Inputs, sections_of
 from regional_lv.mechanics.predictor import fit_predictor
-from regional_lv.screening import screen_simulations
+from regional_lv.simulation.batches import simulate_batch, solve_anchors, solve_baseline
 from regional_lv.simulation.design import write_design
-from regional_lv.simulations import simulate_batch, solve_anchors, solve_baseline
+from regional_lv.simulation.screening import screen_simulations
 
 SIZES = {"train": 32, "test": 8}
 ROLES = {

@@ -5,11 +5,11 @@ import pandas as pd
 import pytest
 
 from regional_lv.channels import Channels
-from regional_lv.design import make_design
 from regional_lv.errors import InputError
+from regional_lv.inputs.parameters import Parameterisation
 from regional_lv.mechanics.predictor import fit_predictor
-from regional_lv.parameters import Parameterisation
-from regional_lv.simulations import simulate_batch, solve_anchors, solve_baseline
+from regional_lv.simulation.batches import simulate_batch, solve_anchors, solve_baseline
+from regional_lv.simulation.sobol import make_design
 
 SIZES = {"natural": 4, "log": 3, "test": 1, "lower": 0.5, "upper": 2.0}
 

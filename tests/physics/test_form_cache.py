@@ -25,7 +25,7 @@ FORMS = """
 import pickle
 import sys
 from regional_lv.mechanics import dolfinx_api as api
-from regional_lv.simulations import make_simulator
+from regional_lv.simulation.batches import make_simulator
 
 compile_form = api.compile_form
 

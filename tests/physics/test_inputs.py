@@ -9,7 +9,7 @@ from regional_lv.inputs.space import Inputs, catalogue, stencil
 from regional_lv.mechanics.continuation import Effort, Solver
 from regional_lv.mechanics.problem import Problem
 from regional_lv.quantities import QUANTITIES
-from regional_lv.simulations import make_simulator
+from regional_lv.simulation.batches import make_simulator
 from regional_lv.verification.input_derivatives import (
     EVERYTHING_ON,
     TIGHT,

@@ -11,7 +11,7 @@ from regional_lv.geometry.mesh import read_mesh
 from regional_lv.mechanics.observables.motion import DIRECTIONS, PointMotion
 from regional_lv.mechanics.observables.observer import Observer
 from regional_lv.mechanics.observables.strain_measure import StrainMeasure
-from regional_lv.strain_field import cell_means, strain_field
+from regional_lv.simulation.strain_field import cell_means, strain_field
 
 CHANNELS = Channels.of()
 

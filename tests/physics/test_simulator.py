@@ -24,7 +24,7 @@ from regional_lv.mechanics.equilibrium import LinearSolveError
 from regional_lv.mechanics.fibres import fibre_directions
 from regional_lv.mechanics.predictor import Known
 from regional_lv.mechanics.supports import supports_from_config
-from regional_lv.simulations import make_simulator
+from regional_lv.simulation.batches import make_simulator
 
 from .conftest import PRESSURE, THETA
 

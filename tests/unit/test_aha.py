@@ -5,7 +5,7 @@ import pytest
 
 from regional_lv import aha
 from regional_lv.channels import Channels
-from regional_lv.parameters import Parameterisation
+from regional_lv.inputs.parameters import Parameterisation
 from regional_lv.seeds import derive
 
 

@@ -20,10 +20,10 @@ from regional_lv.cli.check import _own_words
 from regional_lv.cli.scale import heart_lines, origin, subject_lines
 from regional_lv.geometry.table import read_segments
 from regional_lv.hearts.checks import uneven, unusual
-from regional_lv.manifest import NAME, write_manifest
 from regional_lv.measured import curves, read_measured
 from regional_lv.measured.plausibility import data_warnings, too_small
 from regional_lv.plots import style
+from regional_lv.study.manifest import NAME, write_manifest
 
 CHANNELS = Channels.of()
 

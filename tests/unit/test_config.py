@@ -12,10 +12,10 @@ import pytest
 import yaml
 
 from regional_lv import config
+from regional_lv.config.schema import load_schema
+from regional_lv.config.schema.keys import describe
 from regional_lv.errors import InputError
-from regional_lv.parameters import Parameterisation
-from regional_lv.schema import load_schema
-from regional_lv.schema.keys import describe
+from regional_lv.inputs.parameters import Parameterisation
 from tests.unit.configurations import changed
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -4,7 +4,7 @@ import pytest
 
 from regional_lv import config
 from regional_lv.errors import InputError
-from regional_lv.parameters import Parameterisation
+from regional_lv.inputs.parameters import Parameterisation
 from tests.unit.configurations import changed, refused
 
 PARAMETERS = Parameterisation()

@@ -6,9 +6,9 @@ import pytest
 
 from regional_lv.channels import Channels
 from regional_lv.errors import InputError
+from regional_lv.inputs.parameters import Parameterisation
 from regional_lv.measured import import_curves, read_curve_subject, read_measured
 from regional_lv.measured.curves import LookingBack, spikes
-from regional_lv.parameters import Parameterisation
 
 FRAMES = 20
 END_SYSTOLE = 7

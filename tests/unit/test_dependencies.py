@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from regional_lv import dependencies
+from regional_lv.study import dependencies
 
 LOADED = """
 import sys
@@ -34,20 +34,24 @@ def test_all_that_the_interpreter_loads_is_found(root, module):
     paths = [Path(path) for path in done.stdout.split() if not path.endswith("__init__.py")]
     loaded = {path.relative_to(root / "src" / "regional_lv").as_posix() for path in paths}
     # The package itself imports one that has no effect on results.
-    assert len(loaded) > 5 and loaded - names(root, module) == {"surroundings.py"}
+    assert len(loaded) > 5 and loaded - names(root, module) == {"study/surroundings.py"}
 
 
 def test_nothing_else_is_found(root):
     """Modules that the simulator does without, so that their edits cost no simulation."""
-    found, there = names(root, "simulations"), root / "src" / "regional_lv"
+    found, there = names(root, "simulation.batches"), root / "src" / "regional_lv"
     without = {"geometry/meshing.py", "measured/tables.py", "plots/zones.py", "inference/nuts.py"}
     assert all((there / path).is_file() for path in without)
     assert not without & found
-    assert {"simulations.py", "mechanics/simulator.py", "mechanics/materials/base.py"} <= found
+    assert {
+        "simulation/batches.py",
+        "mechanics/simulator.py",
+        "mechanics/materials/base.py",
+    } <= found
 
 
 def test_modules_can_be_left_out(root):
-    assert "progress.py" not in names(root, "simulations", without={"progress"})
+    assert "study/progress.py" not in names(root, "simulation.batches", without={"study.progress"})
 
 
 def test_unknown_module_is_named(root):

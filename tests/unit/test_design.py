@@ -4,8 +4,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from regional_lv.design import further_points, make_design, sobol, write_design
-from regional_lv.parameters import Parameterisation
+from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.simulation.sobol import further_points, make_design, sobol, write_design
 
 PARAMETERS = Parameterisation()
 LOWER, UPPER = PARAMETERS.lower, PARAMETERS.upper

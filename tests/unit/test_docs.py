@@ -15,9 +15,9 @@ import yaml
 
 from regional_lv import config as study_config
 from regional_lv import data
+from regional_lv.config.schema.keys import describe
 from regional_lv.inputs import __main__ as inputs
-from regional_lv.schema.keys import describe
-from regional_lv.study import Study
+from regional_lv.session import Study
 
 ROOT = Path(__file__).parents[2]
 PAGES = [

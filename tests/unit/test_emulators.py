@@ -16,7 +16,7 @@ from scipy.special import expit
 
 from regional_lv import emulators
 from regional_lv.channels import Channels
-from regional_lv.derivative_kernel import joint_covariance
+from regional_lv.config.schema import load_schema
 from regional_lv.emulators import exact_gp, optimise
 from regional_lv.emulators.base import Architecture, Emulator, SeparablePrediction, TrainingSet
 from regional_lv.emulators.exact_gp import ExactGP, leave_one_out, shrinkage_of
@@ -38,9 +38,9 @@ from regional_lv.emulators.shared_kernel import (
 )
 from regional_lv.emulators.training import predict_test_set, train_emulator
 from regional_lv.errors import InputError
-from regional_lv.parameters import Parameterisation
+from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.mechanics.derivative_kernel import joint_covariance
 from regional_lv.registry import temporary
-from regional_lv.schema import load_schema
 
 PARAMETERS = Parameterisation()
 CHANNELS = Channels.of()

@@ -12,7 +12,7 @@ import pytest
 import torch
 
 from regional_lv.errors import InputError
-from regional_lv.faults import READERS, damage_of, explain
+from regional_lv.study.faults import READERS, damage_of, explain
 from snakemake_logger_plugin_regional_lv import reason_of
 
 OUTPUTS = ["results/a/tables/b.csv"]

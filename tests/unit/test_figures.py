@@ -16,8 +16,9 @@ from vtkmodules.vtkCommonDataModel import vtkTriQuadraticHexahedron
 
 from regional_lv import aha
 from regional_lv.channels import Channels
+from regional_lv.config.schema.keys import entry_schema, section_schema
 from regional_lv.errors import InputError
-from regional_lv.parameters import ZONES, Parameterisation
+from regional_lv.inputs.parameters import ZONES, Parameterisation
 from regional_lv.plots import (
     bullseye,
     bullseye_posterior,
@@ -33,7 +34,6 @@ from regional_lv.plots import (
     traces,
     zones,
 )
-from regional_lv.schema.keys import entry_schema, section_schema
 from regional_lv.tables import posteriors, subjects
 from tests.criticism.findings_example import example, write_posterior
 

@@ -12,7 +12,7 @@ from matplotlib.image import imread
 
 from regional_lv.channels import Channels
 from regional_lv.errors import InputError
-from regional_lv.parameters import ZONES, Parameterisation
+from regional_lv.inputs.parameters import ZONES, Parameterisation
 from regional_lv.plots import (
     bullseye_map,
     bullseye_posterior,

@@ -30,7 +30,7 @@ from regional_lv.geometry.summary import _apex, scaled_jacobians
 from regional_lv.geometry.surfaces import QUARTER, Surfaces
 from regional_lv.geometry.table import read_segments
 from regional_lv.inputs.model import model_of
-from regional_lv.parameters import Parameterisation
+from regional_lv.inputs.parameters import Parameterisation
 
 TABLE = data.path("volunteer_segments.csv")
 PARAMETERS = Parameterisation()

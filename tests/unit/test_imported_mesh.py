@@ -21,11 +21,11 @@ from regional_lv.geometry.mesh import BASE, ENDOCARDIUM, EPICARDIUM, read_mesh
 from regional_lv.geometry.segment_tags import read_segment_tags
 from regional_lv.geometry.summary import cavity_volume, segment_volumes
 from regional_lv.geometry.table import read_segments
+from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.inputs.physics import physics_of
 from regional_lv.mechanics.continuation import Effort, Solver
 from regional_lv.mechanics.simulator import Simulator
 from regional_lv.page import heart3d
-from regional_lv.parameters import Parameterisation
-from regional_lv.physics import physics_of
 from regional_lv.plots.heart import straight_cells
 
 ROWS = {

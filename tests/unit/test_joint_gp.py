@@ -9,7 +9,6 @@ import pytest
 import torch
 
 from regional_lv.channels import Channels
-from regional_lv.derivative_kernel import joint_covariance
 from regional_lv.emulators import create, exact_gp, load
 from regional_lv.emulators.finer import corrected, train_finer
 from regional_lv.emulators.kernels import BlockRQKernel
@@ -19,6 +18,7 @@ from regional_lv.emulators.shared_kernel import condition
 from regional_lv.errors import InputError
 from regional_lv.inputs.coordinates import Coordinates
 from regional_lv.inputs.scales import Linear, Logarithmic, Saturating
+from regional_lv.mechanics.derivative_kernel import joint_covariance
 
 OUTPUTS = ("volume_ml", "circumferential_01", "radial_01", "torsion_basal-apical")
 COORDINATES = Coordinates(

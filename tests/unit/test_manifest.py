@@ -10,9 +10,9 @@ import yaml
 from click.testing import CliRunner
 
 from regional_lv import config as study_config
-from regional_lv import manifest
 from regional_lv.cli import main
 from regional_lv.data import path as packaged
+from regional_lv.study import manifest
 
 CONFIG = {"study": "tiny", "seed": 7, "subjects": {}, "synthetic_subjects": {}}
 

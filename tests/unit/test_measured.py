@@ -10,6 +10,7 @@ import pytest
 from regional_lv import data
 from regional_lv.channels import Channels
 from regional_lv.errors import InputError
+from regional_lv.inputs.parameters import Parameterisation
 from regional_lv.measured import (
     MeasuredWarning,
     import_measured,
@@ -23,7 +24,6 @@ from regional_lv.measured import (
     synthetic_subject,
     write_measured,
 )
-from regional_lv.parameters import Parameterisation
 
 PARAMETERS, CHANNELS = Parameterisation(), Channels.of()
 HEADER = "quantity,segment,value,unit"

@@ -16,7 +16,7 @@ from regional_lv.inference.diagnostics import (
     map_errors,
     recovery,
 )
-from regional_lv.parameters import Parameterisation
+from regional_lv.inputs.parameters import Parameterisation
 
 PARAMETERS = Parameterisation()
 

@@ -14,9 +14,9 @@ from selenium.webdriver import ActionChains
 from selenium.webdriver.support.wait import WebDriverWait
 
 from regional_lv.channels import Channels
+from regional_lv.inputs.parameters import Parameterisation
 from regional_lv.measured import write_measured
 from regional_lv.page.page import make_page, make_page_of_several, missing
-from regional_lv.parameters import Parameterisation
 from regional_lv.plots import (
     bullseye_posterior,
     criticism,

@@ -6,9 +6,9 @@ import pytest
 
 from regional_lv.emulators import REGISTRY
 from regional_lv.errors import InputError
+from regional_lv.inputs.parameters import Parameterisation
 from regional_lv.paper import comparison as paper
 from regional_lv.paper import page, path
-from regional_lv.parameters import Parameterisation
 
 PARAMETERS = Parameterisation()
 NUMBERS, REASONS = path("numbers.csv"), path("differences.csv")

@@ -1,8 +1,8 @@
 """What simulations depend on, out of a configuration."""
 
 from regional_lv import config
-from regional_lv.parameters import Parameterisation
-from regional_lv.physics import physics_of
+from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.inputs.physics import physics_of
 from tests.unit.configurations import changed
 
 

@@ -15,7 +15,7 @@ from regional_lv.inference.noise_prior import count_outside
 from regional_lv.inference.rank_calibration import tabulate, test_ranks
 from regional_lv.inference.resimulation import summarise
 from regional_lv.inference.summaries import hpd_widths
-from regional_lv.parameters import Parameterisation
+from regional_lv.inputs.parameters import Parameterisation
 
 PARAMETERS = Parameterisation()
 

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 from scipy.stats import qmc
 
-from regional_lv.derivative_kernel import joint_covariance
+from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.mechanics.derivative_kernel import joint_covariance
 from regional_lv.mechanics.predictor import (
     Known,
     Predictor,
     load_predictors,
     save_predictors,
 )
-from regional_lv.parameters import Parameterisation
 
 rng = np.random.default_rng(3)
 # As in a ventricle, most of what moves comes from one zone, and a little from all others.

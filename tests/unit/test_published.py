@@ -12,8 +12,9 @@ import time
 
 import pytest
 
-from regional_lv import progress, published
+from regional_lv.data import published
 from regional_lv.errors import InputError
+from regional_lv.study import progress
 
 PINNED = published.FILES
 CONTENT = b"180.9,-0.1\n"
@@ -275,7 +276,7 @@ def test_progress_extrapolates():
 def test_bad_input_ends_a_job_with_one_line_and_no_traceback(tmp_path, kind):
     code = (
         "from regional_lv.errors import InputError\n"
-        "from regional_lv.progress import start_log\n"
+        "from regional_lv.study.progress import start_log\n"
         "start_log('job.log')\n"
         f"raise {kind}('a.csv, line 3: no value; give one')\n"
     )

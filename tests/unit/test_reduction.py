@@ -5,8 +5,8 @@ import pandas as pd
 import pytest
 
 from regional_lv.channels import Channels
+from regional_lv.emulators.reduction import Reduction, fit_reduction
 from regional_lv.errors import InputError
-from regional_lv.reduction import Reduction, fit_reduction
 
 CHANNELS = Channels.of()
 

@@ -5,12 +5,12 @@ import pytest
 from scipy.io import savemat
 
 from regional_lv.channels import Channel, Channels
+from regional_lv.emulators.reduction import Reduction
 from regional_lv.errors import InputError
 from regional_lv.geometry.abaqus import read_abaqus
 from regional_lv.geometry.segment_tags import read_segment_tags
 from regional_lv.geometry.table import check_apices, read_segments
-from regional_lv.parameters import Parameterisation
-from regional_lv.reduction import Reduction
+from regional_lv.inputs.parameters import Parameterisation
 
 CHANNELS = Channels.of(["volume", "radial"], {"radial": [1, 2]})
 ROWS = np.arange(12.0).reshape(4, 3)

@@ -10,7 +10,7 @@ import xarray as xr
 from matplotlib.image import imread
 
 from regional_lv.channels import Channels
-from regional_lv.parameters import Parameterisation
+from regional_lv.inputs.parameters import Parameterisation
 from regional_lv.plots import (
     bullseye_map,
     correlations,

@@ -5,9 +5,9 @@ import re
 import pytest
 
 from regional_lv import config
+from regional_lv.config.schema import load_schema
+from regional_lv.config.schema.keys import describe
 from regional_lv.errors import InputError
-from regional_lv.schema import load_schema
-from regional_lv.schema.keys import describe
 from tests.unit.configurations import changed, refused
 
 

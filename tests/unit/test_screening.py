@@ -5,12 +5,12 @@ import pandas as pd
 import pytest
 
 from regional_lv.channels import Channels
-from regional_lv.design import make_design
 from regional_lv.errors import InputError
+from regional_lv.inputs.parameters import Parameterisation
 from regional_lv.mechanics.continuation import Simulation
-from regional_lv.parameters import Parameterisation
-from regional_lv.screening import screen, screen_simulations
-from regional_lv.simulations import tabulate
+from regional_lv.simulation.batches import tabulate
+from regional_lv.simulation.screening import screen, screen_simulations
+from regional_lv.simulation.sobol import make_design
 
 PARAMETERS, CHANNELS = Parameterisation(), Channels.of()
 DESIGN = {"natural": 6, "log": 2, "test": 2}

@@ -7,8 +7,8 @@ import pytest
 from regional_lv import aha, config
 from regional_lv.channels import Channels
 from regional_lv.errors import InputError
-from regional_lv.parameters import Parameterisation
-from regional_lv.simulation_tables import import_simulations, read_tables, split
+from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.simulation.tables import import_simulations, read_tables, split
 
 PARAMETERS, CHANNELS = Parameterisation(), Channels.of()
 ROWS = 30

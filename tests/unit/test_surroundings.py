@@ -150,7 +150,7 @@ def test_the_library_replaces_only_a_backend_that_is_not_there(backend, then, tm
 
 SETTLE = """
 import os, sys
-from regional_lv.surroundings import settle
+from regional_lv.study.surroundings import settle
 settle()
 print(*(os.environ.get(name, "") for name in sys.argv[1:] or {names}), sep="\\n")
 """

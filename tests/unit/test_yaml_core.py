@@ -5,7 +5,8 @@ import math
 import pytest
 import yaml
 
-from regional_lv import config, yaml_core
+from regional_lv import config
+from regional_lv.config import yaml_core
 from regional_lv.errors import InputError
 
 VALUES = {

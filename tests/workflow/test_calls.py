@@ -9,7 +9,7 @@ import sys
 
 import pytest
 
-from regional_lv.jobs import function_of
+from regional_lv.study.jobs import function_of
 from tests.hearts.folders import write_cohort
 
 LISTED = """
@@ -17,7 +17,7 @@ include: "{root}/Snakefile"
 
 import json
 
-from regional_lv.jobs import arguments_of, calls_of
+from regional_lv.study.jobs import arguments_of, calls_of
 from snakemake.io import is_flagged
 
 for step in workflow.rules:

@@ -12,7 +12,7 @@ from regional_lv import config as study_config
 from regional_lv import registry
 from regional_lv.inputs.space import Inputs
 from regional_lv.measured import read_measured
-from regional_lv.study import Study
+from regional_lv.session import Study
 
 EXAMPLES = Path(__file__).parents[2] / "config" / "examples"
 SMOKE = EXAMPLES.parent / "smoke.yaml"

@@ -11,7 +11,7 @@ import pytest
 import yaml
 
 from regional_lv.channels import Channels
-from regional_lv.parameters import Parameterisation
+from regional_lv.inputs.parameters import Parameterisation
 from tests.workflow.project import copy_project
 
 MECHANICS = {

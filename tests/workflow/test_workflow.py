@@ -19,7 +19,7 @@ import pytest
 import yaml
 
 from regional_lv import data
-from regional_lv.manifest import checksum
+from regional_lv.study.manifest import checksum
 from tests.small import Small, edit_config
 from tests.workflow.lint import findings
 from tests.workflow.project import copy_project, run

@@ -24,14 +24,6 @@ if config["cohort"]["hearts"]:
         "folders": [str(folder) for folder in folders],
     }
 
-    def fields_of(names):
-        """Of hearts, what a job reads them by, without the line of a row, which others move."""
-        return [vars(LISTED[name]) | {"line": None} for name in names]
-
-    def files_of_hearts(names):
-        """The files that hearts are made of."""
-        return [given(file) for name in names for file in LISTED[name].files()]
-
     rule check_cohort:
         """All hearts are read and compared before one of them is answered."""
         input:

@@ -19,32 +19,32 @@ os.environ["PYTHONPATH"] = str(SOURCE)
 # seeded: compiled forms would not be found again, and sums would differ in their last digit.
 os.environ["PYTHONHASHSEED"] = "0"
 
-from regional_lv import surroundings  # noqa: E402
+from regional_lv.study import surroundings  # noqa: E402
 
 # Where Snakemake did not import the project's logger.
 surroundings.settle()
 
 from regional_lv import config as study_config  # noqa: E402
-from regional_lv import dependencies, running  # noqa: E402
+from regional_lv.study import dependencies, running  # noqa: E402
 from regional_lv.channels import Channels  # noqa: E402
-from regional_lv.config_checks import meshes_anew  # noqa: E402
+from regional_lv.config.checks import meshes_anew  # noqa: E402
 from regional_lv.criticism.settings import settings_of  # noqa: E402
 from regional_lv.data import SHIPPED  # noqa: E402
 from regional_lv.data import path as packaged  # noqa: E402
 from regional_lv.data import segment_table  # noqa: E402
-from regional_lv.design import scenario_size  # noqa: E402
+from regional_lv.simulation.sobol import scenario_size  # noqa: E402
 from regional_lv.emulators import OF_INPUTS  # noqa: E402
 from regional_lv.errors import InputError  # noqa: E402
-from regional_lv.faults import AGAIN, damage_of  # noqa: E402
+from regional_lv.study.faults import AGAIN, damage_of  # noqa: E402
 from regional_lv.geometry.mesh_config import finer  # noqa: E402
 from regional_lv.hearts.listing import batches_of, list_hearts, model_of_hearts  # noqa: E402
 from regional_lv.input_files import without_braces  # noqa: E402
 from regional_lv.inputs.space import Inputs, model_sections_of, sections_of  # noqa: E402
-from regional_lv.jobs import calls_of, module_of  # noqa: E402
+from regional_lv.study.jobs import calls_of, module_of  # noqa: E402
 from regional_lv.measured import states_noise  # noqa: E402
-from regional_lv.parameters import Parameterisation  # noqa: E402
-from regional_lv.physics import physics_of, why_not_scaling  # noqa: E402
-from regional_lv.published import (  # noqa: E402
+from regional_lv.inputs.parameters import Parameterisation  # noqa: E402
+from regional_lv.inputs.physics import physics_of, why_not_scaling  # noqa: E402
+from regional_lv.data.published import (  # noqa: E402
     FILES,
     HEART_MESH,
     HEART_SEGMENTS,
@@ -287,7 +287,10 @@ EFFICIENCY_CURVES = [
 FIRST = 1
 
 # Modules that decide how things are reported or called, never what comes out.
-WITHOUT_EFFECT = {"progress", "errors", "jobs", "registry", "running", "surroundings"}
+WITHOUT_EFFECT = {
+    *("errors", "registry"),
+    *(f"study.{module}" for module in ("jobs", "progress", "running", "surroundings")),
+}
 
 
 @cache
@@ -448,3 +451,14 @@ def of_report(made, key, path):
         category=made["category"],
         subcategory="{subject}" if made["job"] in OF_SUBJECTS else None,
     )
+
+
+def fields_of(names):
+    """Of hearts of a cohort, what a job reads them by, without the line of a row, which others
+    move."""
+    return [vars(LISTED[name]) | {"line": None} for name in names]
+
+
+def files_of_hearts(names):
+    """The files that hearts of a cohort are made of."""
+    return [given(file) for name in names for file in LISTED[name].files()]

@@ -9,7 +9,7 @@ rule make_design:
         f"{LOGS}/design/make_design.log",
     localrule: True
     params:
-        call="design:write_design",
+        call="simulation.sobol:write_design",
         design={key: config["design"][key] for key in ("natural", "log", "test")},
         parameters=PARAMETER_SPEC,
         seed=config["seed"],
@@ -27,7 +27,7 @@ rule draw_scenario:
         scenario=any_of(SCENARIOS),
     localrule: True
     params:
-        call="design:write_scenario",
+        call="simulation.sobol:write_scenario",
         name=lambda wildcards: wildcards.scenario,
         scenario=lambda wildcards: SCENARIOS[wildcards.scenario],
         healthy=HEALTHY,

@@ -16,7 +16,7 @@ DESIGN = {
 }[ALL_INPUTS["shapes"]]
 # The first simulations of a longer design are the same, and are not made again: they depend on what
 # draws them, not on the file.
-DRAWN = f"{code_of(module_of(DESIGN), 'simulations')} seed {config['seed']}"
+DRAWN = f"{code_of(module_of(DESIGN), 'simulation.batches')} seed {config['seed']}"
 # Simulations that are made on the finer mesh as well.
 FINER = min(ALL_INPUTS["finer"], INPUTS_ANCHORS)
 # Whether the simulations join the emulator of any heart, which comes with the package.
@@ -66,7 +66,7 @@ if DOUBTS:
         benchmark:
             f"{R}/benchmarks/all_inputs/{{mesh_folder}}solve_baseline.tsv"
         params:
-            call="simulations:solve_baseline",
+            call="simulation.batches:solve_baseline",
             physics=INPUTS,
 
     use rule solve_anchors as solve_inputs_anchors with:
@@ -82,7 +82,7 @@ if DOUBTS:
         benchmark:
             f"{R}/benchmarks/all_inputs/{{mesh_folder}}anchors/batch-{{batch}}.tsv"
         params:
-            call="simulations:solve_anchors",
+            call="simulation.batches:solve_anchors",
             code=DRAWN,
             physics=INPUTS,
             anchors=lambda wildcards: FINER if wildcards.mesh_folder else INPUTS_ANCHORS,
@@ -123,7 +123,7 @@ if DOUBTS:
         wildcard_constraints:
             set=any_of(INPUTS_BATCHES),
         params:
-            call="simulations:simulate_batch",
+            call="simulation.batches:simulate_batch",
             code=DRAWN,
             physics=INPUTS,
             batch_size=config["simulations"]["batch_size"],
@@ -144,7 +144,7 @@ if DOUBTS:
             set=any_of(INPUTS_BATCHES),
         localrule: True
         params:
-            call="screening:screen_simulations",
+            call="simulation.screening:screen_simulations",
             parameters=COORDINATES,
             channels=OUTPUTS,
             steepest=ALL_INPUTS["steepest"],

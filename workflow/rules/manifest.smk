@@ -39,7 +39,7 @@ rule write_manifest:
         f"{LOGS}/manifest.log",
     localrule: True
     params:
-        call="manifest:write_manifest",
+        call="study.manifest:write_manifest",
         config=config,
         configfiles=lambda wildcards: CONFIG_FILES,  # in a list, braces would be wildcards
         overrides=dict(workflow.config_settings.config),

@@ -17,7 +17,7 @@ rule solve_baseline:
         f"{R}/benchmarks/{{mesh_folder}}solve_baseline.tsv"
     priority: FIRST
     params:
-        call="simulations:solve_baseline",
+        call="simulation.batches:solve_baseline",
         physics=PHYSICS,
     script:
         "../scripts/call.py"
@@ -39,7 +39,7 @@ rule solve_anchors:
     priority: FIRST
     threads: 1
     params:
-        call="simulations:solve_anchors",
+        call="simulation.batches:solve_anchors",
         physics=PHYSICS,
         anchors=ANCHORS,
         batches=len(ANCHOR_BATCHES),
@@ -77,7 +77,7 @@ rule map_strains:
     log:
         f"{LOGS}/mechanics/map_strains.log",
     params:
-        call="strain_field:map_strains",
+        call="simulation.strain_field:map_strains",
         physics=PHYSICS,
     script:
         "../scripts/call.py"

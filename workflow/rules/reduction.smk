@@ -11,7 +11,7 @@ rule fit_reduction:
         f"{LOGS}/reduction/fit_reduction.log",
     localrule: True
     params:
-        call="reduction:fit_reduction",
+        call="emulators.reduction:fit_reduction",
         channels=OUTPUTS,
         explained_variance=config["reduction"]["explained_variance"],
     script:

@@ -15,7 +15,7 @@ if FROM_TABLES:
             set=any_of(["train", *SCORED, *TABLE_SETS]),
         localrule: True
         params:
-            call="simulation_tables:import_simulations",
+            call="simulation.tables:import_simulations",
             own_test="test" in TABLE_SETS,
             holdout=config["simulations"]["holdout"],
             rows=config["simulations"]["rows"],
@@ -44,7 +44,7 @@ else:
         priority: FIRST
         localrule: True
         params:
-            call="screening:screen_simulations",
+            call="simulation.screening:screen_simulations",
             parameters=PARAMETER_SPEC,
             channels=OUTPUTS,
         script:

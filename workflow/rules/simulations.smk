@@ -31,7 +31,7 @@ rule simulate_batch:
     priority: FIRST
     threads: 1
     params:
-        call="simulations:simulate_batch",
+        call="simulation.batches:simulate_batch",
         physics=PHYSICS,
         batch_size=config["simulations"]["batch_size"],
     script:

@@ -14,7 +14,7 @@ rule simulate_subject:
         subject=subjects_from("synthetic"),
     priority: FIRST
     params:
-        call="subjects:simulate_subject",
+        call="simulation.subjects:simulate_subject",
         name=lambda wildcards: wildcards.subject,
         physics=model_sections_of(config),
         subject=lambda wildcards: config["synthetic_subjects"][wildcards.subject],

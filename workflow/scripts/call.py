@@ -1,5 +1,5 @@
 """Call the library function that the rule names (`params.call`) with its files and values."""
 
-from regional_lv.jobs import run
+from regional_lv.study.jobs import run
 
 run(snakemake)

@@ -1,7 +1,7 @@
 """Fetch one of the paper's published files."""
 
-from regional_lv.progress import start_log
-from regional_lv.published import fetch_published
+from regional_lv.data.published import fetch_published
+from regional_lv.study.progress import start_log
 
 start_log(snakemake.log[0])
 # From the config and not from params: where the file was found must not decide whether it is

@@ -16,11 +16,11 @@ import numpy as np
 import pandas as pd
 
 from regional_lv import config as study_config
-from regional_lv import seth_hill
 from regional_lv.geometry.mesh_config import finer
-from regional_lv.parameters import Parameterisation
-from regional_lv.study import Study
-from regional_lv.subjects import simulate_subject
+from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.quantities import seth_hill
+from regional_lv.session import Study
+from regional_lv.simulation.subjects import simulate_subject
 
 FOLDER = Path(__file__).parent
 THETA = dict.fromkeys(Parameterisation().names, 1.0) | {"C_a_septal": 2.0}

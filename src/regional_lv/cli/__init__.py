@@ -3,12 +3,12 @@ hearts, and the check of what these made."""
 
 import click
 
-from regional_lv import surroundings
 from regional_lv.cli.check import check
 from regional_lv.cli.cohort import cohort
 from regional_lv.cli.new import new
 from regional_lv.cli.run import run
 from regional_lv.cli.verify import verify
+from regional_lv.study import surroundings
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"]})

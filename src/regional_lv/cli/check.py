@@ -13,7 +13,6 @@ import click
 import pandas as pd
 
 from regional_lv import config as study_config
-from regional_lv import manifest
 from regional_lv.cli.cohort import inspect_cohort
 from regional_lv.cli.folder import CONFIG, Mistakes, config_file, load
 from regional_lv.cli.scale import heart_lines, subject_lines
@@ -29,6 +28,7 @@ from regional_lv.hearts.checks import (
     unusual,
 )
 from regional_lv.input_files import reason_of
+from regional_lv.study import manifest
 
 PICTURE = "check.png"
 
@@ -60,8 +60,8 @@ def inspect(path: Path, config: dict, base: Path | None = None) -> None:
     from regional_lv.channels import Channels
     from regional_lv.geometry.from_config import make_heart
     from regional_lv.geometry.meshing import write_plain
+    from regional_lv.inputs.parameters import Parameterisation
     from regional_lv.measured.plausibility import data_warnings, too_small
-    from regional_lv.parameters import Parameterisation
     from regional_lv.plots import inputs
 
     # Without a display VTK says so, and draws all the same.

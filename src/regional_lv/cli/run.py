@@ -42,8 +42,8 @@ def _way(way: str, text: str):
 @click.argument("name")
 @_way(
     "fast",
-    "Answer from the emulator of any heart alone, without a simulation. The default where simulator "
-    "or Snakemake are not installed.",
+    "Answer from the emulator of any heart alone, without a simulation. The default where the "
+    "simulator or Snakemake is not installed.",
 )
 @_way(
     "full",

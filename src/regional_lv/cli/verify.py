@@ -11,7 +11,7 @@ from regional_lv import config as study_config
 from regional_lv.cli.folder import Mistakes
 from regional_lv.errors import InputError
 from regional_lv.input_files import reason_of
-from regional_lv.manifest import checksum, read_manifest, versions
+from regional_lv.study.manifest import checksum, read_manifest, versions
 
 
 @click.command()

@@ -16,7 +16,7 @@ from regional_lv.criticism.study import Critic, Settings, criticise
 from regional_lv.emulators.joint_gp import JointGP
 from regional_lv.inputs.space import Inputs, Role
 from regional_lv.measured import synthetic_subject
-from regional_lv.progress import Progress
+from regional_lv.study.progress import Progress
 
 OF_HEART = (
     *("named", "groups", "acts_like", "explained", "trusted", "best", "base_probability"),
@@ -54,7 +54,7 @@ class Simulate:
 
     @cached_property
     def _runner(self):
-        from regional_lv.simulations import make_runner  # DOLFINx takes seconds to load
+        from regional_lv.simulation.batches import make_runner  # DOLFINx takes seconds to load
 
         return make_runner(*self._given)
 

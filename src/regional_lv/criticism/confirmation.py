@@ -145,7 +145,7 @@ def conditioned(
 
 def simulate(runner, rows: pd.DataFrame) -> pd.DataFrame:
     """The rows of a `plan`, simulated by a `Runner`."""
-    from regional_lv.simulations import run_all, tabulate
+    from regional_lv.simulation.batches import run_all, tabulate
 
     thetas = rows[list(runner.coordinates.names)].to_numpy()
     return tabulate(rows, run_all(runner, thetas, "confirmation"), runner.channels)

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 from scipy import stats
 
-from regional_lv import seth_hill
+from regional_lv.quantities import seth_hill
 
 LEVEL = 0.01
 """Of each check, over all its segments or channels."""

@@ -16,7 +16,7 @@ from regional_lv.criticism.contract import Findings
 from regional_lv.criticism.left_out import gain, gains
 from regional_lv.criticism.separate import separating_measurement
 from regional_lv.criticism.verdict import LEAST_PROBABILITY, PROBABILITY, Examined, Verdict
-from regional_lv.gaussian import Z95
+from regional_lv.emulators.gaussian import Z95
 from regional_lv.inference.emulated import EmulatedInputs
 from regional_lv.inference.sources import sources_of_variance
 from regional_lv.inputs.catalogue import INPUTS

@@ -21,9 +21,9 @@ from regional_lv.inputs.shape import EndocardialRadius, SegmentThickness
 from regional_lv.inputs.space import Inputs, Role, catalogue
 from regional_lv.measured import synthetic_subject
 from regional_lv.mechanics.dolfinx_api import release_unused
-from regional_lv.progress import Progress
 from regional_lv.seeds import derive
 from regional_lv.simulation.ventricles import Ventricles
+from regional_lv.study.progress import Progress
 
 log = logging.getLogger(__name__)
 

@@ -9,9 +9,9 @@ import torch
 from regional_lv.criticism import contract
 from regional_lv.criticism.linear_model import LinearModel
 from regional_lv.criticism.patterns import groups_of
-from regional_lv.gaussian import LOG_2PI, Z95
+from regional_lv.emulators.gaussian import LOG_2PI, Z95
+from regional_lv.emulators.reduction import VOLUME
 from regional_lv.inference.observed import Observed
-from regional_lv.reduction import VOLUME
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 
-from regional_lv.physics import physics_of, why_not_scaling
+from regional_lv.inputs.physics import physics_of, why_not_scaling
 
 
 def settings_of(config: Mapping) -> dict:

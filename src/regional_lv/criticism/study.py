@@ -27,9 +27,9 @@ from regional_lv.inference.potential import Potential
 from regional_lv.inference.sampling import write
 from regional_lv.inference.sets import fit_base
 from regional_lv.inputs.space import Inputs
-from regional_lv.jobs import passes_on
 from regional_lv.measured import read_measured
 from regional_lv.seeds import derive
+from regional_lv.study.jobs import passes_on
 
 log = logging.getLogger(__name__)
 
@@ -294,7 +294,7 @@ def write_round(
     """
     rows = critic.plan(_read(earlier))
     if len(rows):
-        from regional_lv.simulations import make_runner  # DOLFINx takes seconds to load
+        from regional_lv.simulation.batches import make_runner  # DOLFINx takes seconds to load
 
         rows = confirmation.simulate(make_runner(mesh, physics, predictor), rows)
     rows.to_parquet(simulations, index=False)

@@ -13,11 +13,11 @@ import numpy as np
 import torch
 
 from regional_lv.channels import Channels
+from regional_lv.config.schema import load_schema
 from regional_lv.emulators.architecture import Architecture
 from regional_lv.errors import InputError
 from regional_lv.inputs.coordinates import Coordinates
-from regional_lv.parameters import Parameterisation, from_spec, repeated
-from regional_lv.schema import load_schema
+from regional_lv.inputs.parameters import Parameterisation, from_spec, repeated
 
 FORMAT = 5
 """Of emulator files: raised when what they hold changes."""

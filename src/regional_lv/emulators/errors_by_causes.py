@@ -9,8 +9,8 @@ import torch
 
 from regional_lv.emulators import load
 from regional_lv.emulators.base import Emulator
+from regional_lv.emulators.gaussian import Z95
 from regional_lv.emulators.training import predict_each, read_simulations
-from regional_lv.gaussian import Z95
 
 MANY = 4
 """As many suspected inputs and more are counted together."""

@@ -7,8 +7,8 @@ import numpy as np
 import torch
 
 from regional_lv.emulators.base import Emulator, Prediction, TrainingSet, row_jacobian
+from regional_lv.emulators.reduction import Reduction
 from regional_lv.emulators.shared_kernel import choose_kernel
-from regional_lv.reduction import Reduction
 from regional_lv.seeds import derive
 
 LEAST_VARIANCE = 1e-10

@@ -15,9 +15,9 @@ import torch
 from regional_lv.channels import Channels
 from regional_lv.emulators import create, load
 from regional_lv.emulators.base import Emulator
+from regional_lv.emulators.gaussian import Z95
 from regional_lv.errors import InputError
-from regional_lv.gaussian import Z95
-from regional_lv.parameters import Parameterisation
+from regional_lv.inputs.parameters import Parameterisation
 from regional_lv.seeds import derive
 
 log = logging.getLogger(__name__)

@@ -30,13 +30,13 @@ from linear_operator.operators import DiagLinearOperator
 from regional_lv.emulators.kernels import make_kernel, positive
 from regional_lv.emulators.optimise import fit
 from regional_lv.emulators.reduced import ReducedEmulator
+from regional_lv.emulators.reduction import VOLUME
 from regional_lv.emulators.shared_kernel import (
     SharedKernelGP,
     cholesky,
     fit_hyperparameters,
     subset,
 )
-from regional_lv.reduction import VOLUME
 from regional_lv.seeds import derive
 
 JITTER = 1e-7

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from regional_lv.progress import Progress
-from regional_lv.simulations import make_runner
+from regional_lv.simulation.batches import make_runner
+from regional_lv.study.progress import Progress
 
 
 def simulate_estimates(

@@ -9,13 +9,13 @@ import torch
 
 from regional_lv import emulators
 from regional_lv.channels import Channels
+from regional_lv.emulators.gaussian import Z95
 from regional_lv.emulators.training import read_sensitivities, read_simulations
-from regional_lv.gaussian import Z95
 from regional_lv.inference.likelihood import Likelihood, Noise
 from regional_lv.inference.point import find_map
-from regional_lv.parameters import Parameterisation
-from regional_lv.progress import Progress
+from regional_lv.inputs.parameters import Parameterisation
 from regional_lv.seeds import derive
+from regional_lv.study.progress import Progress
 
 
 def measure_efficiency(

@@ -19,8 +19,8 @@ from regional_lv.estimates import ESTIMATORS
 from regional_lv.estimates.least_squares import find_least_squares
 from regional_lv.inference.likelihood import Likelihood, Noise
 from regional_lv.inference.point import find_map
-from regional_lv.progress import Progress
 from regional_lv.seeds import derive
+from regional_lv.study.progress import Progress
 
 log = logging.getLogger(__name__)
 

@@ -13,8 +13,8 @@ from statsmodels.stats.multitest import multipletests
 
 from regional_lv.channels import Channels
 from regional_lv.emulators import label_of
+from regional_lv.emulators.gaussian import Z95
 from regional_lv.estimates import ESTIMATORS
-from regional_lv.gaussian import Z95
 
 log = logging.getLogger(__name__)
 

@@ -16,7 +16,7 @@ from regional_lv import emulators
 from regional_lv.channels import Channels
 from regional_lv.emulators.training import read_simulations
 from regional_lv.estimates.check import first_cases, write_checked
-from regional_lv.parameters import Parameterisation
+from regional_lv.inputs.parameters import Parameterisation
 from regional_lv.seeds import derive
 
 CHECKED_BY = "exact GP on training and test simulations"

@@ -3,12 +3,12 @@
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
+from regional_lv.data.published import HEART_MESH, HEART_SEGMENTS, PUBLISHED_HEART, fetched_path
 from regional_lv.geometry.from_mesh import keep_mesh, remesh, write_imported
 from regional_lv.geometry.from_surfaces import mesh_surfaces
 from regional_lv.geometry.make import make_mesh
 from regional_lv.geometry.meshing import write_gmsh
-from regional_lv.parameters import Parameterisation
-from regional_lv.published import HEART_MESH, HEART_SEGMENTS, PUBLISHED_HEART, fetched_path
+from regional_lv.inputs.parameters import Parameterisation
 
 
 def make_heart(

@@ -13,7 +13,7 @@ from regional_lv.emulators.training import read_simulations
 from regional_lv.errors import InputError
 from regional_lv.hearts.file import AnyHeart, read, write
 from regional_lv.hearts.population import COLUMNS, HEART
-from regional_lv.manifest import versions
+from regional_lv.study.manifest import versions
 
 COMPARED = 64
 """Simulations at which the kept emulator is compared with the one before it was shortened."""

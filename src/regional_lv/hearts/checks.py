@@ -9,9 +9,9 @@ import pandas as pd
 
 from regional_lv.aha import LEVELS
 from regional_lv.channels import Channels
+from regional_lv.config.schema import load_schema
 from regional_lv.data import VOLUNTEER
 from regional_lv.geometry.table import read_segments
-from regional_lv.schema import load_schema
 
 UNEVEN = 2.0
 """Ratio of a wall's thickness to the median of its level, either way, beyond which it is odd."""

@@ -22,8 +22,8 @@ from regional_lv.geometry.surfaces import Surfaces
 from regional_lv.geometry.table import read_segments
 from regional_lv.hearts import checks
 from regional_lv.hearts.listing import Listed, model_of_hearts
+from regional_lv.inputs.parameters import Parameterisation
 from regional_lv.measured.plausibility import data_warnings, too_small
-from regional_lv.parameters import Parameterisation
 
 log = logging.getLogger(__name__)
 

@@ -14,12 +14,12 @@ from regional_lv.geometry.from_config import make_heart
 from regional_lv.geometry.meshing import write_plain
 from regional_lv.hearts.file import AnyHeart, shipped
 from regional_lv.hearts.reach import within
+from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.inputs.physics import physics_of, why_not_scaling
 from regional_lv.inputs.space import sections_of
 from regional_lv.measured.curves import import_curves
 from regional_lv.measured.tables import import_measured
 from regional_lv.page.page import make_page
-from regional_lv.parameters import Parameterisation
-from regional_lv.physics import physics_of, why_not_scaling
 from regional_lv.plots import (
     bullseye_posterior,
     criticism,

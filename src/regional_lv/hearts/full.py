@@ -10,7 +10,7 @@ from regional_lv.channels import Channels
 from regional_lv.criticism.confirmation import knowing
 from regional_lv.criticism.study import Critic, critic_of, write_conclusion, write_round
 from regional_lv.hearts.file import read
-from regional_lv.jobs import passes_on
+from regional_lv.study.jobs import passes_on
 
 
 def read_critic(

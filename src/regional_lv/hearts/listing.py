@@ -14,7 +14,7 @@ from regional_lv import config as study_config
 from regional_lv.csv_lines import error_at, number_in, read_lines
 from regional_lv.errors import InputError
 from regional_lv.input_files import check_file
-from regional_lv.parameters import Parameterisation
+from regional_lv.inputs.parameters import Parameterisation
 from regional_lv.seeds import derive
 
 CONFIG = "config.yaml"

@@ -16,10 +16,10 @@ import pandas as pd
 from scipy.stats import norm
 
 from regional_lv.aha import LEVELS, SEGMENTS
-from regional_lv.design import sobol
 from regional_lv.errors import InputError
 from regional_lv.geometry.surfaces import QUARTER, Surfaces
 from regional_lv.inputs.shape import ApexThickness, EndocardialRadius, SegmentThickness
+from regional_lv.simulation.sobol import sobol
 
 HEART = "heart"
 """Column of a design that says what kind of ventricle a row is."""

@@ -12,9 +12,9 @@ from regional_lv.errors import InputError
 from regional_lv.hearts.emulator import LookedUp, inputs_of
 from regional_lv.hearts.population import COLUMNS
 from regional_lv.inputs.base import Input
+from regional_lv.inputs.parameters import Parameterisation
 from regional_lv.inputs.shape import Length
 from regional_lv.inputs.space import SECTION, Inputs, Role, sd_key, sections_of
-from regional_lv.parameters import Parameterisation
 
 LONG_WAY = "simulate this heart (regional-lv run --own)"
 """What to do about a heart that the emulator does not know."""

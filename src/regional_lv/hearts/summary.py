@@ -19,7 +19,7 @@ from regional_lv.hearts.batches import FAILED
 from regional_lv.hearts.hierarchy import infer_population
 from regional_lv.hearts.likelihoods import NormalLikelihood
 from regional_lv.hearts.prevalence import infer_prevalence, log_bayes_factors
-from regional_lv.parameters import Parameterisation
+from regional_lv.inputs.parameters import Parameterisation
 from regional_lv.seeds import derive
 
 log = logging.getLogger(__name__)

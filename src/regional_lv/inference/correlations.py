@@ -5,7 +5,7 @@ import pandas as pd
 from scipy import stats
 from sklearn.decomposition import PCA
 
-from regional_lv.parameters import Parameterisation
+from regional_lv.inputs.parameters import Parameterisation
 
 
 def zone_correlation(draws: np.ndarray, parameters: Parameterisation) -> np.ndarray:

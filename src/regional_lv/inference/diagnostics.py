@@ -9,7 +9,7 @@ import pandas as pd
 import scoringrules
 from statsmodels.stats.proportion import proportion_confint
 
-from regional_lv.parameters import Parameterisation
+from regional_lv.inputs.parameters import Parameterisation
 
 LEVELS = (50, 80, 95)
 """Central credible intervals whose coverage is counted, in per cent."""

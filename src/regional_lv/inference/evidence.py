@@ -9,7 +9,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 import torch
 
-from regional_lv.gaussian import LOG_2PI
+from regional_lv.emulators.gaussian import LOG_2PI
 from regional_lv.inference.optimise import maximise
 from regional_lv.inference.potential import Potential, Quadratic
 

@@ -8,11 +8,11 @@ import torch
 from scipy import stats
 
 from regional_lv.emulators.base import Emulator, Prediction, SeparablePrediction
+from regional_lv.emulators.gaussian import LOG_2PI
+from regional_lv.emulators.reduction import VOLUME
 from regional_lv.errors import InputError
-from regional_lv.gaussian import LOG_2PI
 from regional_lv.inference.emulated import OfInputs
 from regional_lv.measured.tables import VOLUME_SHARE
-from regional_lv.reduction import VOLUME
 
 
 @dataclass(frozen=True)

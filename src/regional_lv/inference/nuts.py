@@ -17,8 +17,8 @@ from regional_lv.inference import importance
 from regional_lv.inference.approximation import Approximation, approximate
 from regional_lv.inference.draws import Draws, Settings
 from regional_lv.inference.likelihood import Likelihood
-from regional_lv.progress import Progress
 from regional_lv.seeds import derive
+from regional_lv.study.progress import Progress
 
 DISPERSION = 1.5
 """Chains start from draws this many times as wide as the approximation."""

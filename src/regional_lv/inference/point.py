@@ -12,11 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from regional_lv.design import sobol
 from regional_lv.emulators.base import Emulator, join
 from regional_lv.inference.likelihood import Likelihood
 from regional_lv.inference.optimise import maximise
 from regional_lv.seeds import derive
+from regional_lv.simulation.sobol import sobol
 
 log = logging.getLogger(__name__)
 

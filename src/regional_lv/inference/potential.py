@@ -15,7 +15,7 @@ import numpy as np
 import torch
 from scipy import stats
 
-from regional_lv.gaussian import LOG_2PI
+from regional_lv.emulators.gaussian import LOG_2PI
 from regional_lv.inference.likelihood import Noise
 from regional_lv.inference.observed import Observed
 from regional_lv.inference.point import CHUNK, LOG_SIGMA_BOUNDS

@@ -10,8 +10,8 @@ import torch
 
 from regional_lv import emulators
 from regional_lv.channels import Channel
+from regional_lv.emulators.gaussian import Z95
 from regional_lv.emulators.training import read_simulations
-from regional_lv.gaussian import Z95
 from regional_lv.seeds import derive
 
 

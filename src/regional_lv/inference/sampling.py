@@ -25,8 +25,8 @@ from regional_lv.inference.likelihood import Likelihood, Noise
 from regional_lv.inference.nuts import sample_by_nuts
 from regional_lv.inference.point import PointEstimate, find_map
 from regional_lv.measured import read_measured
-from regional_lv.progress import Progress
 from regional_lv.seeds import derive
+from regional_lv.study.progress import Progress
 
 log = logging.getLogger(__name__)
 

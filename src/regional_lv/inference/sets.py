@@ -23,11 +23,11 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from regional_lv.design import sobol
 from regional_lv.inference.drawing import Drawn
 from regional_lv.inference.evidence import WEAK, Fits, cut, fit, held_at_ends
 from regional_lv.inference.potential import Potential
 from regional_lv.seeds import derive
+from regional_lv.simulation.sobol import sobol
 
 log = logging.getLogger(__name__)
 

@@ -16,7 +16,7 @@ from regional_lv.inference.diagnostics import (
     parameters_of,
     recovery,
 )
-from regional_lv.parameters import Parameterisation
+from regional_lv.inputs.parameters import Parameterisation
 
 
 def hpd_widths(table: pd.DataFrame, parameters: Parameterisation) -> pd.DataFrame:

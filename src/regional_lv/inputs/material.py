@@ -3,8 +3,8 @@
 from typing import ClassVar
 
 from regional_lv.inputs.base import LOGARITHMIC, Input, KeyInput, SegmentInput, multiplied
+from regional_lv.inputs.parameters import Parameterisation
 from regional_lv.mechanics.materials import MATERIALS
-from regional_lv.parameters import Parameterisation
 
 WANG = "Wang et al. 2013, Int J Numer Method Biomed Eng 29:83-103, doi 10.1002/cnm.2497"
 HOLZAPFEL = "Holzapfel and Ogden 2009, doi 10.1098/rsta.2009.0091"

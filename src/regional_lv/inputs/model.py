@@ -12,9 +12,9 @@ import numpy as np
 
 from regional_lv import aha
 from regional_lv.geometry.table import check_apices, read_segments
+from regional_lv.inputs.physics import physics_of
 from regional_lv.mechanics.materials import material_from_config
 from regional_lv.mechanics.supports import Base
-from regional_lv.physics import physics_of
 
 TABLE = ("wall_thickness_mm", "endo_radius_mm")
 """Columns (17,) of the segment table that shape inputs change."""

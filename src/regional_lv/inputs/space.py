@@ -16,9 +16,9 @@ from regional_lv.inputs.coordinates import Coordinates, blocks_of
 from regional_lv.inputs.material import Stiffness
 from regional_lv.inputs.model import model_of
 from regional_lv.inputs.observation import StrainMeasure
+from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.inputs.physics import SECTIONS
 from regional_lv.inputs.scales import Logarithmic
-from regional_lv.parameters import Parameterisation
-from regional_lv.physics import SECTIONS
 
 log = logging.getLogger(__name__)
 

@@ -21,9 +21,9 @@ from typing import Final, Literal, NamedTuple
 import numpy as np
 import pandas as pd
 
-from regional_lv import seth_hill
 from regional_lv.channels import Channel, Channels
 from regional_lv.csv_lines import error_at, number_in, read_lines
+from regional_lv.inputs.parameters import Parameterisation
 from regional_lv.measured.segment_models import check_segment, to_aha
 from regional_lv.measured.tables import (
     MeasuredWarning,
@@ -32,8 +32,7 @@ from regional_lv.measured.tables import (
     shortcomings,
     write_measured,
 )
-from regional_lv.parameters import Parameterisation
-from regional_lv.quantities import QUANTITIES
+from regional_lv.quantities import QUANTITIES, seth_hill
 
 DIRECTIONS = ("circumferential", "radial", "longitudinal")
 CLOCKS = ("frame", "time", "time_ms", "time_s")

@@ -6,10 +6,10 @@ Nothing here is a reason to refuse a file; `too_small` alone is.
 import numpy as np
 import pandas as pd
 
-from regional_lv import seth_hill
 from regional_lv.channels import Channel, Channels
 from regional_lv.criticism import data_checks
 from regional_lv.measured.tables import VOLUME_SHARE, shortcomings
+from regional_lv.quantities import seth_hill
 
 GREEN_MEANS = {
     "circumferential": (-0.27, -0.06),

@@ -10,9 +10,9 @@ import pandas as pd
 from regional_lv import aha
 from regional_lv.channels import Channel, Channels
 from regional_lv.csv_lines import error_at
+from regional_lv.data.published import SLICES_OF_LEVEL
+from regional_lv.inputs.parameters import Parameterisation
 from regional_lv.measured.tables import make_table, observed, write_measured
-from regional_lv.parameters import Parameterisation
-from regional_lv.published import SLICES_OF_LEVEL
 
 Frame: TypeAlias = int | Literal["extrema"]
 """Number of a cine frame (1, 2, ...), or the largest strains, whenever they occur."""

@@ -18,12 +18,12 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from regional_lv import aha, seth_hill
+from regional_lv import aha
 from regional_lv.channels import Channel, Channels
 from regional_lv.csv_lines import CsvLines, error_at, number_in, read_lines
+from regional_lv.inputs.parameters import Parameterisation
 from regional_lv.measured.segment_models import check_segment, to_aha
-from regional_lv.parameters import Parameterisation
-from regional_lv.quantities import NOWHERE, QUANTITIES, SEGMENT_PLACES, Quantity
+from regional_lv.quantities import NOWHERE, QUANTITIES, SEGMENT_PLACES, Quantity, seth_hill
 
 REQUIRED = ("quantity", "segment", "value", "unit")
 LOADS = ("load_fraction", "pressure_mmhg")

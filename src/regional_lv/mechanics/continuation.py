@@ -13,9 +13,9 @@ import numpy as np
 
 from regional_lv.channels import Channels
 from regional_lv.inputs.coordinates import Coordinates
+from regional_lv.inputs.parameters import Parameterisation
 from regional_lv.mechanics.equilibrium import Equilibrium, LinearSolveError
 from regional_lv.mechanics.simulator import Simulator, State
-from regional_lv.parameters import Parameterisation
 
 # How far the residual may grow in a step, and the smallest share of a step that is tried.
 MOST_GROWTH = 2.0

@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 
 from regional_lv.channels import Channels
-from regional_lv.derivative_kernel import joint_covariance
 from regional_lv.inputs.coordinates import Coordinates
 from regional_lv.inputs.space import coordinates_of
+from regional_lv.mechanics.derivative_kernel import joint_covariance
 
 # The kernel in log theta (other inputs: `Coordinates.place`), a product over the zones. Of 24
 # anchors held out of 120 it misses the field by 2.0 % (mean; at most 4.6 %); length scales of 8 to

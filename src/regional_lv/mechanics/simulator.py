@@ -18,6 +18,7 @@ from regional_lv.aha import SEGMENTS
 from regional_lv.channels import Channels
 from regional_lv.geometry.mesh import BASE, Mesh
 from regional_lv.inputs.coordinates import Coordinates
+from regional_lv.inputs.parameters import Parameterisation
 from regional_lv.mechanics import dolfinx_api as api
 from regional_lv.mechanics.derivatives import ByCell
 from regional_lv.mechanics.equilibrium import (
@@ -37,7 +38,6 @@ from regional_lv.mechanics.loads import (
 from regional_lv.mechanics.materials import material_from_config
 from regional_lv.mechanics.observables.observer import Observer
 from regional_lv.mechanics.supports import Base, Surroundings, supports_from_config
-from regional_lv.parameters import Parameterisation
 from regional_lv.units import KPA_PER_MMHG
 
 QUADRATURE_DEGREE = 5  # three Gauss points per direction

@@ -7,8 +7,8 @@ import numpy as np
 import pandas as pd
 
 from regional_lv.hearts import hierarchy, prevalence
+from regional_lv.inputs.parameters import Parameterisation
 from regional_lv.page.page import embedded, read_template
-from regional_lv.parameters import Parameterisation
 from regional_lv.plots import style
 
 TEMPLATE = Path(__file__).parent / "cohort.html"

@@ -10,7 +10,7 @@ from matplotlib import colormaps
 from matplotlib.colors import Normalize, to_hex
 
 from regional_lv import aha
-from regional_lv.parameters import Parameterisation
+from regional_lv.inputs.parameters import Parameterisation
 from regional_lv.plots import heart, style
 
 SUBDIVISION = 3

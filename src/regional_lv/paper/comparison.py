@@ -16,9 +16,9 @@ import numpy as np
 import pandas as pd
 
 from regional_lv.errors import InputError
+from regional_lv.inputs.parameters import Parameterisation
 from regional_lv.paper import KEYS
 from regional_lv.paper.page import QUANTITIES, write_page
-from regional_lv.parameters import Parameterisation
 from regional_lv.plots.verdicts import by_emulator, chosen
 
 COLUMNS = ("place", *KEYS, "relation", "value", "unit")

@@ -15,7 +15,7 @@ from scipy.optimize import least_squares
 
 from regional_lv.channels import Channels
 from regional_lv.mechanics.continuation import NotConverged
-from regional_lv.simulations import make_runner
+from regional_lv.simulation.batches import make_runner
 
 log = logging.getLogger(__name__)
 

@@ -17,7 +17,7 @@ from matplotlib.patches import PathPatch, Polygon
 from matplotlib.path import Path
 
 from regional_lv import aha
-from regional_lv.parameters import Parameterisation
+from regional_lv.inputs.parameters import Parameterisation
 
 RINGS = {"basal": (0.75, 1.0), "mid": (0.5, 0.75), "apical": (0.25, 0.5), "apex": (0.0, 0.25)}
 """Inner and outer radius of each level."""

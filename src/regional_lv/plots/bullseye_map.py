@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.colors import Normalize
 
-from regional_lv.parameters import Parameterisation
+from regional_lv.inputs.parameters import Parameterisation
 from regional_lv.plots import bullseye, scenarios, style, verdicts
 
 ZONES_SHOWN = {"stiffened": "stiffened zones", "baseline": "zones left at baseline"}

@@ -9,7 +9,7 @@ from matplotlib.lines import Line2D
 
 from regional_lv.criticism import words
 from regional_lv.hearts.prevalence import SOME
-from regional_lv.parameters import Parameterisation
+from regional_lv.inputs.parameters import Parameterisation
 from regional_lv.plots import style
 
 

@@ -9,7 +9,7 @@ import seaborn
 from matplotlib.axes import Axes
 from matplotlib.collections import Collection
 
-from regional_lv.parameters import Parameterisation
+from regional_lv.inputs.parameters import Parameterisation
 from regional_lv.plots import style, verdicts
 
 SCALE = {"vmin": -1, "vmax": 1, "cmap": "PuOr"}

@@ -15,7 +15,7 @@ from matplotlib.patches import Patch
 from regional_lv import aha
 from regional_lv.criticism import words
 from regional_lv.criticism.contract import Findings, read_findings
-from regional_lv.parameters import Parameterisation
+from regional_lv.inputs.parameters import Parameterisation
 from regional_lv.plots import bullseye, style
 
 SHOWN_Z = 4.0

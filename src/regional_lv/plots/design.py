@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Patch
 
 from regional_lv.channels import Channel, Channels
-from regional_lv.parameters import Parameterisation
+from regional_lv.inputs.parameters import Parameterisation
 from regional_lv.plots import style
 
 QUANTILES = {"lower95": 0.025, "lower50": 0.25, "median": 0.5, "upper50": 0.75, "upper95": 0.975}

@@ -8,7 +8,7 @@ import pandas as pd
 import seaborn
 from matplotlib.patches import Patch
 
-from regional_lv.parameters import Parameterisation
+from regional_lv.inputs.parameters import Parameterisation
 from regional_lv.plots import scenarios, style, verdicts
 
 GROUPS = {

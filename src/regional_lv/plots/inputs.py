@@ -9,7 +9,7 @@ import pyvista
 from matplotlib.axes import Axes
 
 from regional_lv import aha
-from regional_lv.parameters import Parameterisation
+from regional_lv.inputs.parameters import Parameterisation
 from regional_lv.plots import bullseye, heart, measured_strains, style
 from regional_lv.quantities import QUANTITIES
 

@@ -8,7 +8,7 @@ import pandas as pd
 import seaborn
 from matplotlib.lines import Line2D
 
-from regional_lv.parameters import Parameterisation
+from regional_lv.inputs.parameters import Parameterisation
 from regional_lv.plots import bullseye, scenarios, style, verdicts
 from regional_lv.plots.bullseye_map import summarise
 

@@ -11,8 +11,8 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from regional_lv import aha
+from regional_lv.inputs.parameters import Parameterisation
 from regional_lv.measured import read_measured
-from regional_lv.parameters import Parameterisation
 from regional_lv.plots import bullseye, style
 from regional_lv.plots.case_posterior import SOURCES
 from regional_lv.quantities import QUANTITIES

@@ -6,7 +6,7 @@ import pandas as pd
 import seaborn
 from matplotlib.axes import Axes
 
-from regional_lv.parameters import Parameterisation
+from regional_lv.inputs.parameters import Parameterisation
 from regional_lv.plots import style
 from regional_lv.plots.case_posterior import SOURCES
 from regional_lv.plots.verdicts import warning_of

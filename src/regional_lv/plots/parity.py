@@ -8,8 +8,8 @@ import seaborn
 
 from regional_lv.channels import Channel, Channels
 from regional_lv.emulators import label_of
-from regional_lv.gaussian import Z95
-from regional_lv.parameters import Parameterisation
+from regional_lv.emulators.gaussian import Z95
+from regional_lv.inputs.parameters import Parameterisation
 from regional_lv.plots import bullseye, style
 from regional_lv.plots.verdicts import chosen
 

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
 from regional_lv.emulators import label_of
-from regional_lv.parameters import Parameterisation
+from regional_lv.inputs.parameters import Parameterisation
 from regional_lv.plots import style
 from regional_lv.plots.verdicts import chosen, failed_cases, warning_of
 

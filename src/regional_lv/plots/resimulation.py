@@ -8,7 +8,7 @@ import seaborn
 from scipy import stats
 
 from regional_lv.channels import Channels
-from regional_lv.gaussian import Z95
+from regional_lv.emulators.gaussian import Z95
 from regional_lv.plots import style
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pandas as pd
 import seaborn
 
-from regional_lv.parameters import Parameterisation
+from regional_lv.inputs.parameters import Parameterisation
 from regional_lv.plots import scenarios, style, verdicts
 
 LINES = ("-", "--", "-.")

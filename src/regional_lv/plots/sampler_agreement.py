@@ -6,7 +6,7 @@ import pandas as pd
 import seaborn
 from matplotlib.lines import Line2D
 
-from regional_lv.parameters import Parameterisation
+from regional_lv.inputs.parameters import Parameterisation
 from regional_lv.plots import style
 
 COLOURS = {True: style.BLUE, False: style.VERMILLION}

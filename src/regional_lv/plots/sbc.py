@@ -8,7 +8,7 @@ import seaborn
 from scipy import stats
 
 from regional_lv.emulators import label_of
-from regional_lv.parameters import Parameterisation
+from regional_lv.inputs.parameters import Parameterisation
 from regional_lv.plots import style
 from regional_lv.plots.verdicts import chosen
 

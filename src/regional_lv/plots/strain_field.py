@@ -11,10 +11,9 @@ from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 
-from regional_lv import seth_hill
-from regional_lv.parameters import Parameterisation
+from regional_lv.inputs.parameters import Parameterisation
 from regional_lv.plots import heart, style
-from regional_lv.quantities import QUANTITIES
+from regional_lv.quantities import QUANTITIES, seth_hill
 
 LINES = ("-", "--", "-.", ":", (0, (6, 1, 1, 1, 1, 1)))
 COLOURS = (style.BLUE, style.VERMILLION, style.GREEN, style.PINK, style.BLACK)

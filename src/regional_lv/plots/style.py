@@ -20,8 +20,8 @@ from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullLocator
 
-from regional_lv import parameters
 from regional_lv.channels import Channel
+from regional_lv.inputs import parameters
 
 BLUE, ORANGE, GREEN = "#0072B2", "#E69F00", "#009E73"
 VERMILLION, SKY, PINK = "#D55E00", "#56B4E9", "#CC79A7"

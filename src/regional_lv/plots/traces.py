@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 import seaborn
 
-from regional_lv.gaussian import Z95
+from regional_lv.emulators.gaussian import Z95
 from regional_lv.plots import style
 from regional_lv.plots.case_posterior import density, read
 

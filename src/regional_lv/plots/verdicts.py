@@ -8,7 +8,7 @@ from pathlib import Path
 import pandas as pd
 
 from regional_lv.errors import InputError
-from regional_lv.parameters import Parameterisation
+from regional_lv.inputs.parameters import Parameterisation
 
 
 def verdict_of(diagnostics: str | Path, case: str) -> str:

@@ -7,7 +7,7 @@ import pandas as pd
 import pyvista
 
 from regional_lv import aha
-from regional_lv.parameters import Parameterisation
+from regional_lv.inputs.parameters import Parameterisation
 from regional_lv.plots import bullseye, heart, style
 
 SUBDIVISION = 4

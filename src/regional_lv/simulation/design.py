@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from regional_lv.design import sobol
 from regional_lv.inputs.base import Input
 from regional_lv.inputs.space import Inputs
 from regional_lv.seeds import derive
+from regional_lv.simulation.sobol import sobol
 
 MOST_ON, FEW = 0.8, 5
 """Between no suspected input and this share of them, or a few if that is less, are on at a time:

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from regional_lv.parameters import Parameterisation
+from regional_lv.inputs.parameters import Parameterisation
 from regional_lv.plots.verdicts import by_emulator, by_posteriors, by_set, read_sets
 from regional_lv.tables.writing import written
 

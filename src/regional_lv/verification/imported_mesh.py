@@ -12,7 +12,7 @@ from regional_lv.aha import outputs_from_published
 from regional_lv.channels import Channels
 from regional_lv.mechanics.continuation import Effort, Solver
 from regional_lv.mechanics.predictor import Known
-from regional_lv.simulations import make_simulator
+from regional_lv.simulation.batches import make_simulator
 
 log = logging.getLogger(__name__)
 

@@ -7,10 +7,10 @@ import numpy as np
 import pandas as pd
 
 from regional_lv.channels import Channels
-from regional_lv.design import further_points
 from regional_lv.mechanics.continuation import Effort, GrowingRunner, Solver
-from regional_lv.progress import Progress
-from regional_lv.simulations import known_from, make_simulator
+from regional_lv.simulation.batches import known_from, make_simulator
+from regional_lv.simulation.sobol import further_points
+from regional_lv.study.progress import Progress
 
 NATURAL, LOG = 15, 6  # points, in about the proportion of the study
 

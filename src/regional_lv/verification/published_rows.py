@@ -8,7 +8,7 @@ import pandas as pd
 
 from regional_lv.aha import level_of, outputs_from_published
 from regional_lv.channels import Channels
-from regional_lv.simulations import make_runner, run_all, tabulate
+from regional_lv.simulation.batches import make_runner, run_all, tabulate
 
 NATURAL_ROWS = 4704
 """Rows of the published table on the natural scale, the first ones; the others are logarithmic."""

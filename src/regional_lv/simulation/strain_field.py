@@ -8,7 +8,7 @@ import pandas as pd
 from regional_lv.geometry.mesh import write_mesh
 from regional_lv.mechanics.observables.motion import DIRECTIONS
 from regional_lv.mechanics.observables.observer import Observer
-from regional_lv.simulations import make_runner
+from regional_lv.simulation.batches import make_runner
 
 
 def map_strains(

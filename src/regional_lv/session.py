@@ -1,6 +1,6 @@
 """A study in Python: the functions and the files of the workflow's rules, called from a session.
 
-    from regional_lv.study import Study
+    from regional_lv.session import Study
 
     study = Study("config/quick.yaml")
     study.make_heart()
@@ -19,21 +19,26 @@ import pandas as pd
 
 from regional_lv import config as study_config
 from regional_lv.channels import Channels
-from regional_lv.design import make_design
 from regional_lv.emulators import load
 from regional_lv.emulators.base import Emulator
 from regional_lv.emulators.training import train_emulator
 from regional_lv.geometry.from_config import make_heart
 from regional_lv.geometry.mesh_config import finer
 from regional_lv.inference.sampling import sample_subject
+from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.inputs.physics import physics_of
 from regional_lv.inputs.space import model_sections_of
 from regional_lv.mechanics.predictor import fit_predictor
-from regional_lv.parameters import Parameterisation
-from regional_lv.physics import physics_of
-from regional_lv.screening import screen_simulations
 from regional_lv.seeds import derive
-from regional_lv.simulations import make_runner, simulate_batch, solve_anchors, solve_baseline
-from regional_lv.subjects import simulate_subject
+from regional_lv.simulation.batches import (
+    make_runner,
+    simulate_batch,
+    solve_anchors,
+    solve_baseline,
+)
+from regional_lv.simulation.screening import screen_simulations
+from regional_lv.simulation.sobol import make_design
+from regional_lv.simulation.subjects import simulate_subject
 
 PREDICTOR = "mechanics/predictor.npz"
 

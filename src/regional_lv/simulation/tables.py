@@ -11,7 +11,7 @@ from regional_lv import aha
 from regional_lv.channels import Channels
 from regional_lv.errors import InputError
 from regional_lv.input_files import reading
-from regional_lv.parameters import Parameterisation, repeated
+from regional_lv.inputs.parameters import Parameterisation, repeated
 from regional_lv.seeds import derive
 
 log = logging.getLogger(__name__)

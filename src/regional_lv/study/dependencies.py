@@ -9,7 +9,7 @@ from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
 
-from regional_lv.manifest import checksum
+from regional_lv.study.manifest import checksum
 
 PACKAGE = "regional_lv"
 

@@ -2,9 +2,9 @@
 
 from collections.abc import Mapping
 
+from regional_lv.inputs.parameters import Parameterisation
 from regional_lv.mechanics.materials import MATERIALS
 from regional_lv.mechanics.supports import supports_from_config
-from regional_lv.parameters import Parameterisation
 
 SECTIONS = ("material", "fibres", "loading", "supports", "observables", "solver")
 """Sections that describe the simulator."""

@@ -7,9 +7,9 @@ from collections.abc import Iterator
 
 import jsonschema
 
+from regional_lv.config.schema import load_schema
+from regional_lv.config.schema.keys import choice_text, describe, key_path, section_schema
 from regional_lv.csv_lines import number_in
-from regional_lv.schema import load_schema
-from regional_lv.schema.keys import choice_text, describe, key_path, section_schema
 
 MOVED = {
     **{

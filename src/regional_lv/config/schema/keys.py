@@ -6,7 +6,7 @@ on how keys are described.
 
 from collections.abc import Iterator
 
-from regional_lv.schema import load_schema
+from regional_lv.config.schema import load_schema
 
 
 def section_schema(name: str) -> dict:

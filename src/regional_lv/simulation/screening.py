@@ -8,7 +8,7 @@ import pandas as pd
 from regional_lv.channels import Channels
 from regional_lv.errors import InputError
 from regional_lv.inputs.coordinates import Coordinates
-from regional_lv.parameters import Parameterisation
+from regional_lv.inputs.parameters import Parameterisation
 
 UNSTABLE = "next to a limit of stability: derivatives are many times those of the others"
 """Reason of a simulation that is left out although it converged."""

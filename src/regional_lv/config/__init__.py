@@ -2,7 +2,7 @@
 
 Keys, units, defaults and limits stand in `schema/config.schema.yaml` and nowhere else. What a
 schema cannot say (what fits together, and what is registered) is checked by
-`regional_lv.config_checks`.
+`regional_lv.config.checks`.
 `python -m regional_lv.config config/README.md` writes the tables of keys in that page.
 """
 
@@ -13,22 +13,27 @@ import math
 import os
 import reprlib
 import statistics
-import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import jsonschema
 import yaml
 
-from regional_lv import yaml_core
-from regional_lv.config_checks import check_effects, cross_check, meshes_anew, table_sizes
+from regional_lv.config import yaml_core
+from regional_lv.config.checks import check_effects, cross_check, meshes_anew, table_sizes
+from regional_lv.config.schema import load_schema
+from regional_lv.config.schema.keys import (
+    choice_text,
+    describe,
+    entry_schema,
+    key_path,
+    section_schema,
+)
+from regional_lv.config.schema.messages import explain, is_asked_for
 from regional_lv.errors import InputError
 from regional_lv.input_files import read_text, reading
-from regional_lv.parameters import Parameterisation
+from regional_lv.inputs.parameters import Parameterisation
 from regional_lv.registry import load_plugins
-from regional_lv.schema import load_schema
-from regional_lv.schema.keys import choice_text, describe, entry_schema, key_path, section_schema
-from regional_lv.schema.messages import explain, is_asked_for
 
 MARK = "<!-- The tables below are written from the schema by `make format`. -->\n"
 """Line of config/README.md after which everything is generated."""
@@ -405,7 +410,3 @@ def main(readme: Path) -> None:
     """Rewrite what follows `MARK` in config/README.md."""
     head = readme.read_text().split(MARK)[0]
     readme.write_text(f"{head}{MARK}\n{document()}")
-
-
-if __name__ == "__main__":
-    main(Path(sys.argv[1]))

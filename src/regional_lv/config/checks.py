@@ -11,25 +11,25 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 
 from regional_lv.channels import Channels
+from regional_lv.config.schema.keys import entry_schema, section_schema
+from regional_lv.config.schema.messages import explain_unknown
 from regional_lv.data import VOLUNTEER
-from regional_lv.emulators import OF_INPUTS
-from regional_lv.emulators import REGISTRY as EMULATORS
-from regional_lv.errors import InputError
-from regional_lv.mechanics.loads import LOADS
-from regional_lv.mechanics.materials import material_from_config
-from regional_lv.mechanics.observables.layer import check_layer
-from regional_lv.mechanics.supports import SUPPORTS, supports_from_config
-from regional_lv.parameters import Parameterisation
-from regional_lv.published import (
+from regional_lv.data.published import (
     PUBLISHED,
     PUBLISHED_HEART,
     PUBLISHED_ROWS,
     PUBLISHED_TABLES,
     SLICES_OF_LEVEL,
 )
+from regional_lv.emulators import OF_INPUTS
+from regional_lv.emulators import REGISTRY as EMULATORS
+from regional_lv.errors import InputError
+from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.mechanics.loads import LOADS
+from regional_lv.mechanics.materials import material_from_config
+from regional_lv.mechanics.observables.layer import check_layer
+from regional_lv.mechanics.supports import SUPPORTS, supports_from_config
 from regional_lv.quantities import QUANTITIES
-from regional_lv.schema.keys import entry_schema, section_schema
-from regional_lv.schema.messages import explain_unknown
 
 RESERVED = {"train", "test", "holdout", "resimulated", "subjects"}
 """Names that no scenario may have."""
@@ -343,7 +343,7 @@ def _check_tables(config: dict, parameters: Parameterisation, channels: Channels
             f"{', '.join(known)} (rows held out of `train` need no table: simulations.holdout)"
         )
     # Imported here for the same reason as measured files are.
-    from regional_lv.simulation_tables import SENSITIVITY, published_order, read_tables
+    from regional_lv.simulation.tables import SENSITIVITY, published_order, read_tables
 
     for name, files in tables.items():
         key = f"simulations.tables.{name}"
@@ -388,7 +388,7 @@ def table_sizes(config: dict) -> dict[str, int]:
 
     Raises InputError for tables that cannot be read or leave nothing to train on.
     """
-    from regional_lv.simulation_tables import read_tables, split
+    from regional_lv.simulation.tables import read_tables, split
 
     simulations = config["simulations"]
     parameters, channels = Parameterisation.from_config(config), Channels.from_config(config)

@@ -13,12 +13,12 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-from regional_lv import running
 from regional_lv.channels import Channels
 from regional_lv.errors import InputError
-from regional_lv.faults import explain
-from regional_lv.parameters import from_spec
-from regional_lv.progress import start_log
+from regional_lv.inputs.parameters import from_spec
+from regional_lv.study import running
+from regional_lv.study.faults import explain
+from regional_lv.study.progress import start_log
 
 PACKAGE = "regional_lv"
 

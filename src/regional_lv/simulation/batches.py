@@ -25,7 +25,7 @@ from regional_lv.mechanics.continuation import (
 from regional_lv.mechanics.predictor import Known, load_predictors
 from regional_lv.mechanics.problem import Problem
 from regional_lv.mechanics.simulator import Simulator, State
-from regional_lv.progress import Progress
+from regional_lv.study.progress import Progress
 
 log = logging.getLogger(__name__)
 

@@ -1,0 +1,8 @@
+"""Write the tables of keys: `python -m regional_lv.config config/README.md`."""
+
+import sys
+from pathlib import Path
+
+from regional_lv.config import main
+
+main(Path(sys.argv[1]))
