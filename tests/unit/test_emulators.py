@@ -300,7 +300,7 @@ def test_identity_inputs(fitted):
     """The paper's: harder for this toy, but not hopeless."""
     theta = 0.5 + points(ROWS, 22)
     natural = fit(fitted.name, theta, input_transform="identity")
-    at = 0.5 + points(5, 23)
+    at = 0.5 + points(10, 23)
     mean, _ = predictions(natural, at)
     error = (mean - toy(at)) / natural.output_sd
     assert error.square().mean().sqrt() < 0.35

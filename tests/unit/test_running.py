@@ -32,7 +32,7 @@ def folder(tmp_path):
 
 
 @contextlib.contextmanager
-def process(folder, call="study.running.begin('mine')"):
+def process(folder, call="running.begin('mine')"):
     """A process that has called and goes on; killed at the end."""
     source = str(Path(__file__).parents[2] / "src")
     with subprocess.Popen(
@@ -46,7 +46,7 @@ def process(folder, call="study.running.begin('mine')"):
             started.kill()
 
 
-def said_by(folder, call="study.running.begin('mine')"):
+def said_by(folder, call="running.begin('mine')"):
     with process(folder, call) as started:
         return started.stdout.readline()
 
