@@ -10,14 +10,7 @@ if config["cohort"]["hearts"]:
         raise WorkflowError(str(error))
     COHORT_BATCHES = batches_of([*LISTED], config["cohort"]["hearts_per_batch"])
     # Beside the code, what any heart is answered by.
-    ANY_HEART = tuple(
-        os.path.relpath(path)
-        for path in (
-            SOURCE / "regional_lv" / "hearts" / "one_heart.yaml",
-            SOURCE / "regional_lv" / "data" / "heart_emulator.pt.gz",
-        )
-        if path.is_file()
-    )
+    ANY_HEART = tuple(os.path.relpath(path) for path in (ONE_HEART, SHIPPED) if path.is_file())
     # What the files of the configuration say themselves: a heart's own comes on top of it.
     OF_COHORT = {
         "shared": {key: value for key, value in gathered.items() if key != "cohort"},

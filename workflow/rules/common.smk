@@ -37,6 +37,7 @@ from regional_lv.emulators import OF_INPUTS  # noqa: E402
 from regional_lv.errors import InputError  # noqa: E402
 from regional_lv.study.faults import AGAIN, damage_of  # noqa: E402
 from regional_lv.geometry.mesh_config import finer  # noqa: E402
+from regional_lv.hearts import ONE_HEART  # noqa: E402
 from regional_lv.hearts.listing import batches_of, list_hearts, model_of_hearts  # noqa: E402
 from regional_lv.input_files import without_braces  # noqa: E402
 from regional_lv.inputs.space import Inputs, model_sections_of, sections_of  # noqa: E402

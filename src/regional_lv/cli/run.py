@@ -11,6 +11,7 @@ from regional_lv.cli.check import inspect
 from regional_lv.cli.folder import Mistakes, checkout, config_file, load
 from regional_lv.config import final_emulator
 from regional_lv.errors import InputError
+from regional_lv.hearts import ONE_HEART
 
 RESULTS = {
     "page": "pages/{subject}.html",
@@ -26,9 +27,6 @@ FAST = {
     "posterior averaged over models": "posterior.nc",
 }
 """The same of the fast way, below `results/<study>/fast/<subject>`."""
-
-ONE_HEART = Path(__file__).parents[1] / "hearts" / "one_heart.yaml"
-"""What the configuration of a heart goes on top of, where the emulator of any heart is asked."""
 
 SIMULATOR = ("dolfinx", "dolfinx_solver")
 """Modules of which one brings the simulator."""

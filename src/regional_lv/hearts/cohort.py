@@ -20,15 +20,12 @@ from regional_lv.channels import Channels
 from regional_lv.errors import InputError
 from regional_lv.geometry.surfaces import Surfaces
 from regional_lv.geometry.table import read_segments
-from regional_lv.hearts import checks
+from regional_lv.hearts import ONE_HEART, checks
 from regional_lv.hearts.listing import Listed, model_of_hearts
 from regional_lv.inputs.parameters import Parameterisation
 from regional_lv.measured.plausibility import data_warnings, too_small
 
 log = logging.getLogger(__name__)
-
-ONE_HEART = Path(__file__).parent / "one_heart.yaml"
-"""What every heart's configuration goes on top of, as that of `regional-lv run` does."""
 
 KPA, LIKE_KPA = 7.50062, (3.5, 20.0)
 """mmHg in a kPa, and how many times lower than the others a pressure is that is in kPa."""

@@ -18,6 +18,7 @@ from regional_lv.emulators.joint_gp import JointGP
 from regional_lv.inputs.base import Input
 from regional_lv.inputs.closed_forms import LENGTH_POWERS
 from regional_lv.inputs.coordinates import Coordinates
+from regional_lv.inputs.evaluation import carry
 from regional_lv.inputs.shape import Length
 from regional_lv.inputs.space import Inputs, catalogue
 
@@ -95,12 +96,7 @@ class LookedUp:
         theirs, own = self.direct
         there[:, theirs] = x[:, own]
         for k, direction in self._directions:
-            for e, each in enumerate(self._here):
-                if each.name in direction.moves:
-                    there[:, e], by_own, by_it = direction.carry(each, there[:, e], x[:, k])
-                    if by_x is not None:
-                        by_x[:, e] *= by_own[:, None]
-                        by_x[:, e, k] += by_it
+            carry(direction, k, x, self._here, there, by_x)
         factor = self.factor * self.size(x)[:, None] ** -self.length_powers
         there = there * factor
         if by_x is not None:

@@ -4,18 +4,38 @@ Closed forms change the values at which outputs are looked up, and what is repor
 changes the inputs that it moves.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 import torch
 
 from regional_lv.channels import Channels
+from regional_lv.inputs.base import Input
 from regional_lv.inputs.closed_forms import ClosedForm
 from regional_lv.inputs.space import Inputs
 
 Evaluate = Callable[[torch.Tensor], tuple[torch.Tensor, torch.Tensor]]
 """From values (M, k) of the simulated inputs to outputs (M, D) and their derivatives (M, D, k)
 about these values, as `Emulator.linearise`."""
+
+
+def carry(
+    direction: Input,
+    at: int,
+    x: torch.Tensor,
+    inputs: Iterable[Input],
+    there: torch.Tensor,
+    by_x: torch.Tensor | None,
+) -> None:
+    """Let a direction, which is number `at` of the values x (M, K), move those of E `inputs` that
+    it moves: their values `there` (M, E), and, if asked for, derivatives `by_x` (M, E, K) of these
+    about x. Both change in place."""
+    for k, each in enumerate(inputs):
+        if each.name in direction.moves:
+            there[:, k], by_own, by_it = direction.carry(each, there[:, k], x[:, at])
+            if by_x is not None:
+                by_x[:, k] *= by_own[:, None]
+                by_x[:, k, at] += by_it
 
 
 class AllInputs:
@@ -48,12 +68,7 @@ class AllInputs:
         """
         there = x.clone()
         for j, direction in self.inputs.directions:
-            for k, each in enumerate(self.inputs):
-                if each.name in direction.moves:
-                    there[:, k], by_own, by_it = direction.carry(each, there[:, k], x[:, j])
-                    if by_x is not None:
-                        by_x[:, k] = by_own[:, None] * by_x[:, k]
-                        by_x[:, k, j] += by_it
+            carry(direction, j, x, self.inputs, there, by_x)
         for (j, form), powers, concerned in zip(self._forms, self._powers, pattern, strict=True):
             if not concerned or not powers.any():
                 continue
@@ -100,15 +115,13 @@ class AllInputs:
         first, *others = looked_up
         found = [evaluate(first[:, self.simulated])]
         for there in others:
-            moved = (there != first).any(dim=1)
-            again = evaluate(there[moved][:, self.simulated]) if moved.any() else ()
-            found.append(
-                tuple(
-                    old.index_put((moved,), new) for old, new in zip(found[0], again, strict=True)
+            moved, own = (there != first).any(dim=1), found[0]
+            if moved.any():
+                again = evaluate(there[moved][:, self.simulated])
+                own = tuple(
+                    old.index_put((moved,), new) for old, new in zip(own, again, strict=True)
                 )
-                if again
-                else found[0]
-            )
+            found.append(own)
         return found
 
     def most_looked_up(self, x: torch.Tensor) -> torch.Tensor:
