@@ -25,7 +25,7 @@ from regional_lv.inputs.space import Inputs, catalogue
 
 def length_power(each: Input) -> int:
     """The power of a ventricle's size that an input's value goes with: of its own lengths, too."""
-    return 1 if each.changes == "geometry" else each.length_power
+    return 1 if each.unit == "mm" else each.length_power
 
 
 def inputs_of(model: Mapping, known: Inputs) -> list[Input | None]:
