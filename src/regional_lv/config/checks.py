@@ -13,7 +13,7 @@ from pathlib import Path
 from regional_lv.channels import Channels
 from regional_lv.config.schema.keys import entry_schema, section_schema
 from regional_lv.config.schema.messages import explain_unknown
-from regional_lv.data import VOLUNTEER
+from regional_lv.data import TABLES
 from regional_lv.data.published import (
     PUBLISHED,
     PUBLISHED_HEART,
@@ -465,7 +465,7 @@ def _check_geometry_files(geometry: dict) -> Iterator[str]:
             )
     if geometry["source"] == "segments":
         given = geometry["segments"]
-        needed = {"geometry.segments": None if given == VOLUNTEER else given}
+        needed = {"geometry.segments": None if given in TABLES else given}
     elif geometry["source"] == "surfaces":
         yield from _check_surfaces(surfaces)
         needed = {
