@@ -1,9 +1,10 @@
 """Plausible left ventricles, as segment tables: what an emulator of any heart has to know.
 
 Lengths are shares of the cavity's length, since a ventricle that is scaled as a whole is known from
-its own shape. Ranges are wider than the population's: at early diastole 1,991 volunteers of MESA
-(Cardiac Atlas Project) have walls of 0.08 to 0.14 and radii of 0.23 to 0.30 of the length; the
-paper's volunteer 0.10 to 0.18 and 0.23 to 0.38. Walls of infarcts are thinned to 4 mm and less
+its own shape. Ranges are wider than the population's: at end diastole 1,991 volunteers of MESA
+(Cardiac Atlas Project) have walls of 0.08 to 0.14 and radii of 0.23 to 0.30 of the length, twelve
+of them early in diastole, at the mid level, 0.15 to 0.28 and 0.21 to 0.32; the paper's volunteer
+0.10 to 0.18 and 0.23 to 0.38. Walls of infarcts are thinned to 4 mm and less
 (Shah et al. 2013, doi 10.1001/jama.2013.1381), those of hypertrophic hearts are 15 to 30 mm thick
 at their thickest (Elliott et al. 2014, doi 10.1093/eurheartj/ehu284), dilated hearts are two thirds
 as wide as long and wider (Lang et al. 2015, doi 10.1016/j.echo.2014.10.003).
@@ -52,8 +53,8 @@ AROUND_A_LEVEL = {"wall_thickness": 0.17, "endo_radius": 0.15}
 """The same of one wave that a level has by itself: the axis and the septum are not straight."""
 
 SINGLE_SD = {"wall_thickness": 0.07, "endo_radius": 0.025}
-"""Standard deviation, of the logarithm, of each segment by itself, and of how well it is read: 0.036
-and 0.009 to 0.025 in twelve volunteers."""
+"""Standard deviation, of the logarithm, of each segment by itself, and of how well it is read; in
+twelve volunteers 0.036, and 0.009 to 0.025."""
 
 MOST_SD = 2.5
 """Of them, at most."""
@@ -134,9 +135,9 @@ class Layout:
 def draw(table: pd.DataFrame, length_mm: float, n: int, seed: int) -> pd.DataFrame:
     """Shapes of n ventricles of this length (mm), with the angles of a segment table.
 
-    Columns: `HEART`, a word of `KINDS`, and `COLUMNS` (mm, shares of the length). The first of more are the same. Shapes
-    through which no smooth surfaces go, or whose wall gets too thin between its segments' means,
-    are left out, and later ones of the sequence move up.
+    Columns: `HEART`, a word of `KINDS`, and `COLUMNS` (mm, shares of the length). The first of more
+    are the same. Shapes through which no smooth surfaces go, or whose wall gets too thin between
+    its segments' means, are left out, and later ones of the sequence move up.
     """
     layout = Layout(table, length_mm)
     found: list[tuple] = []
@@ -179,8 +180,8 @@ def _shape(layout: Layout, u: np.ndarray) -> tuple[str, np.ndarray]:
     shares = np.cumsum([share for share, *_ in KINDS.values()])
     kind = list(KINDS)[np.searchsorted(shares[:-1], next(numbers), side="right")]
     logs = {}
-    for what, ends in zip(LEVEL_EFFECTS, KINDS[kind][1:], strict=True):
-        log = np.full(len(SEGMENTS), _between(np.log(ends).tolist(), next(numbers)))
+    for what, means in zip(LEVEL_EFFECTS, KINDS[kind][1:], strict=True):
+        log = np.full(len(SEGMENTS), _between(np.log(means).tolist(), next(numbers)))
         for level, effect in LEVEL_EFFECTS[what].items():
             log[[s - 1 for s in LEVELS[level]]] += _between(effect, next(numbers))
         for waves, amplitude in enumerate(AROUND[what], start=1):

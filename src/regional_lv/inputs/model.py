@@ -26,7 +26,8 @@ def model_of(config: Mapping) -> dict:
 
     Of a heart from a segment table, `geometry` has the `table` itself, its columns `TABLE` as
     arrays (17,), `length_mm` from the base to the endocardial apex, `apex_mm`, the thickness of
-    the wall there, and where its levels end (`geometry.shape.LEVEL_KEYS`). Raises InputError for a table that cannot be used.
+    the wall there, and where its levels end (`geometry.shape.LEVEL_KEYS`). Raises InputError for a
+    table that cannot be used.
     """
     geometry = config["geometry"]
     model = completed(physics_of(dict(config)))
