@@ -1,0 +1,176 @@
+"""Hearts whose segments lie otherwise around the axis than those of the emulator of any heart.
+
+The same smooth wall has other means over other segments: of its figures, which are computed from
+its surfaces, and of its strains, which are interpolated around the axis from the segments that the
+emulator has. Where one zone is all around, strains are smooth and so is the interpolation; where
+zones meet, strains jump, and a segment has its share of each that it lies in.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+import pandas as pd
+import torch
+
+from regional_lv.aha import LEVELS, SEGMENTS
+from regional_lv.channels import Channel, Channels
+from regional_lv.geometry.surfaces import Surfaces
+from regional_lv.hearts.population import SHAPE
+from regional_lv.inputs.parameters import Parameterisation
+
+WAVES = np.arange(1, 25)
+"""Around the axis, of the interpolation."""
+
+SAME_DEG = 0.1
+"""Sectors that begin no further apart are the same."""
+
+UNKNOWN = 0.4
+"""Standard deviation of what is interpolated, as a share of what the interpolation changes at that
+level: 0.25 to 0.5 where apical segments of three simulated hearts are turned by 15 and 30 degrees.
+"""
+
+
+def turn_deg(own: pd.DataFrame, other: pd.DataFrame) -> tuple[float, np.ndarray]:
+    """By how much sectors (17 rows each) are turned as a whole against others, and how far each
+    of the sixteen then begins from its other (degrees)."""
+    gap = np.radians((own["angle_from_deg"] - other["angle_from_deg"]).to_numpy()[:-1])
+    mean = np.angle(np.exp(1j * gap).mean())
+    return float(np.degrees(mean)), np.degrees(np.angle(np.exp(1j * (gap - mean))))
+
+
+def weights(other: pd.DataFrame, own: pd.DataFrame, zone: Sequence[str]) -> np.ndarray:
+    """Weights (17, 17) of the means over other sectors, of which the mean over each own one is
+    made, level by level. zone: of each segment."""
+    found = np.eye(len(SEGMENTS))
+    for numbers in LEVELS.values():
+        at = [s - 1 for s in numbers]
+        if len(at) > 1:
+            mix = _interpolated if len({zone[a] for a in at}) == 1 else _overlapping
+            found[np.ix_(at, at)] = mix(*(_ends(table, at) for table in (other, own)))
+    return found
+
+
+def _ends(table: pd.DataFrame, rows: Sequence[int]) -> np.ndarray:
+    """Where sectors begin and end (m, 2), in radians."""
+    return np.radians(table[["angle_from_deg", "angle_to_deg"]].to_numpy(float)[rows])
+
+
+def _overlapping(other: np.ndarray, own: np.ndarray) -> np.ndarray:
+    shares = np.zeros((len(own), len(other)))
+    for turn in 2 * np.pi * np.arange(-2, 3):
+        low = np.maximum(own[:, None, 0], other[:, 0] + turn)
+        high = np.minimum(own[:, None, 1], other[:, 1] + turn)
+        shares += np.maximum(high - low, 0)
+    return shares / shares.sum(axis=1, keepdims=True)
+
+
+def _interpolated(other: np.ndarray, own: np.ndarray) -> np.ndarray:
+    """Means over own sectors of the wave of least squared curvature that has the means over the
+    others."""
+    roughness = np.concatenate([[1e-6], WAVES**2.0, WAVES**2.0])
+    there, here = (_means(ends) for ends in (other, own))
+    gram = (there / roughness) @ there.T
+    return np.linalg.solve(gram, (there / roughness) @ here.T).T
+
+
+def _means(ends: np.ndarray) -> np.ndarray:
+    """Means (m, 1 + 2 waves) over sectors of 1, the cosines and the sines."""
+    low, high = ends.T[..., None] * WAVES
+    width = high - low
+    means = (np.sin(high) - np.sin(low)) / width, (np.cos(low) - np.cos(high)) / width
+    return np.concatenate([np.ones((len(ends), 1)), *means], axis=1)
+
+
+@dataclass(frozen=True)
+class Figures:
+    """Means of one kind of figure over the emulator's segments, of a heart's own figures x (M, 17):
+    `means` at `own`, both (17,), and their derivatives `slopes` (17, 17)."""
+
+    own: torch.Tensor
+    means: torch.Tensor
+    slopes: torch.Tensor
+
+    def __call__(self, x: torch.Tensor) -> torch.Tensor:
+        return self.means + (x - self.own) @ self.slopes.T
+
+
+class Sectors:
+    """What other sectors make of the figures and outputs of a heart.
+
+    Attributes: figures, by column of the segment table; weights (17, 17) of the strains.
+
+    Parameters
+    ----------
+    known, model: the emulator's model, and that of the heart.
+    """
+
+    def __init__(self, known: Mapping, model: Mapping):
+        shape, other = model["geometry"], known["geometry"]["table"]
+        table, apex = shape["table"], -shape["length_mm"]
+        turn, _ = turn_deg(table, other)
+        there = table.assign(**(other[["angle_from_deg", "angle_to_deg"]] + turn))
+        surfaces = Surfaces(table, apex, apex - shape["apex_mm"], sharp=True)
+        self.figures = {
+            column: Figures(*map(torch.as_tensor, (table[column].to_numpy(float), *found)))
+            for column, found in zip(SHAPE, surfaces.figures(there), strict=True)
+        }
+        zones = Parameterisation.from_spec(model["parameters"]).zones
+        zone = {s: name for name, segments in zones.items() for s in segments}
+        self.weights = weights(there, table, [zone[s.number] for s in SEGMENTS])
+
+    @classmethod
+    def between(cls, known: Mapping, model: Mapping) -> "Sectors | None":
+        """None if the sectors are the same, turned as a whole."""
+        tables = (each["geometry"]["table"] for each in (model, known))
+        return cls(known, model) if np.abs(turn_deg(*tables)[1]).max() > SAME_DEG else None
+
+    def mixing(self, channels: Channels) -> "Mixing":
+        """Of the emulator's channels."""
+        of_weights = torch.eye(len(channels), dtype=torch.float64)
+        beside = torch.zeros_like(of_weights)
+        for (d, one), (e, other) in product(enumerate(channels), repeat=2):
+            if one.segment and other.segment and _kin(one) == _kin(other):
+                of_weights[d, e] = self.weights[one.segment - 1, other.segment - 1]
+                beside[d, e] = 1.0
+        beside /= beside.sum(dim=1, keepdim=True).clamp(min=1.0)
+        return Mixing(channels, of_weights, UNKNOWN**2 * beside, torch.arange(len(channels)))
+
+
+def _kin(channel: Channel) -> tuple:
+    """What channels of segments have in common that are all around the axis."""
+    level = next(name for name, at in LEVELS.items() if channel.segment in at)
+    return channel.quantity, channel.load_fraction, level
+
+
+@dataclass(frozen=True)
+class Mixing:
+    """Outputs of a heart, of those of the emulator's segments.
+
+    channels: of the heart, d of them. weights (D, D) of the emulator's outputs, of which `kept`
+    (d,) are the heart's. beside (D, D): weights of squared changes at a level in the variance of
+    what is interpolated there.
+    """
+
+    channels: Channels
+    weights: torch.Tensor
+    beside: torch.Tensor
+    kept: torch.Tensor
+
+    def __call__(self, outputs: torch.Tensor) -> torch.Tensor:
+        """Outputs (..., d) of the emulator's (..., D)."""
+        return outputs @ self.weights[self.kept].T
+
+    def covariance(self, mean: torch.Tensor, covariance: torch.Tensor) -> torch.Tensor:
+        """Covariance (M, d, d), of the emulator's mean (M, D) and covariance (M, D, D), and of what
+        the interpolation does not know."""
+        changed = (mean @ self.weights.T - mean).square() @ self.beside.T
+        found = self.weights[self.kept] @ covariance @ self.weights[self.kept].T
+        return found + torch.diag_embed(changed[:, self.kept])
+
+    def select(self, outputs: Sequence[str]) -> "Mixing":
+        """For some outputs."""
+        at = [self.channels.names.index(name) for name in outputs]
+        channels = Channels([self.channels[a] for a in at])
+        return replace(self, channels=channels, kept=self.kept[at])
