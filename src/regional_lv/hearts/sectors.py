@@ -32,11 +32,17 @@ level: 0.25 to 0.5 where apical segments of three simulated hearts are turned by
 """
 
 
+DESCRIBED = {"volume": 0.002, "circumferential": 0.003, "longitudinal": 0.003, "radial": 0.008}
+"""Standard deviations of outputs, of a volume as a share of it, by which hearts differ whose walls
+have the same means over some segments: the volunteer's own surfaces and those through their means
+over the AHA's sectors (root mean squares, as simulated)."""
+
+
 def turn_deg(own: pd.DataFrame, other: pd.DataFrame) -> tuple[float, np.ndarray]:
-    """By how much sectors (17 rows each) are turned as a whole against others, and how far each
-    of the sixteen then begins from its other (degrees)."""
+    """By how much sectors (17 rows each) are turned as a whole against others, as the basal and mid
+    levels say, and how far each of the sixteen then begins from its other (degrees)."""
     gap = np.radians((own["angle_from_deg"] - other["angle_from_deg"]).to_numpy()[:-1])
-    mean = np.angle(np.exp(1j * gap).mean())
+    mean = np.angle(np.exp(1j * gap[: LEVELS["apical"][0] - 1]).mean())
     return float(np.degrees(mean)), np.degrees(np.angle(np.exp(1j * (gap - mean))))
 
 
@@ -135,7 +141,11 @@ class Sectors:
                 of_weights[d, e] = self.weights[one.segment - 1, other.segment - 1]
                 beside[d, e] = 1.0
         beside /= beside.sum(dim=1, keepdim=True).clamp(min=1.0)
-        return Mixing(channels, of_weights, UNKNOWN**2 * beside, torch.arange(len(channels)))
+        described = torch.zeros(2, len(channels), dtype=torch.float64)
+        for d, channel in enumerate(channels):
+            described[int(channel.kind.is_positive), d] = DESCRIBED[channel.quantity]
+        kept = torch.arange(len(channels))
+        return Mixing(channels, of_weights, UNKNOWN**2 * beside, described, kept)
 
 
 def _kin(channel: Channel) -> tuple:
@@ -150,12 +160,14 @@ class Mixing:
 
     channels: of the heart, d of them. weights (D, D) of the emulator's outputs, of which `kept`
     (d,) are the heart's. beside (D, D): weights of squared changes at a level in the variance of
-    what is interpolated there.
+    what is interpolated there. described (2, D): `DESCRIBED`, standard deviations as they are and
+    as shares.
     """
 
     channels: Channels
     weights: torch.Tensor
     beside: torch.Tensor
+    described: torch.Tensor
     kept: torch.Tensor
 
     def __call__(self, outputs: torch.Tensor) -> torch.Tensor:
@@ -165,9 +177,10 @@ class Mixing:
     def covariance(self, mean: torch.Tensor, covariance: torch.Tensor) -> torch.Tensor:
         """Covariance (M, d, d), of the emulator's mean (M, D) and covariance (M, D, D), and of what
         the interpolation does not know."""
-        changed = (mean @ self.weights.T - mean).square() @ self.beside.T
+        unknown = (mean @ self.weights.T - mean).square() @ self.beside.T
+        unknown += (self.described[0] + self.described[1] * mean).square()
         found = self.weights[self.kept] @ covariance @ self.weights[self.kept].T
-        return found + torch.diag_embed(changed[:, self.kept])
+        return found + torch.diag_embed(unknown[:, self.kept])
 
     def select(self, outputs: Sequence[str]) -> "Mixing":
         """For some outputs."""
