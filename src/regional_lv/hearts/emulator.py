@@ -141,17 +141,19 @@ class HeartEmulator:
     ----------
     emulator: of any heart. known: its inputs, in the model that they are about.
     inputs: of the heart's study, which the emulator has to know (`hearts.reach`).
+    described: whether its segment table describes surfaces that are known better.
     """
 
-    def __init__(self, emulator: JointGP, known: Inputs, inputs: Inputs):
+    def __init__(self, emulator: JointGP, known: Inputs, inputs: Inputs, described: bool = False):
         simulated = inputs.simulated
         self._there = LookedUp(known, simulated)
         nominal = self._there(torch.as_tensor(simulated.nominal)[None])[0]
         self.emulator = emulator.at_fixed(nominal, ~self._there.moved)
         self._scale = _length(simulated) / _length(known)
         self.coordinates: Coordinates = simulated.coordinates
-        sectors = self._there.sectors
-        self._mixing = None if sectors is None else sectors.mixing(self.emulator.channels)
+        self._mixing: Mixing | None = None
+        if self._there.sectors is not None or described:
+            self._mixing = Mixing.of(self.emulator.channels, self._there.sectors)
 
     @property
     def channels(self) -> Channels:
@@ -232,9 +234,9 @@ class HeartEmulator:
         """
         if self._mixing is not None:
             raise InputError(
-                "geometry.segments: the sectors are not those of the emulator of any heart, which "
-                "can learn from no simulation of this one; simulate it alone (regional-lv run "
-                "--own), or give the figures of the AHA's sectors"
+                "geometry: the heart is not known by figures of the AHA's sectors, without which "
+                "the emulator of any heart can learn from no simulation of it; simulate it alone "
+                "(regional-lv run --own)"
             )
         there, by_x = self._there.with_slopes(x)
         factor, (theirs, own) = self._reported(x), self._there.direct

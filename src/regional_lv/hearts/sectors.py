@@ -8,7 +8,6 @@ zones meet, strains jump, and a segment has its share of each that it lies in.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import product
 
 import numpy as np
 import pandas as pd
@@ -132,21 +131,6 @@ class Sectors:
         tables = (each["geometry"]["table"] for each in (model, known))
         return cls(known, model) if np.abs(turn_deg(*tables)[1]).max() > SAME_DEG else None
 
-    def mixing(self, channels: Channels) -> "Mixing":
-        """Of the emulator's channels."""
-        of_weights = torch.eye(len(channels), dtype=torch.float64)
-        beside = torch.zeros_like(of_weights)
-        for (d, one), (e, other) in product(enumerate(channels), repeat=2):
-            if one.segment and other.segment and _kin(one) == _kin(other):
-                of_weights[d, e] = self.weights[one.segment - 1, other.segment - 1]
-                beside[d, e] = 1.0
-        beside /= beside.sum(dim=1, keepdim=True).clamp(min=1.0)
-        described = torch.zeros(2, len(channels), dtype=torch.float64)
-        for d, channel in enumerate(channels):
-            described[int(channel.kind.is_positive), d] = DESCRIBED[channel.quantity]
-        kept = torch.arange(len(channels))
-        return Mixing(channels, of_weights, UNKNOWN**2 * beside, described, kept)
-
 
 def _kin(channel: Channel) -> tuple:
     """What channels of segments have in common that are all around the axis."""
@@ -169,6 +153,21 @@ class Mixing:
     beside: torch.Tensor
     described: torch.Tensor
     kept: torch.Tensor
+
+    @classmethod
+    def of(cls, channels: Channels, sectors: Sectors | None) -> "Mixing":
+        """Of the emulator's channels; of the same segments without `sectors`."""
+        size, mixed = len(channels), np.eye(len(SEGMENTS)) if sectors is None else sectors.weights
+        weights = torch.eye(size, dtype=torch.float64)
+        beside, described = torch.zeros_like(weights), torch.zeros(2, size, dtype=torch.float64)
+        for d, one in enumerate(channels):
+            described[int(one.kind.is_positive), d] = DESCRIBED[one.quantity]
+            for e, other in enumerate(channels):
+                if one.segment and other.segment and _kin(one) == _kin(other):
+                    weights[d, e] = mixed[one.segment - 1, other.segment - 1]
+                    beside[d, e] = UNKNOWN**2
+        beside /= (beside > 0).sum(dim=1, keepdim=True).clamp(min=1)
+        return cls(channels, weights, beside, described, torch.arange(size))
 
     def __call__(self, outputs: torch.Tensor) -> torch.Tensor:
         """Outputs (..., d) of the emulator's (..., D)."""
