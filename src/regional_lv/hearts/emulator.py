@@ -153,7 +153,7 @@ class HeartEmulator:
         self.coordinates: Coordinates = simulated.coordinates
         self._mixing: Mixing | None = None
         if self._there.sectors is not None or described:
-            self._mixing = Mixing.of(self.emulator.channels, self._there.sectors)
+            self._mixing = Mixing.of(self.emulator.channels, self._there.sectors, described)
 
     @property
     def channels(self) -> Channels:

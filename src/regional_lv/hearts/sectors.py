@@ -31,10 +31,12 @@ level: 0.25 to 0.5 where apical segments of three simulated hearts are turned by
 """
 
 
-DESCRIBED = {"volume": 0.002, "circumferential": 0.003, "longitudinal": 0.003, "radial": 0.008}
+BY_SECTORS = {"volume": 0.002, "circumferential": 0.003, "longitudinal": 0.003, "radial": 0.008}
+BY_SURFACES = {"volume": 0.006, "circumferential": 0.005, "longitudinal": 0.006, "radial": 0.025}
 """Standard deviations of outputs, of a volume as a share of it, by which hearts differ whose walls
-have the same means over some segments: the volunteer's own surfaces and those through their means
-over the AHA's sectors (root mean squares, as simulated)."""
+have the same means over some segments (root mean squares, as simulated): the volunteer's surfaces
+and those through their means over the AHA's sectors; real surfaces and those through their means
+over their own segments."""
 
 
 def turn_deg(own: pd.DataFrame, other: pd.DataFrame) -> tuple[float, np.ndarray]:
@@ -144,8 +146,8 @@ class Mixing:
 
     channels: of the heart, d of them. weights (D, D) of the emulator's outputs, of which `kept`
     (d,) are the heart's. beside (D, D): weights of squared changes at a level in the variance of
-    what is interpolated there. described (2, D): `DESCRIBED`, standard deviations as they are and
-    as shares.
+    what is interpolated there. described (2, D): standard deviations, as they are and as shares, of
+    what means over segments leave open.
     """
 
     channels: Channels
@@ -155,13 +157,15 @@ class Mixing:
     kept: torch.Tensor
 
     @classmethod
-    def of(cls, channels: Channels, sectors: Sectors | None) -> "Mixing":
-        """Of the emulator's channels; of the same segments without `sectors`."""
+    def of(cls, channels: Channels, sectors: Sectors | None, of_surfaces: bool) -> "Mixing":
+        """Of the emulator's channels; of the same segments without `sectors`. of_surfaces: whether
+        the figures are of surfaces that are known better."""
+        known = BY_SURFACES if of_surfaces else BY_SECTORS
         size, mixed = len(channels), np.eye(len(SEGMENTS)) if sectors is None else sectors.weights
         weights = torch.eye(size, dtype=torch.float64)
         beside, described = torch.zeros_like(weights), torch.zeros(2, size, dtype=torch.float64)
         for d, one in enumerate(channels):
-            described[int(one.kind.is_positive), d] = DESCRIBED[one.quantity]
+            described[int(one.kind.is_positive), d] = known[one.quantity]
             for e, other in enumerate(channels):
                 if one.segment and other.segment and _kin(one) == _kin(other):
                     weights[d, e] = mixed[one.segment - 1, other.segment - 1]
