@@ -410,7 +410,7 @@ def test_checks_of_the_chain(parameters, tmp_path, paths):
     rows = [("test", "1", name, 0.05, 1.0, True) for name in parameters.names]
     columns = "set case parameter mean_difference_in_sd sd_ratio agrees".split()
     pd.DataFrame(rows, columns=columns).to_csv(tmp_path / "a.csv", index=False)
-    sampler_agreement.draw(tmp_path / "a.csv", parameters, *paths)
+    sampler_agreement.draw([tmp_path / "a.csv"], parameters, *paths)
     assert len(read(paths)) == len(parameters)
 
 

@@ -101,7 +101,7 @@ def disagreements(rules: dict) -> list[str]:
 def test_rules_and_functions_agree(root, tmp_path, study):
     files = [root / "config" / f"{name}.yaml" for name in study.split()]
     rules = listed_rules(root, tmp_path, *files)
-    assert len(rules) > 30 and ("conclude_criticism" in rules) == (study != "published")
+    assert len(rules) > 30 and ("criticise_subject" in rules) == (study != "published")
     # Scripts of their own are for what a function cannot take from its rule.
     assert [name for name, (calls, *_) in rules.items() if not calls] == ["fetch_published"]
     assert disagreements(rules) == []
