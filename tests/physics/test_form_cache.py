@@ -40,6 +40,7 @@ for given in pickle.load(sys.stdin.buffer):
     simulator.residual(simulator.w.x.array.copy())
 """
 
+
 def run(program, environment, given=b""):
     """What a process of its own prints."""
     done = subprocess.run(
