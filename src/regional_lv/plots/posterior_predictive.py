@@ -176,8 +176,7 @@ def _violin(
     values = np.linspace(draws.min(), draws.max(), GRID)
     heights = gaussian_kde(draws)(values)
     half = WIDTH / 2 * heights / heights.max()
-    look = {"facecolor": colour, "edgecolor": colour, "alpha": 0.55, "linewidth": 0.6}
-    ax.fill_betweenx(values, at - half, at + half, **look)
+    ax.fill_betweenx(values, at - half, at + half, color=colour, alpha=0.55, linewidth=0.6)
     ax.plot([at, at], [lower, upper], **INTERVAL)
     ax.plot(at, median, **MEDIAN)
     inside = bool(lower <= observed <= upper)
