@@ -296,10 +296,20 @@ def test_says_where_it_knows_nothing(fitted):
     assert fitted.outside(far).all() and fitted.outside(far[0]).shape == ()
 
 
-def test_identity_inputs(fitted):
+SLOW = pytest.mark.test_all("trained at every point or in two layers; inputs are the base class's")
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=SLOW if name == "dgp" or name.startswith("local") else [])
+        for name in sorted(emulators.REGISTRY)
+    ],
+)
+def test_identity_inputs(name):
     """The paper's: harder for this toy, but not hopeless."""
     theta = 0.5 + points(ROWS, 22)
-    natural = fit(fitted.name, theta, input_transform="identity")
+    natural = fit(name, theta, input_transform="identity")
     at = 0.5 + points(10, 23)
     mean, _ = predictions(natural, at)
     error = (mean - toy(at)) / natural.output_sd
