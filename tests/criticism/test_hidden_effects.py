@@ -1,7 +1,7 @@
 """The whole way on a coarse heart: hide effects with the simulator, find them through the rules.
 
-On the heart of the small study (`tests/small.py`). Four subjects: a pair of causes, a single one,
-none, and one whose cause is not suspected.
+On the heart of the small study and with its emulator (`tests/small.py`). Four subjects: a pair of
+causes, a single one, none, and one whose cause is not suspected.
 """
 
 import json
@@ -29,20 +29,12 @@ SUBJECTS = {
     "healthy": {"seed": 12},
     "scarred": {"effects": {"focal_scar_8": 4.0}, "seed": 13},
 }
-SUSPECTED = [
-    *("end_diastolic_pressure", "fibre_rotation", "basal_motion", "septal_load"),
-    *("radial_scale", "mixed_frames", "heavy_tails"),
-]
 
 
 def hide(config: dict) -> None:
     """Make the small study one of these subjects, without the paper's part of it."""
     config["evaluation"] = False
     config["emulators"] |= {"names": ["gradient_gp"], "final": "gradient_gp"}
-    config["emulators"]["joint_gp"] = {"iterations": 40}
-    config["inputs"] = dict.fromkeys(SUSPECTED, "suspected")
-    config["all_inputs"] = {"simulations": 128, "test": 4, "anchors": 32}
-    config["simulations"] |= {"batch_size": 64}
     config["criticism"] = {
         **{"bootstrap": 199, "largest_set": 3},
         "confirmation": {"sets": 3, "simulations": 6, "rounds": 1},

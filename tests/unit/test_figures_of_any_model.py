@@ -43,10 +43,14 @@ from regional_lv.tables import posteriors, subjects
 from tests.criticism.findings_example import example, write_posterior
 from tests.unit.test_figures import ring_mesh
 
+SEPTUM = [2, 3, 8, 9, 14]
+TWO_WALLS = {"septal": SEPTUM, "free_wall": sorted({*range(1, 18)} - {*SEPTUM})}
 MODELS = {
     "whole": Parameterisation(ZONES["whole"]),
     "segments": Parameterisation(ZONES["segments"]),
-    "guccione": Parameterisation(law="guccione", bounds={"C_c": (0.1, 5.0), "C_b": (0.2, 3.0)}),
+    "guccione": Parameterisation(
+        TWO_WALLS, law="guccione", bounds={"C_c": (0.1, 5.0), "C_b": (0.2, 3.0)}
+    ),
     "one factor": Parameterisation(factors=["C_a"]),
     "one parameter": Parameterisation(ZONES["whole"], factors=["C_a"]),
 }
@@ -60,7 +64,7 @@ CHANNELS = Channels.of(
 DEEP = {
     "segments": "the figures of 34 parameters take as long as all others",
     "whole": "one zone, as `one parameter` has, and two factors, as `guccione`",
-    "one factor": "one factor, as `one parameter` has, and five zones, as `guccione`",
+    "one factor": "one factor, as `one parameter` has, and the zones of other figures",
 }
 
 
@@ -410,7 +414,7 @@ def test_checks_of_the_chain(parameters, tmp_path, paths):
     rows = [("test", "1", name, 0.05, 1.0, True) for name in parameters.names]
     columns = "set case parameter mean_difference_in_sd sd_ratio agrees".split()
     pd.DataFrame(rows, columns=columns).to_csv(tmp_path / "a.csv", index=False)
-    sampler_agreement.draw(tmp_path / "a.csv", parameters, *paths)
+    sampler_agreement.draw([tmp_path / "a.csv"], parameters, *paths)
     assert len(read(paths)) == len(parameters)
 
 

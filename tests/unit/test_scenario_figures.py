@@ -435,9 +435,9 @@ def test_agreement(tmp_path, paths, titles):
     rows = [("test", c, n, 0.05 * c, 1.0, c < 4) for c in range(5) for n in PARAMETERS.names]
     columns = "set case parameter mean_difference_in_sd sd_ratio agrees".split()
     pd.DataFrame(rows, columns=columns).to_csv(tmp_path / "a.csv", index=False)
-    sampler_agreement.draw(tmp_path / "a.csv", PARAMETERS, *paths)
+    sampler_agreement.draw([tmp_path / "a.csv"], PARAMETERS, *paths)
     assert len(read(paths)) == 50
     assert "5 posteriors: 80 % agree" in titles[0]
     pd.DataFrame(columns=columns).to_csv(tmp_path / "a.csv", index=False)
-    sampler_agreement.draw(tmp_path / "a.csv", PARAMETERS, *paths)
+    sampler_agreement.draw([tmp_path / "a.csv"], PARAMETERS, *paths)
     assert "0 posteriors: none passed the convergence check" in titles[1]

@@ -96,22 +96,21 @@ def test_a_check_without_a_home(heart, plain, tmp_path):
 # --- gmsh and matplotlib -------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    "option",
-    [
-        *(
-            "Mesh.SubdivisionAlgorithm = 2;",
-            "Mesh.MshFileVersion = 2.2;",
-            "Geometry.Tolerance = 0.1;",
-        ),
-        *("Mesh.SecondOrderIncomplete = 1;", "Mesh.SaveParametric = 1;", "Mesh.ElementOrder = 1;"),
-    ],
-)
+OPTIONS = """
+Mesh.SubdivisionAlgorithm = 2;
+Mesh.MshFileVersion = 2.2;
+Geometry.Tolerance = 0.1;
+Mesh.SecondOrderIncomplete = 1;
+Mesh.SaveParametric = 1;
+Mesh.ElementOrder = 1;
+"""
+
+
 @pytest.mark.parametrize("file", [".gmsh-options", ".gmshrc"])
 def test_options_of_gmsh_do_not_change_the_mesh(
-    option, file, small_mesh, smoke_config, tmp_path, monkeypatch
+    file, small_mesh, smoke_config, tmp_path, monkeypatch
 ):
-    (tmp_path / file).write_text(option + "\n")
+    (tmp_path / file).write_text(OPTIONS)
     monkeypatch.setenv("HOME", str(tmp_path))
     geometry = smoke_config["geometry"]
     apices = geometry["endo_apex_z_mm"], geometry["epi_apex_z_mm"]

@@ -426,12 +426,6 @@ def known_theta(name):
     return [] if theta is None else [given(theta)]
 
 
-def confirmations(name, rounds):
-    """Simulations of the first `rounds` of a confirmation."""
-    folder = f"{R}/criticism/{name}/confirmation"
-    return expand(f"{folder}/simulations-{{round}}.parquet", round=range(rounds))
-
-
 def made_by(*jobs, kind=""):
     """Files that jobs make (`MADE_BY_JOBS`), of all their subjects; of one kind, or of all."""
     return [

@@ -9,73 +9,44 @@ CRITICISED = [
 # Criticisms of several subjects together.
 TOGETHER = [name for name in CRITICISED if name in JOINT] if DOUBTS else []
 CRITICISM_FIGURES = ["residuals", "causes", "effects", "sources"]
-ROUNDS = range(config["criticism"]["confirmation"]["rounds"])
 
 
 if DOUBTS:
     CRITICISM = settings_of(config)
-    STEP = {
-        "physics": INPUTS,
-        "settings": CRITICISM,
-        "seed": config["seed"],
-        "subjects": lambda wildcards: criticised(wildcards.subject),
-    }
-    CRITIC = "hearts.full" if JOINED else "criticism.study"
-    if JOINED:
-        STEP["channels"] = OUTPUTS
-    OF_SUBJECT = {
-        "emulator_file": EMULATOR_OF_INPUTS,
-        **({"own": f"{OVER_INPUTS}/train.parquet"} if JOINED else {}),
-        "measured": lambda wildcards: expand(
-            f"{R}/measured/{{subject}}.csv", subject=criticised(wildcards.subject)
-        ),
-        "known_theta": lambda wildcards: known_theta(wildcards.subject),
-    }
 
-    rule confirm_models:
-        """One round: the leading models at draws of their posterior, with derivatives about all
-        inputs; none where the rounds before were enough. Reads what was measured, never a truth.
+    rule criticise_subject:
+        """Search, simulations of the leading models with derivatives about all inputs until the
+        emulator agrees with them, posterior averaged over models, verdict. Reads what was measured,
+        never a truth.
         """
         input:
-            **OF_SUBJECT,
+            **({"own": f"{OVER_INPUTS}/train.parquet"} if JOINED else {}),
+            emulator_file=EMULATOR_OF_INPUTS,
             mesh=f"{R}/geometry/mesh.vtu",
             predictor=f"{OVER_INPUTS}/predictor.npz",
-            earlier=lambda wildcards: confirmations(wildcards.subject, int(wildcards.round)),
+            measured=lambda wildcards: expand(
+                f"{R}/measured/{{subject}}.csv", subject=criticised(wildcards.subject)
+            ),
+            known_theta=lambda wildcards: known_theta(wildcards.subject),
         output:
-            simulations=f"{C}/{{subject}}/confirmation/simulations-{{round}}.parquet",
-        log:
-            f"{LOGS}/criticism/{{subject}}/confirm-{{round}}.log",
-        benchmark:
-            f"{R}/benchmarks/criticism/{{subject}}/confirm-{{round}}.tsv"
-        wildcard_constraints:
-            subject=any_of(CRITICISED),
-        priority: FIRST
-        threads: 1
-        params:
-            **STEP,
-            call=f"{CRITIC}:confirm_models",
-        script:
-            "../scripts/call.py"
-
-    rule conclude_criticism:
-        """Posterior averaged over models and verdict, with what the simulations say."""
-        input:
-            **OF_SUBJECT,
-            simulations=lambda wildcards: confirmations(wildcards.subject, len(ROUNDS)),
-        output:
+            simulations=f"{C}/{{subject}}/confirmation.parquet",
             findings=f"{C}/{{subject}}/findings.json",
             posterior=f"{C}/{{subject}}/posterior.nc",
         log:
-            f"{LOGS}/criticism/{{subject}}/conclude.log",
+            f"{LOGS}/criticism/{{subject}}/criticise.log",
         benchmark:
-            f"{R}/benchmarks/criticism/{{subject}}/conclude.tsv"
+            f"{R}/benchmarks/criticism/{{subject}}.tsv"
         wildcard_constraints:
             subject=any_of(CRITICISED),
         priority: FIRST
         threads: 1
         params:
-            **STEP,
-            call=f"{CRITIC}:conclude_criticism",
+            **({"channels": OUTPUTS} if JOINED else {}),
+            call=f"{'hearts.full' if JOINED else 'criticism.study'}:criticise_subject",
+            physics=INPUTS,
+            settings=CRITICISM,
+            seed=config["seed"],
+            subjects=lambda wildcards: criticised(wildcards.subject),
         script:
             "../scripts/call.py"
 

@@ -31,17 +31,18 @@ rule estimate_parameters:
         "../scripts/call.py"
 
 
-rule measure_cost:
+rule measure_costs:
+    """One after the other in one job, as they are compared."""
     input:
-        emulator_file=f"{R}/emulators/{{emulator}}.pt",
-        test=f"{R}/screening/test.parquet",
+        **{f"{name}.emulator_file": f"{R}/emulators/{name}.pt" for name in RANKED},
+        **{f"{name}.test": f"{R}/screening/test.parquet" for name in RANKED},
     output:
-        cost=f"{ESTIMATES}/{{emulator}}/cost.json",
+        **{f"{name}.cost": f"{ESTIMATES}/{name}/cost.json" for name in RANKED},
     log:
-        f"{LOGS}/estimates/{{emulator}}/measure_cost.log",
+        f"{LOGS}/estimates/measure_costs.log",
     threads: 1
     params:
-        call="estimates.estimate:measure_cost",
+        calls=dict.fromkeys(RANKED, "estimates.estimate:measure_cost"),
     script:
         "../scripts/call.py"
 

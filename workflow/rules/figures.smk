@@ -146,7 +146,16 @@ PLOTS = {
     "sampler_agreement": {
         "job": "checks",
         "category": "Test set",
-        "input": {"agreement": f"{POSTERIORS}/sampler_agreement.csv"},
+        "input": {
+            "agreement": [
+                *expand(
+                    f"{POSTERIORS}/{{set}}/sampler_agreement.csv", set=["test", *SCENARIOS, *NOISY]
+                ),
+                *expand(
+                    f"{POSTERIORS}/subjects/{{subject}}_sampler_agreement.csv", subject=SUBJECTS
+                ),
+            ]
+        },
         "params": OF_PARAMETERS,
     },
     "map_errors": {

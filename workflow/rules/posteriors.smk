@@ -18,7 +18,7 @@ SUMMARIES = (
         ),
         *expand(
             f"{R}/posteriors/{EMULATOR}/{{table}}.csv",
-            table=["sampler_agreement", "sbc", *([] if FROM_TABLES else ["resimulated"])],
+            table=["sbc", *([] if FROM_TABLES else ["resimulated"])],
         ),
         *expand(
             f"{R}/posteriors/{EMULATOR}/subjects/{{subject}}_noise_prior.csv",
@@ -61,13 +61,11 @@ rule sample_posteriors:
 
 rule summarise_posteriors:
     input:
-        posteriors=lambda wildcards: posterior_files(wildcards.emulator, wildcards.set),
+        posteriors=lambda wildcards: posterior_files(wildcards.emulator, "test"),
     output:
-        tables=expand(f"{R}/posteriors/{{{{emulator}}}}/{{{{set}}}}/{{table}}", table=SET_TABLES),
+        tables=expand(f"{R}/posteriors/{{{{emulator}}}}/test/{{table}}", table=SET_TABLES),
     log:
-        f"{LOGS}/posteriors/{{emulator}}/{{set}}/summarise.log",
-    wildcard_constraints:
-        set=any_of(SETS),
+        f"{LOGS}/posteriors/{{emulator}}/test/summarise.log",
     params:
         call="inference.summaries:summarise_posteriors",
     script:
@@ -116,42 +114,69 @@ if EVALUATION:
     ruleorder: adopt_test_posteriors > summarise_posteriors
 
 
-rule classify_zones:
-    input:
-        posteriors=lambda wildcards: posterior_files(wildcards.emulator, wildcards.set),
-    output:
-        classified=f"{R}/posteriors/{{emulator}}/{{set}}/zone_classification.csv",
-        by_zone=f"{R}/posteriors/{{emulator}}/{{set}}/map_errors_by_zone.csv",
-    log:
-        f"{LOGS}/posteriors/{{emulator}}/{{set}}/classify_zones.log",
-    wildcard_constraints:
-        set=any_of([*SCENARIOS, *NOISY]),
-    localrule: True
-    params:
-        call="inference.classification:classify_zones",
-        healthy=HEALTHY,
-    script:
-        "../scripts/call.py"
+if SCENARIOS:
+    OF_SCENARIOS = {name: f"{R}/posteriors/{{emulator}}/{name}" for name in [*SCENARIOS, *NOISY]}
+    SUMMARISED = {
+        "tables": "inference.summaries:summarise_posteriors",
+        "zones": "inference.classification:classify_zones",
+    }
 
+    rule summarise_scenarios:
+        """All of them in one job, which takes longer to start than for most of them."""
+        input:
+            **{
+                f"{of}/{name}.posteriors": posterior_files("{{emulator}}", name)
+                for of in SUMMARISED
+                for name in OF_SCENARIOS
+            },
+        output:
+            **{
+                f"tables/{name}.tables": [f"{folder}/{table}" for table in SET_TABLES]
+                for name, folder in OF_SCENARIOS.items()
+            },
+            **{
+                f"zones/{name}.{key}": f"{folder}/{table}.csv"
+                for name, folder in OF_SCENARIOS.items()
+                for key, table in {
+                    "classified": "zone_classification",
+                    "by_zone": "map_errors_by_zone",
+                }.items()
+            },
+        log:
+            f"{LOGS}/posteriors/{{emulator}}/summarise_scenarios.log",
+        params:
+            **{f"zones/{name}.healthy": HEALTHY for name in OF_SCENARIOS},
+            calls={f"{of}/{name}": call for of, call in SUMMARISED.items() for name in OF_SCENARIOS},
+        script:
+            "../scripts/call.py"
 
-rule score_classification:
-    input:
-        classified=f"{R}/posteriors/{{emulator}}/{{set}}/zone_classification.csv",
-        local=lambda wildcards: expand(
-            f"{R}/posteriors/{wildcards.emulator}/{{set}}/zone_classification.csv",
-            set=local_scenarios(noisy=wildcards.set in NOISY),
-        ),
-    output:
-        roc=f"{R}/posteriors/{{emulator}}/{{set}}/roc.csv",
-        auc=f"{R}/posteriors/{{emulator}}/{{set}}/auc.csv",
-    log:
-        f"{LOGS}/posteriors/{{emulator}}/{{set}}/score_classification.log",
-    localrule: True
-    params:
-        call="inference.classification:score_classification",
-        seed=config["seed"],
-    script:
-        "../scripts/call.py"
+    rule score_classification:
+        input:
+            **{
+                f"{name}.classified": f"{folder}/zone_classification.csv"
+                for name, folder in OF_SCENARIOS.items()
+            },
+            **{
+                f"{name}.local": [
+                    f"{OF_SCENARIOS[local]}/zone_classification.csv"
+                    for local in local_scenarios(noisy=name in NOISY)
+                ]
+                for name in OF_SCENARIOS
+            },
+        output:
+            **{
+                f"{name}.{table}": f"{folder}/{table}.csv"
+                for name, folder in OF_SCENARIOS.items()
+                for table in ("roc", "auc")
+            },
+        log:
+            f"{LOGS}/posteriors/{{emulator}}/score_classification.log",
+        localrule: True
+        params:
+            **{f"{name}.seed": config["seed"] for name in OF_SCENARIOS},
+            calls=dict.fromkeys(OF_SCENARIOS, "inference.classification:score_classification"),
+        script:
+            "../scripts/call.py"
 
 
 rule sample_subject:

@@ -50,27 +50,6 @@ rule compare_subject:
         "../scripts/call.py"
 
 
-rule gather_agreement:
-    input:
-        tables=expand(
-            f"{R}/posteriors/{{{{emulator}}}}/{{set}}/sampler_agreement.csv",
-            set=["test", *SCENARIOS, *NOISY],
-        )
-        + expand(
-            f"{R}/posteriors/{{{{emulator}}}}/subjects/{{subject}}_sampler_agreement.csv",
-            subject=SUBJECTS,
-        ),
-    output:
-        table=f"{R}/posteriors/{{emulator}}/sampler_agreement.csv",
-    log:
-        f"{LOGS}/posteriors/{{emulator}}/gather_agreement.log",
-    localrule: True
-    params:
-        call="inference.agreement:gather",
-    script:
-        "../scripts/call.py"
-
-
 rule calibrate_chain:
     input:
         emulator_file=f"{R}/emulators/{{emulator}}.pt",

@@ -68,10 +68,11 @@ class Settings:
 
 @dataclass(frozen=True)
 class Concluded:
-    """Verdict and findings, and what they rest on."""
+    """Verdict and findings, and what was simulated for them, round by round."""
 
     verdict: Verdict
     findings: Findings
+    rounds: Sequence[pd.DataFrame]
 
 
 class Critic:
@@ -149,7 +150,7 @@ class Critic:
             *(self.settings.bootstrap, self.settings.load_fractions),
             self.settings.strain_exponent,
         )
-        return Concluded(verdict, findings_of(verdict, context))
+        return Concluded(verdict, findings_of(verdict, context), rounds)
 
     def _average(self, potential: Potential, draws: int) -> Averaged:
         """Over what the data can tell of."""
@@ -259,66 +260,52 @@ def critic_of(
 
 
 @passes_on(read_critic)
-def confirm_models(
+def criticise_subject(
     mesh: str | Path,
     predictor: str | Path,
-    earlier: Sequence[str | Path],
     simulations: str | Path,
+    findings: str | Path,
+    posterior: str | Path,
     **inputs,
 ) -> None:
-    """`write_round` of `read_critic`."""
-    write_round(read_critic(**inputs), mesh, predictor, inputs["physics"], earlier, simulations)
+    """`write_criticism` of `read_critic`."""
+    made = simulations, findings, posterior
+    write_criticism(read_critic(**inputs), mesh, predictor, inputs["physics"], *made)
 
 
-@passes_on(read_critic)
-def conclude_criticism(
-    simulations: Sequence[str | Path], findings: str | Path, posterior: str | Path, **inputs
-) -> None:
-    """`write_conclusion` of `read_critic`."""
-    write_conclusion(read_critic(**inputs), simulations, findings, posterior)
-
-
-def write_round(
+def write_criticism(
     critic: Critic,
     mesh: str | Path,
     predictor: str | Path,
     physics: Mapping,
-    earlier: Sequence[str | Path],
     simulations: str | Path,
+    findings: str | Path,
+    posterior: str | Path,
 ) -> None:
-    """Simulate what the next round of the confirmation asks for; write the table of
-    `simulations.tabulate` (Parquet), empty where the rounds before were enough.
+    """Confirm by simulations and conclude; write these, the findings and the posterior.
 
     mesh, predictor: the study's, of all inputs. physics: what `inputs.space.sections_of` gives.
-    earlier: tables of the rounds before.
+    simulations: those of all rounds (Parquet, `simulations.tabulate`, and their `round`). findings,
+    posterior: of `write_concluded`.
     """
-    rows = critic.plan(_read(earlier))
-    if len(rows):
+
+    def simulate(design: pd.DataFrame) -> pd.DataFrame:
         from regional_lv.simulation.batches import make_runner  # DOLFINx takes seconds to load
 
-        rows = confirmation.simulate(make_runner(mesh, physics, predictor), rows)
-    rows.to_parquet(simulations, index=False)
+        return confirmation.simulate(make_runner(mesh, physics, predictor), design)
 
-
-def write_conclusion(
-    critic: Critic, simulations: Sequence[str | Path], findings: str | Path, posterior: str | Path
-) -> None:
-    """Decide with the simulations of all rounds; write the findings (JSON) and the posterior
-    averaged over models (NetCDF, `Averaged.inference_data`)."""
-    write_concluded(critic, critic.conclude(_read(simulations)), findings, posterior)
+    concluded = criticise(critic, simulate)
+    made = [table.assign(round=number) for number, table in enumerate(concluded.rounds)]
+    pd.concat(made).to_parquet(simulations, index=False)
+    write_concluded(critic, concluded, findings, posterior)
 
 
 def write_concluded(
     critic: Critic, concluded: Concluded, findings: str | Path, posterior: str | Path
 ) -> None:
-    """Write findings and posterior, as `write_conclusion`."""
+    """Write the findings (JSON) and the posterior averaged over models (NetCDF,
+    `Averaged.inference_data`)."""
     write(concluded.verdict.averaged.inference_data(KEPT, critic.seed), posterior)
     write_findings(concluded.findings, findings)
     for sentence in concluded.findings["words"]:
         log.info("%s", sentence)
-
-
-def _read(simulations: Sequence[str | Path]) -> list[pd.DataFrame]:
-    """Tables of the rounds in which something was simulated."""
-    tables = [pd.read_parquet(path) for path in simulations]
-    return [table for table in tables if len(table)]

@@ -8,7 +8,7 @@ import pandas as pd
 
 from regional_lv.channels import Channels
 from regional_lv.criticism.confirmation import knowing
-from regional_lv.criticism.study import Critic, critic_of, write_conclusion, write_round
+from regional_lv.criticism.study import Critic, critic_of, write_criticism
 from regional_lv.hearts.file import read
 from regional_lv.study.jobs import passes_on
 
@@ -35,20 +35,14 @@ def read_critic(
 
 
 @passes_on(read_critic)
-def confirm_models(
+def criticise_subject(
     mesh: str | Path,
     predictor: str | Path,
-    earlier: Sequence[str | Path],
     simulations: str | Path,
+    findings: str | Path,
+    posterior: str | Path,
     **inputs,
 ) -> None:
-    """`criticism.study.write_round` of `read_critic`."""
-    write_round(read_critic(**inputs), mesh, predictor, inputs["physics"], earlier, simulations)
-
-
-@passes_on(read_critic)
-def conclude_criticism(
-    simulations: Sequence[str | Path], findings: str | Path, posterior: str | Path, **inputs
-) -> None:
-    """`criticism.study.write_conclusion` of `read_critic`."""
-    write_conclusion(read_critic(**inputs), simulations, findings, posterior)
+    """`criticism.study.write_criticism` of `read_critic`."""
+    made = simulations, findings, posterior
+    write_criticism(read_critic(**inputs), mesh, predictor, inputs["physics"], *made)

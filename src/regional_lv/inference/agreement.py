@@ -80,11 +80,6 @@ def compare_subject(
     pd.DataFrame(rows, columns=COLUMNS).to_csv(table, index=False)
 
 
-def gather(tables: Sequence[str | Path], table: str | Path) -> None:
-    """All of these tables as one."""
-    pd.concat([pd.read_csv(one) for one in tables], ignore_index=True).to_csv(table, index=False)
-
-
 def _compare(how: Sampling, posteriors: Sequence, reference: Sampled) -> list[dict]:
     """Rows of all cases, but those whose chains failed the convergence check: no reference."""
     names, rows = reference.likelihoods[0].emulator.parameters.names, []

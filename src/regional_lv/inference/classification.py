@@ -8,8 +8,6 @@ import arviz as az
 import numpy as np
 import pandas as pd
 from scipy.stats import gmean
-from sklearn.exceptions import UndefinedMetricWarning
-from sklearn.metrics import roc_curve
 
 from regional_lv.inference.diagnostics import diagnose, parameters_of
 from regional_lv.inputs.parameters import Parameterisation
@@ -142,6 +140,10 @@ def score_classification(
 def curve_of(label: np.ndarray, score: np.ndarray) -> pd.DataFrame:
     """Rates of false and true positives when scores of at least `threshold` count as positive; NaN
     is the rate of a class that there is none of."""
+    # Slow to load, and the pages of subjects load this module.
+    from sklearn.exceptions import UndefinedMetricWarning
+    from sklearn.metrics import roc_curve
+
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UndefinedMetricWarning)
         false, true, threshold = roc_curve(label, score, drop_intermediate=False)

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 import arviz as az
 import numpy as np
 import pandas as pd
-import scoringrules
 from statsmodels.stats.proportion import proportion_confint
 
 from regional_lv.inputs.parameters import Parameterisation
@@ -135,6 +134,8 @@ def recovery(data: az.InferenceData, verdicts: pd.DataFrame) -> pd.DataFrame:
     prior's variance), rank (number of draws below the truth), draws, verdict, zone (the stiffened
     one of a scenario, else empty).
     """
+    import scoringrules  # slow to load, and most jobs that load this module have no truth
+
     verdict = dict(zip(verdicts["case"], verdicts["verdict"], strict=True))
     parameters = parameters_of(data)
     prior_variance = (parameters.upper - parameters.lower) ** 2 / 12

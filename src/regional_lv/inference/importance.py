@@ -16,7 +16,6 @@ from typing import TypeAlias
 
 import arviz as az
 import torch
-from sklearn.cluster import KMeans
 
 PARTS = 8
 """Distributions in a mixture."""
@@ -208,6 +207,8 @@ class Mixture:
     @classmethod
     def split(cls, u: torch.Tensor, weight: torch.Tensor, largest_sd: Limit) -> "Mixture":
         """Around the centres of clusters of weighted draws, all as wide as the draws within."""
+        from sklearn.cluster import KMeans  # slow to load, and few posteriors need a mixture
+
         mean, spread = moments(u, weight)
         factor = torch.linalg.cholesky(tame(spread, largest_sd))
         z = torch.linalg.solve_triangular(factor, (u - mean).mT, upper=False).mT

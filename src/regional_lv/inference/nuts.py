@@ -9,9 +9,7 @@ and Pareto smoothing tells whether they can.
 import time
 
 import numpy as np
-import pyro
 import torch
-from pyro.infer import MCMC, NUTS
 
 from regional_lv.inference import importance
 from regional_lv.inference.approximation import Approximation, approximate
@@ -37,6 +35,9 @@ def sample_by_nuts(
 ) -> Draws:
     """Draws of one posterior; theta_map (P,), log_sigma_map (G,): its maximum. The same seed gives
     the same draws."""
+    import pyro  # slow to load, and most posteriors are sampled otherwise
+    from pyro.infer import MCMC, NUTS
+
     started = time.monotonic()
     generator = torch.Generator().manual_seed(seed)
     *_, found = approximate(likelihood, theta_map, log_sigma_map, generator)

@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-import seaborn
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
@@ -174,26 +173,12 @@ def _violin(
     ax: Axes, at: float, channel: Channel, colour: str, draws: np.ndarray, observed: float
 ) -> list[tuple]:
     lower, median, upper = np.quantile(draws, [0.025, 0.5, 0.975])
-    seaborn.violinplot(
-        x=np.full(draws.size, at),
-        y=draws,
-        ax=ax,
-        native_scale=True,
-        width=WIDTH,
-        inner=None,
-        cut=0,
-        gridsize=GRID,
-        color=colour,
-        saturation=1,
-        alpha=0.55,
-        linewidth=0.6,
-        linecolor=colour,
-    )
-    ax.plot([at, at], [lower, upper], **INTERVAL)
-    ax.plot(at, median, **MEDIAN)
-    # What seaborn draws: Scott's bandwidth, cut at the smallest and the largest draw.
     values = np.linspace(draws.min(), draws.max(), GRID)
     heights = gaussian_kde(draws)(values)
+    half = WIDTH / 2 * heights / heights.max()
+    ax.fill_betweenx(values, at - half, at + half, color=colour, alpha=0.55, linewidth=0.6)
+    ax.plot([at, at], [lower, upper], **INTERVAL)
+    ax.plot(at, median, **MEDIAN)
     inside = bool(lower <= observed <= upper)
     head = (channel.name, channel.quantity, channel.segment)
     rows: list[tuple] = [

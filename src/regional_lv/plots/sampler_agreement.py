@@ -1,5 +1,6 @@
 """Posteriors by importance sampling against those of NUTS."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import pandas as pd
@@ -15,14 +16,16 @@ MEAN_LIMIT, SD_LIMIT = 0.1, 0.1
 
 
 @style.context
-def draw(agreement: Path, parameters: Parameterisation, png: Path, csv: Path) -> None:
+def draw(agreement: Sequence[Path], parameters: Parameterisation, png: Path, csv: Path) -> None:
     """Draw posteriors by importance sampling against NUTS: means and standard deviations.
 
-    agreement: CSV with set, case, parameter, mean_fast, mean_nuts, sd_fast, sd_nuts,
-    mean_difference_in_sd, sd_ratio, agrees; the figure's table. Between the dashed lines the two
-    agree. Without any case sampled by importance, the figure is empty and says so.
+    agreement: tables (CSV) with set, case, parameter, mean_fast, mean_nuts, sd_fast, sd_nuts,
+    mean_difference_in_sd, sd_ratio, agrees; together they are the figure's table. Between the
+    dashed lines the two agree. Without any case sampled by importance, the figure is empty and says
+    so.
     """
-    table = pd.read_csv(agreement)
+    tables = [pd.read_csv(path) for path in agreement]
+    table = pd.concat([each for each in tables if len(each)] or tables[:1], ignore_index=True)
     fig = style.figure(max(12.0, 1.0 * len(parameters)), 4.0)
     left, right = fig.subplots(1, 2, sharex=True)
     # Cases of a parameter side by side, in their order.

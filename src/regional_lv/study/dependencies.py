@@ -5,7 +5,7 @@ import ast
 import hashlib
 import os
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from functools import cache
 from pathlib import Path
 
@@ -13,7 +13,7 @@ from regional_lv.study.manifest import checksum
 
 PACKAGE = "regional_lv"
 
-_LATER = re.compile(rf"{PACKAGE}\.([\w.]+):\w+")
+_LATER = re.compile(rf"([\"']){PACKAGE}\.([\w.]+):\w+\1")
 
 _checksum = cache(checksum)  # most rules share most files
 
@@ -54,11 +54,9 @@ def _file(source: Path, name: str) -> Path | None:
 
 @cache  # most rules share most of the library, and parsing it was half of every dry run
 def _imports(source: Path, path: Path) -> set[str]:
-    found = set()
-    for node in ast.walk(ast.parse(path.read_text())):
-        if isinstance(node, ast.Constant) and isinstance(node.value, str):
-            if later := _LATER.fullmatch(node.value):
-                found.add(later[1])
+    text = path.read_text()
+    found = {later[2] for later in _LATER.finditer(text)}
+    for node in _statements(ast.parse(text)):
         if not isinstance(node, ast.ImportFrom):
             continue
         module = node.module or ""
@@ -67,3 +65,11 @@ def _imports(source: Path, path: Path) -> set[str]:
             names = [inside, *(f"{inside}.{alias.name}".lstrip(".") for alias in node.names)]
             found |= {name for name in names if _file(source, name)}
     return found
+
+
+def _statements(block: ast.AST) -> Iterator[ast.AST]:
+    """All statements in a block, without their expressions: most of a module, and no imports."""
+    for field in ("body", "handlers", "cases", "orelse", "finalbody"):
+        for statement in getattr(block, field, []):
+            yield statement
+            yield from _statements(statement)
