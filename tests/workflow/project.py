@@ -34,7 +34,7 @@ def environment(project: Path) -> dict[str, str]:
 
 
 def attempt(
-    project: Path, *arguments: str, before: Sequence[str] = (), timeout: float = 1200
+    project: Path, *arguments: str, before: Sequence[str] = (), timeout: float = 2400
 ) -> tuple[str, int]:
     """What Snakemake prints, and its exit code. before: a command that it is an argument of."""
     done = subprocess.run(
