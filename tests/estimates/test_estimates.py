@@ -9,16 +9,16 @@ import torch
 
 from regional_lv import emulators
 from regional_lv.emulators.training import train_emulator
-from regional_lv.estimates import least_squares, reference
-from regional_lv.estimates.check import first_cases
-from regional_lv.estimates.efficiency import measure_efficiency
-from regional_lv.estimates.estimate import (
+from regional_lv.paper.estimates import least_squares, reference
+from regional_lv.paper.estimates.check import first_cases
+from regional_lv.paper.estimates.efficiency import measure_efficiency
+from regional_lv.paper.estimates.estimate import (
     estimate_parameters,
     localised,
     measure_cost,
     true_column,
 )
-from regional_lv.estimates.least_squares import find_least_squares
+from regional_lv.paper.estimates.least_squares import find_least_squares
 from tests.inference.conftest import CHANNELS, PARAMETERS
 from tests.inference.test_likelihood import THETA, linear
 

@@ -10,9 +10,9 @@ import pytest
 from scipy import integrate, stats
 
 from regional_lv.channels import Channels
-from regional_lv.estimates import ranking, transforms
-from regional_lv.plots import per_sample_mse, sample_efficiency
-from regional_lv.tables import emulators as tables
+from regional_lv.paper.estimates import ranking, transforms
+from regional_lv.paper.plots import per_sample_mse, sample_efficiency
+from regional_lv.paper.tables import emulators as tables
 
 CHANNELS = Channels.of()
 CASES = 30

@@ -10,15 +10,15 @@ from regional_lv import emulators
 from regional_lv.channels import Channels
 from regional_lv.emulators.training import train_emulator
 from regional_lv.errors import InputError
-from regional_lv.estimates.least_squares import find_least_squares
 from regional_lv.inference import sampling
-from regional_lv.inference.classification import classify_zones, score_classification
 from regional_lv.inference.diagnostics import parameters_of
 from regional_lv.inference.likelihood import Likelihood, Noise
 from regional_lv.inference.point import find_map
-from regional_lv.inference.rank_calibration import calibrate_chain
-from regional_lv.inference.summaries import TABLES, summarise_posteriors
 from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.paper.estimates.least_squares import find_least_squares
+from regional_lv.paper.posteriors.classification import classify_zones, score_classification
+from regional_lv.paper.posteriors.rank_calibration import calibrate_chain
+from regional_lv.paper.posteriors.summaries import TABLES, summarise_posteriors
 
 ONE = Parameterisation({"whole": range(1, 18)}, bounds={"C_a": (0.1, 5.0), "C_b": (0.5, 2.0)})
 SEGMENTS = Parameterisation(

@@ -9,11 +9,11 @@ from scipy import stats
 
 from regional_lv import emulators
 from regional_lv.inference import sampling
-from regional_lv.inference.agreement import COLUMNS, compare_samplers
-from regional_lv.inference.classification import classify_zones, score_classification
-from regional_lv.inference.noise_prior import compare_noise_priors
-from regional_lv.inference.rank_calibration import calibrate_chain
-from regional_lv.inference.resimulation import compare_resimulated, pick_draws
+from regional_lv.paper.posteriors.agreement import COLUMNS, compare_samplers
+from regional_lv.paper.posteriors.classification import classify_zones, score_classification
+from regional_lv.paper.posteriors.noise_prior import compare_noise_priors
+from regional_lv.paper.posteriors.rank_calibration import calibrate_chain
+from regional_lv.paper.posteriors.resimulation import compare_resimulated, pick_draws
 from tests.inference.conftest import CHANNELS, PARAMETERS
 
 FEW = {"chains": 2, "warmup": 50, "draws": 100, "rhat_max": 1.2, "ess_min": 0}

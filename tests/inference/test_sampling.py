@@ -9,7 +9,7 @@ import xarray as xr
 from regional_lv import emulators
 from regional_lv.errors import InputError
 from regional_lv.inference import sampling
-from regional_lv.inference.summaries import TABLES, summarise_posteriors
+from regional_lv.paper.posteriors.summaries import TABLES, summarise_posteriors
 from regional_lv.study.faults import explain
 from tests.inference.conftest import PARAMETERS
 

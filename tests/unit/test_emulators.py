@@ -21,7 +21,6 @@ from regional_lv.emulators import exact_gp, optimise
 from regional_lv.emulators.base import Architecture, Emulator, SeparablePrediction, TrainingSet
 from regional_lv.emulators.exact_gp import ExactGP, leave_one_out, shrinkage_of
 from regional_lv.emulators.kernels import KERNELS, make_kernel, weighted_slopes
-from regional_lv.emulators.networks import build
 from regional_lv.emulators.recalibration import (
     Calibration,
     fit_freedom,
@@ -40,6 +39,7 @@ from regional_lv.emulators.training import predict_test_set, train_emulator
 from regional_lv.errors import InputError
 from regional_lv.inputs.parameters import Parameterisation
 from regional_lv.mechanics.derivative_kernel import joint_covariance
+from regional_lv.paper.emulators.networks import build
 from regional_lv.registry import temporary
 
 PARAMETERS = Parameterisation()

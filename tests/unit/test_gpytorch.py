@@ -12,9 +12,9 @@ import torch
 from gpytorch.utils.memoize import clear_cache_hook
 from torch.distributions import Categorical, Independent, MixtureSameFamily, Normal
 
-from regional_lv.emulators.dgp import HiddenLayer, TwoLayerGP
 from regional_lv.emulators.kernels import make_kernel
-from regional_lv.emulators.variational import SparseGP
+from regional_lv.paper.emulators.dgp import HiddenLayer, TwoLayerGP
+from regional_lv.paper.emulators.variational import SparseGP
 
 NOISE = torch.tensor([0.05, 0.1, 0.2], dtype=torch.float64)
 SCALES = torch.tensor([0.7, 1.3, 2.0, 0.9], dtype=torch.float64)

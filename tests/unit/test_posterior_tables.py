@@ -7,15 +7,15 @@ import pandas as pd
 import pytest
 
 from regional_lv.errors import InputError
-from regional_lv.inference.agreement import compare
-from regional_lv.inference.choice import adopt, choose_final
-from regional_lv.inference.classification import stiffness
-from regional_lv.inference.correlations import correlate, zone_correlation
-from regional_lv.inference.noise_prior import count_outside
-from regional_lv.inference.rank_calibration import tabulate, test_ranks
-from regional_lv.inference.resimulation import summarise
-from regional_lv.inference.summaries import hpd_widths
 from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.paper.posteriors.agreement import compare
+from regional_lv.paper.posteriors.choice import adopt, choose_final
+from regional_lv.paper.posteriors.classification import stiffness
+from regional_lv.paper.posteriors.correlations import correlate, zone_correlation
+from regional_lv.paper.posteriors.noise_prior import count_outside
+from regional_lv.paper.posteriors.rank_calibration import tabulate, test_ranks
+from regional_lv.paper.posteriors.resimulation import summarise
+from regional_lv.paper.posteriors.summaries import hpd_widths
 
 PARAMETERS = Parameterisation()
 

@@ -3,7 +3,7 @@
 import pandas as pd
 import pytest
 
-from regional_lv.verification.published_rows import NATURAL_ROWS, summarise_published_rows
+from regional_lv.paper.published_rows import NATURAL_ROWS, summarise_published_rows
 
 
 def test_errors_by_scale_quantity_and_level(tmp_path):

@@ -11,7 +11,7 @@ from matplotlib.image import imread
 
 from regional_lv.channels import Channels
 from regional_lv.inputs.parameters import Parameterisation
-from regional_lv.plots import (
+from regional_lv.paper.plots import (
     bullseye_map,
     correlations,
     emulator_traces,
@@ -23,13 +23,13 @@ from regional_lv.plots import (
     sampler_agreement,
     sbc,
     scenarios,
-    strain_field,
-    style,
     uncertainty,
     verdicts,
     zone_correlations,
 )
-from regional_lv.tables import posteriors, subjects, writing
+from regional_lv.paper.tables import posteriors
+from regional_lv.plots import strain_field, style
+from regional_lv.tables import subjects, writing
 
 PARAMETERS, CHANNELS = Parameterisation(), Channels.of()
 FAILED = "failed: bulk ESS 40 < 400"

@@ -6,7 +6,9 @@ import pytest
 from sklearn.metrics import roc_auc_score
 
 from regional_lv.channels import Channels
-from regional_lv.inference.classification import (
+from regional_lv.inference.sampling import add_noise
+from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.paper.posteriors.classification import (
     area,
     areas_of,
     auc_interval,
@@ -15,8 +17,6 @@ from regional_lv.inference.classification import (
     score_classification,
     stiffness,
 )
-from regional_lv.inference.sampling import add_noise
-from regional_lv.inputs.parameters import Parameterisation
 from regional_lv.simulation.sobol import draw_scenario, scenario_size, write_scenario
 
 PARAMETERS, CHANNELS = Parameterisation(), Channels.of()
@@ -136,7 +136,7 @@ def classified(stiffened, probability, path):
 
 def test_global_stiffening_is_compared_with_healthy_zones_elsewhere(tmp_path, monkeypatch):
     # None of them is checked here.
-    monkeypatch.setattr("regional_lv.inference.classification.RESAMPLES", 20)
+    monkeypatch.setattr("regional_lv.paper.posteriors.classification.RESAMPLES", 20)
     own = classified([True] * 3, [0.9, 0.8, 0.4], tmp_path / "global.csv")
     local = classified([True, False, False], [0.1, 0.5, 0.2], tmp_path / "local.csv")
     score_classification(own, [local], tmp_path / "roc.csv", tmp_path / "auc.csv", 1)

@@ -22,7 +22,7 @@ rule estimate_parameters:
         set=any_of(SCORED),
     threads: 1
     params:
-        call="estimates.estimate:estimate_parameters",
+        call="paper.estimates.estimate:estimate_parameters",
         point=config["map"],
         adam_steps=config["estimates"]["adam_steps"],
         hops=config["estimates"]["hops"],
@@ -41,7 +41,7 @@ rule measure_cost:
         f"{LOGS}/estimates/{{emulator}}/measure_cost.log",
     threads: 1
     params:
-        call="estimates.estimate:measure_cost",
+        call="paper.estimates.estimate:measure_cost",
     script:
         "../scripts/call.py"
 
@@ -58,7 +58,7 @@ if FROM_TABLES:
             f"{LOGS}/estimates/fit_reference.log",
         threads: 1
         params:
-            call="estimates.reference:fit_reference",
+            call="paper.estimates.reference:fit_reference",
             parameters=PARAMETER_SPEC,
             channels=OUTPUTS,
             seed=config["seed"],
@@ -77,7 +77,7 @@ if FROM_TABLES:
             set=any_of(SCORED),
         threads: 1
         params:
-            call="estimates.reference:predict_estimates",
+            call="paper.estimates.reference:predict_estimates",
             cases=config["estimates"]["checked_cases"],
         script:
             "../scripts/call.py"
@@ -97,7 +97,7 @@ else:
             f"{R}/benchmarks/estimates/{{emulator}}_simulated.tsv"
         threads: 1
         params:
-            call="estimates.check:simulate_estimates",
+            call="paper.estimates.check:simulate_estimates",
             physics=PHYSICS,
             cases=config["estimates"]["checked_cases"],
         script:
@@ -117,7 +117,7 @@ checkpoint rank_emulators:
         f"{LOGS}/estimates/rank_emulators.log",
     localrule: True
     params:
-        call="estimates.ranking:rank_emulators",
+        call="paper.estimates.ranking:rank_emulators",
         names=RANKED,
         channels=OUTPUTS,
         size=config["emulators"]["shortlist"]["size"],
@@ -151,7 +151,7 @@ rule compare_transforms:
         f"{LOGS}/estimates/compare_transforms.log",
     localrule: True
     params:
-        call="estimates.transforms:compare_transforms",
+        call="paper.estimates.transforms:compare_transforms",
         transforms=TRANSFORMS,
         files=list(EMULATORS),
         channels=OUTPUTS,
@@ -174,7 +174,7 @@ rule measure_efficiency:
         transform="log|identity",
     threads: 1
     params:
-        call="estimates.efficiency:measure_efficiency",
+        call="paper.estimates.efficiency:measure_efficiency",
         settings=lambda wildcards: config["emulators"][wildcards.emulator],
         sizes=config["efficiency"]["sizes"],
         most_with_sensitivities=config["efficiency"]["most_with_sensitivities"],

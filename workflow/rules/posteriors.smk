@@ -69,7 +69,7 @@ rule summarise_posteriors:
     wildcard_constraints:
         set=any_of(SETS),
     params:
-        call="inference.summaries:summarise_posteriors",
+        call="paper.posteriors.summaries:summarise_posteriors",
     script:
         "../scripts/call.py"
 
@@ -89,7 +89,7 @@ if EVALUATION:
             f"{LOGS}/posteriors/choose_final.log",
         localrule: True
         params:
-            call="inference.choice:choose_final",
+            call="paper.posteriors.choice:choose_final",
             wanted=config["emulators"]["final"],
         script:
             "../scripts/call.py"
@@ -108,7 +108,7 @@ if EVALUATION:
             f"{LOGS}/posteriors/adopt_test_posteriors.log",
         localrule: True
         params:
-            call="inference.choice:adopt",
+            call="paper.posteriors.choice:adopt",
         script:
             "../scripts/call.py"
 
@@ -128,7 +128,7 @@ rule classify_zones:
         set=any_of([*SCENARIOS, *NOISY]),
     localrule: True
     params:
-        call="inference.classification:classify_zones",
+        call="paper.posteriors.classification:classify_zones",
         healthy=HEALTHY,
     script:
         "../scripts/call.py"
@@ -148,7 +148,7 @@ rule score_classification:
         f"{LOGS}/posteriors/{{emulator}}/{{set}}/score_classification.log",
     localrule: True
     params:
-        call="inference.classification:score_classification",
+        call="paper.posteriors.classification:score_classification",
         seed=config["seed"],
     script:
         "../scripts/call.py"

@@ -45,44 +45,44 @@ REGISTRY = Registry(
         ),
         Listed(
             "local_gp",
-            "regional_lv.emulators.local_gp:LocalSingleGP",
+            "regional_lv.paper.emulators.local_gp:LocalSingleGP",
             Architecture("L.GP", "GP", "local", "single-output"),
         ),
         Listed(
             "local_mgp",
-            "regional_lv.emulators.local_mgp:LocalMultiGP",
+            "regional_lv.paper.emulators.local_mgp:LocalMultiGP",
             Architecture("L.MGP", "GP", "local", "multi-output"),
         ),
         Listed(
             "local_dkgp",
-            "regional_lv.emulators.local_dkgp:LocalDeepKernelGP",
+            "regional_lv.paper.emulators.local_dkgp:LocalDeepKernelGP",
             Architecture("L.DKGP", "GP", "local", "single-output", "deep kernel"),
         ),
         Listed(
             "local_dkmgp",
-            "regional_lv.emulators.local_dkmgp:LocalDeepKernelMultiGP",
+            "regional_lv.paper.emulators.local_dkmgp:LocalDeepKernelMultiGP",
             Architecture("L.DKMGP", "GP", "local", "multi-output", "deep kernel"),
         ),
         Listed(
             "vgp",
-            "regional_lv.emulators.vgp:VGP",
+            "regional_lv.paper.emulators.vgp:VGP",
             Architecture("VGP", "variational GP", "global", "single-output"),
         ),
         Listed(
             "mvgp",
-            "regional_lv.emulators.mvgp:MVGP",
+            "regional_lv.paper.emulators.mvgp:MVGP",
             Architecture("MVGP", "variational GP", "global", "multi-output"),
         ),
         Listed(
             "dgp",
-            "regional_lv.emulators.dgp:DGP",
+            "regional_lv.paper.emulators.dgp:DGP",
             Architecture(
                 "DGP", "variational GP", "global", "multi-output", "variational GP layers"
             ),
         ),
         Listed(
             "dnn",
-            "regional_lv.emulators.dnn:DNN",
+            "regional_lv.paper.emulators.dnn:DNN",
             Architecture("DNN", "network", "global", "multi-output", "feed-forward network"),
         ),
     ),

@@ -1,12 +1,6 @@
 """Measured files: read, checked and made."""
 
 from regional_lv.measured.curves import import_curves, read_curve_subject
-from regional_lv.measured.published import (
-    import_published_simulation,
-    import_volunteer,
-    published_simulation,
-    published_volunteer,
-)
 from regional_lv.measured.synthetic import synthetic_subject, write_truth
 from regional_lv.measured.tables import (
     MeasuredWarning,
@@ -15,6 +9,12 @@ from regional_lv.measured.tables import (
     shortcomings,
     states_noise,
     write_measured,
+)
+from regional_lv.paper.measured import (
+    import_published_simulation,
+    import_volunteer,
+    published_simulation,
+    published_volunteer,
 )
 
 __all__ = [

@@ -18,11 +18,12 @@ from regional_lv.channels import Channel, Channels
 from regional_lv.criticism import words
 from regional_lv.criticism.contract import Findings, MeasuredInput, read_findings
 from regional_lv.emulators import label_of
-from regional_lv.inference.classification import stiffness
 from regional_lv.inputs.parameters import Parameterisation
 from regional_lv.measured import read_measured
 from regional_lv.mechanics.materials import MATERIALS
 from regional_lv.page import heart3d
+from regional_lv.paper.plots.verdicts import chosen
+from regional_lv.paper.posteriors.classification import stiffness
 from regional_lv.plots import style
 from regional_lv.plots.case_posterior import (
     SOURCES,
@@ -31,7 +32,6 @@ from regional_lv.plots.case_posterior import (
     predictive,
     read_subject,
 )
-from regional_lv.plots.verdicts import chosen
 from regional_lv.quantities import seth_hill
 
 TEMPLATE = Path(__file__).parent / "page.html"

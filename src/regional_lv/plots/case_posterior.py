@@ -16,7 +16,7 @@ import xarray as xr
 
 from regional_lv.criticism.contract import Stiffness, Summary, read_findings
 from regional_lv.errors import InputError
-from regional_lv.plots.verdicts import verdict_of
+from regional_lv.paper.plots.verdicts import verdict_of
 
 SOURCES = {
     "synthetic": "synthetic data",

@@ -1,0 +1,1 @@
+"""The eight emulators of the paper."""
