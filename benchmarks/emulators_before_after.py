@@ -47,8 +47,8 @@ def measure(arguments: argparse.Namespace, folder: Path) -> None:
     from regional_lv import config, emulators
     from regional_lv.channels import Channels
     from regional_lv.emulators import training
-    from regional_lv.inference.sampling import sample_set_batch
     from regional_lv.inputs.parameters import Parameterisation
+    from regional_lv.paper.posteriors.sets import sample_set_batch
     from regional_lv.paper.posteriors.summaries import TABLES, summarise_posteriors
     from regional_lv.study import dependencies
 

@@ -8,15 +8,15 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from regional_lv.inference.diagnostics import (
+from regional_lv.inference.diagnostics import check_convergence
+from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.paper.posteriors.recovery import (
     ANY_SOFT,
-    check_convergence,
     clustered_interval,
     coverage,
     map_errors,
     recovery,
 )
-from regional_lv.inputs.parameters import Parameterisation
 
 PARAMETERS = Parameterisation()
 

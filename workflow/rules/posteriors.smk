@@ -46,7 +46,7 @@ rule sample_posteriors:
         set=any_of(SETS),
     threads: 1
     params:
-        call="inference.sampling:sample_set_batch",
+        call="paper.posteriors.sets:sample_set_batch",
         set_name=lambda wildcards: wildcards.set,
         batches=lambda wildcards: len(posterior_batches(wildcards.set)),
         cases=lambda wildcards: SETS[wildcards.set],

@@ -99,7 +99,7 @@ TABULATED = {
     "noise_prior": {
         "job": "noise_prior",
         "category": "Subjects",
-        "call": "tables.subjects:noise_prior",
+        "call": "paper.tables.posteriors:noise_prior",
         "file": "{subject}/noise_prior",
         "input": {"noise_prior": f"{POSTERIORS}/subjects/{{subject}}_noise_prior.csv"},
     },

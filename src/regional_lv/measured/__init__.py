@@ -10,21 +10,11 @@ from regional_lv.measured.tables import (
     states_noise,
     write_measured,
 )
-from regional_lv.paper.measured import (
-    import_published_simulation,
-    import_volunteer,
-    published_simulation,
-    published_volunteer,
-)
 
 __all__ = [
     "MeasuredWarning",
     "import_curves",
     "import_measured",
-    "import_published_simulation",
-    "import_volunteer",
-    "published_simulation",
-    "published_volunteer",
     "read_curve_subject",
     "read_measured",
     "shortcomings",

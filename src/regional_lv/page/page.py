@@ -22,8 +22,6 @@ from regional_lv.inputs.parameters import Parameterisation
 from regional_lv.measured import read_measured
 from regional_lv.mechanics.materials import MATERIALS
 from regional_lv.page import heart3d
-from regional_lv.paper.plots.verdicts import chosen
-from regional_lv.paper.posteriors.classification import stiffness
 from regional_lv.plots import style
 from regional_lv.plots.case_posterior import (
     SOURCES,
@@ -347,7 +345,7 @@ def stiffness_of(drawn: CasePosterior, parameters: Parameterisation) -> list[dic
 def trade_offs(drawn: CasePosterior, parameters: Parameterisation) -> list[dict]:
     """Pairs of factors of a zone that are strongly correlated, with their geometric mean."""
     theta = np.stack([drawn.draws[name].ravel() for name in parameters.names], axis=-1)
-    means, found = stiffness(theta, parameters)[..., -1], []
+    means, found = stats.gmean(parameters.table(theta), axis=-1), []
     for z, zone in enumerate(parameters.zones):
         for one, other in combinations(parameters.factors, 2):
             pair = [np.log(drawn.draws[f"{factor}_{zone}"].ravel()) for factor in (one, other)]
@@ -478,8 +476,8 @@ def emulator_of(
     """
     candidates = []
     if choice:
-        name = chosen(Path(choice))
-        candidates = json.loads(Path(choice).read_text())["candidates"]
+        report = json.loads(Path(choice).read_text())
+        name, candidates = report["final"], report["candidates"]
     columns = ["case", "output", "truth", "mean"]
     table = (
         pd.read_parquet(predictions, columns=columns)

@@ -7,23 +7,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from regional_lv.errors import InputError
 from regional_lv.inputs.parameters import Parameterisation
-
-
-def verdict_of(diagnostics: str | Path, case: str) -> str:
-    """Verdict of one case in a `diagnostics.csv`: "passed" or "failed: ..." with every reason.
-
-    Raises InputError if the file has no row for the case.
-    """
-    table = pd.read_csv(diagnostics, dtype={"case": str})
-    rows = table[table["case"] == case]
-    if rows.empty:
-        raise InputError(f"{diagnostics}: no row for case {case!r}; rerun the diagnostics")
-    reasons = [v for v in rows["verdict"].unique() if v != "passed"]
-    if reasons:
-        return "failed: " + "; ".join(v.removeprefix("failed: ") for v in reasons)
-    return "passed" if rows["passed"].all() else "failed: a parameter did not pass"
 
 
 def failed_cases(diagnostics: Path) -> set[str]:

@@ -12,10 +12,10 @@ from regional_lv import emulators
 from regional_lv.inference.sampling import (
     Sampled,
     Sampling,
-    likelihoods_of_set,
     sample_cases,
     subject_likelihood,
 )
+from regional_lv.paper.posteriors.sets import likelihoods_of_set
 from regional_lv.seeds import derive
 
 MEANS, SDS = 0.1, 0.1
@@ -36,7 +36,7 @@ def compare_samplers(
     """Sample random cases of a set by NUTS and compare with importance sampling (CSV).
 
     posteriors: batches of the set. cases: how many to draw among those that were sampled by
-    importance; all if there are fewer. noise: as in `sampling.sample_set_batch`. For the columns
+    importance; all if there are fewer. noise: as in `sets.sample_set_batch`. For the columns
     see `COLUMNS`; cases whose chains fail the convergence check are left out.
     """
     fast = {

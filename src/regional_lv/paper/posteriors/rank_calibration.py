@@ -17,7 +17,8 @@ from statsmodels.stats.multitest import multipletests
 from regional_lv import emulators
 from regional_lv.emulators.training import read_simulations
 from regional_lv.inference.likelihood import Likelihood
-from regional_lv.inference.sampling import Sampled, Sampling, error_model, sample_cases
+from regional_lv.inference.sampling import Sampled, Sampling, sample_cases
+from regional_lv.paper.posteriors.sets import error_model
 from regional_lv.seeds import derive
 
 DRAWS = 99

@@ -8,15 +8,10 @@ import numpy as np
 import pandas as pd
 
 from regional_lv.errors import InputError
-from regional_lv.inference.diagnostics import (
-    coverage,
-    diagnose,
-    map_errors,
-    parameters_of,
-    recovery,
-)
+from regional_lv.inference.diagnostics import diagnose, parameters_of
 from regional_lv.inputs.parameters import Parameterisation
 from regional_lv.paper.posteriors.correlations import correlate
+from regional_lv.paper.posteriors.recovery import coverage, map_errors, recovery
 
 
 def hpd_widths(table: pd.DataFrame, parameters: Parameterisation) -> pd.DataFrame:

@@ -255,7 +255,7 @@ def noise_table(tmp_path):
 def test_noise_prior(noise_table, tmp_path, paths):
     noise_prior.draw(noise_table, "volunteer", "published_volunteer", PARAMETERS, *paths)
     assert read(paths)["width95"].to_numpy() == pytest.approx(0.2)
-    table = table_of(subjects.noise_prior, tmp_path, noise_table)
+    table = table_of(posteriors.noise_prior, tmp_path, noise_table)
     assert list(table["outside"]) == [9, 3, 1]
     assert table["sigma_radial"].to_numpy() == pytest.approx([0.06, 0.36, 1.2])
 

@@ -6,7 +6,6 @@ import pytest
 from sklearn.metrics import roc_auc_score
 
 from regional_lv.channels import Channels
-from regional_lv.inference.sampling import add_noise
 from regional_lv.inputs.parameters import Parameterisation
 from regional_lv.paper.posteriors.classification import (
     area,
@@ -17,7 +16,8 @@ from regional_lv.paper.posteriors.classification import (
     score_classification,
     stiffness,
 )
-from regional_lv.simulation.sobol import draw_scenario, scenario_size, write_scenario
+from regional_lv.paper.posteriors.sets import add_noise
+from regional_lv.paper.scenarios import draw_scenario, scenario_size, write_scenario
 
 PARAMETERS, CHANNELS = Parameterisation(), Channels.of()
 HEALTHY = {"mean": 1.0, "sd": 0.05}
