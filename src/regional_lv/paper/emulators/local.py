@@ -304,3 +304,37 @@ class LocalGP(ReducedEmulator):
         super()._restore({"local": None} | state)
         if self.local is not None:
             self._set_local(self.local["rows"], self.local["parameters"], iterations=0)
+
+
+class LocalSingleGP(LocalGP):
+    """L.GP of the paper. Settings: neighbours, kernel, iterations of a local fit."""
+
+    name = "local_gp"
+    joint = False
+
+
+class LocalMultiGP(LocalGP):
+    """L.MGP of the paper. Settings: neighbours, kernel, iterations of a local fit."""
+
+    name = "local_mgp"
+    joint = True
+
+
+class LocalDeepKernelGP(LocalGP):
+    """L.DKGP of the paper.
+
+    Settings: neighbours, kernel, iterations of a local fit, hidden (widths of the network).
+    """
+
+    name = "local_dkgp"
+    joint = False
+
+
+class LocalDeepKernelMultiGP(LocalGP):
+    """L.DKMGP of the paper.
+
+    Settings: neighbours, kernel, iterations of a local fit, hidden (widths of the network).
+    """
+
+    name = "local_dkmgp"
+    joint = True

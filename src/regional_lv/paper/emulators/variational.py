@@ -350,3 +350,17 @@ class VariationalGP(ReducedEmulator):
 
     def _covariance(self, x):
         return self.model.score_covariance(x)
+
+
+class VGP(VariationalGP):
+    """VGP of the paper. Settings: inducing, kernel, iterations, hyperparameter_rows."""
+
+    name = "vgp"
+    mixed = False
+
+
+class MVGP(VariationalGP):
+    """MVGP of the paper. Settings: those of VGP, and latents (processes that are mixed)."""
+
+    name = "mvgp"
+    mixed = True
