@@ -147,7 +147,7 @@ def make_page(
         missing=missing(table, channels),
         pressure=pressure_mmhg,
         known=known,
-        scaling=[p.factor for p in parameters if p.scales_stress][:1] if scales else [],
+        scaling=[p.factor for p in parameters if p.stress_power][:1] if scales else [],
         measure=seth_hill.measure_name(strain_exponent),
         stiffness=rows,
         law=MATERIALS[parameters.law],
@@ -322,18 +322,14 @@ def stiffness_of(drawn: CasePosterior, parameters: Parameterisation) -> list[dic
     summary, rows = drawn.summary(), []
     for p in parameters:
         values, row = drawn.draws[p.name].ravel(), summary.loc[p.name].to_dict()
-        prior = (
-            stats.loguniform(p.lower, p.upper)
-            if stated
-            else stats.uniform(p.lower, p.upper - p.lower)
-        )
+        prior = stats.loguniform(p.low, p.high) if stated else stats.uniform(p.low, p.high - p.low)
         rows.append(
             {
                 **{"name": p.name, "zone": p.zone, "factor": p.factor},
                 "segments": parameters.zones[p.zone],
                 **row,
                 "middle": row[drawn.middle],
-                "prior": (p.lower, p.upper),
+                "prior": (p.low, p.high),
                 "above_reference": float((values > 1).mean()),
                 "silent": stats.kstest(values, prior.cdf).statistic <= SAME_AS_PRIOR,
                 "shift_sd": shifts.get(p.name, 0.0),
