@@ -1,4 +1,4 @@
-"""Scores, intervals and the convergence check against what is known in closed form."""
+"""Scores and intervals against what is known in closed form."""
 
 import json
 
@@ -8,7 +8,6 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from regional_lv.inference.diagnostics import check_convergence
 from regional_lv.inputs.parameters import Parameterisation
 from regional_lv.paper.posteriors.recovery import (
     ANY_SOFT,
@@ -119,48 +118,6 @@ def test_clustered_interval_covers():
         low, high = clustered_interval((rng.random((60, 10)) < p[:, None]).astype(float))
         inside += low <= 0.9 <= high
     assert inside >= 182
-
-
-@pytest.fixture
-def chains() -> np.ndarray:
-    return np.random.default_rng(3).normal(size=(2, 600, 3))
-
-
-def checked(chains, diverging=False, pareto_k=np.nan, weighted_ess=1200.0):
-    where = np.zeros((2, 600), bool)
-    where[0, 5] = diverging
-    return check_convergence(chains, ["a", "b", "c"], where, 1.01, 400, pareto_k, weighted_ess)
-
-
-def test_independent_draws_pass(chains):
-    table, verdict = checked(chains)
-    assert verdict == "passed" and table["passed"].all()
-    assert table["parameter"].tolist() == ["a", "b", "c"]
-    assert checked(chains, pareto_k=0.6)[1] == "passed"
-
-
-def test_every_reason_to_fail_is_named(chains):
-    shifted = chains.copy()
-    shifted[1, :, 1] += 1.0
-    table, verdict = checked(shifted, diverging=True)
-    assert verdict.startswith("failed: R-hat") and "ESS" in verdict and "1 divergences" in verdict
-    assert not table["passed"].any()
-    for weights, reason in (
-        ({"pareto_k": 0.8}, "failed: Pareto k 0.80 > 0.7"),
-        ({"weighted_ess": 300.0}, "failed: ESS of the weights 300 < 400"),
-    ):
-        table, verdict = checked(chains, **weights)
-        assert verdict == reason and not table["passed"].any()
-
-
-def test_what_is_no_number_passes_nothing(chains):
-    table, verdict = checked(chains, weighted_ess=np.nan)
-    assert verdict == "failed: ESS of the weights nan < 400" and not table["passed"].any()
-    still = chains.copy()
-    still[:, :, 1] = 2.0
-    table, verdict = checked(still)
-    assert verdict == "failed: b never moved"
-    assert table["passed"].tolist() == [True, False, True]
 
 
 def _recovered(cases: int) -> pd.DataFrame:
