@@ -38,6 +38,12 @@ def test_all_that_the_interpreter_loads_is_found(root, module):
     assert len(loaded) > 5 and loaded - names(root, module) == {"study/surroundings.py"}
 
 
+def test_what_a_registry_imports_later_is_found(root):
+    """An edit of an emulator trains anew, whatever room it is in."""
+    found = names(root, "emulators.training")
+    assert {"emulators/exact_gp.py", "paper/emulators/dgp.py"} <= found
+
+
 def test_nothing_else_is_found(root):
     """Modules that the simulator does without, so that their edits cost no simulation."""
     found, there = names(root, "simulation.batches"), root / "src" / "regional_lv"
