@@ -19,7 +19,7 @@ PANELS = {
 
 @style.context
 def draw(curves: Sequence[Path], png: Path, csv: Path) -> None:
-    """Draw the tables (CSV) of `estimates.efficiency`; the figure's table is all of them.
+    """Draw the tables (CSV) of `paper.estimates.efficiency`; the figure's table is all of them.
 
     Errors have one unit wherever they are drawn: those of the outputs squared training standard
     deviations, those of the parameters, by weighted estimates, squared stiffness factors.

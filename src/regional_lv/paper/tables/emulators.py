@@ -85,7 +85,7 @@ def pairs(pairs: Path) -> pd.DataFrame:
 
 @written
 def transforms(transforms: Path) -> pd.DataFrame:
-    """What the input transform does to each emulator (`estimates.transforms`), by its label."""
+    """What the input transform does to each emulator (`paper.estimates.transforms`), by its label."""
     table = pd.read_csv(transforms)
     table["emulator"] = [label_of(name) for name in table["emulator"]]
     return table
@@ -93,5 +93,5 @@ def transforms(transforms: Path) -> pd.DataFrame:
 
 @written
 def sample_efficiency(curves: list[Path]) -> pd.DataFrame:
-    """Errors against the number of simulations (`estimates.efficiency`), all curves."""
+    """Errors against the number of simulations (`paper.estimates.efficiency`), all curves."""
     return pd.concat([pd.read_csv(path) for path in curves], ignore_index=True)
