@@ -11,6 +11,7 @@ from matplotlib.image import imread
 
 from regional_lv.channels import Channels
 from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.paper import page
 from regional_lv.paper.plots import (
     bullseye_map,
     correlations,
@@ -29,7 +30,7 @@ from regional_lv.paper.plots import (
 )
 from regional_lv.paper.tables import posteriors
 from regional_lv.plots import strain_field, style
-from regional_lv.tables import subjects, writing
+from regional_lv.tables import subjects
 
 PARAMETERS, CHANNELS = Parameterisation(), Channels.of()
 FAILED = "failed: bulk ESS 40 < 400"
@@ -399,7 +400,7 @@ def test_choice(tmp_path):
 
 def test_markdown_has_no_nan_and_escapes_bars():
     table = pd.DataFrame({"a": [1.23456, np.nan], "b": ["x|y", "z"]})
-    lines = writing.markdown(table).splitlines()
+    lines = page.markdown(table).splitlines()
     assert lines == ["| a | b |", "|---:|---|", "| 1.235 | x\\|y |", "|  | z |"]
 
 

@@ -12,7 +12,6 @@ import torch
 import xarray as xr
 
 from regional_lv import emulators
-from regional_lv.emulators.base import Emulator
 from regional_lv.inference.by_importance import sample_by_importance
 from regional_lv.inference.diagnostics import diagnose
 from regional_lv.inference.draws import Draws, Settings
@@ -82,15 +81,6 @@ class Sampling:
             self.settings,
             derive(self.seed, sampler, likelihood.emulator.name, self.set_name, case),
         )
-
-
-def make_likelihoods(emulator: Emulator, y: torch.Tensor, noise: Noise) -> list[Likelihood]:
-    """One likelihood for each row of `y` (C, D); a local emulator trains for each."""
-    local = [emulator.localise(row) for row in y]
-    if all(one is emulator for one in local):
-        common = Likelihood(emulator, y[0], noise)
-        return [common.at(row) for row in y]
-    return [Likelihood(one, row, noise) for one, row in zip(local, y, strict=True)]
 
 
 SAMPLERS = {"importance": sample_by_importance, "nuts": sample_by_nuts}

@@ -17,7 +17,6 @@ from regional_lv.errors import InputError
 from regional_lv.inference.likelihood import Likelihood, Noise
 from regional_lv.inference.sampling import (
     Sampling,
-    make_likelihoods,
     sample_cases,
     to_inference_data,
     write,
@@ -76,6 +75,15 @@ def likelihoods_of_set(emulator: Emulator, y: torch.Tensor, noise: dict | None) 
         emulator, kind = error_model(emulator)
         return make_likelihoods(emulator, y, kind)
     return make_likelihoods(emulator, y, Noise.known(noise_sd(emulator.channels, noise)))
+
+
+def make_likelihoods(emulator: Emulator, y: torch.Tensor, noise: Noise) -> list[Likelihood]:
+    """One likelihood for each row of `y` (C, D); a local emulator trains for each."""
+    local = [emulator.localise(row) for row in y]
+    if all(one is emulator for one in local):
+        common = Likelihood(emulator, y[0], noise)
+        return [common.at(row) for row in y]
+    return [Likelihood(one, row, noise) for one, row in zip(local, y, strict=True)]
 
 
 def noise_sd(channels: Channels, noise: dict) -> torch.Tensor:

@@ -85,7 +85,7 @@ def pairs(pairs: Path) -> pd.DataFrame:
 
 @written
 def transforms(transforms: Path) -> pd.DataFrame:
-    """What the input transform does to each emulator (`paper.estimates.transforms`), by its label."""
+    """What the input transform does to each emulator, by its label (`estimates.transforms`)."""
     table = pd.read_csv(transforms)
     table["emulator"] = [label_of(name) for name in table["emulator"]]
     return table
