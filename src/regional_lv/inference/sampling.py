@@ -1,4 +1,4 @@
-"""From observations to posteriors: of sets of simulated cases, and of subjects."""
+"""From observations to posteriors, and to their files."""
 
 import json
 import logging

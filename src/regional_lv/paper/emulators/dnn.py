@@ -34,12 +34,9 @@ class DNN(ReducedEmulator):
         sizes = [self.inputs.shape[1], *self.settings["hidden"], len(self.score_sd)]
         return networks.build(sizes).double()
 
-    @property
-    def error_prior_scale(self) -> float | None:
-        return self.settings["error_prior_scale"]
-
     def without_error(self) -> "DNN":
-        """What the reduction leaves out remains: one and the same covariance everywhere."""
+        """This network with no error but what the reduction leaves out, which is one and the same
+        covariance everywhere."""
         bare = copy.copy(self)
         bare.error_sd = 0.0
         return bare

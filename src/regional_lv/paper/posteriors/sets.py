@@ -21,6 +21,7 @@ from regional_lv.inference.sampling import (
     to_inference_data,
     write,
 )
+from regional_lv.paper.emulators.dnn import DNN
 from regional_lv.seeds import derive
 
 
@@ -102,13 +103,12 @@ def read_zones(simulations: str | Path) -> np.ndarray | None:
 def error_model(emulator: Emulator) -> tuple[Emulator, Noise]:
     """Emulator and noise for simulated data, where the emulator's error is all there is.
 
-    An emulator that leaves the scale of its error to the likelihood (the paper's network) loses
-    its own and gets an unknown one, the same for all outputs in standardised units.
+    A network with a setting `error_prior_scale` loses its own error and gets one of an unknown
+    scale, the same for all outputs in standardised units.
     """
-    scale = emulator.error_prior_scale
-    if scale is None:
-        return emulator, Noise.none(emulator)
-    return emulator.without_error(), Noise.shared(emulator, scale)
+    if isinstance(emulator, DNN) and (scale := emulator.settings["error_prior_scale"]) is not None:
+        return emulator.without_error(), Noise.shared(emulator, scale)
+    return emulator, Noise.none(emulator)
 
 
 def add_noise(
