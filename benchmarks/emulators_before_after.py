@@ -47,9 +47,9 @@ def measure(arguments: argparse.Namespace, folder: Path) -> None:
     from regional_lv import config, emulators
     from regional_lv.channels import Channels
     from regional_lv.emulators import training
-    from regional_lv.inference.sampling import sample_set_batch
-    from regional_lv.inference.summaries import TABLES, summarise_posteriors
     from regional_lv.inputs.parameters import Parameterisation
+    from regional_lv.paper.posteriors.sets import sample_set_batch
+    from regional_lv.paper.posteriors.summaries import TABLES, summarise_posteriors
     from regional_lv.study import dependencies
 
     torch.set_num_threads(1)
@@ -109,9 +109,9 @@ def score(emulator, theta, y, point: dict, seed: int) -> pd.DataFrame:
     covariance-weighted estimate, covered (share of the outputs in their 95 % intervals)."""
     import torch
 
-    from regional_lv.estimates.estimate import localised
     from regional_lv.inference.likelihood import Likelihood, Noise
     from regional_lv.inference.point import find_map
+    from regional_lv.paper.estimates.estimate import localised
     from regional_lv.seeds import derive
 
     seed, done, parts = derive(seed, "map", emulator.name, "test"), 0, []

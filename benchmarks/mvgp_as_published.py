@@ -48,8 +48,8 @@ from regional_lv import config as study_config
 from regional_lv.channels import Channels
 from regional_lv.emulators.reduced import ReducedEmulator
 from regional_lv.emulators.training import read_simulations
-from regional_lv.estimates.least_squares import find_least_squares
 from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.paper.estimates.least_squares import find_least_squares
 
 BATCH, EVALUATION_BATCH = 512, 1024
 VARIATIONAL_RATE, RATE = 0.1, 0.01

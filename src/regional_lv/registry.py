@@ -44,8 +44,13 @@ class Later:
     where: str
 
     def thing(self):
-        module, _, attribute = self.where.partition(":")
-        return getattr(importlib.import_module(module), attribute)
+        return _attribute(self.where)
+
+
+def _attribute(where: str):
+    """What `<module>:<attribute>` names."""
+    module, _, attribute = where.partition(":")
+    return getattr(importlib.import_module(module), attribute)
 
 
 class Registry(Mapping):
@@ -56,13 +61,16 @@ class Registry(Mapping):
     kind: what they are, for messages ("material law").
     key: key of the configuration that chooses among them, for messages.
     items: those of the package, in order; `Later` for what takes seconds to import.
+    listed_in: `<module>:<attribute>`, more of the package in a room that nothing imports; read when
+        the registry is first looked into.
 
     Raises InputError for a name that is not there.
     """
 
-    def __init__(self, kind: str, key: str, items: Iterable = ()):
+    def __init__(self, kind: str, key: str, items: Iterable = (), listed_in: str = ""):
         self.kind, self.key = kind, key
         self._items = {item.name: item for item in items}
+        self._listed_in = listed_in
         _registries.append(self)
 
     def add(self, item):
@@ -73,13 +81,20 @@ class Registry(Mapping):
         self._items[item.name] = item
         return item
 
+    def _complete(self) -> None:
+        """Take in what is listed in another room, and what plugins add."""
+        where, self._listed_in = self._listed_in, ""
+        for item in _attribute(where) if where else ():
+            self._items.setdefault(item.name, item)
+        load_plugins()
+
     def __getitem__(self, name: str):
         item = self.entry(name)
         return item.thing() if isinstance(item, Later) else item
 
     def entry(self, name: str):
         """What is registered: the thing, or what stands for it until it is asked for."""
-        load_plugins()
+        self._complete()
         if name not in self._items:
             close = difflib.get_close_matches(str(name), self._items, n=1)
             hint = f"did you mean {close[0]}?" if close else f"choose among {', '.join(self)}"
@@ -87,15 +102,15 @@ class Registry(Mapping):
         return self._items[name]
 
     def __contains__(self, name) -> bool:
-        load_plugins()
+        self._complete()
         return name in self._items
 
     def __iter__(self) -> Iterator[str]:
-        load_plugins()
+        self._complete()
         return iter(self._items)
 
     def __len__(self) -> int:
-        load_plugins()
+        self._complete()
         return len(self._items)
 
 
@@ -137,11 +152,11 @@ def _import(path: Path) -> None:
 @contextlib.contextmanager
 def temporary() -> Iterator[None]:
     """What is registered and which plugins are loaded inside is taken back at the end."""
-    before = [(registry, dict(registry._items)) for registry in _registries]
+    before = [(each, dict(each._items), each._listed_in) for each in _registries]
     loaded = set(_loaded)
     try:
         yield
     finally:
-        for registry, items in before:
-            registry._items = items
+        for registry, items, listed_in in before:
+            registry._items, registry._listed_in = items, listed_in
         _loaded.intersection_update(loaded)

@@ -10,15 +10,16 @@ from regional_lv import emulators
 from regional_lv.channels import Channels
 from regional_lv.emulators.training import train_emulator
 from regional_lv.errors import InputError
-from regional_lv.estimates.least_squares import find_least_squares
 from regional_lv.inference import sampling
-from regional_lv.inference.classification import classify_zones, score_classification
 from regional_lv.inference.diagnostics import parameters_of
 from regional_lv.inference.likelihood import Likelihood, Noise
 from regional_lv.inference.point import find_map
-from regional_lv.inference.rank_calibration import calibrate_chain
-from regional_lv.inference.summaries import TABLES, summarise_posteriors
 from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.paper.estimates.least_squares import find_least_squares
+from regional_lv.paper.posteriors import sets
+from regional_lv.paper.posteriors.classification import classify_zones, score_classification
+from regional_lv.paper.posteriors.rank_calibration import calibrate_chain
+from regional_lv.paper.posteriors.summaries import TABLES, summarise_posteriors
 
 ONE = Parameterisation({"whole": range(1, 18)}, bounds={"C_a": (0.1, 5.0), "C_b": (0.5, 2.0)})
 SEGMENTS = Parameterisation(
@@ -96,7 +97,7 @@ def test_every_parameter_stays_within_its_own_bounds(study):
 def test_posteriors_and_their_tables(study):
     parameters, folder = study
     path = folder / "p.nc"
-    sampling.sample_set_batch(
+    sets.sample_set_batch(
         *(folder / "e.pt", folder / "scenario.parquet", "local", "0000", 1, 2, None),
         *("importance", NUTS, POINT, 1, path),
     )
@@ -150,7 +151,7 @@ def test_ranks_of_the_chain(study, monkeypatch):
 def test_noisy_sets_leave_out_what_has_no_noise():
     y, names = np.ones((3, len(CHANNELS))), list(CHANNELS.names)
     noise = {"volume": 2.0, "circumferential": 0.02, "radial": 0.05, "longitudinal": None}
-    noisy, sd = sampling.add_noise(y, CHANNELS, ["0", "1", "2"], noise, 1, "some")
+    noisy, sd = sets.add_noise(y, CHANNELS, ["0", "1", "2"], noise, 1, "some")
     torsion = [name.startswith("torsion") for name in names]
     assert np.isnan(sd[torsion]).all() and (noisy[:, torsion] == 1).all()
     assert (sd[CHANNELS.of_quantity("volume")] == 2.0).all()

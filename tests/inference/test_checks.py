@@ -9,11 +9,12 @@ from scipy import stats
 
 from regional_lv import emulators
 from regional_lv.inference import sampling
-from regional_lv.inference.agreement import COLUMNS, compare_samplers
-from regional_lv.inference.classification import classify_zones, score_classification
-from regional_lv.inference.noise_prior import compare_noise_priors
-from regional_lv.inference.rank_calibration import calibrate_chain
-from regional_lv.inference.resimulation import compare_resimulated, pick_draws
+from regional_lv.paper.posteriors import sets
+from regional_lv.paper.posteriors.agreement import COLUMNS, compare_samplers
+from regional_lv.paper.posteriors.classification import classify_zones, score_classification
+from regional_lv.paper.posteriors.noise_prior import compare_noise_priors
+from regional_lv.paper.posteriors.rank_calibration import calibrate_chain
+from regional_lv.paper.posteriors.resimulation import compare_resimulated, pick_draws
 from tests.inference.conftest import CHANNELS, PARAMETERS
 
 FEW = {"chains": 2, "warmup": 50, "draws": 100, "rhat_max": 1.2, "ess_min": 0}
@@ -28,7 +29,7 @@ def posteriors(study):
     table["zone"] = ["septal", "septal", "apical", "lateral"]
     table.to_parquet(study / "scenario.parquet")
     path = study / "checks.nc"
-    sampling.sample_set_batch(
+    sets.sample_set_batch(
         *(study / "emulator.pt", study / "scenario.parquet", "test", 0, 1, 4, None),
         *("importance", FEW, POINT, 1, path),
     )

@@ -9,7 +9,8 @@ import xarray as xr
 from regional_lv import emulators
 from regional_lv.errors import InputError
 from regional_lv.inference import sampling
-from regional_lv.inference.summaries import TABLES, summarise_posteriors
+from regional_lv.paper.posteriors import sets
+from regional_lv.paper.posteriors.summaries import TABLES, summarise_posteriors
 from regional_lv.study.faults import explain
 from tests.inference.conftest import PARAMETERS
 
@@ -27,7 +28,7 @@ POINT = {"starts": 2, "iterations": 60}
 
 
 def sample(study, path, batch, batches, cases=4, noise=None, sampler="importance", nuts=NUTS):
-    sampling.sample_set_batch(
+    sets.sample_set_batch(
         *(study / "emulator.pt", study / "test.parquet", "test", batch, batches, cases, noise),
         *(sampler, nuts, POINT, 1, path),
     )
@@ -78,7 +79,7 @@ def test_noisy_scenario(study):
     noise = {"volume": 2.0, "circumferential": 0.02, "radial": 0.05, "longitudinal": None}
     test = pd.read_parquet(study / "test.parquet")
     test.assign(zone="septal").to_parquet(study / "scenario.parquet")
-    sampling.sample_set_batch(
+    sets.sample_set_batch(
         *(study / "emulator.pt", study / "scenario.parquet", "some-noisy", 0, 1, 2, noise),
         *("importance", FEW, POINT, 1, study / "noisy.nc"),
     )

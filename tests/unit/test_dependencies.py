@@ -1,5 +1,6 @@
 """What a script depends on is what it imports, followed to the end."""
 
+import ast
 import os
 import subprocess
 import sys
@@ -37,6 +38,12 @@ def test_all_that_the_interpreter_loads_is_found(root, module):
     assert len(loaded) > 5 and loaded - names(root, module) == {"study/surroundings.py"}
 
 
+def test_what_a_registry_imports_later_is_found(root):
+    """An edit of an emulator trains anew, whatever room it is in."""
+    found = names(root, "emulators.training")
+    assert {"emulators/exact_gp.py", "paper/emulators/dgp.py"} <= found
+
+
 def test_nothing_else_is_found(root):
     """Modules that the simulator does without, so that their edits cost no simulation."""
     found, there = names(root, "simulation.batches"), root / "src" / "regional_lv"
@@ -48,6 +55,34 @@ def test_nothing_else_is_found(root):
         "mechanics/simulator.py",
         "mechanics/materials/base.py",
     } <= found
+
+
+def imported(file):
+    """Dotted names of the modules, and of what is in them, that a file imports."""
+    for node in ast.walk(ast.parse(file.read_text())):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            yield from (f"{node.module}.{alias.name}" for alias in node.names)
+
+
+def test_nothing_depends_on_the_room_of_the_paper(root):
+    """The workflow calls it, and the registry of emulators has the name of its list."""
+    package = root / "src" / "regional_lv"
+    paper, others = [], []
+    for file in package.rglob("*.py"):
+        inside = file.is_relative_to(package / "paper")
+        (paper if inside else others).append(file)
+    room = "regional_lv.paper"
+    users = {
+        file.relative_to(package).as_posix()
+        for file in others
+        for name in imported(file)
+        if name == room or name.startswith(f"{room}.")
+    }
+    assert not users
+    # What looks for them would find some: modules of the room import one another.
+    assert any(name.startswith(room) for file in paper for name in imported(file))
 
 
 def test_modules_can_be_left_out(root):

@@ -131,10 +131,12 @@ def test_page_of_the_papers_figures_is_complete():
     assert figures == [*map(str, range(1, 13)), *(f"S{n}" for n in range(1, 7))]
     assert tables == ["1", *(f"S{n}" for n in range(1, 7))]
     package, captions = ROOT / "src" / "regional_lv", ROOT / "workflow" / "report"
-    for name in re.findall(r"`plots\.(\w+)`", text):
-        assert (package / "plots" / f"{name}.py").exists() and (captions / f"{name}.rst").exists()
-    for module, name in re.findall(r"`tables\.(\w+):(\w+)`", text):
-        assert f"\ndef {name}(" in (package / "tables" / f"{module}.py").read_text(), name
+    for module in re.findall(r"`((?:paper\.)?plots\.\w+)`", text):
+        file = (package / module.replace(".", "/")).with_suffix(".py")
+        assert file.exists() and (captions / f"{file.stem}.rst").exists()
+    for module, name in re.findall(r"`((?:paper\.)?tables\.\w+):(\w+)`", text):
+        file = (package / module.replace(".", "/")).with_suffix(".py")
+        assert f"\ndef {name}(" in file.read_text(), name
         assert (captions / f"table_{name}.rst").exists(), name
 
 

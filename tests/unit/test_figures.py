@@ -19,6 +19,8 @@ from regional_lv.channels import Channels
 from regional_lv.config.schema.keys import entry_schema, section_schema
 from regional_lv.errors import InputError
 from regional_lv.inputs.parameters import ZONES, Parameterisation
+from regional_lv.paper.plots import parity, recovery
+from regional_lv.paper.tables import posteriors
 from regional_lv.plots import (
     bullseye,
     bullseye_posterior,
@@ -27,14 +29,12 @@ from regional_lv.plots import (
     design,
     explained_variance,
     heart,
-    parity,
     posterior_predictive,
-    recovery,
     style,
     traces,
     zones,
 )
-from regional_lv.tables import posteriors, subjects
+from regional_lv.tables import subjects
 from tests.criticism.findings_example import example, write_posterior
 
 FAILED = "failed: R-hat 1.6 of C_a_septal above 1.01"

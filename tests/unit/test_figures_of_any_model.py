@@ -13,33 +13,36 @@ from matplotlib.image import imread
 from regional_lv.channels import Channels
 from regional_lv.errors import InputError
 from regional_lv.inputs.parameters import ZONES, Parameterisation
-from regional_lv.plots import (
+from regional_lv.paper.plots import (
     bullseye_map,
-    bullseye_posterior,
-    case_posterior,
     correlations,
-    criticism,
-    design,
     emulator_traces,
     hpd_widths,
     map_errors,
     noise_prior,
     parity,
-    posterior_predictive,
     recovery,
     resimulation,
     roc,
     sampler_agreement,
     sbc,
-    strain_field,
-    style,
-    traces,
     uncertainty,
     verdicts,
     zone_correlations,
+)
+from regional_lv.paper.tables import posteriors
+from regional_lv.plots import (
+    bullseye_posterior,
+    case_posterior,
+    criticism,
+    design,
+    posterior_predictive,
+    strain_field,
+    style,
+    traces,
     zones,
 )
-from regional_lv.tables import posteriors, subjects
+from regional_lv.tables import subjects
 from tests.criticism.findings_example import example, write_posterior
 from tests.unit.test_figures import ring_mesh
 

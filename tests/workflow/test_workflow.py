@@ -205,7 +205,7 @@ def test_roles_rerun_what_is_over_all_inputs_only(editable):
 
 
 def test_figure_module_reruns_the_job_of_that_figure_only(editable):
-    module = editable / "src" / "regional_lv" / "plots" / "parity.py"
+    module = editable / "src" / "regional_lv" / "paper" / "plots" / "parity.py"
     module.write_text(module.read_text() + "\n# edited\n")
     assert planned(editable) - {"all"} == {*("show_test_set", "tabulate_costs", "write_manifest")}
 

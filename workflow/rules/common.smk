@@ -32,7 +32,6 @@ from regional_lv.criticism.settings import settings_of  # noqa: E402
 from regional_lv.data import SHIPPED  # noqa: E402
 from regional_lv.data import path as packaged  # noqa: E402
 from regional_lv.data import segment_table  # noqa: E402
-from regional_lv.simulation.sobol import scenario_size  # noqa: E402
 from regional_lv.emulators import OF_INPUTS  # noqa: E402
 from regional_lv.errors import InputError  # noqa: E402
 from regional_lv.study.faults import AGAIN, damage_of  # noqa: E402
@@ -45,6 +44,7 @@ from regional_lv.study.jobs import calls_of, module_of  # noqa: E402
 from regional_lv.measured import states_noise  # noqa: E402
 from regional_lv.inputs.parameters import Parameterisation  # noqa: E402
 from regional_lv.inputs.physics import physics_of, why_not_scaling  # noqa: E402
+from regional_lv.paper.scenarios import scenario_size  # noqa: E402
 from regional_lv.data.published import (  # noqa: E402
     FILES,
     HEART_MESH,

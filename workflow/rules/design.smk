@@ -27,7 +27,7 @@ rule draw_scenario:
         scenario=any_of(SCENARIOS),
     localrule: True
     params:
-        call="simulation.sobol:write_scenario",
+        call="paper.scenarios:write_scenario",
         name=lambda wildcards: wildcards.scenario,
         scenario=lambda wildcards: SCENARIOS[wildcards.scenario],
         healthy=HEALTHY,

@@ -22,7 +22,7 @@ rule estimate_parameters:
         set=any_of(SCORED),
     threads: 1
     params:
-        call="estimates.estimate:estimate_parameters",
+        call="paper.estimates.estimate:estimate_parameters",
         point=config["map"],
         adam_steps=config["estimates"]["adam_steps"],
         hops=config["estimates"]["hops"],
@@ -42,7 +42,7 @@ rule measure_costs:
         f"{LOGS}/estimates/measure_costs.log",
     threads: 1
     params:
-        calls=dict.fromkeys(RANKED, "estimates.estimate:measure_cost"),
+        calls=dict.fromkeys(RANKED, "paper.estimates.estimate:measure_cost"),
     script:
         "../scripts/call.py"
 
@@ -59,7 +59,7 @@ if FROM_TABLES:
             f"{LOGS}/estimates/fit_reference.log",
         threads: 1
         params:
-            call="estimates.reference:fit_reference",
+            call="paper.estimates.reference:fit_reference",
             parameters=PARAMETER_SPEC,
             channels=OUTPUTS,
             seed=config["seed"],
@@ -78,7 +78,7 @@ if FROM_TABLES:
             set=any_of(SCORED),
         threads: 1
         params:
-            call="estimates.reference:predict_estimates",
+            call="paper.estimates.reference:predict_estimates",
             cases=config["estimates"]["checked_cases"],
         script:
             "../scripts/call.py"
@@ -98,7 +98,7 @@ else:
             f"{R}/benchmarks/estimates/{{emulator}}_simulated.tsv"
         threads: 1
         params:
-            call="estimates.check:simulate_estimates",
+            call="paper.estimates.check:simulate_estimates",
             physics=PHYSICS,
             cases=config["estimates"]["checked_cases"],
         script:
@@ -118,7 +118,7 @@ checkpoint rank_emulators:
         f"{LOGS}/estimates/rank_emulators.log",
     localrule: True
     params:
-        call="estimates.ranking:rank_emulators",
+        call="paper.estimates.ranking:rank_emulators",
         names=RANKED,
         channels=OUTPUTS,
         size=config["emulators"]["shortlist"]["size"],
@@ -152,7 +152,7 @@ rule compare_transforms:
         f"{LOGS}/estimates/compare_transforms.log",
     localrule: True
     params:
-        call="estimates.transforms:compare_transforms",
+        call="paper.estimates.transforms:compare_transforms",
         transforms=TRANSFORMS,
         files=list(EMULATORS),
         channels=OUTPUTS,
@@ -175,7 +175,7 @@ rule measure_efficiency:
         transform="log|identity",
     threads: 1
     params:
-        call="estimates.efficiency:measure_efficiency",
+        call="paper.estimates.efficiency:measure_efficiency",
         settings=lambda wildcards: config["emulators"][wildcards.emulator],
         sizes=config["efficiency"]["sizes"],
         most_with_sensitivities=config["efficiency"]["most_with_sensitivities"],

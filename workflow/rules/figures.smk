@@ -1,6 +1,7 @@
 """All figures, data beside every one: what each is drawn from, and by which job (`shown.smk`).
 
-A figure is drawn by `draw` of the module `plots.<name>`; its caption is `report/<name>.rst`.
+A figure is drawn by `draw` of the module `plots.<name>`, those that only the comparison with the
+paper has by that of `paper.plots.<name>`; its caption is `report/<name>.rst`.
 """
 
 POSTERIORS = f"{R}/posteriors/{EMULATOR}"

@@ -46,7 +46,7 @@ rule sample_posteriors:
         set=any_of(SETS),
     threads: 1
     params:
-        call="inference.sampling:sample_set_batch",
+        call="paper.posteriors.sets:sample_set_batch",
         set_name=lambda wildcards: wildcards.set,
         batches=lambda wildcards: len(posterior_batches(wildcards.set)),
         cases=lambda wildcards: SETS[wildcards.set],
@@ -67,7 +67,7 @@ rule summarise_posteriors:
     log:
         f"{LOGS}/posteriors/{{emulator}}/test/summarise.log",
     params:
-        call="inference.summaries:summarise_posteriors",
+        call="paper.posteriors.summaries:summarise_posteriors",
     script:
         "../scripts/call.py"
 
@@ -87,7 +87,7 @@ if EVALUATION:
             f"{LOGS}/posteriors/choose_final.log",
         localrule: True
         params:
-            call="inference.choice:choose_final",
+            call="paper.posteriors.choice:choose_final",
             wanted=config["emulators"]["final"],
         script:
             "../scripts/call.py"
@@ -106,7 +106,7 @@ if EVALUATION:
             f"{LOGS}/posteriors/adopt_test_posteriors.log",
         localrule: True
         params:
-            call="inference.choice:adopt",
+            call="paper.posteriors.choice:adopt",
         script:
             "../scripts/call.py"
 
@@ -117,8 +117,8 @@ if EVALUATION:
 if SCENARIOS:
     OF_SCENARIOS = {name: f"{R}/posteriors/{{emulator}}/{name}" for name in [*SCENARIOS, *NOISY]}
     SUMMARISED = {
-        "tables": "inference.summaries:summarise_posteriors",
-        "zones": "inference.classification:classify_zones",
+        "tables": "paper.posteriors.summaries:summarise_posteriors",
+        "zones": "paper.posteriors.classification:classify_zones",
     }
 
     rule summarise_scenarios:
@@ -174,7 +174,9 @@ if SCENARIOS:
         localrule: True
         params:
             **{f"{name}.seed": config["seed"] for name in OF_SCENARIOS},
-            calls=dict.fromkeys(OF_SCENARIOS, "inference.classification:score_classification"),
+            calls=dict.fromkeys(
+                OF_SCENARIOS, "paper.posteriors.classification:score_classification"
+            ),
         script:
             "../scripts/call.py"
 

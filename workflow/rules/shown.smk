@@ -1,18 +1,21 @@
 """Jobs that make figures and tables: those of one kind share a job, which takes seconds to start."""
 
+# Jobs of the comparison with the paper; their figures are drawn by `paper.plots`.
+OF_PAPER = [
+    *("comparison", "efficiency", "shortlist", "test_set", "checks"),
+    *("scenarios", "noise_prior", "paper"),
+]
 # Whether `all` needs what a job makes.
 SHOWS = {
     "heart": not FROM_TABLES,
     "strain_field": ALONE and not FROM_TABLES,
     "design": ALONE,
-    **dict.fromkeys(["comparison", "efficiency", "shortlist", "test_set", "checks"], EVALUATION),
-    "scenarios": EVALUATION and bool(SCENARIOS),
     "subject": True,
     "subject_as_it_is": ALONE,
-    "noise_prior": EVALUATION,
     "several": True,
     "subjects": bool(SUBJECTS),
-    "paper": EVALUATION,
+    **dict.fromkeys(OF_PAPER, EVALUATION),
+    "scenarios": EVALUATION and bool(SCENARIOS),
 }
 # Jobs of one subject each.
 OF_SUBJECTS = {
@@ -27,7 +30,7 @@ MADE_BY_JOBS = {}
 for name, plot in PLOTS.items():
     of, file = plot.get("of", name), f"{R}/figures/{plot.get('file', name)}"
     MADE_BY_JOBS[f"figures/{name}"] = plot | {
-        "call": f"plots.{of}:draw",
+        "call": f"{'paper.' if plot['job'] in OF_PAPER else ''}plots.{of}:draw",
         "output": {"png": f"{file}.png", "csv": f"{file}.csv"},
         "reported": {"png": of},
     }

@@ -34,7 +34,7 @@ rule import_volunteer:
         subject=subjects_from("published_volunteer"),
     localrule: True
     params:
-        call="measured.published:import_volunteer",
+        call="paper.measured:import_volunteer",
         channels=OUTPUTS,
         frame=lambda wildcards: config["subjects"][wildcards.subject]["frame"],
         chosen=lambda wildcards: config["subjects"][wildcards.subject]["slices"],
@@ -56,7 +56,7 @@ rule import_published_simulation:
         subject=subjects_from("published_simulation"),
     localrule: True
     params:
-        call="measured.published:import_published_simulation",
+        call="paper.measured:import_published_simulation",
         channels=OUTPUTS,
         row=lambda wildcards: config["subjects"][wildcards.subject]["row"],
     script:

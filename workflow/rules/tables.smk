@@ -9,7 +9,7 @@ TABULATED = {
     "architectures": {
         "job": "comparison",
         "category": "Emulator",
-        "call": "tables.emulators:architectures",
+        "call": "paper.tables.emulators:architectures",
         "input": {
             "fits": expand(f"{R}/emulators/{{name}}/fit.json", name=config["emulators"]["names"])
         },
@@ -17,45 +17,45 @@ TABULATED = {
     "ranking": {
         "job": "comparison",
         "category": "Emulator",
-        "call": "tables.emulators:ranking",
+        "call": "paper.tables.emulators:ranking",
         "input": {"ranking": f"{ESTIMATES}/ranking.csv"}
         | ({"holdout": f"{ESTIMATES}/holdout_ranking.csv"} if "holdout" in SCORED else {}),
     },
     "pairs": {
         "job": "comparison",
         "category": "Emulator",
-        "call": "tables.emulators:pairs",
+        "call": "paper.tables.emulators:pairs",
         "input": {"pairs": f"{ESTIMATES}/pairs.csv"},
     },
     "sample_efficiency": {
         "job": "efficiency",
         "category": "Emulator",
-        "call": "tables.emulators:sample_efficiency",
+        "call": "paper.tables.emulators:sample_efficiency",
         "input": {"curves": expand(f"{R}/efficiency/{{curve}}.csv", curve=EFFICIENCY_CURVES)},
     },
     "recovery": {
         "job": "test_set",
         "category": "Test set",
-        "call": "tables.posteriors:recovery",
+        "call": "paper.tables.posteriors:recovery",
         "input": {"coverage": f"{POSTERIORS}/test/coverage.csv"},
     },
     "variance_ratios": {
         "job": "shortlist",
         "category": "Test set",
-        "call": "tables.posteriors:variance_ratios",
+        "call": "paper.tables.posteriors:variance_ratios",
         "input": {"coverages": lambda wildcards: of_shortlist("coverage.csv")},
         "params": OF_PARAMETERS,
     },
     "choice": {
         "job": "test_set",
         "category": "Test set",
-        "call": "tables.posteriors:choice",
+        "call": "paper.tables.posteriors:choice",
         "input": {"choice": CHOICE},
     },
     "diagnostics": {
         "job": "paper",
         "category": "Test set",
-        "call": "tables.posteriors:diagnostics",
+        "call": "paper.tables.posteriors:diagnostics",
         "input": {
             "shortlist": lambda wildcards: of_shortlist("diagnostics.csv"),
             "scenarios": expand(
@@ -67,7 +67,7 @@ TABULATED = {
     "scenarios": {
         "job": "scenarios",
         "category": "Scenarios",
-        "call": "tables.posteriors:scenarios",
+        "call": "paper.tables.posteriors:scenarios",
         "input": {
             "coverages": expand(f"{POSTERIORS}/{{name}}/coverage.csv", name=SETS),
             "areas": expand(f"{POSTERIORS}/{{name}}/auc.csv", name=[*SCENARIOS, *NOISY]),
@@ -99,7 +99,7 @@ TABULATED = {
     "noise_prior": {
         "job": "noise_prior",
         "category": "Subjects",
-        "call": "tables.subjects:noise_prior",
+        "call": "paper.tables.posteriors:noise_prior",
         "file": "{subject}/noise_prior",
         "input": {"noise_prior": f"{POSTERIORS}/subjects/{{subject}}_noise_prior.csv"},
     },
@@ -108,6 +108,6 @@ if config["estimates"]["both_transforms"]:
     TABULATED["transforms"] = {
         "job": "comparison",
         "category": "Emulator",
-        "call": "tables.emulators:transforms",
+        "call": "paper.tables.emulators:transforms",
         "input": {"transforms": f"{ESTIMATES}/transforms.csv"},
     }

@@ -15,7 +15,7 @@ rule compare_samplers:
         set=any_of(SETS),
     threads: 1
     params:
-        call="inference.agreement:compare_samplers",
+        call="paper.posteriors.agreement:compare_samplers",
         set_name=lambda wildcards: wildcards.set,
         cases=config["trust"]["agreement_cases"],
         noise=lambda wildcards: config["scenarios"]["noise"] if wildcards.set in NOISY else None,
@@ -41,7 +41,7 @@ rule compare_subject:
         subject=any_of(SUBJECTS),
     threads: 1
     params:
-        call="inference.agreement:compare_subject",
+        call="paper.posteriors.agreement:compare_subject",
         nuts=SUBJECT_NUTS,
         point=config["map"],
         noise_prior_scale=config["clinical"]["noise_prior_scale"],
@@ -64,7 +64,7 @@ rule calibrate_chain:
         f"{R}/benchmarks/posteriors/{{emulator}}/calibrate_chain.tsv"
     threads: 1
     params:
-        call="inference.rank_calibration:calibrate_chain",
+        call="paper.posteriors.rank_calibration:calibrate_chain",
         cases=config["trust"]["calibration_cases"],
         sampler=config["test_posteriors"]["sampler"],
         nuts=config["nuts"],
@@ -83,7 +83,7 @@ rule pick_draws:
         f"{LOGS}/design/pick_draws.log",
     localrule: True
     params:
-        call="inference.resimulation:pick_draws",
+        call="paper.posteriors.resimulation:pick_draws",
         cases=config["trust"]["resimulated_cases"],
         draws=config["trust"]["resimulated_draws"],
         seed=config["seed"],
@@ -103,7 +103,7 @@ rule resimulate_draws:
         f"{LOGS}/posteriors/resimulate_draws.log",
     localrule: True
     params:
-        call="inference.resimulation:compare_resimulated",
+        call="paper.posteriors.resimulation:compare_resimulated",
     script:
         "../scripts/call.py"
 
@@ -145,7 +145,7 @@ rule compare_noise_priors:
         subject=any_of(NOISE_INFERRED),
     localrule: True
     params:
-        call="inference.noise_prior:compare_noise_priors",
+        call="paper.posteriors.noise_prior:compare_noise_priors",
         scales=config["clinical"]["noise_prior_scales"],
     script:
         "../scripts/call.py"

@@ -146,7 +146,7 @@ if config["geometry"]["source"] == "mesh" and IMPORTED["remesh"]:
         benchmark:
             f"{R}/benchmarks/verify_imported_mesh.tsv"
         params:
-            call="verification.imported_mesh:verify_imported_mesh",
+            call="paper.imported_mesh:verify_imported_mesh",
             physics=PHYSICS,
         script:
             "../scripts/call.py"
@@ -170,7 +170,7 @@ if config["geometry"]["source"] == "mesh" and IMPORTED["file"] == PUBLISHED_HEAR
         wildcard_constraints:
             set=any_of(PUBLISHED_TABLES),
         params:
-            call="verification.published_rows:simulate_published_rows",
+            call="paper.published_rows:simulate_published_rows",
             physics=PHYSICS,
             used=lambda wildcards: SUBJECT_ROWS if wildcards.set == "train" else [],
             most=lambda wildcards: PUBLISHED_ROWS_COMPARED[wildcards.set],
@@ -188,6 +188,6 @@ if config["geometry"]["source"] == "mesh" and IMPORTED["file"] == PUBLISHED_HEAR
             set=any_of(PUBLISHED_TABLES),
         localrule: True
         params:
-            call="verification.published_rows:summarise_published_rows",
+            call="paper.published_rows:summarise_published_rows",
         script:
             "../scripts/call.py"

@@ -324,12 +324,12 @@ def _carry_over(config: dict) -> None:
         return  # reported with everything else
     if own.names == paper.names:
         return
-    stress = next(p.factor for p in paper if p.scales_stress)
+    stress = next(p.factor for p in paper if p.stress_power)
     for subject in config["synthetic_subjects"].values():
         given = subject["theta"]
         subject["theta"] = {
             p.name: statistics.mean(
-                given.get(f"{stress if p.scales_stress else p.factor}_{paper.zone_of(s)}", 1.0)
+                given.get(f"{stress if p.stress_power else p.factor}_{paper.zone_of(s)}", 1.0)
                 for s in own.zones[p.zone]
             )
             for p in own

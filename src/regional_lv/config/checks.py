@@ -247,9 +247,9 @@ def _check_theta(key: str, theta: dict, parameters: Parameterisation) -> Iterato
     if missing:
         yield f"{key}: missing {', '.join(missing)}; add what is missing"
     for p in parameters:
-        if p.name in theta and not p.lower <= theta[p.name] <= p.upper:
+        if p.name in theta and not p.low <= theta[p.name] <= p.high:
             yield (
-                f"{key}.{p.name}: {theta[p.name]} lies outside [{p.lower}, {p.upper}] "
+                f"{key}.{p.name}: {theta[p.name]} lies outside [{p.low}, {p.high}] "
                 "(design.lower, design.upper, parameters.bounds), where nothing is simulated; move "
                 "it inside"
             )

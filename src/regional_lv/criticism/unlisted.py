@@ -13,9 +13,8 @@ from regional_lv.aha import WALLS
 from regional_lv.emulators.reduction import VOLUME
 from regional_lv.errors import InputError
 from regional_lv.geometry.mesh import ENDOCARDIUM
-from regional_lv.inputs.material import Stiffness
 from regional_lv.inputs.model import completed
-from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.inputs.parameters import Parameterisation, Stiffness
 from regional_lv.inputs.space import Inputs, catalogue
 from regional_lv.mechanics.continuation import NotConverged
 from regional_lv.mechanics.loads import LOADS, Load

@@ -43,49 +43,8 @@ REGISTRY = Registry(
             "regional_lv.emulators.joint_gp:JointGP",
             Architecture("Joint GP", "GP", "global", "multi-output"),
         ),
-        Listed(
-            "local_gp",
-            "regional_lv.emulators.local_gp:LocalSingleGP",
-            Architecture("L.GP", "GP", "local", "single-output"),
-        ),
-        Listed(
-            "local_mgp",
-            "regional_lv.emulators.local_mgp:LocalMultiGP",
-            Architecture("L.MGP", "GP", "local", "multi-output"),
-        ),
-        Listed(
-            "local_dkgp",
-            "regional_lv.emulators.local_dkgp:LocalDeepKernelGP",
-            Architecture("L.DKGP", "GP", "local", "single-output", "deep kernel"),
-        ),
-        Listed(
-            "local_dkmgp",
-            "regional_lv.emulators.local_dkmgp:LocalDeepKernelMultiGP",
-            Architecture("L.DKMGP", "GP", "local", "multi-output", "deep kernel"),
-        ),
-        Listed(
-            "vgp",
-            "regional_lv.emulators.vgp:VGP",
-            Architecture("VGP", "variational GP", "global", "single-output"),
-        ),
-        Listed(
-            "mvgp",
-            "regional_lv.emulators.mvgp:MVGP",
-            Architecture("MVGP", "variational GP", "global", "multi-output"),
-        ),
-        Listed(
-            "dgp",
-            "regional_lv.emulators.dgp:DGP",
-            Architecture(
-                "DGP", "variational GP", "global", "multi-output", "variational GP layers"
-            ),
-        ),
-        Listed(
-            "dnn",
-            "regional_lv.emulators.dnn:DNN",
-            Architecture("DNN", "network", "global", "multi-output", "feed-forward network"),
-        ),
     ),
+    listed_in="regional_lv.paper.emulators:EMULATORS",
 )
 """Name in the configuration -> class."""
 

@@ -171,13 +171,6 @@ class Emulator(ABC):
         return self._unstandardise(self.inputs)
 
     @property
-    def error_prior_scale(self) -> float | None:
-        """Scale of the half-normal prior on one unknown scale of the errors of all outputs, in
-        training sd, for an emulator that leaves it to the likelihood; None: its covariance says it
-        all."""
-        return None
-
-    @property
     def jacobian_factor(self) -> float:
         """Factor on the variance of the errors along the columns of the Jacobian, which are what
         inference mistakes for a change of theta (`likelihood.inflate`)."""
@@ -239,10 +232,6 @@ class Emulator(ABC):
         """An emulator that is nearly this one and cheaper, for what the exact one corrects; itself
         where there is none."""
         return self
-
-    def without_error(self) -> "Emulator":
-        """This emulator with no error of its own, where `error_prior_scale` is a number."""
-        raise TypeError(f"{self.name}: its error is its own, and cannot be left to the likelihood")
 
     def outside(self, theta: torch.Tensor) -> torch.Tensor:
         """Whether each row of `theta` (..., P) lies where no simulation is near, bool (...).

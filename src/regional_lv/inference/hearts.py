@@ -29,7 +29,7 @@ from regional_lv.inference.potential import Emulated, Potential
 from regional_lv.input_files import reading
 from regional_lv.inputs.base import Input
 from regional_lv.inputs.closed_forms import HeavyTails
-from regional_lv.inputs.material import Stiffness
+from regional_lv.inputs.parameters import Stiffness
 from regional_lv.inputs.space import Inputs, Role
 
 LARGEST_FACTOR = 3.0

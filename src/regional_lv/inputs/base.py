@@ -1,11 +1,13 @@
 """What every input is: one number of the simulator, with its range, its scale and its source."""
 
 from abc import ABC
-from collections.abc import Mapping, Sequence
-from typing import ClassVar
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from functools import cached_property
+from typing import ClassVar, TypeVar
 
 import numpy as np
 
+from regional_lv.inputs.coordinates import Coordinates, blocks_of
 from regional_lv.inputs.keys import value_at, with_value
 from regional_lv.inputs.scales import Linear, Logarithmic, Scale
 
@@ -46,6 +48,8 @@ class Input(ABC):
     roles: tuple[str, ...] = ROLES
     moves: tuple[str, ...] = ()
     changes: ClassVar[str]
+    softens: ClassVar[bool] = False
+    """Whether outputs answer more, and errors are larger, where it is small."""
     is_cause: ClassVar[bool] = True
     """Whether the word `causes` of the configuration stands for it, too."""
     step: ClassVar[float] = 1e-6
@@ -133,6 +137,55 @@ class Input(ABC):
     def reference(self) -> float:
         """`middle`, but of the reference material where nothing is known of the wall's."""
         return self.middle
+
+
+Member = TypeVar("Member", bound=Input)
+
+
+class InputSequence(Sequence[Member]):
+    """Inputs in their order, K of them; vectors have one number each."""
+
+    def __init__(self, members: Iterable[Member]):
+        self._members = tuple(members)
+
+    def __len__(self) -> int:
+        return len(self._members)
+
+    def __getitem__(self, at):
+        return self._members[at]
+
+    def __iter__(self) -> Iterator[Member]:
+        return iter(self._members)
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({', '.join(self.names)})"
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Names (K), such as `C_a_anterior`: columns of tables."""
+        return tuple(each.name for each in self)
+
+    @cached_property
+    def lower(self) -> np.ndarray:
+        """Lower ends (K,) of the ranges."""
+        return np.array([each.low for each in self], dtype=float)
+
+    @cached_property
+    def upper(self) -> np.ndarray:
+        """Upper ends (K,) of the ranges."""
+        return np.array([each.high for each in self], dtype=float)
+
+    @cached_property
+    def coordinates(self) -> Coordinates:
+        """Their scaled coordinates, in the blocks that they name."""
+        return Coordinates(
+            self.names,
+            tuple(each.scale for each in self),
+            self.lower,
+            self.upper,
+            blocks_of([each.block for each in self]),
+            tuple(k for k, each in enumerate(self) if each.softens),
+        )
 
 
 class KeyInput(Input):

@@ -14,7 +14,6 @@ from regional_lv.inputs.material import (
     ExponentRatio,
     FocalScar,
     SheetStiffness,
-    Stiffness,
 )
 from regional_lv.inputs.observation import (
     DirectionsOfStrain,
@@ -24,6 +23,7 @@ from regional_lv.inputs.observation import (
     SegmentRotation,
     StrainMeasure,
 )
+from regional_lv.inputs.parameters import Stiffness
 from regional_lv.inputs.shape import (
     ApexThickness,
     EndocardialRadius,

@@ -1,66 +1,13 @@
-"""Inputs of the material: factors of the zones, ratios of the law, scars, compressibility."""
+"""Inputs of the material beside its factors in the zones: ratios, scars, compressibility."""
 
 from typing import ClassVar
 
 from regional_lv.inputs.base import LOGARITHMIC, Input, KeyInput, SegmentInput, multiplied
-from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.inputs.parameters import SCAR
 from regional_lv.mechanics.materials import MATERIALS
 
 WANG = "Wang et al. 2013, Int J Numer Method Biomed Eng 29:83-103, doi 10.1002/cnm.2497"
 HOLZAPFEL = "Holzapfel and Ogden 2009, doi 10.1098/rsta.2009.0091"
-
-
-class Stiffness(Input):
-    """One factor of the material law in one zone, such as `C_a_anterior`."""
-
-    name = "stiffness"
-    is_cause = False
-    family = "material"
-    changes = "factors"
-    scale = LOGARITHMIC
-    parameter = "factor of the material law in a zone"
-    description = (
-        "A zone's muscle is as many times stiffer, or stiffens as many times faster with stretch, "
-        "as the reference material. This is what a study looks for: nothing is known of it "
-        "beforehand but its range (`design.lower` and `upper`, `parameters.bounds`)."
-    )
-
-    def __init__(self, model, of):
-        self.factor, self._segments = of.factor, [s - 1 for s in _zones(model).zones[of.zone]]
-        self.name, self.low, self.high = of.name, of.lower, of.upper
-        self.source = MATERIALS[model["material"]["law"]].source
-        self.stress_power = int(of.scales_stress)
-        self.zone = of.zone
-        if of.scales_stress:
-            self.moves = tuple(f"{FocalScar.name}_{s + 1}" for s in self._segments)
-
-    @classmethod
-    def members(cls, model):
-        return [cls(model, parameter) for parameter in _zones(model)]
-
-    @property
-    def words(self):
-        return (self.family, Stiffness.name, self.factor)
-
-    @property
-    def reference(self):
-        return 1.0
-
-    @property
-    def block(self):
-        return self.zone
-
-    def value_in(self, model):
-        return None
-
-    def act(self, model, value):
-        factors = model["factors"]
-        changed = multiplied(factors[self.factor], self._segments, value)
-        return {**model, "factors": {**factors, self.factor: changed}}
-
-
-def _zones(model) -> Parameterisation:
-    return Parameterisation.from_spec(model["parameters"])
 
 
 class ConstantRatio(Input):
@@ -127,7 +74,7 @@ class ExponentRatio(ConstantRatio):
 
 
 class FocalScar(SegmentInput):
-    name = "focal_scar"
+    name = SCAR
     family = "material"
     changes = "factors"
     scale = LOGARITHMIC

@@ -1,20 +1,19 @@
-"""Which numbers are inferred: a factor of the material law in each of some zones of the wall.
+"""The inputs that are inferred of every study: factors of the material law in zones of the wall.
 
 One `Parameterisation` is made from the configuration and passed to whatever needs it. Its default
 is the paper's: five zones, with the factors C_a and C_b of the Holzapfel-Ogden law in each.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 
 import numpy as np
 
 from regional_lv import aha
 from regional_lv.errors import InputError
+from regional_lv.inputs.base import LOGARITHMIC, Input, InputSequence, multiplied
 from regional_lv.inputs.coordinates import Coordinates
-from regional_lv.inputs.scales import Logarithmic
-from regional_lv.mechanics.materials import MATERIALS
+from regional_lv.mechanics.materials import MATERIALS, Factor
 
 PAPER_ZONES = {
     "anterior": (1, 7),
@@ -45,26 +44,66 @@ MORE_COLOURS = (*COLOURS.values(), "#56B4E9", "#D55E00", "#999999")
 """For zones of other names: the Okabe-Ito palette, then from the start again."""
 
 
-@dataclass(frozen=True)
-class Parameter:
-    """One inferred number: `factor` of the material law in `zone`, between `lower` and `upper`.
+SCAR = "focal_scar"
+"""Name of the input that multiplies the stiffness of one segment."""
 
-    scales_stress: whether all stresses are proportional to it.
+
+class Stiffness(Input):
+    """One factor of the material law in one zone, such as `C_a_anterior`, between `low` and `high`.
+
+    segments: AHA segments of the zone.
     """
 
-    zone: str
-    factor: str
-    lower: float
-    upper: float
-    scales_stress: bool
+    name = "stiffness"
+    is_cause = False
+    family = "material"
+    changes = "factors"
+    scale = LOGARITHMIC
+    softens = True
+    parameter = "factor of the material law in a zone"
+    description = (
+        "A zone's muscle is as many times stiffer, or stiffens as many times faster with stretch, "
+        "as the reference material. This is what a study looks for: nothing is known of it "
+        "beforehand but its range (`design.lower` and `upper`, `parameters.bounds`)."
+    )
+
+    def __init__(
+        self, law: str, factor: Factor, zone: str, segments: Sequence[int], low: float, high: float
+    ):
+        self.name, self.zone, self.factor = f"{factor.name}_{zone}", zone, factor.name
+        self.low, self.high, self.source = low, high, MATERIALS[law].source
+        self.stress_power = int(factor.scales_stress)
+        self._segments = [s - 1 for s in segments]
+        if factor.scales_stress:
+            self.moves = tuple(f"{SCAR}_{s}" for s in segments)
+
+    @classmethod
+    def members(cls, model):
+        return tuple(Parameterisation.from_spec(model["parameters"]))
 
     @property
-    def name(self) -> str:
-        return f"{self.factor}_{self.zone}"
+    def words(self):
+        return (self.family, Stiffness.name, self.factor)
+
+    @property
+    def reference(self):
+        return 1.0
+
+    @property
+    def block(self):
+        return self.zone
+
+    def value_in(self, model):
+        return None
+
+    def act(self, model, value):
+        factors = model["factors"]
+        changed = multiplied(factors[self.factor], self._segments, value)
+        return {**model, "factors": {**factors, self.factor: changed}}
 
 
-class Parameterisation(Sequence):
-    """The inferred parameters theta, P of them, zone by zone in the order of the zones.
+class Parameterisation(InputSequence[Stiffness]):
+    """The stiffness inputs theta, P of them, zone by zone in the order of the zones.
 
     Parameters
     ----------
@@ -96,9 +135,9 @@ class Parameterisation(Sequence):
         if not isinstance(bounds, Mapping):
             bounds = {name: bounds for name in self.factors}
         self.bounds = {name: _interval(name, bounds) for name in self.factors}
-        self._parameters = tuple(
-            Parameter(zone, name, *self.bounds[name], offered[name].scales_stress)
-            for zone in self.zones
+        super().__init__(
+            Stiffness(law, offered[name], zone, segments, *self.bounds[name])
+            for zone, segments in self.zones.items()
             for name in self.factors
         )
 
@@ -132,40 +171,11 @@ class Parameterisation(Sequence):
         """What `spec` describes."""
         return cls(**spec)
 
-    # ------------------------------------------------------------------------ the parameters
-
-    def __len__(self) -> int:
-        return len(self._parameters)
-
-    def __getitem__(self, at):
-        return self._parameters[at]
-
-    def __iter__(self) -> Iterator[Parameter]:
-        return iter(self._parameters)
-
     def __eq__(self, other) -> bool:
         return isinstance(other, Parameterisation) and self.spec() == other.spec()
 
     def __hash__(self) -> int:
         return hash((self.law, self.names))
-
-    def __repr__(self) -> str:
-        return f"Parameterisation({', '.join(self.names)})"
-
-    @cached_property
-    def names(self) -> tuple[str, ...]:
-        """Names (P) of theta, such as `C_a_anterior`: the columns of every table."""
-        return tuple(p.name for p in self)
-
-    @cached_property
-    def lower(self) -> np.ndarray:
-        """Lower bounds (P,)."""
-        return np.array([p.lower for p in self])
-
-    @cached_property
-    def upper(self) -> np.ndarray:
-        """Upper bounds (P,)."""
-        return np.array([p.upper for p in self])
 
     @cached_property
     def middle(self) -> np.ndarray:
@@ -173,16 +183,9 @@ class Parameterisation(Sequence):
         return np.sqrt(self.lower * self.upper)
 
     @cached_property
-    def coordinates(self) -> Coordinates:
-        """Their logarithms, a block for each zone."""
-        scales = (Logarithmic(),) * len(self)
-        softness = tuple(range(len(self)))
-        return Coordinates(self.names, scales, self.lower, self.upper, self.blocks, softness)
-
-    @cached_property
     def scales_stress(self) -> np.ndarray:
-        """Mask (P,) of the parameters that all stresses of their zone are proportional to."""
-        return np.array([p.scales_stress for p in self])
+        """Mask (P,) of the inputs that all stresses of their zone are proportional to."""
+        return np.array([each.stress_power == 1 for each in self])
 
     # ----------------------------------------------------------------------- zones and factors
 

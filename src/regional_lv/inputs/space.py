@@ -3,17 +3,16 @@
 import difflib
 import logging
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from regional_lv.errors import InputError
-from regional_lv.inputs.base import ROLES, Input
+from regional_lv.inputs.base import ROLES, Input, InputSequence
 from regional_lv.inputs.catalogue import INPUTS
 from regional_lv.inputs.closed_forms import ClosedForm
-from regional_lv.inputs.coordinates import Coordinates, blocks_of
-from regional_lv.inputs.material import Stiffness
+from regional_lv.inputs.coordinates import Coordinates
 from regional_lv.inputs.model import model_of
 from regional_lv.inputs.observation import StrainMeasure
 from regional_lv.inputs.parameters import Parameterisation
@@ -49,8 +48,8 @@ class Role:
     range: tuple[float, float] | None = None
 
 
-class Inputs(Sequence[Input]):
-    """Inputs of one model, K of them in order; vectors have one number each.
+class Inputs(InputSequence[Input]):
+    """Inputs of one model.
 
     Attributes: base, the model with all of them at their nominal values; roles (K,).
 
@@ -64,8 +63,8 @@ class Inputs(Sequence[Input]):
     def __init__(
         self, base: Mapping, members: Iterable[Input], roles: Mapping[str, Role] | None = None
     ):
+        super().__init__(members)
         self.base = base
-        self._members = tuple(members)
         given = roles or {}
         self.roles = tuple(given.get(name, Role("inferred")) for name in self.names)
 
@@ -87,22 +86,6 @@ class Inputs(Sequence[Input]):
         free = [each for each in every if roles[each.name].kind != "fixed"]
         _check_closed_forms(free, every)
         return cls(base, free, roles)
-
-    def __len__(self) -> int:
-        return len(self._members)
-
-    def __getitem__(self, at):
-        return self._members[at]
-
-    def __iter__(self) -> Iterator[Input]:
-        return iter(self._members)
-
-    def __repr__(self) -> str:
-        return f"Inputs({', '.join(self.names)})"
-
-    @cached_property
-    def names(self) -> tuple[str, ...]:
-        return tuple(each.name for each in self)
 
     def subset(self, kept: Iterable[bool]) -> "Inputs":
         """Those of a mask (K,)."""
@@ -148,16 +131,6 @@ class Inputs(Sequence[Input]):
         )
 
     @cached_property
-    def lower(self) -> np.ndarray:
-        """Lower ends (K,) of the ranges."""
-        return np.array([each.low for each in self], dtype=float)
-
-    @cached_property
-    def upper(self) -> np.ndarray:
-        """Upper ends (K,) of the ranges."""
-        return np.array([each.high for each in self], dtype=float)
-
-    @cached_property
     def reference(self) -> np.ndarray:
         """Values (K,) of the model as it is, its wall that of the reference material."""
         return np.array([each.reference for each in self], dtype=float)
@@ -165,18 +138,11 @@ class Inputs(Sequence[Input]):
     @cached_property
     def coordinates(self) -> Coordinates:
         """Their scaled coordinates; zones are blocks of their own, other inputs one by family."""
-        stiffness = [isinstance(each, Stiffness) for each in self]
-        keys = [each.zone if isinstance(each, Stiffness) else each.block for each in self]
         exponents = [k for k, each in enumerate(self) if isinstance(each, StrainMeasure)]
-        return Coordinates(
-            self.names,
-            tuple(each.scale for each in self),
-            self.lower,
-            self.upper,
-            blocks_of(keys),
-            tuple(np.flatnonzero(stiffness).tolist()),
-            exponents[0] if exponents else None,
-            float(self.base.get("observables", GREEN)["strain_exponent"]),
+        return replace(
+            super().coordinates,
+            exponent=exponents[0] if exponents else None,
+            strain_exponent=float(self.base.get("observables", GREEN)["strain_exponent"]),
         )
 
     def beside(

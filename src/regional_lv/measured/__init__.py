@@ -1,12 +1,6 @@
 """Measured files: read, checked and made."""
 
 from regional_lv.measured.curves import import_curves, read_curve_subject
-from regional_lv.measured.published import (
-    import_published_simulation,
-    import_volunteer,
-    published_simulation,
-    published_volunteer,
-)
 from regional_lv.measured.synthetic import synthetic_subject, write_truth
 from regional_lv.measured.tables import (
     MeasuredWarning,
@@ -21,10 +15,6 @@ __all__ = [
     "MeasuredWarning",
     "import_curves",
     "import_measured",
-    "import_published_simulation",
-    "import_volunteer",
-    "published_simulation",
-    "published_volunteer",
     "read_curve_subject",
     "read_measured",
     "shortcomings",

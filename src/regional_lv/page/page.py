@@ -18,7 +18,6 @@ from regional_lv.channels import Channel, Channels
 from regional_lv.criticism import words
 from regional_lv.criticism.contract import Findings, MeasuredInput, read_findings
 from regional_lv.emulators import label_of
-from regional_lv.inference.classification import stiffness
 from regional_lv.inputs.parameters import Parameterisation
 from regional_lv.measured import read_measured
 from regional_lv.mechanics.materials import MATERIALS
@@ -31,7 +30,6 @@ from regional_lv.plots.case_posterior import (
     predictive,
     read_subject,
 )
-from regional_lv.plots.verdicts import chosen
 from regional_lv.quantities import seth_hill
 
 TEMPLATE = Path(__file__).parent / "page.html"
@@ -149,7 +147,7 @@ def make_page(
         missing=missing(table, channels),
         pressure=pressure_mmhg,
         known=known,
-        scaling=[p.factor for p in parameters if p.scales_stress][:1] if scales else [],
+        scaling=[p.factor for p in parameters if p.stress_power][:1] if scales else [],
         measure=seth_hill.measure_name(strain_exponent),
         stiffness=rows,
         law=MATERIALS[parameters.law],
@@ -324,18 +322,14 @@ def stiffness_of(drawn: CasePosterior, parameters: Parameterisation) -> list[dic
     summary, rows = drawn.summary(), []
     for p in parameters:
         values, row = drawn.draws[p.name].ravel(), summary.loc[p.name].to_dict()
-        prior = (
-            stats.loguniform(p.lower, p.upper)
-            if stated
-            else stats.uniform(p.lower, p.upper - p.lower)
-        )
+        prior = stats.loguniform(p.low, p.high) if stated else stats.uniform(p.low, p.high - p.low)
         rows.append(
             {
                 **{"name": p.name, "zone": p.zone, "factor": p.factor},
                 "segments": parameters.zones[p.zone],
                 **row,
                 "middle": row[drawn.middle],
-                "prior": (p.lower, p.upper),
+                "prior": (p.low, p.high),
                 "above_reference": float((values > 1).mean()),
                 "silent": stats.kstest(values, prior.cdf).statistic <= SAME_AS_PRIOR,
                 "shift_sd": shifts.get(p.name, 0.0),
@@ -347,7 +341,7 @@ def stiffness_of(drawn: CasePosterior, parameters: Parameterisation) -> list[dic
 def trade_offs(drawn: CasePosterior, parameters: Parameterisation) -> list[dict]:
     """Pairs of factors of a zone that are strongly correlated, with their geometric mean."""
     theta = np.stack([drawn.draws[name].ravel() for name in parameters.names], axis=-1)
-    means, found = stiffness(theta, parameters)[..., -1], []
+    means, found = stats.gmean(parameters.table(theta), axis=-1), []
     for z, zone in enumerate(parameters.zones):
         for one, other in combinations(parameters.factors, 2):
             pair = [np.log(drawn.draws[f"{factor}_{zone}"].ravel()) for factor in (one, other)]
@@ -478,8 +472,8 @@ def emulator_of(
     """
     candidates = []
     if choice:
-        name = chosen(Path(choice))
-        candidates = json.loads(Path(choice).read_text())["candidates"]
+        report = json.loads(Path(choice).read_text())
+        name, candidates = report["final"], report["candidates"]
     columns = ["case", "output", "truth", "mean"]
     table = (
         pd.read_parquet(predictions, columns=columns)

@@ -1,7 +1,10 @@
-"""What only the paper needs: its numbers, and how a study's compare with them.
+"""What only the comparison with the paper needs; nothing outside this room imports it.
 
-`numbers.csv`: facts read off the paper. `differences.csv`: why this project's differ. Nothing
-outside this room uses it.
+`emulators`: the paper's eight. `estimates`: their point estimates, ranked. `posteriors`: of test
+cases and scenarios, and whether they can be trusted. `plots`, `tables`: of these. `measured`,
+`published_rows`, `imported_mesh`, `reference_material`: its published data and mesh. `comparison`:
+its numbers (`numbers.csv`, read off the paper) beside a study's, and why they differ
+(`differences.csv`).
 """
 
 from pathlib import Path

@@ -8,7 +8,6 @@ import pandas as pd
 
 from regional_lv.emulators import REGISTRY, label_of
 from regional_lv.paper import KEYS
-from regional_lv.tables.writing import markdown
 
 QUANTITIES = {
     "simulation_minutes": "minutes of one simulation",
@@ -114,3 +113,19 @@ def _name(key: str, value: str) -> str:
     if key == "parameter" and value.startswith("C_"):
         return " ".join(value.rsplit("_", 1))
     return "" if value in ("all", "final", "value") else STATISTICS.get(value, value)
+
+
+def markdown(table: pd.DataFrame) -> str:
+    """A table in Markdown: four digits, empty for NaN, numbers to the right."""
+    numeric = [pd.api.types.is_numeric_dtype(dtype) for dtype in table.dtypes]
+    lines = ["| " + " | ".join(table.columns) + " |"]
+    lines.append("|" + "|".join("---:" if right else "---" for right in numeric) + "|")
+    for row in table.itertuples(index=False):
+        lines.append("| " + " | ".join(_plain(value) for value in row) + " |")
+    return "\n".join(lines)
+
+
+def _plain(value: object) -> str:
+    if isinstance(value, float):
+        return "" if np.isnan(value) else f"{value:.4g}"
+    return str(value).replace("|", "\\|")

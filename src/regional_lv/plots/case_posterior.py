@@ -16,7 +16,6 @@ import xarray as xr
 
 from regional_lv.criticism.contract import Stiffness, Summary, read_findings
 from regional_lv.errors import InputError
-from regional_lv.plots.verdicts import verdict_of
 
 SOURCES = {
     "synthetic": "synthetic data",
@@ -226,6 +225,21 @@ def read(
         values = data.constant_data["theta_true"].isel(case=at)
         known = {name: float(values.sel(parameter=name)) for name in names}
     return CasePosterior(case, names, draws, verdict_of(diagnostics, case), known)
+
+
+def verdict_of(diagnostics: str | Path, case: str) -> str:
+    """Verdict of one case in a `diagnostics.csv`: "passed" or "failed: ..." with every reason.
+
+    Raises InputError if the file has no row for the case.
+    """
+    table = pd.read_csv(diagnostics, dtype={"case": str})
+    rows = table[table["case"] == case]
+    if rows.empty:
+        raise InputError(f"{diagnostics}: no row for case {case!r}; rerun the diagnostics")
+    reasons = [v for v in rows["verdict"].unique() if v != "passed"]
+    if reasons:
+        return "failed: " + "; ".join(v.removeprefix("failed: ") for v in reasons)
+    return "passed" if rows["passed"].all() else "failed: a parameter did not pass"
 
 
 def density(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -53,7 +53,7 @@ def read_tables(
         at = parameters[column]
         raise InputError(
             f"{inputs}: row {row + 1}, {at.name}: {theta[row, column]:g} lies outside "
-            f"[{at.lower:g}, {at.upper:g}] ({int(outside.any(axis=1).sum())} such rows); remove "
+            f"[{at.low:g}, {at.high:g}] ({int(outside.any(axis=1).sum())} such rows); remove "
             "them, or set design.lower and design.upper (or parameters.bounds) to what was "
             "simulated"
         )

@@ -61,25 +61,3 @@ def convergence(posterior: Path, diagnostics: Path) -> pd.DataFrame:
         for name, draws in one.draws.items()
     ]
     return pd.DataFrame(rows)
-
-
-@written
-def noise_prior(noise_prior: Path) -> pd.DataFrame:
-    """Noise of one subject by its prior's scale: a row per scale.
-
-    noise_prior: `<subject>_noise_prior.csv`. Columns: prior_scale, median and 95 % HPD ends of each
-    direction's noise, outside (observations outside the 95 % predictive interval), outputs,
-    verdict.
-    """
-    table = pd.read_csv(noise_prior)
-    rows = []
-    for scale, part in table.groupby("prior_scale"):
-        row = {"prior_scale": scale}
-        for entry in part[part["parameter"].str.startswith("sigma_")].itertuples():
-            row |= {
-                entry.parameter: entry.median,
-                f"{entry.parameter}_lower95": entry.lower95,
-                f"{entry.parameter}_upper95": entry.upper95,
-            }
-        rows.append(row | part[["outside", "outputs", "verdict"]].iloc[0].to_dict())
-    return pd.DataFrame(rows)

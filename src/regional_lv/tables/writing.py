@@ -1,4 +1,4 @@
-"""How a table is written: CSV and LaTeX, or Markdown."""
+"""How a table is written: CSV and LaTeX."""
 
 import re
 from collections.abc import Callable
@@ -33,22 +33,6 @@ def save(table: pd.DataFrame, csv: Path, tex: Path) -> None:
     lines = [rf"\begin{{tabular}}{{@{{}}{columns}@{{}}}}", r"\toprule", rf"{head} \\", r"\midrule"]
     lines += [rf"{row} \\" for row in body] + [r"\bottomrule", r"\end{tabular}"]
     Path(tex).write_text("\n".join(lines) + "\n")
-
-
-def markdown(table: pd.DataFrame) -> str:
-    """A table in Markdown: four digits, empty for NaN, numbers to the right."""
-    numeric = [pd.api.types.is_numeric_dtype(dtype) for dtype in table.dtypes]
-    lines = ["| " + " | ".join(table.columns) + " |"]
-    lines.append("|" + "|".join("---:" if right else "---" for right in numeric) + "|")
-    for row in table.itertuples(index=False):
-        lines.append("| " + " | ".join(_plain(value) for value in row) + " |")
-    return "\n".join(lines)
-
-
-def _plain(value: object) -> str:
-    if isinstance(value, float):
-        return "" if np.isnan(value) else f"{value:.4g}"
-    return str(value).replace("|", "\\|")
 
 
 def _escaped(text: str) -> str:

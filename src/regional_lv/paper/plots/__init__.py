@@ -1,0 +1,1 @@
+"""Figures of the comparison with the paper, one file each; every one writes its data as CSV too."""

@@ -1,0 +1,76 @@
+"""Truth against MAP of stiffened or baseline zones on the bullseye (the paper's Figures 6-8)."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from matplotlib.colors import Normalize
+
+from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.paper.plots import scenarios, verdicts
+from regional_lv.plots import bullseye, style
+
+ZONES_SHOWN = {"stiffened": "stiffened zones", "baseline": "zones left at baseline"}
+
+
+@style.context
+def draw(
+    recoveries: Sequence[Path],
+    labels: Sequence[str],
+    zones: str,
+    title: str,
+    parameters: Parameterisation,
+    png: Path,
+    csv: Path,
+) -> None:
+    """Draw the mean truth above the mean MAP, the factors of each set side by side.
+
+    recoveries: `recovery.csv` of the sets called `labels`. zones: `stiffened` or `baseline`: which
+    zones of a case count. The numbers under a MAP are its root mean square error. The table: set,
+    quantity, zone, cases, truth, map (means), rmse, failed (posteriors, of the convergence check).
+    """
+    table = verdicts.read_sets(recoveries, labels, parameters)
+    chosen = table[table["stiffened"] == (zones == "stiffened")]
+    summary = summarise(chosen)
+    norm = Normalize(*_limits(summary))
+    columns = [(label, factor) for label in labels for factor in parameters.factors]
+    side = 2.7 if len(parameters.zones) <= bullseye.FEW_ZONES else 3.6
+    fig = style.figure(max(8.0, side * len(columns) + 1.3), 2 * side + 1.0)
+    axes = scenarios.panels(fig, 2, len(columns))
+    for pair, (label, factor) in zip(axes.T, columns, strict=True):
+        part = summary[(summary["set"] == label) & (summary["quantity"] == factor)]
+        part = part.set_index("zone").reindex(parameters.zone_names)
+        truth = [f"{value:.2f}" for value in part["truth"]]
+        # As many digits as a zone has room for.
+        error = part["rmse"].map(lambda e: f"{e:.2f}" if e >= 0.01 else f"{e:.1g}")
+        found = [f"{value:.2f}\n±{e}" for value, e in zip(part["map"], error, strict=True)]
+        bullseye.paint_zones(pair[0], part["truth"], norm, "viridis", truth, parameters)
+        scale = bullseye.paint_zones(pair[1], part["map"], norm, "viridis", found, parameters)
+        pair[0].set_title(f"{label}\n{style.factor_label(factor)}")
+    for ax, what in zip(axes[:, 0], ("truth", "MAP"), strict=True):
+        ax.text(-0.08, 0.5, what, transform=ax.transAxes, rotation=90, ha="center", va="center")
+    fig.colorbar(scale, ax=list(axes.ravel()), label="mean stiffness factor", shrink=0.8)
+    head = f"{title}, {ZONES_SHOWN[zones]}: mean over cases, ± RMSE of the MAP"
+    style.suptitle(fig, head, verdicts.warning_of_sets(table))
+    style.save(fig, summary, png, csv)
+
+
+def summarise(table: pd.DataFrame) -> pd.DataFrame:
+    """Means of truth and MAP and the MAP's RMSE per set, quantity and zone."""
+    squared = table.assign(squared=(table["map"] - table["truth"]) ** 2)
+    summary = squared.groupby(["set", "quantity", "of"], sort=False).agg(
+        cases=("case", "nunique"),
+        truth=("truth", "mean"),
+        map=("map", "mean"),
+        rmse=("squared", "mean"),
+        failed=("failed", "sum"),
+    )
+    summary["rmse"] = np.sqrt(summary["rmse"])
+    return summary.reset_index().rename(columns={"of": "zone"})
+
+
+def _limits(summary: pd.DataFrame) -> tuple[float, float]:
+    """Round limits that hold all values: one scale for truth and MAP."""
+    values = summary[["truth", "map"]].to_numpy()
+    return np.floor(4 * values.min()) / 4, np.ceil(4 * values.max()) / 4

@@ -1,0 +1,106 @@
+"""How far the MAP is from the truth, by zone and severity, in and outside the stiffened zone."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import seaborn
+from matplotlib.lines import Line2D
+
+from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.paper.plots import scenarios, verdicts
+from regional_lv.paper.plots.bullseye_map import summarise
+from regional_lv.plots import bullseye, style
+
+
+@style.context
+def draw(
+    recoveries: Sequence[Path],
+    noisy: Sequence[Path],
+    labels: Sequence[str],
+    parameters: Parameterisation,
+    png: Path,
+    csv: Path,
+) -> None:
+    """Draw the MAP's root mean square error; a row for each factor, with measurement noise on the
+    right.
+
+    recoveries, noisy: `recovery.csv` of the sets `labels` and of their noisy twins. The table:
+    noise, stiffened, set, quantity, zone, cases, truth, map, rmse, failed.
+    """
+    parts, warnings = [], []
+    for noise, paths in zip(scenarios.NOISE, (recoveries, noisy), strict=True):
+        table = verdicts.read_sets(paths, labels, parameters)
+        warnings.append(verdicts.warning_of_sets(table))
+        for stiffened, group in table.groupby("stiffened"):
+            parts.append(summarise(group).assign(noise=noise, stiffened=stiffened))
+    summary = pd.concat(parts, ignore_index=True)
+    summary = summary[["noise", "stiffened", *summary.columns[:-2]]]
+
+    factors = parameters.factors
+    many = len(parameters.zones) > bullseye.FEW_ZONES
+    # Without noise errors are some 1,000 times smaller: each column has its own axis.
+    fig = style.figure(18.0 if many else 10.5, 2.6 * len(factors) + 1.2)
+    axes = scenarios.panels(fig, len(factors), 2, sharex=True, sharey="col")
+    for column, noise in zip(axes.T, scenarios.NOISE, strict=True):
+        column[0].set_title(noise)
+        for ax, factor in zip(column, factors, strict=True):
+            chosen = (summary["noise"] == noise) & (summary["quantity"] == factor)
+            _panel(ax, summary[chosen], labels, parameters.zone_names)
+    for ax, factor in zip(axes[:, 0], factors, strict=True):
+        ax.set_ylabel(f"RMSE of the MAP of {style.factor_label(factor)}")
+    for ax in axes[-1] if many else []:
+        ax.tick_params(axis="x", rotation=60)
+    fig.legend(handles=_legend(labels), loc="outside lower center", ncols=len(labels) + 2)
+    title = "Error of the MAP by zone and severity (axes differ between columns)"
+    style.suptitle(fig, title, " / ".join(filter(None, warnings)))
+    style.save(fig, summary, png, csv)
+
+
+def _panel(ax, part: pd.DataFrame, labels: Sequence[str], zones: Sequence[str]) -> None:
+    sets = {label: scenarios.look(at) for at, label in enumerate(labels)}
+    for stiffened, face in ((True, None), (False, "white")):
+        mine = part[part["stiffened"] == stiffened]
+        seaborn.pointplot(
+            mine,
+            x="zone",
+            y="rmse",
+            hue="set",
+            order=zones,
+            hue_order=labels,
+            ax=ax,
+            palette=[colour for colour, _ in sets.values()],
+            errorbar=None,
+            markers=[marker for _, marker in sets.values()],
+            linestyle="none",
+            markersize=5.5,
+            markerfacecolor=face,
+            markeredgewidth=1,
+            legend=False,
+            dodge=0.75 * (1 - 1 / len(labels)),
+        )
+    place = np.arange(len(zones))
+    ax.set_xticks(place, [style.zone_label(zone) for zone in zones])
+    ax.set(xlabel="", ylabel="", yscale="log")
+    style.plain_log(ax.yaxis)
+    ax.yaxis.grid(True)
+    for border in place[:-1] + 0.5:
+        ax.axvline(border, color=style.LIGHT, linewidth=0.8)
+
+
+def _legend(labels: Sequence[str]) -> list[Line2D]:
+    def mark(marker, colour, face, label):
+        return Line2D(
+            [], [], linestyle="", marker=marker, color=colour, markerfacecolor=face, label=label
+        )
+
+    sets = []
+    for at, label in enumerate(labels):
+        colour, marker = scenarios.look(at)
+        sets.append(mark(marker, colour, colour, label))
+    kinds = [
+        mark("o", style.GREY, style.GREY, "stiffened zone"),
+        mark("o", style.GREY, "white", "other zones"),
+    ]
+    return sets + kinds

@@ -1,0 +1,1 @@
+"""Posteriors of test cases and scenarios: recovery, calibration, classification, trust."""

@@ -1,0 +1,1 @@
+"""Tables of the comparison with the paper."""
