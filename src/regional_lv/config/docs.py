@@ -1,33 +1,23 @@
 """What there is to say of every key: for config/README.md, messages and tests."""
 
-import dataclasses
 import functools
 import math
 import typing
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import yaml
 from pydantic.fields import FieldInfo
 
-from regional_lv.config.section import (
-    Kind,
-    Section,
-    alternatives,
-    is_section,
-    key_path,
-    note,
-    unit_of,
-)
+from regional_lv.config.section import Section, alternatives, is_section, key_path, note, text_of
 from regional_lv.config.study import Configuration
 
 MARK = "<!-- The tables below are written from the sections by `make format`. -->\n"
 """Line of config/README.md after which everything is generated."""
 
 
-@dataclass(frozen=True)
-class Key:
+class Key(NamedTuple):
     """A key that holds a value; names that the user chooses appear in its path as `<name>`.
 
     default: as YAML; "required" or "none" where there is no default.
@@ -44,62 +34,64 @@ class Key:
 def describe() -> list[Key]:
     """Every key that holds a value, in the order of the sections."""
     keys: dict[str, Key] = {}
-    for key in _keys(Configuration, Key("", "", "", "", "")):
-        same = keys.get(key.path)  # of another kind of the section
-        keys[key.path] = dataclasses.replace(key, text=f"{same.text} {key.text}") if same else key
+    for key in _keys(Configuration, "", ""):
+        same = keys.get(key.path, key)  # of another kind of the section
+        keys[key.path] = key if same == key else key._replace(text=f"{same.text} {key.text}")
     return list(keys.values())
 
 
-def _keys(section: type[Section], around: Key) -> Iterator[Key]:
-    """The keys of a section; `around` has its path and reruns, and as text when it is there."""
-    around = dataclasses.replace(around, reruns=section.reruns or around.reruns)
+def _keys(
+    section: type[Section], path: str, reruns: str, when: str = "", kinds: Sequence = ()
+) -> Iterator[Key]:
+    """The keys of a section; of one of several `kinds`, those that not all have.
+
+    when: begins their text, and says when the section is there."""
+    reruns = section.reruns or reruns
     for name, field in section.model_fields.items():
-        yield from _key(name, field, field.annotation, around)
+        text = text_of(section, name)
+        if kinds and name in kinds[0].family.model_fields:
+            continue
+        if kinds:
+            same = [k for k in kinds if name in k.model_fields and text_of(k, name) == text]
+            when = f"With {' or '.join(f'`{k.tag}: {k.tags()[0]}`' for k in same)}: "
+        yield from _key(name, field, text, path, reruns, when)
     for annotation in section.of_added():
         field = FieldInfo.from_annotation(annotation)
-        yield from _key("<name>", field, field.annotation, around)
+        yield from _key("<name>", field, field.description or "", path, reruns, when)
 
 
-def _key(name: str, field: FieldInfo, annotation, around: Key) -> Iterator[Key]:
-    path = key_path(around.path, name)
-    here = dataclasses.replace(around, path=path, reruns=note(field, "reruns") or around.reruns)
-    kinds = alternatives(annotation)
-    if typing.get_origin(kinds[0]) is dict and len(kinds) == 1:
+def _key(
+    name: str, field: FieldInfo, text: str, path: str, reruns: str, when: str
+) -> Iterator[Key]:
+    path, reruns = key_path(path, name), note(field, "reruns") or reruns
+    kinds = alternatives(field.annotation)
+    if len(kinds) == 1 and typing.get_origin(kinds[0]) is dict:
         value = FieldInfo.from_annotation(typing.get_args(kinds[0])[1])
         value.metadata += field.metadata
-        value.description = value.description or field.description
-        yield from _key("<name>", value, value.annotation, here)
-    elif not all(map(is_section, kinds)):
-        text = around.text + _meaning(field, kinds)
-        yield Key(path, unit_of(name, field), _default(name, field), text, here.reruns)
-    elif len(kinds) == 1:
-        yield from _keys(kinds[0], here)
+        yield from _key("<name>", value, value.description or text, path, reruns, when)
+    elif len(kinds) == 1 and is_section(kinds[0]):
+        yield from _keys(kinds[0], path, reruns, when)
+    elif all(map(is_section, kinds)):
+        family = kinds[0].family
+        yield from _keys(family, path, reruns)
+        for kind in kinds:
+            yield from _keys(kind, path, family.reruns or reruns, kinds=kinds)
     else:
-        yield from _keys_of_kinds(kinds, here)
+        yield Key(
+            path, _unit(name, field), _default(name, field), when + _meaning(text, kinds), reruns
+        )
 
 
-def _keys_of_kinds(kinds: list[type[Kind]], around: Key) -> Iterator[Key]:
-    """The keys that all kinds have, and those that some have."""
-    family = kinds[0].family
-    yield from _keys(family, around)
-    of: dict[tuple, list[type[Kind]]] = {}
-    for kind in kinds:
-        for name, field in kind.model_fields.items():
-            if name not in family.model_fields:
-                of.setdefault((name, field.description), []).append(kind)
-    around = dataclasses.replace(around, reruns=family.reruns or around.reruns)
-    for (name, _), having in of.items():
-        field = having[0].model_fields[name]
-        tags = [tag for kind in having for tag in kind.tags()]
-        when = f"With `{family.tag}: {'` or `'.join(tags)}`: "
-        yield from _key(name, field, field.annotation, dataclasses.replace(around, text=when))
+def _unit(name: str, field: FieldInfo) -> str:
+    """What the key's name ends with, or a note says."""
+    units = {"kpa_per_mm": "kPa/mm", "mm": "mm", "deg": "deg", "mmhg": "mmHg", "kpa": "kPa"}
+    ends = (unit for end, unit in (units | {"ml": "mL"}).items() if name.endswith(f"_{end}"))
+    return note(field, "unit") or next(ends, "")
 
 
 def _default(name: str, field: FieldInfo) -> str:
-    if name == "<name>":
-        return "none"
     if field.is_required():
-        return "required"
+        return "none" if name == "<name>" else "required"
     text = yaml.safe_dump(field.default, default_flow_style=True, width=math.inf)
     return f"`{text.splitlines()[0]}`"
 
@@ -111,9 +103,9 @@ def choices(kinds: list) -> list:
     return [*offered, *["null"] * (type(None) in kinds)] if offered else []
 
 
-def _meaning(field: FieldInfo, kinds: list) -> str:
-    """Description, with the choices where it does not name them itself."""
-    text, offered = " ".join((field.description or "").split()), choices(kinds)
+def _meaning(text: str, kinds: list) -> str:
+    """The text, with the choices where it does not name them itself."""
+    offered = choices(kinds)
     missing = [choice for choice in offered if f"`{choice}`" not in text]
     return f"{text} One of {', '.join(f'`{c}`' for c in offered)}." if missing else text
 
@@ -128,8 +120,8 @@ def document() -> str:
         if section:
             field = Configuration.model_fields[section]
             kind = alternatives(field.annotation)[0]
-            kind = kind.family if is_section(kind) and issubclass(kind, Kind) else kind
-            text = field.description or kind.__doc__
+            kind = getattr(kind, "family", kind)
+            text = text_of(Configuration, section) or kind.__doc__
             lines += [f"## `{section}`", "", " ".join(text.split()), ""]
         lines += ["| key | unit | default | meaning | reruns when changed |", "|---" * 5 + "|"]
         lines += [

@@ -17,6 +17,7 @@ from regional_lv.config.section import (
     is_section,
     key_path,
     note,
+    text_of,
 )
 from regional_lv.config.study import Configuration, sections_of
 from regional_lv.csv_lines import number_in
@@ -89,7 +90,7 @@ def unknown(study: Configuration) -> list[str]:
 
 
 def _line(error, of: type[Section], at: str) -> str:
-    keys, field, kinds, around = _place(error["loc"], of)
+    keys, field, text, kinds, around = _place(error["loc"], of)
     section, name = key_path(at, *keys[:-1]), "".join(keys[-1:])
     key = key_path(section, name)
     if error["type"] == "default_factory_not_called":
@@ -102,24 +103,23 @@ def _line(error, of: type[Section], at: str) -> str:
         return explain_unknown(around, section, name)
     if error["type"].startswith("union_tag"):
         family = kinds[-1].family
-        key, field = key_path(key, family.tag), family.model_fields[family.tag]
+        key, text = key_path(key, family.tag), text_of(family, family.tag)
         complaint = "missing; give it"
         if family.tag in error["input"]:
             complaint = _not_offered(error["input"][family.tag], family.all_tags())
     else:
         complaint = _complaint(error, field, kinds)
-    text = " ".join((field.description or "").split()) if field else ""
     return f"{key or 'the whole file'}: {complaint}. {text}".rstrip()
 
 
 def _place(
     location: Sequence[str | int], of: type[Section]
-) -> tuple[list[str], FieldInfo | None, list, type[Section] | None]:
+) -> tuple[list[str], FieldInfo | None, str, list, type[Section] | None]:
     """The keys of a location without what pydantic puts between them (the kinds of sections, and
-    whether a key or its value is meant), the last of them as a field, the types that stand there,
-    and the section around the last key."""
+    whether a key or its value is meant), the last of them as a field, its text, the types that
+    stand there, and the section around the last key."""
     keys: list[str] = []
-    field, kinds, around = None, alternatives(of), None
+    field, text, kinds, around = None, "", alternatives(of), None
     for part in map(str, location):
         sections = [kind for kind in kinds if is_section(kind)]
         if part.startswith("\0") or part == "[key]":
@@ -130,12 +130,12 @@ def _place(
         keys.append(part)
         around = next(iter(sections), None)
         if around is not None:
-            field = around.model_fields.get(part)
+            field, text = around.model_fields.get(part), text_of(around, part)
             holds = [field.annotation] if field else around.of_added()
         else:
             holds = [typing.get_args(kind)[-1] for kind in kinds if typing.get_args(kind)]
         kinds = [each for annotation in holds for each in alternatives(annotation)]
-    return keys, field, kinds, around
+    return keys, field, text, kinds, around
 
 
 def _is_unknown(around: type[Section], name: str) -> bool:

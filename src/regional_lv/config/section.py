@@ -5,9 +5,14 @@ messages, and its default is what stands where nothing is given. What has to fit
 said by `Section.check`.
 """
 
+import ast
 import difflib
+import functools
 import glob
+import inspect
+import itertools
 import os
+import sys
 import types
 import typing
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
@@ -159,9 +164,7 @@ class Section(BaseModel):
         without, every name that this allows.
     """
 
-    model_config = ConfigDict(
-        extra="forbid", strict=True, use_attribute_docstrings=True, allow_inf_nan=False
-    )
+    model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
     reruns: ClassVar[str] = ""
     added: ClassVar[Callable[[], Collection[str]] | None] = None
 
@@ -169,13 +172,6 @@ class Section(BaseModel):
         super().__init_subclass__(**kwargs)
         cls.reruns = reruns or cls.reruns
         cls.added = added or cls.added
-
-    @classmethod
-    def __pydantic_init_subclass__(cls, **kwargs):
-        # A key that only changes its default or limits keeps its text.
-        for name, key in cls.model_fields.items():
-            above = (b.model_fields.get(name) for b in cls.__mro__ if is_section(b))
-            key.description = next((k.description for k in above if k and k.description), None)
 
     def check(self, key: str, study: "Configuration") -> Iterator[str]:
         """Lines about what does not fit within the section, to the rest of the study or to files.
@@ -246,11 +242,26 @@ class Kind(Section):
         return own(self) | self.of_others()
 
 
-def unit_of(name: str, key: FieldInfo) -> str:
-    """The unit of a key, which its name ends with; "" without one."""
-    units = {"_kpa_per_mm": "kPa/mm", "_mm": "mm", "_deg": "deg", "_mmhg": "mmHg", "_kpa": "kPa"}
-    ends = (unit for end, unit in (units | {"_ml": "mL"}).items() if name.endswith(end))
-    return note(key, "unit") or next(ends, "")
+def text_of(section: type[Section], key: str) -> str:
+    """The docstring of a key, that of a base class if it has none of its own."""
+    texts = (_texts(c.__module__).get(c.__name__, {}) for c in section.__mro__ if is_section(c))
+    return next((text[key] for text in texts if key in text), "")
+
+
+@functools.cache
+def _texts(module: str) -> dict[str, dict[str, str]]:
+    """The docstrings of the keys of a module's classes, read when they are asked for: pydantic can
+    read them for every process that imports the classes, which takes as long as the import."""
+    code = ast.parse(inspect.getsource(sys.modules[module])).body
+    return {
+        each.name: {
+            key.target.id: " ".join(text.value.value.split())
+            for key, text in itertools.pairwise(each.body)
+            if isinstance(key, ast.AnnAssign) and isinstance(text, ast.Expr)
+        }
+        for each in code
+        if isinstance(each, ast.ClassDef)
+    }
 
 
 # -------------------------------------------------------------------------------------- messages

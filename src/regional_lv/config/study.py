@@ -162,14 +162,14 @@ class Configuration(Section):
             with contextlib.suppress(InputError):
                 for mistake in section.check(path, self):
                     mistakes.append(mistake)
-        mistakes += [] if mistakes else self._not_made()
+        mistakes += self._not_made(looks_sound=not mistakes)
         if isinstance(self.simulations, simulation.Tabulated) and not mistakes:
             # The one place that says how many test cases there are.
             self.design.test = self.sizes["test"]
         return mistakes
 
-    def _not_made(self) -> list[str]:
-        """What makers of objects have against their sections."""
+    def _not_made(self, looks_sound: bool) -> list[str]:
+        """What makers of objects have against their sections; of several, if these look sound."""
         config = self.model_dump()
         found = [
             *complaints(supports_from_config, config["supports"]),
@@ -178,8 +178,10 @@ class Configuration(Section):
             *complaints(lambda: self.channels),
             *complaints(lambda: self.theta),
         ]
-        if found or not self.inputs:
-            return found or complaints(lambda: self.sizes)
+        if found or not looks_sound:
+            return found
+        if not self.inputs:
+            return complaints(lambda: self.sizes)
         # The catalogue reads segment tables: pandas, for every process that reads a configuration.
         from regional_lv.inputs.space import Inputs
 
@@ -192,9 +194,10 @@ class Configuration(Section):
                 "runs none; remove one of them"
             )
         if self.sizes["train"] < self.least_simulations:
+            where = "simulations.tables.train" if self.simulations.source == "table" else "design"
             yield (
-                f"{self.sizes['train']} training simulations are too few for any emulator; give "
-                f"{self.least_simulations} or more"
+                f"{where}: {self.sizes['train']} training simulations are too few for any "
+                f"emulator; give {self.least_simulations} or more"
             )
 
     def _carry_over(self) -> None:

@@ -201,18 +201,9 @@ class Emulators(
 
     __pydantic_extra__: dict[str, OfPlugin]
 
-    names: Annotated[SomeNames, Note(reruns="the emulators added, and the comparison")] = [
-        "exact_gp",
-        "gradient_gp",
-        "local_gp",
-        "local_mgp",
-        "local_dkgp",
-        "local_dkmgp",
-        "vgp",
-        "mvgp",
-        "dgp",
-        "dnn",
-    ]
+    names: Annotated[SomeNames, Note(reruns="the emulators added, and the comparison")] = (
+        "exact_gp gradient_gp local_gp local_mgp local_dkgp local_dkmgp vgp mvgp dgp dnn".split()
+    )
     """Emulators to fit and compare."""
     shortlist: Shortlist = Shortlist()
     final: Annotated[str, Note(reruns="posteriors of scenarios and subjects, and figures")] = "auto"

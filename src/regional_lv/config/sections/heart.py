@@ -341,12 +341,9 @@ class Supports(Section, reruns=MECHANICS, added=SUPPORTS.keys, extra="allow"):
 class Observables(Section, reruns=MECHANICS):
     """What is observed of a ventricle, at end diastole and at `loading.frames`."""
 
-    quantities: Annotated[list[str], Field(min_length=1), ONCE] = [
-        "volume",
-        "circumferential",
-        "radial",
-        "longitudinal",
-    ]
+    quantities: Annotated[list[str], Field(min_length=1), ONCE] = (
+        "volume circumferential radial longitudinal".split()
+    )
     """`volume` (mL), `circumferential`, `radial` and `longitudinal` strain of the segments,
     `torsion` (between two levels, deg/mm), `shortening` (of the long axis); others by a plugin."""
     places: dict[Name, Annotated[list[Place], Field(min_length=1), ONCE]] = {}

@@ -28,6 +28,7 @@ all weights are the same (`inference.by_importance`), and they never quite are."
 Chains = Annotated[Whole, Field(ge=2)]
 Draws = Annotated[Whole, Field(ge=10)]
 Simulations = Annotated[Whole, Field(ge=3)]
+Numbers = Annotated[list[Simulations], Field(min_length=1), ONCE]
 OF_SUBJECTS = Note(reruns="posteriors of subjects")
 
 
@@ -58,15 +59,7 @@ class Estimates(Section, reruns="the point estimates of the test set and the ran
 class Efficiency(Section, reruns="the curves of sample efficiency"):
     """Error of the exact and the gradient-enhanced process against the number of simulations."""
 
-    sizes: Annotated[list[Simulations], Field(min_length=1), ONCE] = [
-        60,
-        100,
-        150,
-        300,
-        500,
-        1000,
-        2000,
-    ]
+    sizes: Numbers = [60, 100, 150, 300, 500, 1000, 2000]
     """Numbers of training simulations; numbers above that of the study are left out, and the number
     of all its training simulations is added."""
     most_with_sensitivities: Simulations = 300
