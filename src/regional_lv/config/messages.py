@@ -3,6 +3,7 @@
 import math
 import typing
 from collections.abc import Sequence
+from typing import Any
 
 from pydantic import ValidationError
 from pydantic.fields import FieldInfo
@@ -17,6 +18,8 @@ from regional_lv.config.section import (
     is_section,
     key_path,
     note,
+    offers,
+    shown,
     text_of,
 )
 from regional_lv.config.study import Configuration, sections_of
@@ -71,12 +74,12 @@ LIMITS = {
 }
 
 
-def explain(refused: ValidationError, of: type[Section] = Configuration, at: str = "") -> list[str]:
-    """Lines that say which key is wrong, and the remedy. at: path of the section `of`."""
+def explain(refused: ValidationError) -> list[str]:
+    """Lines that say which key is wrong, and the remedy."""
     errors = refused.errors(include_url=False)
     # What a plugin was to add is not known, and would be called wrong.
     errors = [error for error in errors if error["loc"][:1] == ("plugins",)] or errors
-    return sorted(filter(None, (_line(error, of, at) for error in errors)))
+    return sorted(filter(None, (_line(error) for error in errors)))
 
 
 def unknown(study: Configuration) -> list[str]:
@@ -89,9 +92,9 @@ def unknown(study: Configuration) -> list[str]:
     ]
 
 
-def _line(error, of: type[Section], at: str) -> str:
-    keys, field, text, kinds, around = _place(error["loc"], of)
-    section, name = key_path(at, *keys[:-1]), "".join(keys[-1:])
+def _line(error) -> str:
+    keys, field, text, kinds, around = _place(error["loc"])
+    section, name = key_path(*keys[:-1]), "".join(keys[-1:])
     key = key_path(section, name)
     if error["type"] == "default_factory_not_called":
         return ""  # it follows from what is refused already
@@ -106,20 +109,21 @@ def _line(error, of: type[Section], at: str) -> str:
         key, text = key_path(key, family.tag), text_of(family, family.tag)
         complaint = "missing; give it"
         if family.tag in error["input"]:
-            complaint = _not_offered(error["input"][family.tag], family.all_tags())
+            complaint = offers(error["input"][family.tag], family.all_tags())
     else:
         complaint = _complaint(error, field, kinds)
     return f"{key or 'the whole file'}: {complaint}. {text}".rstrip()
 
 
 def _place(
-    location: Sequence[str | int], of: type[Section]
-) -> tuple[list[str], FieldInfo | None, str, list, type[Section] | None]:
+    location: Sequence[str | int],
+) -> tuple[list[str], FieldInfo | None, str, list[Any], type[Section] | None]:
     """The keys of a location without what pydantic puts between them (the kinds of sections, and
     whether a key or its value is meant), the last of them as a field, its text, the types that
     stand there, and the section around the last key."""
     keys: list[str] = []
-    field, text, kinds, around = None, "", alternatives(of), None
+    kinds: list[Any] = [Configuration]
+    field, text, around = None, "", None
     for part in map(str, location):
         sections = [kind for kind in kinds if is_section(kind)]
         if part.startswith("\0") or part == "[key]":
@@ -164,44 +168,32 @@ def explain_unknown(section: type[Section], key: str, name: str) -> str:
     return f"{path}: unknown key; {hint}allowed here: {', '.join(here)}"
 
 
-def _repr(value) -> str:
-    """`repr` without the middle of what is long."""
-    text = "an empty value" if value is None else repr(value)
-    return text if len(text) <= 300 else f"{text[:200]} ... {text[-50:]}"
-
-
 def _complaint(error, field: FieldInfo | None, kinds: list) -> str:
     """What is wrong with a value, and the remedy."""
     kind, given, details = error["type"], error["input"], error.get("ctx", {})
-    shown, remedy = _repr(given), note(field, "remedy")
+    what, remedy = shown(given), note(field, "remedy")
     if kind == "missing":
         return "missing; give it"
     if kind in LIMITS:
-        what, how, limit = LIMITS[kind]
-        return f"{shown} is {what}; give {how} {details[limit]:g}"
+        size, how, limit = LIMITS[kind]
+        return f"{what} is {size}; give {how} {details[limit]:g}"
     if kind in ("too_short", "too_long"):
         limit = details.get("min_length") or details["max_length"]
         if limit == 1:
             return "the list is empty; name at least one"
-        return f"{shown} holds {len(given)} values; give {limit}"
+        return f"{what} holds {len(given)} values; give {limit}"
     if kind == "repeated":
-        return f"{shown} names something twice; remove the repetition"
+        return f"{what} names something twice; remove the repetition"
     if kind == "string_too_long":
-        return f"{shown} has more than {details['max_length']} characters; shorten it"
+        return f"{what} has more than {details['max_length']} characters; shorten it"
     if kind == "string_pattern_mismatch":
-        return f"{shown} is not a usable name; {Note().names}"
+        return f"{what} is not a usable name; {Note().names}"
     if remedy:
-        return f"{shown} is not possible; {remedy}"
+        return f"{what} is not possible; {remedy}"
     if kind == "literal_error":
-        return _not_offered(given, choices(kinds))
+        return offers(given, choices(kinds))
     wanted = TYPES[kind.split("_")[0]] + (" or null" if type(None) in kinds else "")
-    return f"{shown} is not {wanted}{_number_hint(given, kind)}"
-
-
-def _not_offered(given, offered: Sequence) -> str:
-    close = closest(given, map(str, offered))
-    hint = f"; did you mean {close}?" if close else ""
-    return f"{_repr(given)} is not offered; choose one of {', '.join(map(str, offered))}{hint}"
+    return f"{what} is not {wanted}{_number_hint(given, kind)}"
 
 
 def _number_hint(given, kind: str) -> str:

@@ -226,7 +226,7 @@ class Kind(Section):
         """The keys that only other kinds have."""
         fields = {k: v for kind in cls.family.kinds() for k, v in kind.model_fields.items()}
         others = {k: v for k, v in fields.items() if k not in cls.model_fields}
-        values = {k: None if v.is_required() else v.get_default() for k, v in others.items()}
+        values: dict = {k: None if v.is_required() else v.get_default() for k, v in others.items()}
         return {k: v.model_dump() if is_section(type(v)) else v for k, v in values.items()}
 
     @model_validator(mode="before")
@@ -253,15 +253,13 @@ def _texts(module: str) -> dict[str, dict[str, str]]:
     """The docstrings of the keys of a module's classes, read when they are asked for: pydantic can
     read them for every process that imports the classes, which takes as long as the import."""
     code = ast.parse(inspect.getsource(sys.modules[module])).body
-    return {
-        each.name: {
-            key.target.id: " ".join(text.value.value.split())
-            for key, text in itertools.pairwise(each.body)
-            if isinstance(key, ast.AnnAssign) and isinstance(text, ast.Expr)
-        }
-        for each in code
-        if isinstance(each, ast.ClassDef)
-    }
+    texts: dict[str, dict[str, str]] = {}
+    for section in (each for each in code if isinstance(each, ast.ClassDef)):
+        for key, text in itertools.pairwise(section.body):
+            match key, text:
+                case ast.AnnAssign(target=ast.Name(id=name)), ast.Expr(value=ast.Constant(value)):
+                    texts.setdefault(section.name, {})[name] = " ".join(str(value).split())
+    return texts
 
 
 # -------------------------------------------------------------------------------------- messages
@@ -277,14 +275,23 @@ def closest(name, known: Iterable[str], cutoff: float = 0.6) -> str:
     return next(iter(difflib.get_close_matches(str(name), known, n=1, cutoff=cutoff)), "")
 
 
-def not_offered(key: str, names: Iterable[str], known: Iterable[str]) -> Iterator[str]:
+def shown(value) -> str:
+    """A value as messages write it, without the middle of what is long."""
+    text = "an empty value" if value is None else repr(value)
+    return text if len(text) <= 300 else f"{text[:200]} ... {text[-50:]}"
+
+
+def offers(value, offered: Iterable) -> str:
+    """What is wrong with a value that is not `offered`, and the remedy."""
+    words = list(map(str, offered))
+    close = closest(value, words)
+    hint = f"; did you mean {close}?" if close else ""
+    return f"{shown(value)} is not offered; choose one of {', '.join(words)}{hint}"
+
+
+def not_offered(key: str, names: Iterable[str], known: Collection[str]) -> Iterator[str]:
     """Lines about names at `key` that are not among the `known` ones."""
-    known = list(known)
-    for name in names:
-        if name not in known:
-            close = closest(name, known)
-            hint = f"; did you mean {close}?" if close else ""
-            yield f"{key}: {name!r} is not offered; choose one of {', '.join(known)}{hint}"
+    return (f"{key}: {offers(name, known)}" for name in names if name not in known)
 
 
 def complaints(make: Callable, *arguments) -> list[str]:
