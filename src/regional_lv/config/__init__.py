@@ -11,16 +11,12 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
-from regional_lv.config.docs import choices
 from regional_lv.config.files import gather, merged, read, refuse, usable
 from regional_lv.config.messages import explain, unknown
-from regional_lv.config.section import Reading, alternatives, offers
-from regional_lv.config.sections.emulators import Emulators
+from regional_lv.config.section import Reading
 from regional_lv.config.study import Configuration, meshes_anew
-from regional_lv.errors import InputError
 
 __all__ = [
-    "emulator_settings",
     "files_of",
     "final_emulator",
     "gather",
@@ -76,25 +72,6 @@ def files_of(config: Mapping, folders: Sequence[str | Path]) -> list[str]:
     except ValidationError:
         pass  # reported where it is loaded; what it names is the same
     return list(dict.fromkeys(reading.files))
-
-
-def emulator_settings(name: str, given: Mapping, otherwise: Mapping) -> dict:
-    """The settings of an emulator, with defaults for those that are not given.
-
-    otherwise: settings and defaults of one that has no section in the configuration, a plugin's.
-    Raises InputError for a setting that it does not have, and for what is not offered; the limits
-    of numbers are those of studies, and checked where configurations are read.
-    """
-    section = getattr(Emulators(), name, None)
-    defaults = section.model_dump() if section else dict(otherwise)
-    for key, value in given.items():
-        if key not in defaults:
-            known = ", ".join(defaults)
-            raise InputError(f"{name}.{key}: unknown setting; choose among {known}")
-        kinds = alternatives(type(section).model_fields[key].annotation) if section else []
-        if value not in (choices(kinds) or [value]):
-            raise InputError(f"{name}.{key}: {offers(value, choices(kinds))}")
-    return defaults | dict(given)
 
 
 def final_emulator(config: dict) -> str:

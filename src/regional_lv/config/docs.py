@@ -10,7 +10,15 @@ from typing import NamedTuple
 import yaml
 from pydantic.fields import FieldInfo
 
-from regional_lv.config.section import Section, alternatives, is_section, key_path, note, text_of
+from regional_lv.config.section import (
+    Section,
+    alternatives,
+    choices,
+    is_section,
+    key_path,
+    note,
+    text_of,
+)
 from regional_lv.config.study import Configuration
 
 MARK = "<!-- The tables below are written from the sections by `make format`. -->\n"
@@ -94,13 +102,6 @@ def _default(name: str, field: FieldInfo) -> str:
         return "none" if name == "<name>" else "required"
     text = yaml.safe_dump(field.default, default_flow_style=True, width=math.inf)
     return f"`{text.splitlines()[0]}`"
-
-
-def choices(kinds: list) -> list:
-    """What a key of these types offers."""
-    literal = typing.Literal
-    offered = [c for k in kinds if typing.get_origin(k) is literal for c in typing.get_args(k)]
-    return [*offered, *["null"] * (type(None) in kinds)] if offered else []
 
 
 def _meaning(text: str, kinds: list) -> str:

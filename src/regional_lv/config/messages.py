@@ -8,12 +8,13 @@ from typing import Any
 from pydantic import ValidationError
 from pydantic.fields import FieldInfo
 
-from regional_lv.config.docs import choices, describe
+from regional_lv.config.docs import describe
 from regional_lv.config.section import (
     Kind,
     Note,
     Section,
     alternatives,
+    choices,
     closest,
     is_section,
     key_path,

@@ -18,7 +18,7 @@ import typing
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar
+from typing import Annotated, ClassVar
 
 from pydantic import (
     AfterValidator,
@@ -36,9 +36,6 @@ from pydantic.fields import FieldInfo
 from pydantic_core import PydanticCustomError
 
 from regional_lv.errors import InputError
-
-if TYPE_CHECKING:
-    from regional_lv.config.study import Configuration
 
 
 @dataclass
@@ -141,6 +138,13 @@ def alternatives(annotation) -> list:
     return [annotation]
 
 
+def choices(kinds: list) -> list:
+    """What a key of these types offers."""
+    literal = typing.Literal
+    offered = [c for k in kinds if typing.get_origin(k) is literal for c in typing.get_args(k)]
+    return [*offered, *["null"] * (type(None) in kinds)] if offered else []
+
+
 def is_section(kind) -> bool:
     """Whether a type is a section."""
     return isinstance(kind, type) and issubclass(kind, Section)
@@ -173,11 +177,11 @@ class Section(BaseModel):
         cls.reruns = reruns or cls.reruns
         cls.added = added or cls.added
 
-    def check(self, key: str, study: "Configuration") -> Iterator[str]:
+    def check(self, key: str, study) -> Iterator[str]:
         """Lines about what does not fit within the section, to the rest of the study or to files.
 
-        key: path of the section. InputError, for what cannot be looked at because of a mistake that
-        is reported elsewhere, ends it.
+        key: path of the section. study: the whole, a `study.Configuration`. InputError, for what
+        cannot be looked at because of a mistake that is reported elsewhere, ends it.
         """
         return iter(())
 

@@ -13,7 +13,7 @@ import numpy as np
 import torch
 
 from regional_lv.channels import Channels
-from regional_lv.config import emulator_settings
+from regional_lv.config.sections.settings import settings_of
 from regional_lv.emulators.architecture import Architecture
 from regional_lv.errors import InputError
 from regional_lv.inputs.coordinates import Coordinates
@@ -129,7 +129,7 @@ class Emulator(ABC):
     A new emulator is one file with a subclass that says its `name`, and one entry in
     `emulators.REGISTRY` that says its architecture. A plugin's class says its `architecture` itself
     and is added by `emulators.REGISTRY.add`. Its settings and their defaults are those of
-    `config.sections.emulators`; one that has no section there, such as a plugin's, names them with
+    `config.sections.settings`; one that has no section there, such as a plugin's, names them with
     their defaults in the class attribute `defaults`, to which those of its base classes are added.
     It has to implement `_fit`, `_predict`, `_state`, `_restore` and `_select`, or less with
     `reduced.ReducedEmulator` as its base.
@@ -153,7 +153,7 @@ class Emulator(ABC):
         return found
 
     def __init__(self, **settings):
-        self.settings = emulator_settings(self.name, settings, self.all_defaults())
+        self.settings = settings_of(self.name, settings, self.all_defaults())
         self.outputs: tuple[str, ...] = ()
         self.info: dict = {}
 
