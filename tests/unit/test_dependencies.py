@@ -37,6 +37,12 @@ def test_all_that_the_interpreter_loads_is_found(root, module):
     assert len(loaded) > 5 and loaded - names(root, module) == {"study/surroundings.py"}
 
 
+def test_of_the_configuration_an_emulator_depends_on_its_settings_alone(root):
+    """What is said of other keys could be edited without training again."""
+    found = {name for name in names(root, "emulators.exact_gp") if name.startswith("config/")}
+    assert found == {"config/section.py", "config/sections/settings.py"}
+
+
 def test_nothing_else_is_found(root):
     """Modules that the simulator does without, so that their edits cost no simulation."""
     found, there = names(root, "simulation.batches"), root / "src" / "regional_lv"
