@@ -86,7 +86,11 @@ class Configuration(Section):
     simulations: simulation.AnySimulations = simulation.Simulated(source="dolfinx")
     inputs: Annotated[
         dict[Name, simulation.InputRole],
-        Note(reruns="the simulations over all inputs, and their emulator"),
+        Note(
+            reruns="the simulations over all inputs, and their emulator",
+            remedy="write `inferred`, `measured`, `suspected` or `fixed`, or a section with `role` "
+            "and, if it is measured, `sd_<unit>`",
+        ),
     ] = Field(default_factory=simulation.default_roles, validate_default=True)
     """What the study does with each input of the simulator: its role by name, or by a word for
     several, such as `{septal_load: suspected, wall_thickness: {role: measured, sd_mm: 1.0}}`. The

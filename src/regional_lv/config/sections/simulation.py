@@ -254,10 +254,6 @@ InputRole = Annotated[
         "the `value` and the `range` in place of its own, and of what is measured the standard "
         "deviation in its unit (`sd_mm`, `sd_deg`, `sd_mmhg`, `sd` of what has none)."
     ),
-    Note(
-        remedy="write `inferred`, `measured`, `suspected` or `fixed`, or a section with `role` "
-        "and, if it is measured, `sd_<unit>`"
-    ),
 ]
 
 
