@@ -17,14 +17,19 @@ from regional_lv.hearts.file import read
 from regional_lv.inputs.space import Inputs, sections_of
 
 ROLES = {
-    "segment_thickness": {"role": "inferred", "range": [2.6, 25]},
+    "segment_thickness": {"role": "inferred", "range": [2.6, 32]},
     "endo_radius": {"role": "inferred", "range": [2.5, 47]},
-    "apex": {"role": "inferred", "range": [2.6, 25]},
+    "apex": {"role": "inferred", "range": [2.6, 32]},
+    "basal_end": {"role": "inferred", "range": [0.15, 0.38]},
+    "mid_end": {"role": "inferred", "range": [0.54, 0.72]},
+    "apical_end": {"role": "inferred", "range": [0.66, 0.93]},
     "septal_load": "suspected",
     "basal_motion": "suspected",
     "helix_endo": "suspected",
     "strain_measure": "suspected",
 }
+SEPTUM = [2, 3, 8, 9, 14]
+ZONES = {"septal": SEPTUM, "free": [s for s in range(1, 18) if s not in SEPTUM]}
 SIMULATIONS = 120
 SIGNS = {"volume": 1.0, "circumferential": -0.3, "longitudinal": -0.3, "radial": 0.6}
 
@@ -52,8 +57,8 @@ def outputs_of(inputs, channels):
 
 @pytest.fixture(scope="session")
 def of_population(smoke_config):
-    """Sections of the study that makes the emulator: one zone, some causes."""
-    parameters = smoke_config["parameters"] | {"zones": "whole", "bounds": {"C_a": [0.08, 10.0]}}
+    """Sections of the study that makes the emulator: two zones, some causes."""
+    parameters = smoke_config["parameters"] | {"zones": ZONES, "bounds": {"C_a": [0.08, 10.0]}}
     return sections_of(smoke_config | {"inputs": ROLES, "parameters": parameters})
 
 
@@ -125,7 +130,7 @@ def heart(tmp_path, smoke_config, any_heart):
             "evaluation": False,
             "emulators": {"names": ["gradient_gp"], "final": "gradient_gp"},
             "mesh": smoke_config["mesh"],
-            "parameters": {"zones": "whole"},
+            "parameters": {"zones": ZONES},
             "loading": {"pressure_mmhg": 12},
             "geometry": {
                 "segments": "segments.csv",

@@ -48,8 +48,8 @@ def test_values_go_with_size_and_pressure(any_heart, inputs):
     there = LookedUp(any_heart.known, inputs)(x)
     size, load = x[:, inputs.names.index("length")] / 74.4, 12 / 8
     powers = {
-        "C_a_whole": 1 / load,
-        "C_b_whole": 1.0,
+        "C_a_septal": 1 / load,
+        "C_b_free": 1.0,
         "wall_thickness_5": 1 / size,
         "septal_load": 1 / load,
         "basal_motion": load / size,

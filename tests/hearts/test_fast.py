@@ -37,13 +37,13 @@ def test_a_heart_the_fast_way(answered):
     findings = read_findings(answered / "findings.json")
     stiffness = {each["name"]: each for each in findings["stiffness"]}
     # It was measured where every factor is 1 at 8 mmHg, and is at 12.
-    low, high = stiffness["C_a_whole"]["averaged"]["interval95"]
+    low, high = stiffness["C_a_free"]["averaged"]["interval95"]
     assert low < 1.5 < high
-    low, high = stiffness["C_b_whole"]["averaged"]["interval95"]
+    low, high = stiffness["C_b_free"]["averaged"]["interval95"]
     assert low < 1.0 < high
     assert not findings["named"]
     posterior = xr.open_dataset(answered / "posterior.nc", group="posterior")
-    assert posterior["value"].sel(input="C_a_whole").size == 4000
+    assert posterior["value"].sel(input="C_a_free").size == 4000
     page = (answered / "page.html").read_text()
     assert "suspected and never named" in page and "C_a is cut to 0.12 to 5" in page
     assert json.loads((answered / "findings.json").read_text())

@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 import torch
 
+from regional_lv.aha import LEVELS
 from regional_lv.channels import Channels
-from regional_lv.data import VOLUNTEER
+from regional_lv.data import VOLUNTEER, VOLUNTEER_AHA
+from regional_lv.emulators.base import Prediction
 from regional_lv.geometry.from_config import make_heart
 from regional_lv.geometry.table import read_segments
 from regional_lv.hearts.emulator import HeartEmulator
@@ -65,18 +67,27 @@ class Simulated:
         assert torch.isfinite(values[mask]).all()
         return self
 
+    def predict(self, x):
+        mean = self.predict_mean(x)
+        return Prediction(mean, mean.new_zeros(*mean.shape, mean.shape[1]))
+
     def predict_mean(self, x):
         return torch.as_tensor(np.stack([self._ventricles.outputs(row) for row in x.numpy()]))
 
 
+def at_values(inputs, **values):
+    x = inputs.nominal
+    for name, value in values.items():
+        x[inputs.names.index(name)] = value
+    return x
+
+
 def test_a_heart_is_known_from_another_size_and_pressure(small_mesh, known, heart, tmp_path):
     inputs = Inputs.from_config(sections_of(heart)).simulated
-    x = inputs.nominal
     values = {"septal_load": 3.0, "basal_motion": 5.0, "basal_twist": 0.4, "helix_endo": 12.0}
     values |= {"epicardial_support": 0.02, "length": 90.0}
     values |= {"C_a_anterior": 1.8, "C_b_septal": 0.7}
-    for name, value in values.items():
-        x[inputs.names.index(name)] = value
+    x = at_values(inputs, **values)
     by_another = HeartEmulator(Simulated(small_mesh, known), known, inputs)
     found = by_another.predict_mean(torch.as_tensor(x)[None])[0].numpy()
     direct = Ventricles(make_heart(heart, tmp_path), inputs).outputs(x)
@@ -84,3 +95,32 @@ def test_a_heart_is_known_from_another_size_and_pressure(small_mesh, known, hear
     volume = channels.of_quantity("volume")
     np.testing.assert_allclose(found[volume], direct[volume], rtol=1e-6)
     np.testing.assert_allclose(found[~volume], direct[~volume], atol=1e-6)
+
+
+def test_a_heart_is_known_by_its_figures_over_other_segments(smoke_config, tmp_path):
+    """The volunteer's own levels and apical sectors, by a simulator of the AHA's."""
+    mesh = {"circumferential": 24, "basal": 2, "mid": 2, "apical": 2, "apex": 1, "transmural": 1}
+    roles = {"inputs": SHAPE | {"level_end": "inferred", "septal_load": "suspected"}}
+    own = smoke_config | {
+        "mesh": smoke_config["mesh"] | mesh,
+        "inputs": {"septal_load": "suspected"},
+    }
+    aha = {"geometry": own["geometry"] | {"segments": VOLUNTEER_AHA}}
+    known = Inputs.from_config(sections_of(own | aha | roles)).simulated
+    inputs = Inputs.from_config(sections_of(own)).simulated
+    (tmp_path / "aha").mkdir()
+    simulated = Simulated(make_heart(own | aha, tmp_path / "aha"), known)
+    x = at_values(inputs, septal_load=3.0, C_a_anterior=1.8, C_b_septal=0.7, C_a_apical=0.6)
+    found = HeartEmulator(simulated, known, inputs).predict(torch.as_tensor(x)[None])
+    direct = Ventricles(make_heart(own, tmp_path), inputs).outputs(x)
+    error = found.mean[0].numpy() - direct
+    channels = Channels.from_config(own)
+    largest = {"volume": 0.4, "circumferential": 0.01, "longitudinal": 0.008, "radial": 0.02}
+    for quantity, most in largest.items():
+        assert np.abs(error[channels.of_quantity(quantity)]).max() < most
+    stated = found.sd[0].numpy()
+    assert 0.5 < np.sqrt(np.mean((error / stated) ** 2)) < 1.5
+    # More than that is not known of apical segments, which are turned by 30 degrees.
+    apical = np.array([channel.segment in LEVELS["apical"] for channel in channels])
+    circumferential = channels.of_quantity("circumferential")
+    assert stated[apical & circumferential].min() > 1.1 * stated[~apical & circumferential].max()

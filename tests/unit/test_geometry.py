@@ -25,7 +25,7 @@ from regional_lv.geometry.elements import (
 )
 from regional_lv.geometry.make import make_mesh
 from regional_lv.geometry.mesh import BASE, ENDOCARDIUM, EPICARDIUM, SURFACES, read_mesh
-from regional_lv.geometry.shape import NodePlaces
+from regional_lv.geometry.shape import LEVEL_KEYS, NodePlaces, heights
 from regional_lv.geometry.summary import _apex, scaled_jacobians
 from regional_lv.geometry.surfaces import QUARTER, Surfaces
 from regional_lv.geometry.table import read_segments
@@ -359,21 +359,29 @@ def test_round_off_between_sectors_changes_nothing(rows, column, slack, tmp_path
 
 
 @pytest.mark.parametrize(
-    ("segment", "length", "apex"),
+    ("segment", "length", "apex", "levels"),
     [
-        ({"wall_thickness_mm": 1.15, "endo_radius_mm": 0.95}, 1.0, 1.0),
-        ({}, 1.06, 1.0),
-        ({}, 1.0, 1.3),
+        ({"wall_thickness_mm": 1.15, "endo_radius_mm": 0.95}, 1.0, 1.0, None),
+        ({}, 1.06, 1.0, None),
+        ({}, 1.0, 1.3, None),
+        ({}, 1.0, 1.0, (0.28, 0.62, 0.84)),
     ],
-    ids=["segment 9", "length", "apex"],
+    ids=["segment 9", "length", "apex", "levels"],
 )
-def test_nodes_move_to_where_a_mesh_of_that_shape_has_them(rows, tmp_path, segment, length, apex):
-    """Figures of the table times these, those of one segment, of the cavity and of its apex."""
+def test_nodes_move_to_where_a_mesh_of_that_shape_has_them(
+    rows, tmp_path, segment, length, apex, levels
+):
+    """Figures of the table times these, those of one segment, of the cavity and of its apex; or
+    other ends of the levels."""
     shape = model_of(study_config.load({"study": "mine"}))["geometry"]
     figures = {"length_mm": length * shape["length_mm"], "apex_mm": apex * shape["apex_mm"]}
     for column, times in segment.items():
         rows.loc[8, column] *= times
         figures[column] = rows[column].to_numpy()
+    if levels:
+        figures |= dict(zip(LEVEL_KEYS, levels, strict=True))
+        for column, values in heights(shape | figures).items():
+            rows[column] = values
     rows[["z_top_mm", "z_bottom_mm"]] *= length
     inner = length * APICES["endo_apex_z_mm"]
     outer = inner - figures["apex_mm"]

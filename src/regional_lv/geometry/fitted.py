@@ -86,6 +86,11 @@ class FittedSurfaces:
         self._sides, self.border_radii = sides, np.asarray(border_radii)
         self.endo_apex = -sides[0][0].lines.length
 
+    @property
+    def sides(self):
+        """Endocardium and epicardium, each a `FittedSurface`."""
+        return [surface for surface, _ in self._sides]
+
     @classmethod
     def of_mesh(cls, mesh):
         """Those of a mesh with tagged segments."""

@@ -1,27 +1,65 @@
 """How a shape moves the nodes of a mesh: other figures of the segment table, or another thickness.
 
 Meshes of one layout have the same nodes for every shape. A node of a mesh from a segment table is
-named by its place on the bullseye and its depth, which no figure of the table changes.
+named by its place on the bullseye and its depth, which no figure of the table changes but for the
+levels' ends: rows of nodes go along with them.
 """
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any
 
 import numpy as np
 
+from regional_lv.aha import LEVELS
+from regional_lv.errors import InputError
 from regional_lv.geometry.mesh import Mesh
 from regional_lv.geometry.surfaces import QUARTER, Surfaces
 from regional_lv.geometry.thickness import endocardial_foot
 
-FIGURES = ("wall_thickness_mm", "endo_radius_mm", "length_mm", "apex_mm")
+SIZES = ("wall_thickness_mm", "endo_radius_mm", "length_mm", "apex_mm")
 """Keys of a shape that its surfaces depend on, in the order of `Surfaces.changes_of_ends`."""
+
+LEVEL_KEYS = ("basal_end", "mid_end", "apical_end")
+"""Keys of a shape: where its levels end, in shares of the length from the base plane."""
+
+FIGURES = (*SIZES, *LEVEL_KEYS)
+"""All numbers of a shape beside the scale of its wall's thickness."""
+
+LEVEL_STEP = 1e-4
+"""In which differences about the levels' ends are taken: surfaces are found to 1e-11 of their
+figures."""
+
+
+def level_ends(table, length_mm: float) -> dict[str, float]:
+    """The `LEVEL_KEYS` of a segment table."""
+    bottom = -table["z_bottom_mm"].to_numpy(float) / length_mm
+    return {
+        name: float(bottom[level[0] - 1])
+        for name, level in zip(LEVEL_KEYS, LEVELS.values(), strict=False)
+    }
+
+
+def heights(shape: Mapping) -> dict[str, np.ndarray]:
+    """Columns z_top_mm and z_bottom_mm (17,) of the segment table of a shape.
+
+    Raises InputError for levels that do not follow each other.
+    """
+    ends = np.array([0.0, *(shape[name] for name in LEVEL_KEYS), 1.0])
+    if (np.diff(ends) <= 0).any():
+        raise InputError(
+            f"inputs.level_end: levels cannot end at {ends[1]:.3g}, {ends[2]:.3g} and "
+            f"{ends[3]:.3g} of the length; give narrower ranges"
+        )
+    level = np.repeat(np.arange(len(LEVELS)), [len(numbers) for numbers in LEVELS.values()])
+    z = -shape["length_mm"] * ends
+    return {"z_top_mm": z[level], "z_bottom_mm": z[level + 1]}
 
 
 class NodePlaces:
     """Places of a mesh's nodes under any shape.
 
     A shape is the section `geometry` of a model (`inputs.model`): `wall_thickness_scale`, and of a
-    heart from a segment table the table and the `FIGURES`.
+    heart from a segment table the table, whose angles it has, and the `FIGURES`.
 
     Parameters
     ----------
@@ -39,11 +77,11 @@ class NodePlaces:
         self._columns, self._of = np.unique(self._foot, return_inverse=True)
         self._depth = mesh.transmural[:, None]
         x, y, _ = mesh.points[self._columns].T
-        self._rho = mesh.longitudinal[self._columns]
         self._phi = np.arctan2(y, x)
-        self._length = shape["length_mm"]
-        level = self._table["z_bottom_mm"].iloc[15] / self._length
-        self._rho_border = 1 - np.arcsin(-level) / QUARTER
+        # Place within the levels, from the pole (0) to the base (4).
+        self._row = np.interp(
+            mesh.longitudinal[self._columns], _borders(shape), np.arange(len(LEVELS) + 1)
+        )
         self._across = np.stack([np.cos(self._phi), np.sin(self._phi)], axis=-1)
         # What the mesh's file rounds, and how far its surfaces have settled.
         self._offset: np.ndarray | float = 0.0
@@ -55,51 +93,64 @@ class NodePlaces:
         foot = points[self._foot]
         return foot + shape["wall_thickness_scale"] * (points - foot)
 
-    def moves(self, shape: Mapping) -> dict[str, np.ndarray]:
+    def moves(self, shape: Mapping, about: Collection[str]) -> dict[str, np.ndarray]:
         """Derivatives of the points about each number of a shape: (n, 3), of the table's columns
-        (17, n, 3)."""
+        (17, n, 3). Those of levels' ends cost most, and are zero where `about` does not name them.
+        """
         points = self._wall(shape)
         scale = shape["wall_thickness_scale"]
         found = {"wall_thickness_scale": points - points[self._foot]}
         if self._table is None:
             return found
-        surfaces, latitudes = self._surfaces(shape)
-        ends = surfaces.changes_of_ends(self._phi, self._rho, self._rho_border, latitudes)
+        by_level = {
+            name: self._move_of_level(shape, name) if name in about else np.zeros_like(points)
+            for name in LEVEL_KEYS
+        }
+        surfaces, rho, border, latitudes = self._surfaces(shape)
+        ends = surfaces.changes_of_ends(self._phi, rho, border, latitudes)
         inner, outer = (
             np.concatenate([r.T[..., None] * self._across, z.T[..., None]], axis=-1)
             for r, z in ends
         )
         by_figure = inner[:, self._of] + scale * self._depth * (outer - inner)[:, self._of]
         first = 0
-        for name in FIGURES:
+        for name in SIZES:
             count = np.size(shape[name])
             moves = by_figure[first : first + count]
             found[name] = moves if np.ndim(shape[name]) else moves[0]
             first += count
-        return found
+        return found | by_level
+
+    def _move_of_level(self, shape: Mapping, name: str) -> np.ndarray:
+        """Derivative (n, 3) of the points about one level's end."""
+        below, above = (
+            self({**shape, name: shape[name] + step}) for step in (-LEVEL_STEP, LEVEL_STEP)
+        )
+        return (above - below) / (2 * LEVEL_STEP)
 
     def _surfaces(self, shape: Mapping):
-        """The surfaces of a shape and the latitudes of the nodes' lines through its wall; those of
-        the last shape are kept."""
+        """The surfaces of a shape, where on the bullseye its nodes and the apical level's end are
+        (rho), and the latitudes of the nodes' lines through its wall; those of the last shape are
+        kept."""
         figures = [np.array(shape[name]) for name in FIGURES]
         known = self._known
         if known and all(map(np.array_equal, known[0], figures)):
             return known[1:]
-        ratio = shape["length_mm"] / self._length
-        heights = {name: self._table[name] * ratio for name in ("z_top_mm", "z_bottom_mm")}
-        columns = {name: shape[name] for name in FIGURES[:2]}
+        columns = {name: shape[name] for name in SIZES[:2]}
         apex = -shape["length_mm"]
-        table = self._table.assign(**heights, **columns)
+        table = self._table.assign(**heights(shape), **columns)
         surfaces = Surfaces(table, apex, apex - shape["apex_mm"], sharp=True)
-        latitudes = surfaces.latitudes(self._phi, self._rho, self._rho_border)
-        self._known = figures, surfaces, latitudes
-        return surfaces, latitudes
+        borders = _borders(shape)
+        rho = np.interp(self._row, np.arange(len(borders)), borders)
+        latitudes = surfaces.latitudes(self._phi, rho, borders[1])
+        self._known = figures, surfaces, rho, borders[1], latitudes
+        return self._known[1:]
 
     def _wall(self, shape: Mapping) -> np.ndarray:
         """Points (n, 3) before the wall is scaled."""
         if self._table is None:
             return self._points
-        surfaces, (u_endo, u_epi, *_) = self._surfaces(shape)
+        surfaces, _, _, (u_endo, u_epi, *_) = self._surfaces(shape)
         inner, outer = (
             np.concatenate([r[:, None] * self._across, z[:, None]], axis=-1)
             for r, z in (
@@ -109,3 +160,9 @@ class NodePlaces:
         )
         walls = (1 - self._depth) * inner[self._of] + self._depth * outer[self._of]
         return walls + self._offset
+
+
+def _borders(shape: Mapping) -> np.ndarray:
+    """Distances (5,) from the bullseye's centre at which its levels begin, the base's rim last."""
+    ends = np.array([1.0, *(shape[name] for name in reversed(LEVEL_KEYS)), 0.0])
+    return 1 - np.arcsin(ends) / QUARTER

@@ -196,7 +196,8 @@ class Field:
 @lru_cache(maxsize=8)
 def _averages(parts):
     """Gauss points of segments from angle to angle and from latitude to latitude, `parts`, m of
-    them: latitudes (q,), weights of the averages (m, q), and the smooth modes (q, modes)."""
+    them: angles and latitudes (q,), weights of the averages (m, q), and the smooth modes
+    (q, modes)."""
     nodes, weights = legendre.leggauss(12)
     points = []
     for i, (low, high, top, bottom) in enumerate(parts):
@@ -209,7 +210,7 @@ def _averages(parts):
     phi, u, weight, row = (np.concatenate(column) for column in zip(*points, strict=True))
     weight = weight / np.bincount(row, weight)[row]
     average = sparse.csr_matrix((weight, (row, np.arange(len(phi)))))
-    return u, average, polynomials(*bullseye(phi, u)) @ _smooth_modes()[0]
+    return phi, u, average, polynomials(*bullseye(phi, u)) @ _smooth_modes()[0]
 
 
 class Surfaces:
@@ -225,13 +226,7 @@ class Surfaces:
         self.endo_apex, self.epi_apex = endo_apex_z_mm, epi_apex_z_mm
         thickness = table["wall_thickness_mm"].to_numpy(float)
         self._tilt = (endo_apex_z_mm - epi_apex_z_mm) / thickness.mean()
-        parts = zip(
-            *np.radians(table[["angle_from_deg", "angle_to_deg"]].to_numpy(float)).T.tolist(),
-            # Shapes of one table differ by round-off here, and share what is made of it.
-            *(self.latitude(table[z]).round(13).tolist() for z in ("z_top_mm", "z_bottom_mm")),
-            strict=True,
-        )
-        u, average, basis = _averages(tuple(parts))
+        _, u, average, basis = _averages(self._parts(table))
         radius = table["endo_radius_mm"].to_numpy(float)
         self._radius = Field(basis, average.multiply(np.cos(u)).tocsr(), radius, sharp=sharp)
         # At the pole T is the distance of the apices and has no slope, so that both surfaces are
@@ -247,6 +242,24 @@ class Surfaces:
                     f"segment table: no smooth surface goes through the {what} column; look for a "
                     "value that differs too much from its neighbours'"
                 )
+
+    def _parts(self, table):
+        """Angles and latitudes of a table's segments, as `_averages` takes them."""
+        angles = np.radians(table[["angle_from_deg", "angle_to_deg"]].to_numpy(float)).T.tolist()
+        # Shapes of one table differ by round-off here, and share what is made of it.
+        ends = (self.latitude(table[z]).round(13).tolist() for z in ("z_top_mm", "z_bottom_mm"))
+        return tuple(zip(*angles, *ends, strict=True))
+
+    def figures(self, table):
+        """Means of thickness and endocardial radius (m,) over the segments of another table, and
+        their derivatives about the own figures (m, own) of the same kind."""
+        phi, u, average, _ = _averages(self._parts(table))
+        at, cos = bullseye(phi, u), np.cos(u)
+        thickness, radius = self._thickness.changes()(*at), self._radius.changes()(*at)
+        return (
+            (average @ self.thickness(phi, u), average @ thickness[:, :-1]),
+            (average @ self.radius(phi, u), average @ (cos[:, None] * radius)),
+        )
 
     def latitude(self, z):
         """Latitude of the endocardium at height z; pi/2 below its apex."""

@@ -10,7 +10,7 @@ import pandas as pd
 from regional_lv.aha import LEVELS
 from regional_lv.channels import Channels
 from regional_lv.config.sections.heart import NO_PRESSURE
-from regional_lv.data import VOLUNTEER
+from regional_lv.data import TABLES, VOLUNTEER
 from regional_lv.geometry.table import read_segments
 
 UNEVEN = 2.0
@@ -55,7 +55,7 @@ def place_warnings(path: Path, own: Mapping, config: Mapping) -> list[str]:
     segments = (own.get("geometry") or {}).get("segments")
     given.append(("geometry.segments", segments, config["geometry"]["segments"]))
     for key, written, used in given:
-        if not written or written == VOLUNTEER or Path(written).is_absolute():
+        if not written or written in TABLES or Path(written).is_absolute():
             continue
         if not (path.parent / written).is_file():
             found.append(

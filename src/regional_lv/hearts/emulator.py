@@ -3,7 +3,7 @@ that its study holds fixed make of it.
 
 A ventricle that is scaled as a whole has the same strains, and one whose stresses, loads and
 springs are all multiplied by one number moves as before: every heart is looked up at one length and
-one pressure.
+one pressure, with the figures that its wall has over the emulator's sectors (`hearts.sectors`).
 """
 
 import copy
@@ -15,6 +15,9 @@ import torch
 from regional_lv.channels import Channels
 from regional_lv.emulators.base import Prediction
 from regional_lv.emulators.joint_gp import JointGP
+from regional_lv.errors import InputError
+from regional_lv.hearts.population import SHAPE
+from regional_lv.hearts.sectors import Mixing, Sectors
 from regional_lv.inputs.base import Input
 from regional_lv.inputs.closed_forms import LENGTH_POWERS
 from regional_lv.inputs.coordinates import Coordinates
@@ -25,7 +28,7 @@ from regional_lv.inputs.space import Inputs, catalogue
 
 def length_power(each: Input) -> int:
     """The power of a ventricle's size that an input's value goes with: of its own lengths, too."""
-    return 1 if each.changes == "geometry" else each.length_power
+    return 1 if each.unit == "mm" else each.length_power
 
 
 def inputs_of(model: Mapping, known: Inputs) -> list[Input | None]:
@@ -62,6 +65,12 @@ class LookedUp:
         self.length = inputs.names.index(Length.name) if Length.name in inputs.names else None
         self._nominal_length = _length(inputs)
         self.length_powers = torch.tensor([length_power(each) for each in known]).double()
+        self.sectors = Sectors.between(known.base, inputs.base)
+        self._figures = {
+            column: torch.tensor([places[name] for name in names])
+            for column, names in SHAPE.items()
+            if names[0] in places
+        }
         stress = torch.tensor([each.stress_power for each in known]).double()
         self.factor = (_pressure(known) / _pressure(inputs)) ** stress
         self.factor = self.factor * (_length(known) / _length(inputs)) ** self.length_powers
@@ -76,6 +85,9 @@ class LookedUp:
         moves = {name for _, direction in self._directions for name in direction.moves}
         moved = torch.tensor([each.name in moves for each in self._here])
         moved[self.direct[0]] = True
+        if self.sectors is not None:
+            for at in self._figures.values():
+                moved[at] = moved[at].any()
         return moved if self.length is None else moved | (self.length_powers != 0)
 
     def with_slopes(self, x: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
@@ -97,6 +109,12 @@ class LookedUp:
         there[:, theirs] = x[:, own]
         for k, direction in self._directions:
             carry(direction, k, x, self._here, there, by_x)
+        if self.sectors is not None:
+            for column, at in self._figures.items():
+                over = self.sectors.figures[column]
+                there[:, at] = over(there[:, at])
+                if by_x is not None:
+                    by_x[:, at] = over.slopes @ by_x[:, at]
         factor = self.factor * self.size(x)[:, None] ** -self.length_powers
         there = there * factor
         if by_x is not None:
@@ -123,27 +141,31 @@ class HeartEmulator:
     ----------
     emulator: of any heart. known: its inputs, in the model that they are about.
     inputs: of the heart's study, which the emulator has to know (`hearts.reach`).
+    described: whether its segment table describes surfaces that are known better.
     """
 
-    def __init__(self, emulator: JointGP, known: Inputs, inputs: Inputs):
+    def __init__(self, emulator: JointGP, known: Inputs, inputs: Inputs, described: bool = False):
         simulated = inputs.simulated
         self._there = LookedUp(known, simulated)
         nominal = self._there(torch.as_tensor(simulated.nominal)[None])[0]
         self.emulator = emulator.at_fixed(nominal, ~self._there.moved)
         self._scale = _length(simulated) / _length(known)
         self.coordinates: Coordinates = simulated.coordinates
-
-    @property
-    def outputs(self) -> tuple[str, ...]:
-        return self.emulator.outputs
+        self._mixing: Mixing | None = None
+        if self._there.sectors is not None or described:
+            self._mixing = Mixing.of(self.emulator.channels, self._there.sectors, described)
 
     @property
     def channels(self) -> Channels:
-        return self.emulator.channels
+        return self.emulator.channels if self._mixing is None else self._mixing.channels
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        return self.channels.names
 
     @property
     def output_sd(self) -> torch.Tensor:
-        return self.emulator.output_sd * self._scale**self._powers
+        return self._mixed(self.emulator.output_sd) * self._scale**self._powers
 
     @property
     def _powers(self) -> torch.Tensor:
@@ -156,12 +178,17 @@ class HeartEmulator:
 
     def predict_mean(self, x: torch.Tensor) -> torch.Tensor:
         """Outputs (M, D) at values x (M, k) of the study's inputs."""
-        return self.emulator.predict_mean(self._there(x)) * self._reported(x)
+        return self._mixed(self.emulator.predict_mean(self._there(x))) * self._reported(x)
+
+    def _mixed(self, outputs: torch.Tensor) -> torch.Tensor:
+        """Outputs (..., D) of this heart's segments."""
+        return outputs if self._mixing is None else self._mixing(outputs)
 
     def linearise(self, x: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """The same, and their derivatives (M, D, k)."""
         there, by_x = self._there.with_slopes(x)
         mean, slopes = self.emulator.linearise(there)
+        mean, slopes = self._mixed(mean), self._mixed(slopes.mT).mT
         factor = self._reported(x)
         mean, slopes = mean * factor, (slopes @ by_x) * factor[..., None]
         if self._there.length is not None:
@@ -172,12 +199,16 @@ class HeartEmulator:
     def predict(self, x: torch.Tensor) -> Prediction:
         """As `Emulator.predict`, at x (M, k)."""
         found, factor = self.emulator.predict(self._there(x)), self._reported(x)
-        covariance = factor[:, :, None] * found.covariance * factor[:, None]
-        return Prediction(found.mean * factor, covariance)
+        covariance = found.covariance
+        if self._mixing is not None:
+            covariance = self._mixing.covariance(found.mean, covariance)
+        covariance = factor[:, :, None] * covariance * factor[:, None]
+        return Prediction(self._mixed(found.mean) * factor, covariance)
 
     def errors_of(self, x: torch.Tensor, y: torch.Tensor) -> torch.Tensor:
         """Simulated outputs y (n, D) at x (n, k) less the emulated ones, in stated sds, (n, D)."""
-        return self.emulator.errors_of(self._there(x), y / self._reported(x))
+        found = self.predict(x)
+        return (y - found.mean) / found.sd
 
     @property
     def of_study_mesh(self) -> "HeartEmulator":
@@ -186,7 +217,10 @@ class HeartEmulator:
 
     def select(self, outputs: Sequence[str]) -> "HeartEmulator":
         """For some of its outputs, as `Emulator.select`."""
-        return self._with(self.emulator.select(outputs))
+        if self._mixing is None:
+            return self._with(self.emulator.select(outputs))
+        # All around the axis counts in what is interpolated.
+        return self._with(self.emulator, self._mixing.select(outputs))
 
     def condition(
         self, x: torch.Tensor, y: torch.Tensor, sensitivities: torch.Tensor
@@ -195,8 +229,15 @@ class HeartEmulator:
         (m, k), of outputs y (m, D), with derivatives (m, D, k).
 
         What the study has of derivatives about the emulator's own inputs is learnt; those about
-        directions and the length are combinations of others.
+        directions and the length are combinations of others. Raises InputError where its sectors
+        are not the emulator's.
         """
+        if self._mixing is not None:
+            raise InputError(
+                "geometry: the heart is not known by figures of the AHA's sectors, without which "
+                "the emulator of any heart can learn from no simulation of it; simulate it alone "
+                "(regional-lv run --own)"
+            )
         there, by_x = self._there.with_slopes(x)
         factor, (theirs, own) = self._reported(x), self._there.direct
         slopes = y.new_zeros(*y.shape, there.shape[1])
@@ -207,7 +248,7 @@ class HeartEmulator:
             self.emulator.condition(values, outputs, derivatives, about=theirs.tolist())
         )
 
-    def _with(self, emulator: JointGP) -> "HeartEmulator":
+    def _with(self, emulator: JointGP, mixing: Mixing | None = None) -> "HeartEmulator":
         changed = copy.copy(self)
-        changed.emulator = emulator
+        changed.emulator, changed._mixing = emulator, mixing or self._mixing
         return changed

@@ -10,6 +10,7 @@ from regional_lv.criticism.settings import settings_of
 from regional_lv.criticism.study import Critic, critic_of, write_concluded
 from regional_lv.emulators import OF_INPUTS
 from regional_lv.errors import InputError
+from regional_lv.geometry.described import of_mesh, of_surfaces
 from regional_lv.geometry.from_config import make_heart
 from regional_lv.geometry.meshing import write_plain
 from regional_lv.hearts.file import AnyHeart, shipped
@@ -39,6 +40,12 @@ RESTS_ON = (
 )
 
 
+BY_TABLE = (
+    "the wall is described by means over its segments; what surfaces through these change counts "
+    "among the errors"
+)
+
+
 def answer(heart: Mapping, folder: str | Path, any_heart: AnyHeart | None = None) -> None:
     """Write what can be said of one heart: `measured.csv`, `findings.json` (`criticism.contract`),
     `posterior.nc` averaged over models, figures, and `page.html`.
@@ -50,17 +57,40 @@ def answer(heart: Mapping, folder: str | Path, any_heart: AnyHeart | None = None
     Raises `reach.OutOfReach` for a heart that the emulator does not know, before anything is
     computed, and InputError for files that cannot be used.
     """
-    known = any_heart or shipped()
+    known, folder = any_heart or shipped(), Path(folder)
+    described = heart["geometry"]["source"] != "segments"
+    if described:
+        heart = by_table(heart, folder / "segments.csv")
     config, notes = within(heart, known.emulator, known.known)
     (subject,) = config["subjects"]
-    folder = Path(folder)
+    if described:
+        notes = [BY_TABLE, *notes]
     folder.mkdir(parents=True, exist_ok=True)
     measured = folder / "measured.csv"
     import_subject(config, subject, measured)
-    critic = critic_of_heart(config, subject, measured, known)
+    critic = critic_of_heart(config, subject, measured, known, described)
     concluded = critic.conclude([], has_simulator=False)
     write_concluded(critic, concluded, folder / "findings.json", folder / "posterior.nc")
     write_page(config, subject, notes, folder)
+
+
+def by_table(heart: Mapping, table: Path) -> Mapping:
+    """The configuration of a heart from surfaces or a mesh by a segment table, which is written.
+    Raises InputError for files that cannot be used."""
+    geometry = heart["geometry"]
+    if geometry["source"] == "surfaces":
+        found = of_surfaces(geometry["surfaces"])
+    else:
+        found = of_mesh(geometry["imported"])
+    table.parent.mkdir(parents=True, exist_ok=True)
+    found.table.to_csv(table, index=False)
+    by_figures = {
+        "source": "segments",
+        "segments": str(table),
+        "endo_apex_z_mm": found.endo_apex_z_mm,
+        "epi_apex_z_mm": found.epi_apex_z_mm,
+    }
+    return {**heart, "geometry": {**geometry, **by_figures}}
 
 
 def write_page(config: Mapping, subject: str, notes: Sequence[str], folder: Path) -> None:
@@ -114,10 +144,12 @@ def write_page(config: Mapping, subject: str, notes: Sequence[str], folder: Path
         )
 
 
-def critic_of_heart(config: Mapping, subject: str, measured: Path, known: AnyHeart) -> Critic:
+def critic_of_heart(
+    config: Mapping, subject: str, measured: Path, known: AnyHeart, described: bool = False
+) -> Critic:
     """Of a heart within reach."""
     physics = sections_of(config)
-    emulator = known.of_heart(physics, Channels.from_config(config))
+    emulator = known.of_heart(physics, Channels.from_config(config), described)
     settings, seed = settings_of(config), config["seed"]
     return critic_of(emulator, subject, [subject], [measured], physics, settings, seed)
 

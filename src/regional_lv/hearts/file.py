@@ -44,10 +44,13 @@ class AnyHeart:
         """The emulator's inputs, in the model that they are about."""
         return Inputs.from_config(self.physics).simulated
 
-    def of_heart(self, physics: Mapping, channels: Channels) -> HeartEmulator:
+    def of_heart(
+        self, physics: Mapping, channels: Channels, described: bool = False
+    ) -> HeartEmulator:
         """In the coordinates of the simulated inputs of a heart within reach (`hearts.reach`),
         whose study `physics` describes, and of what that observes."""
-        one = HeartEmulator(self.emulator, self.known, Inputs.from_config(physics))
+        inputs = Inputs.from_config(physics)
+        one = HeartEmulator(self.emulator, self.known, inputs, described)
         return one.select(channels.names)
 
 

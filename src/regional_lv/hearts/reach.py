@@ -6,11 +6,13 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 import torch
 
+from regional_lv.aha import LEVELS
 from regional_lv.channels import Channels
 from regional_lv.emulators.joint_gp import JointGP
 from regional_lv.errors import InputError
 from regional_lv.hearts.emulator import LookedUp, inputs_of
 from regional_lv.hearts.population import COLUMNS
+from regional_lv.hearts.sectors import turn_deg
 from regional_lv.inputs.base import Input
 from regional_lv.inputs.parameters import Parameterisation
 from regional_lv.inputs.shape import Length
@@ -19,12 +21,11 @@ from regional_lv.inputs.space import SECTION, Inputs, Role, sd_key, sections_of
 LONG_WAY = "simulate this heart (regional-lv run --own)"
 """What to do about a heart that the emulator does not know."""
 
-MOST_ANGLE_DEG, MOST_LEVEL = 3.0, 0.005
-"""Between a table's and the emulator's borders of segments: degrees around, once the table is
-turned as a whole, and of the length along the axis. Simulated with the volunteer's figures and
-other borders, every sector's 3 degrees off, its neighbours' the other way, changes strains by
-0.0002 to 0.0006 (medians; 0.002 at most) and the volume by 0.3 mL; levels that are 0.02 of the
-length too low, by 0.0007 to 0.0024 (0.006) and 2.5 mL, four times what is let through."""
+MOST_ANGLE_DEG = 3.0
+"""Between the borders of zones in a table and in the emulator, around the axis, once the table is
+turned as a whole. Every sector's 3 degrees off, its neighbours' the other way, changes strains by
+0.0002 to 0.0006 (medians; 0.002 at most) and the volume by 0.3 mL. Borders within a zone may be
+anywhere (`hearts.sectors`)."""
 
 COMPARED = ("material", "fibres", "loading", "supports", "observables", "factors")
 """Sections of a model that have to be the emulator's, once the inputs act that it has."""
@@ -105,32 +106,20 @@ def _differing(one, other, path: tuple[str, ...]) -> Iterator[tuple[str, ...]]:
 
 
 def _check_borders(config: Mapping, known: Inputs, inputs: Inputs) -> None:
-    """Raise OutOfReach for other sectors or levels than the emulator's."""
-    mine, theirs = (each.base["geometry"] for each in (inputs, known))
-    file = config["geometry"]["segments"]
-    from_deg, other = (each["table"]["angle_from_deg"].to_numpy() for each in (mine, theirs))
-    # The seventeenth is a whole turn.
-    gap = np.exp(1j * np.radians(from_deg - other))[:-1]
-    away = np.degrees(np.angle(gap / gap.mean()))
-    level = np.array(
-        [
-            each["table"]["z_bottom_mm"].to_numpy()[:-1] / -each["length_mm"]
-            for each in (mine, theirs)
-        ]
-    )
-    for row, turned in enumerate(away):
-        where = f"{file}, line {mine['table']['line'].iloc[row]}"
-        if abs(turned) > MOST_ANGLE_DEG:
-            _refuse(
-                f"{where}: the sector begins {turned:+.0f} degrees from where the emulator has it, "
-                f"and {MOST_ANGLE_DEG:g} are possible"
-            )
-        own, its = level[:, row]
-        if abs(own - its) > MOST_LEVEL:
-            _refuse(
-                f"{where}: the level ends at {own:.3f} of the length, and the emulator's at "
-                f"{its:.3f}, {MOST_LEVEL:g} more or less"
-            )
+    """Raise OutOfReach for zones that begin elsewhere around the axis than the emulator's."""
+    table, other = (each.base["geometry"]["table"] for each in (inputs, known))
+    _, away = turn_deg(table, other)
+    zones = Parameterisation.from_spec(known.base["parameters"]).zones
+    zone = {s: name for name, segments in zones.items() for s in segments}
+    for numbers in LEVELS.values():
+        for s, before in zip(numbers, np.roll(numbers, 1).tolist(), strict=True):
+            for segment in (s, before) if zone[s] != zone[before] else ():
+                if abs(away[segment - 1]) > MOST_ANGLE_DEG:
+                    _refuse(
+                        f"{config['geometry']['segments']}, line {table['line'].iloc[segment - 1]}"
+                        f": the sector begins {away[segment - 1]:+.0f} degrees from where the "
+                        f"emulator has it, and {MOST_ANGLE_DEG:g} are possible"
+                    )
 
 
 def _check_shape(config: Mapping, emulator: JointGP, known: Inputs, inputs: Inputs) -> None:
@@ -154,9 +143,9 @@ def _check_shape(config: Mapping, emulator: JointGP, known: Inputs, inputs: Inpu
     factor = float(looked_up.factor[places[worst]])
     value, least, most = (np.exp(each[worst]) / factor for each in (here, low, high))
     _refuse(
-        f"{config['geometry']['segments']}: {COLUMNS[worst]} is {value:.3g} mm; in hearts of this "
-        f"length the emulator knows {least:.3g} to {most:.3g} mm, together with figures of the "
-        "other segments that are like it"
+        f"{config['geometry']['segments']}: {COLUMNS[worst]} is {value:.3g}; in hearts of this "
+        f"length the emulator knows {least:.3g} to {most:.3g}, together with figures of the other "
+        "segments that are like it"
     )
 
 

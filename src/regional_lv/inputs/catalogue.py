@@ -28,6 +28,7 @@ from regional_lv.inputs.shape import (
     ApexThickness,
     EndocardialRadius,
     Length,
+    LevelEnd,
     SegmentThickness,
     WallThickness,
 )
@@ -55,6 +56,7 @@ INPUTS = Registry(
         EndocardialRadius,
         Length,
         ApexThickness,
+        LevelEnd,
         Size,
         HelixEndo,
         HelixEpi,

@@ -11,6 +11,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from regional_lv import aha
+from regional_lv.geometry.shape import level_ends
 from regional_lv.geometry.table import check_apices, read_segments
 from regional_lv.inputs.physics import physics_of
 from regional_lv.mechanics.materials import material_from_config
@@ -24,8 +25,9 @@ def model_of(config: Mapping) -> dict:
     """The model of a checked configuration.
 
     Of a heart from a segment table, `geometry` has the `table` itself, its columns `TABLE` as
-    arrays (17,), `length_mm` from the base to the endocardial apex and `apex_mm`, the thickness of
-    the wall there. Raises InputError for a table that cannot be used.
+    arrays (17,), `length_mm` from the base to the endocardial apex, `apex_mm`, the thickness of
+    the wall there, and where its levels end (`geometry.shape.LEVEL_KEYS`). Raises InputError for a
+    table that cannot be used.
     """
     geometry = config["geometry"]
     model = completed(physics_of(dict(config)))
@@ -36,6 +38,7 @@ def model_of(config: Mapping) -> dict:
     check_apices(geometry["segments"], table, *apices)
     shape = {"table": table, "length_mm": -apices[0], "apex_mm": apices[0] - apices[1]}
     shape |= {column: table[column].to_numpy(float) for column in TABLE}
+    shape |= level_ends(table, shape["length_mm"])
     return model | {"geometry": model["geometry"] | shape}
 
 

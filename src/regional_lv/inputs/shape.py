@@ -2,8 +2,10 @@
 
 from typing import ClassVar
 
+from regional_lv.geometry.shape import LEVEL_KEYS
 from regional_lv.geometry.table import PLAUSIBLE_MM, SD_COLUMNS
 from regional_lv.inputs.base import LOGARITHMIC, KeyInput, SegmentInput
+from regional_lv.inputs.scales import Linear
 
 KAWEL = "Kawel et al. 2012, Circ Cardiovasc Imaging 5:500-508, doi 10.1161/CIRCIMAGING.112.973560"
 
@@ -128,3 +130,36 @@ class ApexThickness(Length):
     )
     source = "Bradfield, Beck and Vecht 1977, Br Heart J 39:806-809 (the thin point of the apex)"
     less, more = 0.6, 1.4
+
+
+class LevelEnd(KeyInput):
+    """One for each border between two levels of segments."""
+
+    name = "level_end"
+    is_cause = False
+    family = "shape"
+    changes = "geometry"
+    scale = Linear()
+    description = (
+        "Where a level of segments ends, as a share of the cavity's length from the base plane. "
+        "Levels lie where slices were put; segments, with their stiffness and what is observed of "
+        "them, are then other parts of the wall."
+    )
+    source = "Cerqueira et al. 2002, Circulation 105:539-542, doi 10.1161/hc0402.102975 (thirds)"
+    reach = 0.05
+
+    def __init__(self, model, key):
+        self.name, self.path = key, ("geometry", key)
+        self.parameter = f"end of the {key.removesuffix('_end')} level"
+        super().__init__(model)
+
+    @classmethod
+    def why_not(cls, model):
+        return SegmentThickness.why_not(model)
+
+    @classmethod
+    def members(cls, model):
+        return () if cls.why_not(model) else [cls(model, key) for key in LEVEL_KEYS]
+
+    def _set_nominal(self, value):
+        self.nominal, self.low, self.high = value, value - self.reach, value + self.reach

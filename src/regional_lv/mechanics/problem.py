@@ -288,9 +288,11 @@ class Problem(Simulator):
         constants = dict(zip(names, numbers.T, strict=True)) | {"valves": np.zeros(k)}
         which, moves = np.array(list(figures), dtype=int), np.zeros((0, *self.mesh.points.shape))
         if figures:
-            of_figures = self._places.moves(model["geometry"]).values()
+            told = np.array(list(figures.values()))
+            about = {name for name, at in _figure_places(model).items() if told[:, at].any()}
+            of_figures = self._places.moves(model["geometry"], about).values()
             each = np.concatenate([move.reshape(-1, *moves.shape[1:]) for move in of_figures])
-            moves = np.tensordot(np.array(list(figures.values())), each, 1)
+            moves = np.tensordot(told, each, 1)
             constants["valves"][which] = valve_plane_share_changes(self.mesh, moves)
         return Told(factors, constants, shares, which, moves)
 
@@ -540,8 +542,17 @@ def _slope(number: Callable, model: Mapping, beside) -> np.ndarray:
 def _figures(model: Mapping) -> np.ndarray:
     """Numbers of the shape, one after the other, as `NodePlaces.moves` has them."""
     shape = model["geometry"]
-    names = ("wall_thickness_scale", *FIGURES)
-    return np.concatenate([np.ravel(shape[name]) for name in names if name in shape])
+    return np.concatenate([np.ravel(shape[name]) for name in _figure_places(model)])
+
+
+def _figure_places(model: Mapping) -> dict[str, slice]:
+    """Where `_figures` has each key of the shape."""
+    shape, places, first = model["geometry"], {}, 0
+    for name in ("wall_thickness_scale", *FIGURES):
+        if name in shape:
+            places[name] = slice(first, first + np.size(shape[name]))
+            first = places[name].stop
+    return places
 
 
 def _polar_changes(move: np.ndarray, radius: np.ndarray, angle: np.ndarray):

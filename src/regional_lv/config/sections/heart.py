@@ -29,7 +29,7 @@ from regional_lv.config.section import (
     by_default,
     complaints,
 )
-from regional_lv.data import VOLUNTEER
+from regional_lv.data import TABLES, VOLUNTEER
 from regional_lv.data.published import PUBLISHED_HEART
 from regional_lv.mechanics.loads import LOADS
 from regional_lv.mechanics.supports import SUPPORTS
@@ -90,7 +90,7 @@ class OfSegments(Geometry):
     def check(self, key, study) -> Iterator[str]:
         if self.epi_apex_z_mm >= self.endo_apex_z_mm:
             yield f"{key}.epi_apex_z_mm: must lie below geometry.endo_apex_z_mm; lower it"
-        if self.segments == VOLUNTEER:
+        if self.segments in TABLES:
             return
         yield from (mistakes := list(missing_file(f"{key}.segments", self.segments)))
         if not mistakes:

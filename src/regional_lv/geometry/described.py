@@ -1,0 +1,123 @@
+"""A ventricle between two smooth surfaces, described by a segment table.
+
+The table's figures are means over segments (`surfaces`); the smoothest surfaces through them are
+not those that they were read off, so that a described ventricle is another one.
+"""
+
+from collections.abc import Callable, Mapping
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from regional_lv.aha import SEGMENTS
+from regional_lv.geometry.fitted import FittedSurfaces, aha_sectors, sector_table
+from regional_lv.geometry.imported import import_mesh
+from regional_lv.geometry.surfaces import QUARTER
+from regional_lv.geometry.triangulated import SIDES, read_ventricle
+from regional_lv.geometry.wall_lines import LEVEL_ENDS
+
+ANGLES, LATITUDES = 12, 8
+"""Places of a segment at which its figures are taken."""
+
+ALONG = np.linspace(0, QUARTER, 400)
+"""Latitudes of the wall's lines at which a meridian of a surface is known."""
+
+THICKEST = 0.8
+"""Of a wall, as a share of the cavity's length."""
+
+UNSNAPPED = 720
+"""Mesh lines around the axis, between which no borders of sectors are joined."""
+
+Side = Callable[[np.ndarray, np.ndarray], np.ndarray]
+"""Points (n, 3) of a surface at angles and latitudes of its lines (n,)."""
+
+
+class Described(NamedTuple):
+    """A segment table, as `table.read_segments` reads it, and the apices that go with it."""
+
+    table: pd.DataFrame
+    endo_apex_z_mm: float
+    epi_apex_z_mm: float
+
+
+def described(endocardium: Side, epicardium: Side, sectors: pd.DataFrame) -> Described:
+    """The wall between two surfaces.
+
+    sectors: aha_segment, angle_from_deg, angle_to_deg, z_top_mm and z_bottom_mm (17 rows).
+    """
+    pole = np.zeros(1), np.full(1, QUARTER)
+    inner, outer = (-float(side(*pole)[0, 2]) for side in (endocardium, epicardium))
+    places = [_places(row, inner) for row in sectors.itertuples()]
+    phi, u = (np.concatenate(each) for each in zip(*places, strict=True))
+    radius = Meridians(endocardium, phi).radius(-inner * np.sin(u))
+    around = Meridians(epicardium, phi)
+    # The lines along which the table's thickness lies depend on its mean: once more with that.
+    mean = outer - inner
+    for _ in range(3):
+        tilt = (outer - inner) / mean * np.sin(u)
+        length = np.hypot(np.cos(u), tilt)
+        cosine, sine = np.cos(u) / length, tilt / length
+        low, high = np.zeros(len(u)), np.full(len(u), THICKEST * inner)
+        for _ in range(30):
+            middle = (low + high) / 2
+            z = -inner * np.sin(u) - middle * sine
+            within = (radius + middle * cosine < around.radius(z)) & (z > -outer)
+            low, high = np.where(within, middle, low), np.where(within, high, middle)
+        thickness = low.reshape(len(SEGMENTS), -1).mean(axis=1)
+        mean = thickness.mean()
+    table = sectors.assign(
+        name=[segment.name for segment in SEGMENTS],
+        wall_thickness_mm=thickness,
+        endo_radius_mm=radius.reshape(len(SEGMENTS), -1).mean(axis=1),
+    )
+    table.loc[table.index[-1], "z_bottom_mm"] = -outer
+    return Described(table, -inner, -outer)
+
+
+def _places(row, length: float) -> tuple[np.ndarray, np.ndarray]:
+    """Angles and latitudes (n,) spread evenly over a segment."""
+    ends = np.arcsin(np.clip(-np.array([row.z_top_mm, row.z_bottom_mm]) / length, 0, 1))
+    at = (np.arange(LATITUDES) + 0.5) / LATITUDES
+    around = (np.arange(ANGLES) + 0.5) / ANGLES
+    low, high = np.radians([row.angle_from_deg, row.angle_to_deg])
+    phi, u = np.meshgrid(low + (high - low) * around, ends[0] + (ends[1] - ends[0]) * at)
+    return phi.ravel(), u.ravel()
+
+
+class Meridians:
+    """Curves of a surface in half planes at the angles phi (n,)."""
+
+    def __init__(self, side: Side, phi: np.ndarray):
+        angles, self._of = np.unique(phi, return_inverse=True)
+        points = side(np.repeat(angles, len(ALONG)), np.tile(ALONG, len(angles)))
+        x, y, z = points.reshape(len(angles), len(ALONG), 3).transpose(2, 0, 1)[:, :, ::-1]
+        self._radius, self._height = np.hypot(x, y), z
+
+    def radius(self, z: np.ndarray) -> np.ndarray:
+        """Distance (n,) from the axis at heights; below the apex 0, above the rim as there."""
+        found = np.empty(len(z))
+        for k, (height, radius) in enumerate(zip(self._height, self._radius, strict=True)):
+            at = self._of == k
+            found[at] = np.interp(z[at], height, radius)
+        return found
+
+
+def of_mesh(imported: Mapping) -> Described:
+    """Of a mesh from elsewhere, `geometry.imported` of a configuration: its own segments."""
+    mesh = import_mesh(imported["file"], imported["segments"], imported["unit"])
+    surfaces = FittedSurfaces.of_mesh(mesh)
+    inner, outer = surfaces.sides
+    return described(inner, outer, sector_table(mesh, surfaces, UNSNAPPED))
+
+
+def of_surfaces(surfaces: Mapping) -> Described:
+    """Of two files of triangles, `geometry.surfaces` of a configuration: the AHA's segments."""
+    wanted = ("unit", "base", "septum", "insertions", "long_axis")
+    heart = read_ventricle(
+        *(surfaces[side] for side in SIDES),
+        **{key: surfaces[key] for key in wanted if key in surfaces},
+    )
+    inner, outer = (heart.smooth[side] for side in SIDES)
+    sectors = aha_sectors(FittedSurfaces.of_lines(inner, outer, LEVEL_ENDS))
+    return described(inner, outer, sectors)

@@ -1,0 +1,58 @@
+"""A wall between two surfaces described by a segment table."""
+
+import numpy as np
+import pytest
+
+from regional_lv.data import VOLUNTEER
+from regional_lv.geometry.described import described
+from regional_lv.geometry.surfaces import Surfaces
+from regional_lv.geometry.table import SD_COLUMNS, check_apices, read_segments
+
+APICES = -74.4, -81.2
+
+
+@pytest.fixture
+def table():
+    return read_segments(VOLUNTEER)
+
+
+@pytest.fixture
+def sides(table):
+    """Points of the smooth surfaces through the volunteer's table."""
+    surfaces = Surfaces(table, *APICES)
+
+    def points(side, phi, u):
+        r, z = side(phi, u)
+        return np.stack([r * np.cos(phi), r * np.sin(phi), z], axis=-1)
+
+    return [
+        lambda phi, u, side=side: points(side, phi, u)
+        for side in (surfaces.endocardium, surfaces.epicardium)
+    ]
+
+
+def test_figures_are_those_of_the_surfaces(table, sides, tmp_path):
+    borders = ["aha_segment", "angle_from_deg", "angle_to_deg", "z_top_mm", "z_bottom_mm"]
+    found = described(*sides, table[borders])
+    apices = found.endo_apex_z_mm, found.epi_apex_z_mm
+    assert apices == pytest.approx(APICES)
+    for column in SD_COLUMNS:
+        np.testing.assert_allclose(found.table[column], table[column], rtol=5e-3)
+    found.table.to_csv(tmp_path / "segments.csv", index=False)
+    again = read_segments(tmp_path / "segments.csv")
+    check_apices(tmp_path / "segments.csv", again, *apices)
+
+
+def test_a_wall_that_is_thicker_all_over(table, sides):
+    """By as much along its own lines, which leave the endocardium at an angle to these."""
+    inner, outer = sides
+
+    def farther(phi, u):
+        points = outer(phi, u)
+        return points * (1 + 2 / np.linalg.norm(points, axis=1))[:, None]
+
+    borders = table.drop(columns=list(SD_COLUMNS))
+    before, after = (described(inner, each, borders).table for each in (outer, farther))
+    grown = after["wall_thickness_mm"] - before["wall_thickness_mm"]
+    assert grown.between(1.4, 2.1).all()
+    np.testing.assert_allclose(after["endo_radius_mm"], before["endo_radius_mm"])
