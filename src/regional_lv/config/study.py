@@ -180,7 +180,7 @@ class Configuration(Section):
             *complaints(material_from_config, config["material"]),
             *complaints(check_layer, *config["observables"]["layer"]),
             *complaints(lambda: self.channels),
-            *complaints(lambda: self.theta),
+            *(complaints(lambda: self.theta) if self.design.lower < self.design.upper else ()),
         ]
         if found or not looks_sound:
             return found
