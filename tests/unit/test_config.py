@@ -12,8 +12,8 @@ import pytest
 import yaml
 
 from regional_lv import config
-from regional_lv.config.schema import load_schema
-from regional_lv.config.schema.keys import describe
+from regional_lv.config.docs import MARK, describe, document
+from regional_lv.config.study import Configuration
 from regional_lv.errors import InputError
 from regional_lv.inputs.parameters import Parameterisation
 from tests.unit.configurations import changed
@@ -32,7 +32,7 @@ def from_project_root(monkeypatch):
 @pytest.mark.parametrize("name", STUDIES)
 def test_studies_of_the_project_are_valid(name):
     loaded = config.load(f"config/{name}.yaml")
-    assert set(loaded) == set(load_schema()["properties"])
+    assert set(loaded) == set(Configuration.model_fields)
     assert "synthetic_lateral" in loaded["subjects"]
 
 
@@ -92,7 +92,7 @@ def test_loading_leaves_its_input_alone_and_repeats():
     assert config.load(given)["design"]["natural"] == 8
 
 
-def test_numbers_take_the_type_of_the_schema():
+def test_numbers_take_the_type_of_their_key():
     whole, decimal = (
         config.load(changed("design.upper", 4)),
         config.load(changed("nuts.draws", 800.0)),
@@ -123,11 +123,11 @@ def test_default_subject_is_carried_over_to_other_zones_and_factors():
 
 def test_readme_explains_every_key_with_its_default():
     text = Path("config/README.md").read_text()
-    assert text.endswith(f"{config.MARK}\n{config.document()}"), "run `make format`"
+    assert text.endswith(f"{MARK}\n{document()}"), "run `make format`"
     rows = dict(re.findall(r"^\| `([^`]+)` \|[^|]*\| ([^|]+) \|", text, flags=re.MULTILINE))
-    assert set(rows) == {path for path, _ in describe()}
+    assert set(rows) == {key.path for key in describe()}
     for path, value in leaves(config.load({"study": "mine"})):
-        if path in rows and path != "study":
+        if rows.get(path, "required") != "required":
             assert yaml.safe_load(rows[path].strip("`")) == value, path
 
 
@@ -207,7 +207,7 @@ class Weight(Load):
 
 
 class Mean(EMULATORS["exact_gp"]):
-    name = "mean"
+    name, defaults = "mean", {"depth": 2}
 
 
 EMULATORS.add(Mean)
@@ -257,6 +257,10 @@ def test_what_a_plugin_adds_can_be_used_like_the_packages_own(tmp_path):
         "study['synthetic_subjects']['anna']['noise'] = {'ration': 0.1}\n"
         "try: config.load(study)\n"
         "except InputError as error: print(error)\n"
+        "study['synthetic_subjects']['anna']['noise'] = {}\n"
+        "study['emulators']['mean'] = {'dept': 3}\n"
+        "try: config.load(study)\n"
+        "except InputError as error: print(error)\n"
     )
     done = subprocess.run(
         [sys.executable, "-c", code],
@@ -267,8 +271,10 @@ def test_what_a_plugin_adds_can_be_used_like_the_packages_own(tmp_path):
         check=False,
     )
     assert done.returncode == 0, done.stderr
-    assert "anna.noise: 'ration' is not offered" in done.stdout
-    assert "did you mean ratio?" in done.stdout
+    assert "anna.noise.ration: unknown key" in done.stdout
+    assert "did you mean `synthetic_subjects.anna.noise.ratio`?" in done.stdout
+    assert "emulators.mean: 'dept' is not offered; " in done.stdout
+    assert "did you mean depth?" in done.stdout
 
 
 def test_a_plugin_that_fails_is_named(tmp_path):

@@ -44,6 +44,12 @@ def test_what_a_registry_imports_later_is_found(root):
     assert {"emulators/exact_gp.py", "paper/emulators/dgp.py"} <= found
 
 
+def test_of_the_configuration_an_emulator_depends_on_its_settings_alone(root):
+    """What is said of other keys could be edited without training again."""
+    found = {name for name in names(root, "emulators.exact_gp") if name.startswith("config/")}
+    assert found == {"config/section.py", "config/sections/settings.py"}
+
+
 def test_nothing_else_is_found(root):
     """Modules that the simulator does without, so that their edits cost no simulation."""
     found, there = names(root, "simulation.batches"), root / "src" / "regional_lv"

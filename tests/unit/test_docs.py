@@ -15,7 +15,7 @@ import yaml
 
 from regional_lv import config as study_config
 from regional_lv import data
-from regional_lv.config.schema.keys import describe
+from regional_lv.config.docs import describe
 from regional_lv.inputs import __main__ as inputs
 from regional_lv.session import Study
 
@@ -57,7 +57,7 @@ def test_named_targets_and_studies_exist():
 
 
 def test_ten_keys_are_keys():
-    keys = {path for path, _ in describe()}
+    keys = {key.path for key in describe()}
     text = (ROOT / "docs" / "configuration.md").read_text()
     named = re.findall(r"^## \d+\. (.*)$", text, flags=re.MULTILINE)
     assert len(named) == 10

@@ -15,7 +15,7 @@ from gpytorch.mlls import ExactMarginalLogLikelihood
 
 from regional_lv import emulators
 from regional_lv.channels import Channels
-from regional_lv.config.schema import load_schema
+from regional_lv.config.sections.emulators import Emulators
 from regional_lv.emulators import exact_gp, optimise
 from regional_lv.emulators.base import Architecture, Emulator, SeparablePrediction, TrainingSet
 from regional_lv.emulators.exact_gp import ExactGP, leave_one_out, shrinkage_of
@@ -81,7 +81,7 @@ def points(n: int, seed: int) -> np.ndarray:
 
 def create(name: str, **settings):
     """A small emulator of this name."""
-    offered = load_schema()["properties"]["emulators"]["properties"][name]["properties"]
+    offered = Emulators.model_fields[name].annotation.model_fields
     return emulators.create(name, {k: v for k, v in SMALL.items() if k in offered} | settings)
 
 
@@ -123,11 +123,10 @@ def predictions(fitted, theta):
     return torch.stack([p.mean for p in each]), torch.stack([p.sd for p in each])
 
 
-def test_registry_and_schema_name_the_same():
-    section = load_schema()["properties"]["emulators"]["properties"]
+def test_registry_and_configuration_name_the_same():
     compared = [name for name in emulators.REGISTRY if name != emulators.OF_INPUTS]
-    assert compared == section["names"]["default"]
-    assert set(emulators.REGISTRY) == set(section) - {"names", "shortlist", "final"}
+    assert compared == Emulators().names
+    assert set(emulators.REGISTRY) == set(Emulators.model_fields) - {"names", "shortlist", "final"}
 
 
 def test_shapes(emulator):
@@ -833,7 +832,7 @@ def test_any_zones_factors_bounds_and_channels(name, parameters, tmp_path):
 
 
 class FromOutside(ExactGP):
-    """What a plugin might register: another name, and settings that no schema knows."""
+    """What a plugin might register: another name, and settings that no section has."""
 
     name = "from_outside"
     architecture = Architecture("Outside", "GP", "global", "multi-output")

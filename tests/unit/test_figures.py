@@ -16,7 +16,7 @@ from vtkmodules.vtkCommonDataModel import vtkTriQuadraticHexahedron
 
 from regional_lv import aha
 from regional_lv.channels import Channels
-from regional_lv.config.schema.keys import entry_schema, section_schema
+from regional_lv.config.sections.subjects import Subject
 from regional_lv.errors import InputError
 from regional_lv.inputs.parameters import ZONES, Parameterisation
 from regional_lv.paper.plots import parity, recovery
@@ -543,8 +543,7 @@ def test_title_says_where_the_data_come_from(module, source, subject, paths, fig
 
 
 def test_every_source_of_a_subject_has_a_name():
-    subject = entry_schema(section_schema("subjects"), "anna")
-    assert set(case_posterior.SOURCES) == set(subject["properties"]["source"]["enum"])
+    assert set(case_posterior.SOURCES) == set(Subject.all_tags())
 
 
 def test_the_same_figure_is_the_same_file(subject, tmp_path):

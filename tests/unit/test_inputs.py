@@ -167,7 +167,7 @@ def test_a_standard_deviation_of_nothing_is_fixed():
     ("section", "words"),
     [
         ({"septal_lod": "suspected"}, "did you mean septal_load"),
-        ({"septal_load": "wrong"}, "inputs.septal_load: 'wrong' is no role"),
+        ({"septal_load": "wrong"}, "'wrong' is not possible; write `inferred`, `measured`"),
         ({"heavy_tails": "inferred"}, "inputs.heavy_tails: cannot be inferred"),
         ({"fibres": "inferred"}, "inputs.fibre_rotation: moves the same thing as helix_endo"),
         ({"material": "inferred"}, "moves the same thing as focal_scar"),

@@ -267,7 +267,7 @@ CONFIG_MISTAKES = {
     ),
     "no test set": ({"simulations": {"holdout": 0}}, "simulations.holdout: 0 leaves no test set"),
     "less than nothing": ({"simulations": {"holdout": -1}}, "simulations.holdout: -1 is too small"),
-    "tables and simulator": ({"simulations": {"source": "dolfinx"}}, "remove them"),
+    "tables and simulator": ({"simulations": {"source": "dolfinx"}}, "only `source: table` has it"),
     "synthetic": (
         {
             "subjects": {"one": {"source": "synthetic"}},

@@ -27,7 +27,7 @@ surroundings.settle()
 from regional_lv import config as study_config  # noqa: E402
 from regional_lv.study import dependencies, running  # noqa: E402
 from regional_lv.channels import Channels  # noqa: E402
-from regional_lv.config.checks import meshes_anew  # noqa: E402
+from regional_lv.config import meshes_anew  # noqa: E402
 from regional_lv.criticism.settings import settings_of  # noqa: E402
 from regional_lv.data import SHIPPED  # noqa: E402
 from regional_lv.data import path as packaged  # noqa: E402

@@ -3,6 +3,6 @@
 import sys
 from pathlib import Path
 
-from regional_lv.config import main
+from regional_lv.config.docs import write
 
-main(Path(sys.argv[1]))
+write(Path(sys.argv[1]))

@@ -1,7 +1,7 @@
 """Emulators by name.
 
 A new emulator is one file in this folder, one entry in `REGISTRY` (the test suite then covers it),
-and its settings in the schema of the configuration. A plugin adds one with `REGISTRY.add` and says
+and its settings in `config.sections.settings`. A plugin adds one with `REGISTRY.add` and says
 its settings itself (`base.Emulator`). Names and labels are known without importing torch, which
 takes seconds.
 """

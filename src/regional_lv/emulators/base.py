@@ -13,7 +13,7 @@ import numpy as np
 import torch
 
 from regional_lv.channels import Channels
-from regional_lv.config.schema import load_schema
+from regional_lv.config.sections.settings import settings_of
 from regional_lv.emulators.architecture import Architecture
 from regional_lv.errors import InputError
 from regional_lv.inputs.coordinates import Coordinates
@@ -128,14 +128,13 @@ class Emulator(ABC):
 
     A new emulator is one file with a subclass that says its `name`, and one entry in
     `emulators.REGISTRY` that says its architecture. A plugin's class says its `architecture` itself
-    and is added by `emulators.REGISTRY.add`. Its
-    settings and their defaults are those of the configuration's schema, section
-    `emulators.<name>`; one that has no section there, such as a plugin's, names them with their
-    defaults in the class attribute `defaults`, to which those of its base classes are added. It has
-    to implement `_fit`, `_predict`, `_state`, `_restore` and `_select`, or less with
+    and is added by `emulators.REGISTRY.add`. Its settings and their defaults are those of
+    `config.sections.settings`; one that has no section there, such as a plugin's, names them with
+    their defaults in the class attribute `defaults`, to which those of its base classes are added.
+    It has to implement `_fit`, `_predict`, `_state`, `_restore` and `_select`, or less with
     `reduced.ReducedEmulator` as its base.
 
-    Raises InputError for a setting that the schema, or `defaults`, does not have or allow.
+    Raises InputError for a setting that is not among them, or has no such value.
     """
 
     parameters: Any  # a Parameterisation, or the Coordinates of all inputs
@@ -143,10 +142,18 @@ class Emulator(ABC):
     architecture: ClassVar[Architecture]
     learns_from_sensitivities: ClassVar[bool] = False
     defaults: ClassVar[dict] = {"input_transform": "log"}
-    """Settings and their default values, for an emulator without a section in the schema."""
+    """Settings and their default values, for an emulator without a section in the configuration."""
+
+    @classmethod
+    def all_defaults(cls) -> dict:
+        """`defaults`, with those of the base classes."""
+        found: dict = {}
+        for base in reversed(cls.__mro__):
+            found |= vars(base).get("defaults", {})
+        return found
 
     def __init__(self, **settings):
-        self.settings = _complete(type(self), settings)
+        self.settings = settings_of(self.name, settings, self.all_defaults())
         self.outputs: tuple[str, ...] = ()
         self.info: dict = {}
 
@@ -407,31 +414,6 @@ class Emulator(ABC):
 
 
 _TENSORS = ("inputs", "reach", "input_mean", "input_sd", "output_mean", "output_sd")
-
-
-def _complete(cls: type[Emulator], settings: dict) -> dict:
-    """`settings` with the defaults of the schema, or of the class where that has no section for it.
-
-    The schema's limits are checked where configurations are read (`config`)."""
-    section = load_schema()["properties"]["emulators"]["properties"].get(cls.name)
-    if section is not None:
-        entries = section["properties"]
-        defaults = {key: entry["default"] for key, entry in entries.items()}
-    else:
-        entries, defaults = {}, {}
-        for base in reversed(cls.__mro__):
-            defaults |= vars(base).get("defaults", {})
-    for key, value in settings.items():
-        if key not in defaults:
-            raise InputError(
-                f"{cls.name}.{key}: unknown setting; choose among {', '.join(defaults)}"
-            )
-        choices = entries.get(key, {}).get("enum", [value])
-        if value not in choices:
-            raise InputError(
-                f"{cls.name}.{key}: {value!r} is not offered; choose one of {', '.join(choices)}"
-            )
-    return defaults | settings
 
 
 def _check_sensitivities(name: str, sensitivities, shape: tuple[int, ...]) -> torch.Tensor:

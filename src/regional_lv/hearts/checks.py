@@ -9,7 +9,7 @@ import pandas as pd
 
 from regional_lv.aha import LEVELS
 from regional_lv.channels import Channels
-from regional_lv.config.schema import load_schema
+from regional_lv.config.sections.heart import NO_PRESSURE
 from regional_lv.data import TABLES, VOLUNTEER
 from regional_lv.geometry.table import read_segments
 
@@ -33,8 +33,7 @@ def not_given(config: Mapping, own: Mapping) -> list[str]:
         return []
     lines = []
     if (own.get("loading") or {}).get("pressure_mmhg") is None:
-        pressure = load_schema()["properties"]["loading"]["properties"]["pressure_mmhg"]
-        lines.append(f"loading.pressure_mmhg: missing; {pressure['if_empty']}")
+        lines.append(f"loading.pressure_mmhg: missing; {NO_PRESSURE}")
     if not own.get("geometry"):
         lines.append(
             "geometry: missing; the heart would be that of the paper's volunteer: give "

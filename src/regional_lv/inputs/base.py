@@ -3,7 +3,7 @@
 from abc import ABC
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
-from typing import ClassVar, TypeVar
+from typing import ClassVar, Literal, TypeVar, get_args
 
 import numpy as np
 
@@ -11,7 +11,8 @@ from regional_lv.inputs.coordinates import Coordinates, blocks_of
 from regional_lv.inputs.keys import value_at, with_value
 from regional_lv.inputs.scales import Linear, Logarithmic, Scale
 
-ROLES = ("inferred", "measured", "suspected", "fixed")
+RoleName = Literal["inferred", "measured", "suspected", "fixed"]
+ROLES: tuple[RoleName, ...] = get_args(RoleName)
 """What a study does with an input: it has a prior over its range; it is known with a standard
 deviation; it is at its nominal value in the model as it is, and free in models that doubt it; or it
 is at its nominal value."""

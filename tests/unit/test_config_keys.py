@@ -1,36 +1,31 @@
-"""The schema of the configuration, and what is said of a key that it refuses."""
-
-import re
+"""The sections of the configuration, and what is said of a key that they refuse."""
 
 import pytest
 
 from regional_lv import config
-from regional_lv.config.schema import load_schema
-from regional_lv.config.schema.keys import describe
+from regional_lv.config.docs import describe
+from regional_lv.config.section import Section
 from regional_lv.errors import InputError
 from tests.unit.configurations import changed, refused
 
 
-def test_schema_is_closed_and_documented():
-    # What a plugin adds there has no entry of its own; the registries are asked.
-    for_plugins = re.compile(r"config\.(emulators(\.\*)?|loading|supports|.*\.noise)")
+def test_sections_are_closed_and_documented():
+    # What a plugin adds there has no field of its own; the registries are asked.
+    for_plugins = {"Emulators", "OfPlugin", "Loading", "Supports", "Noise", "BenchmarkNoise"}
+    for_plugins |= {"ScenarioNoise", "Role"}
 
-    def walk(schema, path):
-        if schema.get("type") == "object" and not for_plugins.fullmatch(path):
-            assert schema["additionalProperties"] is False, path
-        inner = schema.get("properties", {}) | schema.get("patternProperties", {})
-        if isinstance(schema.get("additionalProperties"), dict):
-            inner["*"] = schema["additionalProperties"]
-        for key, entry in inner.items():
-            walk(entry, f"{path}.{key}")
+    def below(section):
+        return [section, *(each for sub in section.__subclasses__() for each in below(sub))]
 
-    walk(load_schema(), "config")
-    # Absent means that there is no such file, effect, constant or segment.
-    optional = re.compile(r"subjects\.<name>\.measured|.*\.<name>$")
-    for path, entry in describe():
-        assert entry["description"], path
-        assert entry["reruns"], path
-        assert entry["required"] or "default" in entry or optional.search(path), path
+    for section in below(Section):
+        assert section.__doc__, section
+        is_open = section.model_config["extra"] == "allow"
+        assert is_open == (section.__name__ in for_plugins), section
+    # Absent means that there is no such effect, constant or segment.
+    for key in describe():
+        assert key.text, key
+        assert key.reruns, key
+        assert key.default != "none" or key.path.endswith(".<name>"), key
 
 
 MISTAKES = [
@@ -40,7 +35,7 @@ MISTAKES = [
     (changed("batch_size", 4), "batch_size", "did you mean `simulations.batch_size`"),
     (changed("emulators.exact_gp.kernal", "rq"), "exact_gp.kernal", "`emulators.exact_gp.kernel`"),
     (changed("mesh.zzz", 1), "mesh.zzz", "allowed here: circumferential"),
-    ({"seed": 1}, "missing study", "add what is missing"),
+    ({"seed": 1}, "study: missing", "give it"),
     (changed("study", "my study"), "study", "use letters, digits and underscores"),
     (changed("seed", -1), "seed", "give at least 0"),
     (changed("seed", "x"), "seed", "a whole number"),
@@ -98,11 +93,11 @@ MISTAKES = [
     (changed("emulators.names", []), "emulators.names", "name at least one"),
     (changed("test_posteriors.cases", "most"), "test_posteriors.cases", "`all`"),
     (changed("emulators.shortlist.names", []), "emulators.shortlist.names", "name at least one"),
-    (changed("scenarios.sets.mild", {"mu": 2}), "missing kind", "add what is missing"),
+    (changed("scenarios.sets.mild", {"mu": 2}), "mild.kind: missing", "give it"),
     (changed("scenarios.noise.volume", 0), "scenarios.noise.volume", "give more than 0"),
     (changed("subjects.7up", {"source": "synthetic"}), "subjects.7up", "begin with a letter"),
     (changed("subjects", {1: {"source": "synthetic"}}), "subjects.1", "begin with a letter"),
-    (changed("subjects.anna", {}), "subjects.anna", "missing source"),
+    (changed("subjects.anna", {}), "subjects.anna.source", "missing; give it"),
 ]
 
 

@@ -1,0 +1,1 @@
+"""The sections of a configuration, a room or a stage per module."""
