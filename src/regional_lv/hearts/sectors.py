@@ -32,11 +32,11 @@ level: 0.25 to 0.5 where apical segments of three simulated hearts are turned by
 
 
 BY_SECTORS = {"volume": 0.002, "circumferential": 0.003, "longitudinal": 0.003, "radial": 0.008}
-BY_SURFACES = {"volume": 0.006, "circumferential": 0.005, "longitudinal": 0.006, "radial": 0.025}
+BY_SURFACES = {"volume": 0.007, "circumferential": 0.006, "longitudinal": 0.005, "radial": 0.021}
 """Standard deviations of outputs, of a volume as a share of it, by which hearts differ whose walls
 have the same means over some segments (root mean squares, as simulated): the volunteer's surfaces
-and those through their means over the AHA's sectors; real surfaces and those through their means
-over their own segments."""
+and those through their means over the AHA's sectors; the surfaces of six real hearts and those
+through their means over their own segments."""
 
 
 def turn_deg(own: pd.DataFrame, other: pd.DataFrame) -> tuple[float, np.ndarray]:
