@@ -6,7 +6,7 @@ import pytest
 from regional_lv.geometry.mesh import read_mesh
 from regional_lv.inputs.model import model_of
 from regional_lv.inputs.space import Inputs, catalogue, stencil
-from regional_lv.mechanics.continuation import Effort, Solver
+from regional_lv.mechanics.continuation import Effort, NotConverged, Solver
 from regional_lv.mechanics.problem import Problem
 from regional_lv.quantities import QUANTITIES
 from regional_lv.simulation.batches import make_simulator
@@ -137,6 +137,13 @@ def test_changes_of_the_residual_are_those_of_differences(solver, given):
         scale = np.abs(numeric).max()
         np.testing.assert_allclose(exact[k], numeric, atol=2e-4 * scale, err_msg=each.name)
     problem.set(at, PRESSURE)
+
+
+def test_a_shape_without_a_smooth_wall_is_not_converged(solver, held):
+    """As one on the way between two others may be; it ends no job."""
+    at = values(solver.simulator, wall_thickness_9=0.3)
+    with pytest.raises(NotConverged, match="no smooth surface"):
+        solver.newton(held.w, at, PRESSURE, Effort())
 
 
 def test_solutions_of_many_vectors_are_those_of_each(solver, held):

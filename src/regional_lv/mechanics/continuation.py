@@ -12,6 +12,7 @@ from typing import Generic, TypeVar
 import numpy as np
 
 from regional_lv.channels import Channels
+from regional_lv.errors import InputError
 from regional_lv.inputs.coordinates import Coordinates
 from regional_lv.inputs.parameters import Parameterisation
 from regional_lv.mechanics.equilibrium import Equilibrium, LinearSolveError
@@ -135,10 +136,14 @@ class Solver(Generic[AnyEquilibrium]):
         field it may grow once, but where the exponential law overshoots, every further step would
         bring it down by Euler's number only. States `on_the_way` to another are solved less
         sharply, `way_tolerance_mm`. The others end, if their `tangent` is wanted, with a
-        factorisation within `tangent_tolerance_mm` of the solution.
+        factorisation within `tangent_tolerance_mm` of the solution. Raises `NotConverged`, also
+        for a theta with a shape that has no smooth wall.
         """
         simulator, settings = self.simulator, self.settings
-        simulator.set(theta, pressure)
+        try:
+            simulator.set(theta, pressure)
+        except InputError as error:  # on the way between two shapes lies one that is none
+            raise NotConverged(str(error)) from error
         tolerance = settings["way_tolerance_mm" if on_the_way else "increment_tolerance_mm"]
         near = settings["tangent_tolerance_mm"] if tangent and not on_the_way else np.inf
         w = simulator.retract(w)
