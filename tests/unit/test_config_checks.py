@@ -380,5 +380,6 @@ def test_a_population_has_shapes_of_all_kinds():
         InputError, match=r"all_inputs\.shapes: .* not all shape inputs are inferred"
     ):
         config.load(study)
-    shapes = {"segment_thickness": "inferred", "endo_radius": "inferred", "apex": "inferred"}
+    words = ("segment_thickness", "endo_radius", "apex", "level_end")
+    shapes = dict.fromkeys(words, "inferred")
     config.load(study | {"inputs": shapes | {"wall_thickness": "fixed"}})

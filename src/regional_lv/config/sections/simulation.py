@@ -223,9 +223,9 @@ class AllInputs(Section, reruns="these simulations, and the emulator of all inpu
         if any(roles.get(column) != "inferred" for column in COLUMNS):
             yield (
                 f"{key}.shapes: a population has shapes of all kinds, and not all shape inputs are "
-                "inferred; write `inputs: "
-                "{segment_thickness: inferred, endo_radius: inferred, apex: inferred}` for a "
-                "heart from a segment table, or `shapes: study`"
+                "inferred; write `inputs: {segment_thickness: inferred, endo_radius: inferred, "
+                "apex: inferred, level_end: inferred}` for a heart from a segment table, or "
+                "`shapes: study`"
             )
 
 
