@@ -58,6 +58,13 @@ def test_a_table_with_other_borders(heart, any_heart, change):
     within(heart(change), any_heart.emulator, any_heart.known)
 
 
+def test_of_other_sectors_nothing_is_learnt(heart, any_heart):
+    known = any_heart.emulator, any_heart.known
+    within(heart(lower(1.5)), *known, learns=True)
+    with pytest.raises(OutOfReach, match=r"line 13: the sector begins [+-]\d"):
+        within(heart(free_wall_divided_elsewhere), *known, learns=True)
+
+
 @pytest.mark.parametrize(
     ("change", "sections", "message"),
     [

@@ -113,8 +113,10 @@ def _fast(path: Path, goes_on: bool, dry_run: bool) -> dict | None:
         if not goes_on:
             raise Mistakes(str(error)) from None
         return None
+    within_reach = config
     try:
-        within_reach, _ = within(config, known.emulator, known.known)
+        if goes_on or config["geometry"]["source"] == "segments":
+            within_reach, _ = within(config, known.emulator, known.known, learns=goes_on)
         for subject in config["subjects"]:
             if dry_run:
                 continue

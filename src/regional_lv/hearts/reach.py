@@ -12,7 +12,7 @@ from regional_lv.emulators.joint_gp import JointGP
 from regional_lv.errors import InputError
 from regional_lv.hearts.emulator import LookedUp, inputs_of
 from regional_lv.hearts.population import COLUMNS
-from regional_lv.hearts.sectors import turn_deg
+from regional_lv.hearts.sectors import SAME_DEG, turn_deg
 from regional_lv.inputs.base import Input
 from regional_lv.inputs.parameters import Parameterisation
 from regional_lv.inputs.shape import Length
@@ -20,12 +20,6 @@ from regional_lv.inputs.space import SECTION, Inputs, Role, sd_key, sections_of
 
 LONG_WAY = "simulate this heart (regional-lv run --own)"
 """What to do about a heart that the emulator does not know."""
-
-MOST_ANGLE_DEG = 3.0
-"""Between the borders of zones in a table and in the emulator, around the axis, once the table is
-turned as a whole. Every sector's 3 degrees off, its neighbours' the other way, changes strains by
-0.0002 to 0.0006 (medians; 0.002 at most) and the volume by 0.3 mL. Borders within a zone may be
-anywhere (`hearts.sectors`)."""
 
 COMPARED = ("material", "fibres", "loading", "supports", "observables", "factors")
 """Sections of a model that have to be the emulator's, once the inputs act that it has."""
@@ -44,17 +38,20 @@ class OutOfReach(InputError):
     """The emulator of any heart does not know this one; the message says why."""
 
 
-def within(config: Mapping, emulator: JointGP, known: Inputs) -> tuple[dict, list[str]]:
+def within(
+    config: Mapping, emulator: JointGP, known: Inputs, learns: bool = False
+) -> tuple[dict, list[str]]:
     """The study of a heart, with ranges of its inputs cut to what the emulator knows, and what was
     cut, a sentence each.
 
-    config: checked. known: the emulator's inputs, in the model that they are about.
+    config: checked. known: the emulator's inputs, in the model that they are about. learns: whether
+    simulations of the heart are to join the emulator, which has to have the same sectors then.
 
     Raises OutOfReach, with the entry and the range, for a heart that it does not know.
     """
     _check_model(config, known)
     inputs = Inputs.from_config(sections_of(config)).simulated
-    _check_borders(config, known, inputs)
+    _check_borders(config, known, inputs, learns)
     unknown = set(Channels.from_config(config).names) - set(emulator.outputs)
     if unknown:
         _refuse(f"observables: {min(unknown)} is nothing that the emulator predicts")
@@ -105,20 +102,21 @@ def _differing(one, other, path: tuple[str, ...]) -> Iterator[tuple[str, ...]]:
         yield path
 
 
-def _check_borders(config: Mapping, known: Inputs, inputs: Inputs) -> None:
-    """Raise OutOfReach for zones that begin elsewhere around the axis than the emulator's."""
+def _check_borders(config: Mapping, known: Inputs, inputs: Inputs, every: bool) -> None:
+    """Raise OutOfReach for zones, or for `every` sector, that begin elsewhere around the axis than
+    the emulator's."""
     table, other = (each.base["geometry"]["table"] for each in (inputs, known))
     _, away = turn_deg(table, other)
     zones = Parameterisation.from_spec(known.base["parameters"]).zones
     zone = {s: name for name, segments in zones.items() for s in segments}
-    for numbers in LEVELS.values():
+    for numbers in filter(lambda numbers: len(numbers) > 1, LEVELS.values()):
         for s, before in zip(numbers, np.roll(numbers, 1).tolist(), strict=True):
-            for segment in (s, before) if zone[s] != zone[before] else ():
-                if abs(away[segment - 1]) > MOST_ANGLE_DEG:
+            for segment in (s, before) if every or zone[s] != zone[before] else ():
+                if abs(away[segment - 1]) > SAME_DEG:
                     _refuse(
                         f"{config['geometry']['segments']}, line {table['line'].iloc[segment - 1]}"
                         f": the sector begins {away[segment - 1]:+.0f} degrees from where the "
-                        f"emulator has it, and {MOST_ANGLE_DEG:g} are possible"
+                        f"emulator has it, and {SAME_DEG:g} are possible"
                     )
 
 
