@@ -115,7 +115,8 @@ def _fast(path: Path, goes_on: bool, dry_run: bool) -> dict | None:
         return None
     within_reach = config
     try:
-        if goes_on or config["geometry"]["source"] == "segments":
+        # `answer` looks itself.
+        if goes_on or (dry_run and config["geometry"]["source"] == "segments"):
             within_reach, _ = within(config, known.emulator, known.known, learns=goes_on)
         for subject in config["subjects"]:
             if dry_run:

@@ -14,7 +14,7 @@ from regional_lv.aha import SEGMENTS
 from regional_lv.geometry.fitted import FittedSurfaces, aha_sectors, sector_table
 from regional_lv.geometry.imported import import_mesh
 from regional_lv.geometry.surfaces import QUARTER
-from regional_lv.geometry.triangulated import SIDES, read_ventricle
+from regional_lv.geometry.triangulated import SIDES, read_configured
 from regional_lv.geometry.wall_lines import LEVEL_ENDS
 
 ANGLES, LATITUDES = 12, 8
@@ -113,11 +113,7 @@ def of_mesh(imported: Mapping) -> Described:
 
 def of_surfaces(surfaces: Mapping) -> Described:
     """Of two files of triangles, `geometry.surfaces` of a configuration: the AHA's segments."""
-    wanted = ("unit", "base", "septum", "insertions", "long_axis")
-    heart = read_ventricle(
-        *(surfaces[side] for side in SIDES),
-        **{key: surfaces[key] for key in wanted if key in surfaces},
-    )
+    heart = read_configured(surfaces["endocardium"], surfaces["epicardium"], surfaces)
     inner, outer = (heart.smooth[side] for side in SIDES)
     sectors = aha_sectors(FittedSurfaces.of_lines(inner, outer, LEVEL_ENDS))
     return described(inner, outer, sectors)

@@ -15,7 +15,7 @@ from regional_lv.geometry.mesh_config import check_mesh_config
 from regional_lv.geometry.summary import cavity_volume, segment_volumes, summarise_mesh
 from regional_lv.geometry.surfaces import QUARTER
 from regional_lv.geometry.triangles import triangle_points
-from regional_lv.geometry.triangulated import SIDES, read_ventricle
+from regional_lv.geometry.triangulated import SIDES, read_configured
 from regional_lv.geometry.wall_checks import where
 from regional_lv.geometry.wall_lines import LEVEL_ENDS
 
@@ -59,10 +59,7 @@ def mesh_surfaces(
     """
     check_mesh_config(mesh)
     paths = dict(zip(SIDES, (endocardium, epicardium), strict=True))
-    wanted = ("unit", "base", "septum", "insertions", "long_axis")
-    heart = read_ventricle(
-        *paths.values(), **{key: surfaces[key] for key in wanted if key in surfaces}
-    )
+    heart = read_configured(endocardium, epicardium, surfaces)
     given = {side: getattr(heart, side) for side in SIDES}
     _check_fit(paths, given, heart)
     fitted = FittedSurfaces.of_lines(*heart.smooth.values(), LEVEL_ENDS)

@@ -102,10 +102,6 @@ class NodePlaces:
         found = {"wall_thickness_scale": points - points[self._foot]}
         if self._table is None:
             return found
-        by_level = {
-            name: self._move_of_level(shape, name) if name in about else np.zeros_like(points)
-            for name in LEVEL_KEYS
-        }
         surfaces, rho, border, latitudes = self._surfaces(shape)
         ends = surfaces.changes_of_ends(self._phi, rho, border, latitudes)
         inner, outer = (
@@ -119,7 +115,11 @@ class NodePlaces:
             moves = by_figure[first : first + count]
             found[name] = moves if np.ndim(shape[name]) else moves[0]
             first += count
-        return found | by_level
+        # Last: they replace the surfaces that are kept.
+        return found | {
+            name: self._move_of_level(shape, name) if name in about else np.zeros_like(points)
+            for name in LEVEL_KEYS
+        }
 
     def _move_of_level(self, shape: Mapping, name: str) -> np.ndarray:
         """Derivative (n, 3) of the points about one level's end."""

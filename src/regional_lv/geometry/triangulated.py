@@ -167,6 +167,14 @@ def read_ventricle(
     return heart
 
 
+def read_configured(endocardium, epicardium, surfaces):
+    """`read_ventricle` of two paths with what the section `geometry.surfaces` says of them; other
+    keys of it are not used."""
+    wanted = ("unit", "base", "septum", "insertions", "long_axis")
+    said = {key: surfaces[key] for key in wanted if key in surfaces}
+    return read_ventricle(endocardium, epicardium, **said)
+
+
 def _placed(paths, given, point, rotation, mm, septum, insertions, long_axis):
     """`Ventricle` below the base plane through a point (3,), `rotation` having its normal as z."""
     cut, origin = _cut_at_base(paths, given, point, rotation, mm)

@@ -55,8 +55,9 @@ def within(
     unknown = set(Channels.from_config(config).names) - set(emulator.outputs)
     if unknown:
         _refuse(f"observables: {min(unknown)} is nothing that the emulator predicts")
-    _check_shape(config, emulator, known, inputs)
-    return _cut(config, known, inputs)
+    looked_up = LookedUp(known, inputs)
+    _check_shape(config, emulator, known, inputs, looked_up)
+    return _cut(config, known, inputs, looked_up)
 
 
 def _refuse(why: str) -> None:
@@ -107,11 +108,10 @@ def _check_borders(config: Mapping, known: Inputs, inputs: Inputs, every: bool) 
     the emulator's."""
     table, other = (each.base["geometry"]["table"] for each in (inputs, known))
     _, away = turn_deg(table, other)
-    zones = Parameterisation.from_spec(known.base["parameters"]).zones
-    zone = {s: name for name, segments in zones.items() for s in segments}
+    zone_of = Parameterisation.from_spec(known.base["parameters"]).zone_of
     for numbers in filter(lambda numbers: len(numbers) > 1, LEVELS.values()):
         for s, before in zip(numbers, np.roll(numbers, 1).tolist(), strict=True):
-            for segment in (s, before) if every or zone[s] != zone[before] else ():
+            for segment in (s, before) if every or zone_of(s) != zone_of(before) else ():
                 if abs(away[segment - 1]) > SAME_DEG:
                     _refuse(
                         f"{config['geometry']['segments']}, line {table['line'].iloc[segment - 1]}"
@@ -120,14 +120,15 @@ def _check_borders(config: Mapping, known: Inputs, inputs: Inputs, every: bool) 
                     )
 
 
-def _check_shape(config: Mapping, emulator: JointGP, known: Inputs, inputs: Inputs) -> None:
+def _check_shape(
+    config: Mapping, emulator: JointGP, known: Inputs, inputs: Inputs, looked_up: LookedUp
+) -> None:
     """Raise OutOfReach for a shape that is unlike all that the emulator has learnt from: a figure
     beyond their range, or all of them farther from their middle, in the normal distribution of
     their logarithms, than any of them is. The figure is named that is least like what the others
     would have it."""
     places = [known.names.index(name) for name in COLUMNS]
     learnt = np.log(emulator.learnt_from[:, places].numpy())
-    looked_up = LookedUp(known, inputs)
     here = looked_up(torch.as_tensor(inputs.nominal)[None])[0, places].log().numpy()
     low, high = learnt.min(axis=0), learnt.max(axis=0)
     middle, precision = learnt.mean(axis=0), np.linalg.pinv(np.cov(learnt.T), hermitian=True)
@@ -147,9 +148,11 @@ def _check_shape(config: Mapping, emulator: JointGP, known: Inputs, inputs: Inpu
     )
 
 
-def _cut(config: Mapping, known: Inputs, inputs: Inputs) -> tuple[dict, list[str]]:
+def _cut(
+    config: Mapping, known: Inputs, inputs: Inputs, looked_up: LookedUp
+) -> tuple[dict, list[str]]:
     """Ranges of the study's inputs cut to the emulator's."""
-    factor = LookedUp(known, inputs).factor.numpy()
+    factor = looked_up.factor.numpy()
     places = {name: e for e, name in enumerate(known.names)}
     changed = copy.deepcopy(dict(config))
     bounds, notes = changed["parameters"]["bounds"], {}

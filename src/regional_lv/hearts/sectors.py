@@ -32,7 +32,6 @@ UNKNOWN = 0.4
 level: 0.25 to 0.5 where apical segments of three simulated hearts are turned by 15 and 30 degrees.
 """
 
-
 BY_SECTORS = {"volume": 0.002, "circumferential": 0.003, "longitudinal": 0.003, "radial": 0.008}
 BY_SURFACES = {"volume": 0.007, "circumferential": 0.006, "longitudinal": 0.005, "radial": 0.021}
 """Standard deviations of outputs, of a volume as a share of it, by which hearts differ whose walls
@@ -125,9 +124,8 @@ class Sectors:
             column: Figures(*map(torch.as_tensor, (table[column].to_numpy(float), *found)))
             for column, found in zip(SHAPE, surfaces.figures(there), strict=True)
         }
-        zones = Parameterisation.from_spec(model["parameters"]).zones
-        zone = {s: name for name, segments in zones.items() for s in segments}
-        self.weights = weights(there, table, [zone[s.number] for s in SEGMENTS])
+        zone_of = Parameterisation.from_spec(model["parameters"]).zone_of
+        self.weights = weights(there, table, [zone_of(s.number) for s in SEGMENTS])
 
     @classmethod
     def between(cls, known: Mapping, model: Mapping) -> "Sectors | None":
