@@ -47,7 +47,7 @@ def measure(arguments: argparse.Namespace, folder: Path) -> None:
     from regional_lv import config, emulators
     from regional_lv.channels import Channels
     from regional_lv.emulators import training
-    from regional_lv.inputs.parameters import Parameterisation
+    from regional_lv.inputs.stiffness import StiffnessInputs
     from regional_lv.paper.posteriors.sets import sample_set_batch
     from regional_lv.paper.posteriors.summaries import TABLES, summarise_posteriors
     from regional_lv.study import dependencies
@@ -66,7 +66,7 @@ def measure(arguments: argparse.Namespace, folder: Path) -> None:
         "fit",
         training.train_emulator,
         *(name, study["emulators"][name], arguments.train),
-        *(Parameterisation.from_config(study), Channels.from_config(study)),
+        *(StiffnessInputs.from_config(study), Channels.from_config(study)),
         *(seed, file, folder / "fit.json"),
     )
     local = name.startswith(LOCAL)

@@ -14,10 +14,10 @@ import gpytorch
 import torch
 
 from regional_lv.emulators.kernels import ZONAL, make_kernel, positive
-from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.inputs.stiffness import StiffnessInputs
 
 PAIRS = 7
-BLOCKS = Parameterisation().blocks
+BLOCKS = StiffnessInputs().blocks
 
 
 def of_library() -> gpytorch.kernels.Kernel:

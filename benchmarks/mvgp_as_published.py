@@ -48,7 +48,7 @@ from regional_lv import config as study_config
 from regional_lv.channels import Channels
 from regional_lv.emulators.reduced import ReducedEmulator
 from regional_lv.emulators.training import read_simulations
-from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.paper.estimates.least_squares import find_least_squares
 
 BATCH, EVALUATION_BATCH = 512, 1024
@@ -223,7 +223,7 @@ def errors(emulator: PublishedMVGP, theta: np.ndarray, y: np.ndarray, study: dic
 
 def main(arguments: argparse.Namespace) -> None:
     study = study_config.load(arguments.config)
-    parameters, channels = Parameterisation.from_config(study), Channels.from_config(study)
+    parameters, channels = StiffnessInputs.from_config(study), Channels.from_config(study)
     screened = Path("results") / study["study"] / "screening"
 
     def read(name: str) -> tuple[np.ndarray, np.ndarray]:

@@ -53,11 +53,11 @@ def measure(name: str, size: int) -> dict:
 
     from regional_lv import config, emulators
     from regional_lv.channels import Channels
-    from regional_lv.inputs.parameters import Parameterisation
+    from regional_lv.inputs.stiffness import StiffnessInputs
 
     torch.set_num_threads(1)
     study = config.load(ROOT / "config/config.yaml")
-    parameters, channels = Parameterisation.from_config(study), Channels.from_config(study)
+    parameters, channels = StiffnessInputs.from_config(study), Channels.from_config(study)
     theta, y, slopes = rows(size, parameters, channels)
     emulator = emulators.create(name, study["emulators"][name])
     started = time.process_time()

@@ -16,7 +16,7 @@ import pandas as pd
 
 from regional_lv import config as study_config
 from regional_lv.channels import DEFAULT_QUANTITIES, Channels
-from regional_lv.inputs.parameters import label
+from regional_lv.inputs.stiffness import label
 from regional_lv.measured import read_measured, synthetic_subject, write_measured
 from regional_lv.plots import style
 from regional_lv.session import Study

@@ -25,9 +25,9 @@ from regional_lv.emulators.training import train_emulator
 from regional_lv.geometry.from_config import make_heart
 from regional_lv.geometry.mesh_config import finer
 from regional_lv.inference.sampling import sample_subject
-from regional_lv.inputs.parameters import Parameterisation
 from regional_lv.inputs.physics import physics_of
 from regional_lv.inputs.space import model_sections_of
+from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.mechanics.predictor import fit_predictor
 from regional_lv.seeds import derive
 from regional_lv.simulation.batches import (
@@ -60,7 +60,7 @@ class Study:
     def __init__(self, config: str | Path | Mapping, folder: str | Path | None = None):
         config = dict(config) if isinstance(config, Mapping) else config
         self.config = study_config.load(config)
-        self.parameters = Parameterisation.from_config(self.config)
+        self.parameters = StiffnessInputs.from_config(self.config)
         self.channels = Channels.from_config(self.config)
         self.physics = physics_of(self.config)
         self.folder = Path(folder or Path("results") / self.config["study"])

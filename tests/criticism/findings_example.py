@@ -22,7 +22,7 @@ from regional_lv.criticism.contract import (
     Stiffness,
     Summary,
 )
-from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.inputs.stiffness import StiffnessInputs
 
 BASE, LOAD, SCAR = 0.004, ["septal_load"], ["septal_load", "focal_scar"]
 UNLISTED = 0.01
@@ -30,12 +30,12 @@ DRAWS = 400
 
 
 def example(
-    parameters: Parameterisation | None = None,
+    parameters: StiffnessInputs | None = None,
     outputs: Sequence[str] = Channels.of().names,
     **changes,
 ) -> Findings:
     """The findings; `changes` replace what they hold. Their words are those of `words.verdict`."""
-    parameters = parameters or Parameterisation()
+    parameters = parameters or StiffnessInputs()
     found: Findings = {
         "subject": "heart",
         "subjects": ["heart"],

@@ -14,13 +14,13 @@ from regional_lv import data
 from regional_lv.cli import main
 from regional_lv.criticism.findings import write_findings
 from regional_lv.errors import InputError
-from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.inputs.stiffness import StiffnessInputs
 from tests.criticism.findings_example import example, summary
 from tests.hearts.cohorts import covariances, posterior
 
 NAMES = ("anna", "bert", "cleo", "dora", "emil", "fred")
 
-PARAMETERS = Parameterisation()
+PARAMETERS = StiffnessInputs()
 
 
 def write_heart(folder: Path, measured=("", ""), scale: float = 1.0, **sections) -> Path:

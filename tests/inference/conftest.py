@@ -6,9 +6,9 @@ import pytest
 
 from regional_lv.channels import Channels
 from regional_lv.emulators.exact_gp import ExactGP
-from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.inputs.stiffness import StiffnessInputs
 
-PARAMETERS = Parameterisation()
+PARAMETERS = StiffnessInputs()
 CHANNELS = Channels.of()
 
 

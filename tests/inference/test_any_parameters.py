@@ -14,18 +14,18 @@ from regional_lv.inference import sampling
 from regional_lv.inference.diagnostics import parameters_of
 from regional_lv.inference.likelihood import Likelihood, Noise
 from regional_lv.inference.point import find_map
-from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.paper.estimates.least_squares import find_least_squares
 from regional_lv.paper.posteriors import sets
 from regional_lv.paper.posteriors.classification import classify_zones, score_classification
 from regional_lv.paper.posteriors.rank_calibration import calibrate_chain
 from regional_lv.paper.posteriors.summaries import TABLES, summarise_posteriors
 
-ONE = Parameterisation({"whole": range(1, 18)}, bounds={"C_a": (0.1, 5.0), "C_b": (0.5, 2.0)})
-SEGMENTS = Parameterisation(
+ONE = StiffnessInputs({"whole": range(1, 18)}, bounds={"C_a": (0.1, 5.0), "C_b": (0.5, 2.0)})
+SEGMENTS = StiffnessInputs(
     {f"segment_{s:02d}": (s,) for s in range(1, 18)}, factors=("C_a",), bounds=(0.4, 2.5)
 )
-SINGLE = Parameterisation({"whole": range(1, 18)}, factors=("C_b",), bounds=(0.3, 3.0))
+SINGLE = StiffnessInputs({"whole": range(1, 18)}, factors=("C_b",), bounds=(0.3, 3.0))
 CASES = {"one zone": ONE, "17 zones": SEGMENTS, "one parameter": SINGLE}
 CHANNELS = Channels.of(
     ("volume", "circumferential", "torsion"), {"circumferential": range(1, 14)}, (0.5,)
@@ -35,7 +35,7 @@ NUTS["cases_per_batch"] = 2
 POINT = {"starts": 3, "iterations": 60}
 
 
-def simulate(theta: np.ndarray, parameters: Parameterisation) -> np.ndarray:
+def simulate(theta: np.ndarray, parameters: StiffnessInputs) -> np.ndarray:
     """All channels, with the signs and sizes of a ventricle's."""
     x = np.log(theta)
     weights = np.random.default_rng(1).normal(size=(len(parameters), len(CHANNELS)))
@@ -44,7 +44,7 @@ def simulate(theta: np.ndarray, parameters: Parameterisation) -> np.ndarray:
     return size * (np.tanh(0.3 * x @ weights) + 0.05 * x @ weights + 3.0)
 
 
-def table(parameters: Parameterisation, rows: int, seed: int) -> pd.DataFrame:
+def table(parameters: StiffnessInputs, rows: int, seed: int) -> pd.DataFrame:
     rng = np.random.default_rng(seed)
     low, high = np.log(parameters.lower), np.log(parameters.upper)
     inset = 0.0 if rows > 10 else 0.2 * (high - low)

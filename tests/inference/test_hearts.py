@@ -15,9 +15,9 @@ from regional_lv.inference.hearts import Layout, potential_of_tables, read_known
 from regional_lv.inference.potential import Potential
 from regional_lv.inference.sources import sources_of_variance
 from regional_lv.inputs.closed_forms import HeavyTails
-from regional_lv.inputs.parameters import Stiffness
 from regional_lv.inputs.scales import Logarithmic
 from regional_lv.inputs.space import Inputs, Role
+from regional_lv.inputs.stiffness import Stiffness
 from regional_lv.measured.tables import VOLUME_SHARE
 from tests.inference.toys import Toy
 

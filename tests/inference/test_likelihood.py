@@ -10,9 +10,9 @@ from scipy import stats
 from regional_lv.emulators.base import Emulator, Prediction, SeparablePrediction
 from regional_lv.errors import InputError
 from regional_lv.inference.likelihood import Likelihood, Noise, inflate
-from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.inputs.stiffness import StiffnessInputs
 
-PARAMETERS = Parameterisation()
+PARAMETERS = StiffnessInputs()
 DIRECTIONS = ("circumferential", "radial", "longitudinal")
 OUTPUTS = ("volume_ml", *(f"{d}_{s:02d}" for s in (1, 4, 7, 9) for d in DIRECTIONS))
 

@@ -15,7 +15,7 @@ from regional_lv.inference.draws import Settings
 from regional_lv.inference.likelihood import Likelihood, Noise
 from regional_lv.inference.sampling import SAMPLERS
 from regional_lv.inference.target import Target
-from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.inputs.stiffness import StiffnessInputs
 from tests.inference.test_likelihood import DIRECTIONS, LinearEmulator, inferred, linear
 
 NONE = torch.zeros(0, dtype=torch.float64)
@@ -155,7 +155,7 @@ class Ridges(LinearEmulator):
     def of(cls, zones: int) -> "Ridges":
         walls = {f"zone_{z + 1}": list(range(1 + z, 18, zones)) for z in range(zones)}
         like = linear(1e-3)
-        like.parameters, like.__class__ = Parameterisation(walls), cls
+        like.parameters, like.__class__ = StiffnessInputs(walls), cls
         rng = np.random.default_rng(3)
         difference = np.kron(np.eye(zones), [1.0, -1.0])
         slopes = 0.3 * rng.normal(size=(len(like.base), zones)) @ difference

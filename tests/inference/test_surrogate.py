@@ -9,10 +9,10 @@ from regional_lv.inference.approximation import count_places
 from regional_lv.inference.likelihood import Likelihood, Noise
 from regional_lv.inference.surrogate import Surrogate, fit_surrogate
 from regional_lv.inference.target import Target
-from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.inputs.stiffness import StiffnessInputs
 from tests.inference.test_likelihood import OUTPUTS, LinearEmulator, linear
 
-SEGMENTS = Parameterisation({f"segment_{s:02d}": (s,) for s in range(1, 18)})
+SEGMENTS = StiffnessInputs({f"segment_{s:02d}": (s,) for s in range(1, 18)})
 NONE = torch.zeros(0, dtype=torch.float64)
 
 

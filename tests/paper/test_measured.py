@@ -8,7 +8,7 @@ import pytest
 
 from regional_lv.channels import Channels
 from regional_lv.errors import InputError
-from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.measured import read_measured, write_measured
 from regional_lv.paper.measured import (
     import_published_simulation,
@@ -17,7 +17,7 @@ from regional_lv.paper.measured import (
     published_volunteer,
 )
 
-PARAMETERS, CHANNELS = Parameterisation(), Channels.of()
+PARAMETERS, CHANNELS = StiffnessInputs(), Channels.of()
 
 
 def test_volunteer_gets_official_segment_numbers(tmp_path):

@@ -6,11 +6,11 @@ import pytest
 
 from regional_lv.emulators import REGISTRY
 from regional_lv.errors import InputError
-from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.paper import comparison as paper
 from regional_lv.paper import page, path
 
-PARAMETERS = Parameterisation()
+PARAMETERS = StiffnessInputs()
 NUMBERS, REASONS = path("numbers.csv"), path("differences.csv")
 NOTHING = pd.DataFrame(columns=[*paper.KEYS, "value"])
 

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from regional_lv.errors import InputError
-from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.paper.posteriors.agreement import compare
 from regional_lv.paper.posteriors.choice import adopt, choose_final
 from regional_lv.paper.posteriors.classification import stiffness
@@ -17,7 +17,7 @@ from regional_lv.paper.posteriors.rank_calibration import tabulate, test_ranks
 from regional_lv.paper.posteriors.resimulation import summarise
 from regional_lv.paper.posteriors.summaries import hpd_widths
 
-PARAMETERS = Parameterisation()
+PARAMETERS = StiffnessInputs()
 
 test_ranks.__test__ = False  # a function of the library, no test
 
@@ -225,8 +225,8 @@ def test_errors_at_posterior_draws():
 
 # -------------------------------------------------------------------- other zones and factors
 
-SEGMENTS = Parameterisation({f"segment_{i:02d}": (i,) for i in range(1, 18)}, factors=("C_a",))
-WHOLE = Parameterisation({"whole": range(1, 18)}, law="guccione")
+SEGMENTS = StiffnessInputs({f"segment_{i:02d}": (i,) for i in range(1, 18)}, factors=("C_a",))
+WHOLE = StiffnessInputs({"whole": range(1, 18)}, law="guccione")
 
 
 def correlations(size: int, seed: int) -> np.ndarray:

@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.paper.posteriors.recovery import (
     ANY_SOFT,
     clustered_interval,
@@ -17,7 +17,7 @@ from regional_lv.paper.posteriors.recovery import (
     recovery,
 )
 
-PARAMETERS = Parameterisation()
+PARAMETERS = StiffnessInputs()
 
 
 def recovered(draws: np.ndarray, truth: np.ndarray) -> pd.DataFrame:

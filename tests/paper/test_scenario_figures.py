@@ -10,7 +10,7 @@ import xarray as xr
 from matplotlib.image import imread
 
 from regional_lv.channels import Channels
-from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.paper import page
 from regional_lv.paper.plots import (
     bullseye_map,
@@ -32,7 +32,7 @@ from regional_lv.paper.tables import posteriors
 from regional_lv.plots import strain_field, style
 from regional_lv.tables import subjects
 
-PARAMETERS, CHANNELS = Parameterisation(), Channels.of()
+PARAMETERS, CHANNELS = StiffnessInputs(), Channels.of()
 FAILED = "failed: bulk ESS 40 < 400"
 LOCAL = {"local, μ = 1.5": 1.5, "local, μ = 2": 2.0, "local, μ = 3": 3.0}
 

@@ -6,7 +6,7 @@ import pytest
 from sklearn.metrics import roc_auc_score
 
 from regional_lv.channels import Channels
-from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.paper.posteriors.classification import (
     area,
     areas_of,
@@ -19,7 +19,7 @@ from regional_lv.paper.posteriors.classification import (
 from regional_lv.paper.posteriors.sets import add_noise
 from regional_lv.paper.scenarios import draw_scenario, scenario_size, write_scenario
 
-PARAMETERS, CHANNELS = Parameterisation(), Channels.of()
+PARAMETERS, CHANNELS = StiffnessInputs(), Channels.of()
 HEALTHY = {"mean": 1.0, "sd": 0.05}
 LOCAL = {"kind": "local", "mu": 2.0, "sd": 0.5, "samples_per_zone": 200, "samples": 100}
 GLOBAL = LOCAL | {"kind": "global", "mu": 1.7}
@@ -54,7 +54,7 @@ def test_all_zones_are_stiff_and_stay_within_the_bounds():
 
 def test_scenarios_of_other_zones_and_factors(tmp_path):
     zones = {"free": [1, 4, 5, 6, 7, 10, 11, 12, 13, 15, 16, 17], "septal": [2, 3, 8, 9, 14]}
-    two = Parameterisation(zones, law="guccione", bounds={"C_c": (0.1, 5.0), "C_b": (0.9, 2.5)})
+    two = StiffnessInputs(zones, law="guccione", bounds={"C_c": (0.1, 5.0), "C_b": (0.9, 2.5)})
     write_scenario("s", LOCAL, HEALTHY, two, 1, tmp_path / "s.parquet")
     table = pd.read_parquet(tmp_path / "s.parquet")
     assert len(table) == scenario_size(LOCAL, two) == 400

@@ -6,7 +6,7 @@ import pytest
 
 from regional_lv.channels import Channels
 from regional_lv.errors import InputError
-from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.mechanics.predictor import fit_predictor
 from regional_lv.simulation.batches import simulate_batch, solve_anchors, solve_baseline
 from regional_lv.simulation.sobol import make_design
@@ -21,7 +21,7 @@ def made(small_mesh, physics, tmp_path_factory):
     folder = tmp_path_factory.mktemp("batches")
     files = {name: folder / f"{name}.npz" for name in ("start", "fields", "predictor")}
     design, anchors = folder / "design.parquet", folder / "anchors.parquet"
-    parameters = Parameterisation(bounds=(SIZES["lower"], SIZES["upper"]))
+    parameters = StiffnessInputs(bounds=(SIZES["lower"], SIZES["upper"]))
     make_design(SIZES, parameters, 3)["train"].to_parquet(design, index=False)
     solve_baseline(small_mesh, physics, files["start"], folder / "baseline.json")
     given = (small_mesh, files["start"], design, physics, 4, 1, "0000")

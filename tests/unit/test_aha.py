@@ -5,12 +5,12 @@ import pytest
 
 from regional_lv import aha
 from regional_lv.channels import Channels
-from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.seeds import derive
 
 
 def test_zones_are_those_of_the_paper():
-    members = {zone: list(segments) for zone, segments in Parameterisation().zones.items()}
+    members = {zone: list(segments) for zone, segments in StiffnessInputs().zones.items()}
     assert members == {
         "anterior": [1, 7],
         "inferior": [4, 10],

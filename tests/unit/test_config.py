@@ -15,11 +15,11 @@ from regional_lv import config
 from regional_lv.config.docs import MARK, describe, document
 from regional_lv.config.study import Configuration
 from regional_lv.errors import InputError
-from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.inputs.stiffness import StiffnessInputs
 from tests.unit.configurations import changed
 
 ROOT = Path(__file__).resolve().parents[2]
-PARAMETERS = Parameterisation()
+PARAMETERS = StiffnessInputs()
 STUDIES = ("config", "paper_1500", "study", "quick", "hidden_effects", "smoke")
 
 

@@ -4,10 +4,10 @@ import pytest
 
 from regional_lv import config
 from regional_lv.errors import InputError
-from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.inputs.stiffness import StiffnessInputs
 from tests.unit.configurations import changed, refused
 
-PARAMETERS = Parameterisation()
+PARAMETERS = StiffnessInputs()
 
 
 @pytest.fixture
@@ -238,7 +238,7 @@ OF_ANNA = {"subjects": {"anna": {"source": "synthetic"}}}
 def test_unused_effects_that_a_study_cannot_have_are_left_out(subject):
     subject["effects"] = {"anisotropy": 0.5}
     study = changed("material.law", "guccione") | {"subjects": {}}
-    theta = dict.fromkeys(Parameterisation.from_config(config.load(study)).names, 1.0)
+    theta = dict.fromkeys(StiffnessInputs.from_config(config.load(study)).names, 1.0)
     study["synthetic_subjects"] = {"anna": subject | {"theta": theta}}
     assert not config.load(study)["synthetic_subjects"]
     with pytest.raises(InputError, match=r"anna\.effects\.anisotropy: this study has no such"):

@@ -6,7 +6,7 @@ import pytest
 
 from regional_lv.channels import Channels
 from regional_lv.errors import InputError
-from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.measured import import_curves, read_curve_subject, read_measured
 from regional_lv.measured.curves import LookingBack, spikes
 
@@ -274,7 +274,7 @@ def test_names_of_columns_may_be_written_in_other_ways_and_comments_are_allowed(
 def test_measured_file_of_curves_is_read_like_any_other(write, tmp_path):
     subject, channels = write(), Channels.of()
     import_curves(
-        subject["curves"], subject, channels, 2.0, Parameterisation(), tmp_path / "measured.csv"
+        subject["curves"], subject, channels, 2.0, StiffnessInputs(), tmp_path / "measured.csv"
     )
     table = read_measured(tmp_path / "measured.csv", channels, 8.0)
     np.testing.assert_allclose(table["value"][1:4], looking_back(), rtol=1e-9)

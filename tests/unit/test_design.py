@@ -4,10 +4,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.simulation.sobol import further_points, make_design, sobol, write_design
 
-PARAMETERS = Parameterisation()
+PARAMETERS = StiffnessInputs()
 LOWER, UPPER = PARAMETERS.lower, PARAMETERS.upper
 DESIGN = {"natural": 40, "log": 24, "test": 16}
 
@@ -51,7 +51,7 @@ def test_a_longer_design_begins_with_the_shorter_one():
 
 def test_bounds_may_differ_between_factors(tmp_path):
     bounds = {"C_a": (0.5, 2.0), "C_b": (0.1, 10.0)}
-    whole = Parameterisation({"wall": range(1, 18)}, bounds=bounds)
+    whole = StiffnessInputs({"wall": range(1, 18)}, bounds=bounds)
     files = tmp_path / "train.parquet", tmp_path / "test.parquet"
     write_design(DESIGN, whole, 1, *files)
     train, test = map(pd.read_parquet, files)

@@ -36,11 +36,11 @@ from regional_lv.emulators.shared_kernel import (
 )
 from regional_lv.emulators.training import predict_test_set, train_emulator
 from regional_lv.errors import InputError
-from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.mechanics.derivative_kernel import joint_covariance
 from regional_lv.registry import temporary
 
-PARAMETERS = Parameterisation()
+PARAMETERS = StiffnessInputs()
 CHANNELS = Channels.of()
 NAMES = ("volume_ml", "circumferential_01", "radial_01", "radial_02", "longitudinal_05")
 TOY = {"parameters": PARAMETERS, "outputs": NAMES}
@@ -769,8 +769,8 @@ def test_rough_emulator_is_itself_where_rows_are_few():
 # ------------------------------------------------------------- other parameters, other emulators
 
 
-ONE_ZONE = Parameterisation({"whole": range(1, 18)}, bounds={"C_a": (0.1, 5.0), "C_b": (0.4, 2.5)})
-SEGMENTS = Parameterisation(
+ONE_ZONE = StiffnessInputs({"whole": range(1, 18)}, bounds={"C_a": (0.1, 5.0), "C_b": (0.4, 2.5)})
+SEGMENTS = StiffnessInputs(
     {f"segment_{s:02d}": (s,) for s in range(1, 18)}, factors=("C_a",), bounds=(0.3, 3.0)
 )
 LOADS = Channels.parse(["radial_01", "volume_ml@0.5", "torsion_basal-apical", "volume_ml"])

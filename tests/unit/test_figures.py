@@ -18,7 +18,7 @@ from regional_lv import aha
 from regional_lv.channels import Channels
 from regional_lv.config.sections.subjects import Subject
 from regional_lv.errors import InputError
-from regional_lv.inputs.parameters import ZONES, Parameterisation
+from regional_lv.inputs.stiffness import ZONES, StiffnessInputs
 from regional_lv.paper.plots import parity, recovery
 from regional_lv.paper.tables import posteriors
 from regional_lv.plots import (
@@ -38,7 +38,7 @@ from regional_lv.tables import subjects
 from tests.criticism.findings_example import example, write_posterior
 
 FAILED = "failed: R-hat 1.6 of C_a_septal above 1.01"
-PARAMETERS, CHANNELS = Parameterisation(), Channels.of()
+PARAMETERS, CHANNELS = StiffnessInputs(), Channels.of()
 OBSERVED = [o for o in CHANNELS.names if not o.startswith("longitudinal") and "17" not in o]
 
 
@@ -221,7 +221,7 @@ PIECES = {"far": (1, 4, 17), "rest": (2, 3, *range(5, 17))}
 @pytest.mark.parametrize("zones", [*ZONES.values(), LEVELS, PIECES])
 def test_zones_tile_the_disk_and_hold_their_segments(zones):
     points = spread_points()
-    shapes = bullseye.zone_shapes(Parameterisation(zones))
+    shapes = bullseye.zone_shapes(StiffnessInputs(zones))
     assert sum(shape.holds(points).astype(int) for shape in shapes.values()).min() == 1
     for zone, shape in shapes.items():
         assert shape.holds(np.array([shape.centre])).all()

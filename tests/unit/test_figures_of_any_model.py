@@ -12,7 +12,7 @@ from matplotlib.image import imread
 
 from regional_lv.channels import Channels
 from regional_lv.errors import InputError
-from regional_lv.inputs.parameters import ZONES, Parameterisation
+from regional_lv.inputs.stiffness import ZONES, StiffnessInputs
 from regional_lv.paper.plots import (
     bullseye_map,
     correlations,
@@ -49,13 +49,13 @@ from tests.unit.test_figures import ring_mesh
 SEPTUM = [2, 3, 8, 9, 14]
 TWO_WALLS = {"septal": SEPTUM, "free_wall": sorted({*range(1, 18)} - {*SEPTUM})}
 MODELS = {
-    "whole": Parameterisation(ZONES["whole"]),
-    "segments": Parameterisation(ZONES["segments"]),
-    "guccione": Parameterisation(
+    "whole": StiffnessInputs(ZONES["whole"]),
+    "segments": StiffnessInputs(ZONES["segments"]),
+    "guccione": StiffnessInputs(
         TWO_WALLS, law="guccione", bounds={"C_c": (0.1, 5.0), "C_b": (0.2, 3.0)}
     ),
-    "one factor": Parameterisation(factors=["C_a"]),
-    "one parameter": Parameterisation(ZONES["whole"], factors=["C_a"]),
+    "one factor": StiffnessInputs(factors=["C_a"]),
+    "one parameter": StiffnessInputs(ZONES["whole"], factors=["C_a"]),
 }
 CHANNELS = Channels.of(
     ("volume", "circumferential", "radial", "torsion", "shortening"),
@@ -77,7 +77,7 @@ DEEP = {
         for name in MODELS
     ]
 )
-def parameters(request) -> Parameterisation:
+def parameters(request) -> StiffnessInputs:
     return MODELS[request.param]
 
 

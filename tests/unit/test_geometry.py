@@ -30,10 +30,10 @@ from regional_lv.geometry.summary import _apex, scaled_jacobians
 from regional_lv.geometry.surfaces import QUARTER, Surfaces
 from regional_lv.geometry.table import read_segments
 from regional_lv.inputs.model import model_of
-from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.inputs.stiffness import StiffnessInputs
 
 TABLE = data.path("volunteer_segments.csv")
-PARAMETERS = Parameterisation()
+PARAMETERS = StiffnessInputs()
 APICES = {"endo_apex_z_mm": -74.4, "epi_apex_z_mm": -81.2}
 ROWS = {"basal": 1, "basal_grading": 1.0, "mid": 2, "apical": 1, "apex": 1, "transmural": 1}
 FIBRES = {

@@ -29,7 +29,7 @@ from regional_lv.geometry.table import read_segments
 from regional_lv.geometry.triangulated import read_ventricle
 from regional_lv.hearts.listing import COLUMNS, list_hearts
 from regional_lv.input_files import MOST_GB, reading
-from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.measured import read_measured
 from regional_lv.measured.curves import read_curve_subject
 from regional_lv.simulation.tables import read_tables
@@ -37,7 +37,7 @@ from tests.unit import hostile
 from tests.unit.test_imported_mesh import ROWS, corners_of, make, save_abaqus
 from tests.unit.test_surfaces import ENDO, EPI, ellipsoid, save
 
-PARAMETERS, CHANNELS = Parameterisation(), Channels.of()
+PARAMETERS, CHANNELS = StiffnessInputs(), Channels.of()
 DIRECTIONS = {"circumferential": -0.18, "radial": 0.35, "longitudinal": -0.13}
 STRAINS = [f"{name}_{segment:02d}" for name in DIRECTIONS for segment in range(1, 18)]
 

@@ -21,8 +21,8 @@ from regional_lv.geometry.mesh import BASE, ENDOCARDIUM, EPICARDIUM, read_mesh
 from regional_lv.geometry.segment_tags import read_segment_tags
 from regional_lv.geometry.summary import cavity_volume, segment_volumes
 from regional_lv.geometry.table import read_segments
-from regional_lv.inputs.parameters import Parameterisation
 from regional_lv.inputs.physics import physics_of
+from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.mechanics.continuation import Effort, Solver
 from regional_lv.mechanics.simulator import Simulator
 from regional_lv.page import heart3d
@@ -330,7 +330,7 @@ def test_file_of_a_linear_mesh(tmp_path, heart, smoke_config):
     assert (whole.n_cells, parts.n_cells) == (len(mesh.cells), 8 * len(mesh.cells))
     assert parts.volume == pytest.approx(whole.volume, rel=0.01)
     assert whole.cell_data["segment"].tolist() == mesh.segment.tolist()
-    parameters = Parameterisation.from_config(smoke_config)
+    parameters = StiffnessInputs.from_config(smoke_config)
     medians = dict.fromkeys(parameters.names, 1.0)
     div = heart3d.draw(names[0], parameters, medians, ["a segment"] * 17)
     assert div.count('"hovertemplate":"a segment') == 17

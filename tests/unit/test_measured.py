@@ -10,7 +10,7 @@ import pytest
 from regional_lv import data
 from regional_lv.channels import Channels
 from regional_lv.errors import InputError
-from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.measured import (
     MeasuredWarning,
     import_measured,
@@ -21,7 +21,7 @@ from regional_lv.measured import (
     write_measured,
 )
 
-PARAMETERS, CHANNELS = Parameterisation(), Channels.of()
+PARAMETERS, CHANNELS = StiffnessInputs(), Channels.of()
 HEADER = "quantity,segment,value,unit"
 VOLUME = "volume,,180,mL"
 

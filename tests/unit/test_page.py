@@ -14,7 +14,7 @@ from selenium.webdriver import ActionChains
 from selenium.webdriver.support.wait import WebDriverWait
 
 from regional_lv.channels import Channels
-from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.measured import write_measured
 from regional_lv.page.page import make_page, make_page_of_several, missing
 from regional_lv.plots import (
@@ -26,7 +26,7 @@ from regional_lv.plots import (
 )
 from tests.criticism.findings_example import DRAWS, example, misfit, write_posterior
 
-PARAMETERS, CHANNELS = Parameterisation(), Channels.of()
+PARAMETERS, CHANNELS = StiffnessInputs(), Channels.of()
 THETA = np.linspace(0.6, 2.4, len(PARAMETERS))
 LEVEL = {"volume": 150.0, "circumferential": -0.12, "radial": 0.4, "longitudinal": -0.14}
 FAILED = "failed: R-hat 1.600 > 1.01"

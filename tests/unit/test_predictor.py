@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import qmc
 
-from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.mechanics.derivative_kernel import joint_covariance
 from regional_lv.mechanics.predictor import (
     Known,
@@ -18,7 +18,7 @@ rng = np.random.default_rng(3)
 MIXES = rng.normal(size=(6, 10)) / 10
 for zone in range(5):
     MIXES[zone, 2 * zone : 2 * zone + 2] *= 5
-COORDINATES = Parameterisation().coordinates
+COORDINATES = StiffnessInputs().coordinates
 SHAPES = rng.normal(size=(6, 300))
 
 

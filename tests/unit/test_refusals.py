@@ -10,7 +10,7 @@ from regional_lv.errors import InputError
 from regional_lv.geometry.abaqus import read_abaqus
 from regional_lv.geometry.segment_tags import read_segment_tags
 from regional_lv.geometry.table import check_apices, read_segments
-from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.inputs.stiffness import StiffnessInputs
 
 CHANNELS = Channels.of(["volume", "radial"], {"radial": [1, 2]})
 ROWS = np.arange(12.0).reshape(4, 3)
@@ -46,7 +46,7 @@ inside, S1
         (lambda: Channel.parse("radial_18"), "radial_18: not the name of a channel; give for inst"),
         (lambda: Channel.parse("radial_07@half"), "radial_07@half: not the name of a channel"),
         (
-            lambda: Parameterisation(factors=["C_a", "C_a"]),
+            lambda: StiffnessInputs(factors=["C_a", "C_a"]),
             r"parameters\.factors: .* names a factor twice or none; name each once",
         ),
     ],

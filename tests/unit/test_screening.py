@@ -6,13 +6,13 @@ import pytest
 
 from regional_lv.channels import Channels
 from regional_lv.errors import InputError
-from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.mechanics.continuation import Simulation
 from regional_lv.simulation.batches import tabulate
 from regional_lv.simulation.screening import screen, screen_simulations
 from regional_lv.simulation.sobol import make_design
 
-PARAMETERS, CHANNELS = Parameterisation(), Channels.of()
+PARAMETERS, CHANNELS = StiffnessInputs(), Channels.of()
 DESIGN = {"natural": 6, "log": 2, "test": 2}
 
 

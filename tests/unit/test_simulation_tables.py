@@ -7,10 +7,10 @@ import pytest
 from regional_lv import aha, config
 from regional_lv.channels import Channels
 from regional_lv.errors import InputError
-from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.simulation.tables import import_simulations, read_tables, split
 
-PARAMETERS, CHANNELS = Parameterisation(), Channels.of()
+PARAMETERS, CHANNELS = StiffnessInputs(), Channels.of()
 ROWS = 30
 
 
@@ -73,7 +73,7 @@ def test_sensitivities_come_along(tmp_path, simulations):
 
 
 def test_any_parameters_and_channels_by_name(tmp_path, simulations):
-    parameters = Parameterisation({"wall": range(1, 18)}, bounds={"C_a": (0.1, 5), "C_b": (1, 2)})
+    parameters = StiffnessInputs({"wall": range(1, 18)}, bounds={"C_a": (0.1, 5), "C_b": (1, 2)})
     channels = Channels.of(["volume", "torsion"], load_fractions=[0.5])
     rng = np.random.default_rng(2)
     theta = pd.DataFrame(rng.uniform(1, 2, (ROWS, 2)), columns=list(parameters.names))

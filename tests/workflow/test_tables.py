@@ -11,7 +11,7 @@ import pytest
 import yaml
 
 from regional_lv.channels import Channels
-from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.inputs.stiffness import StiffnessInputs
 from tests.workflow.project import copy_project
 
 MECHANICS = {
@@ -27,7 +27,7 @@ def study(root, tmp_path) -> Path:
     rng = np.random.default_rng(1)
     tables = {
         "inputs": pd.DataFrame(
-            rng.uniform(0.1, 5, (40, 10)), columns=list(Parameterisation().names)
+            rng.uniform(0.1, 5, (40, 10)), columns=list(StiffnessInputs().names)
         ),
         "outputs": pd.DataFrame(rng.normal(size=(40, 52)), columns=list(Channels.of().names)),
     }

@@ -42,7 +42,7 @@ from regional_lv.input_files import without_braces  # noqa: E402
 from regional_lv.inputs.space import Inputs, model_sections_of, sections_of  # noqa: E402
 from regional_lv.study.jobs import calls_of, module_of  # noqa: E402
 from regional_lv.measured import states_noise  # noqa: E402
-from regional_lv.inputs.parameters import Parameterisation  # noqa: E402
+from regional_lv.inputs.stiffness import StiffnessInputs  # noqa: E402
 from regional_lv.inputs.physics import physics_of, why_not_scaling  # noqa: E402
 from regional_lv.paper.scenarios import scenario_size  # noqa: E402
 from regional_lv.data.published import (  # noqa: E402
@@ -119,7 +119,7 @@ if damage := damage_of(SHORTLIST):
     raise WorkflowError(f"{SHORTLIST}: damaged ({damage}); delete it and {AGAIN}")
 
 # What is inferred and what is observed: the objects, and the plain values that rules hand over.
-PARAMETERS = Parameterisation.from_config(config)
+PARAMETERS = StiffnessInputs.from_config(config)
 PARAMETER_SPEC = PARAMETERS.spec()
 CHANNELS = Channels.from_config(config)
 OUTPUTS = list(CHANNELS.names)

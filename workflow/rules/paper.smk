@@ -15,7 +15,7 @@ VOLUNTEER_FILES = [
     )
 ]
 
-if PARAMETERS.names == Parameterisation().names:
+if PARAMETERS.names == StiffnessInputs().names:
     TABULATED["paper_comparison"] = {
         "job": "paper",
         "category": "Paper",

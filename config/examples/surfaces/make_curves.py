@@ -17,13 +17,13 @@ import pandas as pd
 
 from regional_lv import config as study_config
 from regional_lv.geometry.mesh_config import finer
-from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.quantities import seth_hill
 from regional_lv.session import Study
 from regional_lv.simulation.subjects import simulate_subject
 
 FOLDER = Path(__file__).parent
-THETA = dict.fromkeys(Parameterisation().names, 1.0) | {"C_a_septal": 2.0}
+THETA = dict.fromkeys(StiffnessInputs().names, 1.0) | {"C_a_septal": 2.0}
 NOISE = {"strain": 0.01, "volume": 1.0}
 SEED = 1
 # Logarithm of the stretch since end diastole, as a share of that of the unloaded heart, at some

@@ -60,7 +60,7 @@ def inspect(path: Path, config: dict, base: Path | None = None) -> None:
     from regional_lv.channels import Channels
     from regional_lv.geometry.from_config import make_heart
     from regional_lv.geometry.meshing import write_plain
-    from regional_lv.inputs.parameters import Parameterisation
+    from regional_lv.inputs.stiffness import StiffnessInputs
     from regional_lv.measured.plausibility import data_warnings, too_small
     from regional_lv.plots import inputs
 
@@ -71,7 +71,7 @@ def inspect(path: Path, config: dict, base: Path | None = None) -> None:
     if lines := not_given(config, own):
         raise Mistakes("\n".join(f"{path}: {line}" for line in lines))
     _check_results(path, config["study"])
-    parameters, channels = Parameterisation.from_config(config), Channels.from_config(config)
+    parameters, channels = StiffnessInputs.from_config(config), Channels.from_config(config)
     exponent = config["observables"]["strain_exponent"]
     measured = {name: read_subject(name, config, channels) for name in measured_subjects(config)}
     tables = {name: subject.table for name, subject in measured.items()}

@@ -31,7 +31,7 @@ from regional_lv.config.sections.subjects import (
     default_subjects,
 )
 from regional_lv.errors import InputError
-from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.mechanics.materials import material_from_config
 from regional_lv.mechanics.observables.layer import check_layer
 from regional_lv.mechanics.supports import supports_from_config
@@ -131,9 +131,9 @@ class Configuration(Section):
         return meshes_anew(self.model_dump())
 
     @cached_property
-    def theta(self) -> Parameterisation:
+    def theta(self) -> StiffnessInputs:
         """What is inferred. Raises InputError."""
-        return Parameterisation.from_config(self.model_dump())
+        return StiffnessInputs.from_config(self.model_dump())
 
     @cached_property
     def channels(self) -> Channels:
@@ -210,7 +210,7 @@ class Configuration(Section):
         A zone has the mean of its segments; a factor that the paper's law does not have is 1, but
         for the one that scales all stresses.
         """
-        paper = Parameterisation()
+        paper = StiffnessInputs()
         try:
             own = self.theta
         except InputError:

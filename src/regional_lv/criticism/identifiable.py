@@ -8,7 +8,7 @@ import torch
 
 from regional_lv.criticism.linear_model import LinearFit, LinearModel
 from regional_lv.inputs.closed_forms import HeavyTails
-from regional_lv.inputs.parameters import Stiffness
+from regional_lv.inputs.stiffness import Stiffness
 
 LARGEST_SHARE = 0.8
 """Identifiable: the data alone would know the input to less than this share of its prior sd."""

@@ -14,8 +14,8 @@ from regional_lv.emulators.reduction import VOLUME
 from regional_lv.errors import InputError
 from regional_lv.geometry.mesh import ENDOCARDIUM
 from regional_lv.inputs.model import completed
-from regional_lv.inputs.parameters import Parameterisation, Stiffness
 from regional_lv.inputs.space import Inputs, catalogue
+from regional_lv.inputs.stiffness import Stiffness, StiffnessInputs
 from regional_lv.mechanics.continuation import NotConverged
 from regional_lv.mechanics.loads import LOADS, Load
 from regional_lv.mechanics.materials import MATERIALS
@@ -84,7 +84,7 @@ class OtherLaw(Unlisted):
         """The inferred and measured inputs of the study under the other law."""
         base = inputs.base
         law = "holzapfel_ogden" if base["material"]["law"] == "guccione" else "guccione"
-        parameters = Parameterisation(base["parameters"]["zones"], law).spec()
+        parameters = StiffnessInputs(base["parameters"]["zones"], law).spec()
         material = {**base["material"], "law": law, "constants": {}, "reference": {}}
         model = completed({**base, "material": material, "parameters": parameters})
         roles = dict(zip(inputs.names, inputs.roles, strict=True))

@@ -17,7 +17,7 @@ from regional_lv.config.sections.settings import settings_of
 from regional_lv.emulators.architecture import Architecture
 from regional_lv.errors import InputError
 from regional_lv.inputs.coordinates import Coordinates
-from regional_lv.inputs.parameters import Parameterisation, from_spec, repeated
+from regional_lv.inputs.stiffness import StiffnessInputs, from_spec, repeated
 
 FORMAT = 5
 """Of emulator files: raised when what they hold changes."""
@@ -137,7 +137,7 @@ class Emulator(ABC):
     Raises InputError for a setting that is not among them, or has no such value.
     """
 
-    parameters: Any  # a Parameterisation, or the Coordinates of all inputs
+    parameters: Any  # a StiffnessInputs, or the Coordinates of all inputs
     name: ClassVar[str]
     architecture: ClassVar[Architecture]
     learns_from_sensitivities: ClassVar[bool] = False
@@ -191,7 +191,7 @@ class Emulator(ABC):
         y: np.ndarray,
         sensitivities: np.ndarray | None = None,
         *,
-        parameters: Parameterisation | Coordinates,
+        parameters: StiffnessInputs | Coordinates,
         outputs: Sequence[str],
         seed: int = 0,
     ) -> Self:
@@ -461,7 +461,7 @@ def _check_rows(theta: np.ndarray, y: np.ndarray, inputs: int, outputs: int) -> 
 def check_training_set(
     theta: np.ndarray,
     y: np.ndarray,
-    parameters: Parameterisation | Coordinates,
+    parameters: StiffnessInputs | Coordinates,
     outputs: Sequence[str],
     taught: bool = False,
 ) -> None:

@@ -17,7 +17,7 @@ from regional_lv.emulators import create, load
 from regional_lv.emulators.base import Emulator
 from regional_lv.emulators.gaussian import Z95
 from regional_lv.errors import InputError
-from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.seeds import derive
 
 log = logging.getLogger(__name__)
@@ -28,7 +28,7 @@ are too narrow: of exact_gp with ten parameters they cover 88 % with 40 and 40 %
 
 
 def read_simulations(
-    path: str | Path, parameters: Parameterisation, outputs: Sequence[str]
+    path: str | Path, parameters: StiffnessInputs, outputs: Sequence[str]
 ) -> tuple[np.ndarray, np.ndarray, pd.Index]:
     """Theta (N, P), outputs (N, D) and sample names of a screened table of simulations.
 
@@ -38,7 +38,7 @@ def read_simulations(
 
 
 def simulations_of(
-    table: pd.DataFrame, path: str | Path, parameters: Parameterisation, outputs: Sequence[str]
+    table: pd.DataFrame, path: str | Path, parameters: StiffnessInputs, outputs: Sequence[str]
 ) -> tuple[np.ndarray, np.ndarray, pd.Index]:
     """`read_simulations` of a table that was read from `path`, which errors name."""
     wanted = ["sample", *parameters.names, *outputs]
@@ -52,7 +52,7 @@ def simulations_of(
 
 
 def read_sensitivities(
-    path: str | Path, parameters: Parameterisation, outputs: Sequence[str]
+    path: str | Path, parameters: StiffnessInputs, outputs: Sequence[str]
 ) -> np.ndarray:
     """d(outputs)/d(theta) (N, D, P) of a screened table of simulations, in its order.
 
@@ -64,7 +64,7 @@ def read_sensitivities(
 
 
 def sensitivities_of(
-    table: pd.DataFrame, path: str | Path, parameters: Parameterisation, outputs: Sequence[str]
+    table: pd.DataFrame, path: str | Path, parameters: StiffnessInputs, outputs: Sequence[str]
 ) -> np.ndarray:
     """`read_sensitivities` of a table that was read from `path`, which errors name."""
     if "sensitivity" not in table:
@@ -86,7 +86,7 @@ def train_emulator(
     name: str,
     settings: dict,
     train: str | Path,
-    parameters: Parameterisation,
+    parameters: StiffnessInputs,
     channels: Channels,
     seed: int,
     emulator_file: str | Path,

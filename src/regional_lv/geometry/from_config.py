@@ -8,7 +8,7 @@ from regional_lv.geometry.from_mesh import keep_mesh, remesh, write_imported
 from regional_lv.geometry.from_surfaces import mesh_surfaces
 from regional_lv.geometry.make import make_mesh
 from regional_lv.geometry.meshing import write_gmsh
-from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.inputs.stiffness import StiffnessInputs
 
 
 def make_heart(
@@ -23,7 +23,7 @@ def make_heart(
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     geometry, mesh, fibres = config["geometry"], config["mesh"], config["fibres"]
-    zones = Parameterisation.from_config(config).zones
+    zones = StiffnessInputs.from_config(config).zones
     made = {
         "vtu": folder / "mesh.vtu",
         "segments": folder / "segments.csv",

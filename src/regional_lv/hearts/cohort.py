@@ -22,7 +22,7 @@ from regional_lv.geometry.surfaces import Surfaces
 from regional_lv.geometry.table import read_segments
 from regional_lv.hearts import ONE_HEART, checks
 from regional_lv.hearts.listing import Listed, model_of_hearts
-from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.measured.plausibility import data_warnings, too_small
 
 log = logging.getLogger(__name__)
@@ -95,7 +95,7 @@ def configure(listed: Listed, shared: Mapping, folders: Sequence[str]) -> dict:
 def read_heart(listed: Listed, shared: Mapping, folders: Sequence[str]) -> Heart:
     """Read and check all files of a heart. Raises InputError for what cannot be used."""
     config = configure(listed, shared, folders)
-    channels, parameters = Channels.from_config(config), Parameterisation.from_config(config)
+    channels, parameters = Channels.from_config(config), StiffnessInputs.from_config(config)
     measured = checks.read_subject(listed.name, config, channels)
     found = checks.heart_warnings(config)
     if listed.keys is None:

@@ -8,8 +8,8 @@ import pandas as pd
 
 from regional_lv.aha import LEVELS
 from regional_lv.hearts import population
-from regional_lv.inputs.parameters import Stiffness
 from regional_lv.inputs.space import Inputs
+from regional_lv.inputs.stiffness import Stiffness
 from regional_lv.seeds import derive
 from regional_lv.simulation.design import draw_table, write_sets
 

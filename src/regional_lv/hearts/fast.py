@@ -15,9 +15,9 @@ from regional_lv.geometry.from_config import make_heart
 from regional_lv.geometry.meshing import write_plain
 from regional_lv.hearts.file import AnyHeart, shipped
 from regional_lv.hearts.reach import within
-from regional_lv.inputs.parameters import Parameterisation
 from regional_lv.inputs.physics import physics_of, why_not_scaling
 from regional_lv.inputs.space import sections_of
+from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.measured.curves import import_curves
 from regional_lv.measured.tables import import_measured
 from regional_lv.page.page import make_page
@@ -95,7 +95,7 @@ def by_table(heart: Mapping, table: Path) -> Mapping:
 
 def write_page(config: Mapping, subject: str, notes: Sequence[str], folder: Path) -> None:
     """The figures and the page of what `answer` has written to `folder`."""
-    parameters, channels = Parameterisation.from_config(config), Channels.from_config(config)
+    parameters, channels = StiffnessInputs.from_config(config), Channels.from_config(config)
     source = config["subjects"][subject]["source"]
     given = {
         "posterior": folder / "posterior.nc",
@@ -159,7 +159,7 @@ def import_subject(config: Mapping, name: str, measured: Path) -> None:
     subject = config["subjects"][name]
     given = {
         "channels": Channels.from_config(config),
-        "parameters": Parameterisation.from_config(config),
+        "parameters": StiffnessInputs.from_config(config),
         "strain_exponent": config["observables"]["strain_exponent"],
         "measured": measured,
     }

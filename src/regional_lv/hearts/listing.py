@@ -14,7 +14,7 @@ from regional_lv import config as study_config
 from regional_lv.csv_lines import error_at, number_in, read_lines
 from regional_lv.errors import InputError
 from regional_lv.input_files import check_file
-from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.seeds import derive
 
 CONFIG = "config.yaml"
@@ -171,4 +171,4 @@ def model_of_hearts(config: Mapping) -> dict:
     """What stiffness means in a checked configuration: plain values, which have to be the same in
     all hearts."""
     reference = {key: config["material"][key] for key in ("law", "constants", "reference")}
-    return {"parameters": Parameterisation.from_config(config).spec(), "material": reference}
+    return {"parameters": StiffnessInputs.from_config(config).spec(), "material": reference}

@@ -14,9 +14,9 @@ from regional_lv.hearts.emulator import LookedUp, inputs_of
 from regional_lv.hearts.population import COLUMNS
 from regional_lv.hearts.sectors import SAME_DEG, turn_deg
 from regional_lv.inputs.base import Input
-from regional_lv.inputs.parameters import Parameterisation
 from regional_lv.inputs.shape import Length
 from regional_lv.inputs.space import SECTION, Inputs, Role, sd_key, sections_of
+from regional_lv.inputs.stiffness import StiffnessInputs
 
 LONG_WAY = "simulate this heart (regional-lv run --own)"
 """What to do about a heart that the emulator does not know."""
@@ -70,8 +70,8 @@ def _check_model(config: Mapping, known: Inputs) -> None:
         _refuse(f"geometry.source: {geometry['source']}, and the emulator is of segment tables")
     if geometry["wall_thickness_scale"] != 1:
         _refuse("geometry.wall_thickness_scale: is not 1; give the thickness in the segment table")
-    own = Parameterisation.from_config(config)
-    theirs = Parameterisation.from_spec(known.base["parameters"])
+    own = StiffnessInputs.from_config(config)
+    theirs = StiffnessInputs.from_spec(known.base["parameters"])
     for key in ("law", "zones", "factors"):
         mine, its = getattr(own, key), getattr(theirs, key)
         if mine != its:
@@ -108,7 +108,7 @@ def _check_borders(config: Mapping, known: Inputs, inputs: Inputs, every: bool) 
     the emulator's."""
     table, other = (each.base["geometry"]["table"] for each in (inputs, known))
     _, away = turn_deg(table, other)
-    zone_of = Parameterisation.from_spec(known.base["parameters"]).zone_of
+    zone_of = StiffnessInputs.from_spec(known.base["parameters"]).zone_of
     for numbers in filter(lambda numbers: len(numbers) > 1, LEVELS.values()):
         for s, before in zip(numbers, np.roll(numbers, 1).tolist(), strict=True):
             for segment in (s, before) if every or zone_of(s) != zone_of(before) else ():

@@ -17,7 +17,7 @@ from regional_lv.aha import LEVELS, SEGMENTS
 from regional_lv.channels import Channel, Channels
 from regional_lv.geometry.surfaces import Surfaces
 from regional_lv.hearts.population import SHAPE
-from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.inputs.stiffness import StiffnessInputs
 
 WAVES = np.arange(1, 25)
 """Around the axis, of the interpolation."""
@@ -124,7 +124,7 @@ class Sectors:
             column: Figures(*map(torch.as_tensor, (table[column].to_numpy(float), *found)))
             for column, found in zip(SHAPE, surfaces.figures(there), strict=True)
         }
-        zone_of = Parameterisation.from_spec(model["parameters"]).zone_of
+        zone_of = StiffnessInputs.from_spec(model["parameters"]).zone_of
         self.weights = weights(there, table, [zone_of(s.number) for s in SEGMENTS])
 
     @classmethod

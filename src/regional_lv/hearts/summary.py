@@ -19,7 +19,7 @@ from regional_lv.hearts.batches import FAILED
 from regional_lv.hearts.hierarchy import infer_population
 from regional_lv.hearts.likelihoods import NormalLikelihood
 from regional_lv.hearts.prevalence import infer_prevalence, log_bayes_factors
-from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.seeds import derive
 
 log = logging.getLogger(__name__)
@@ -51,7 +51,7 @@ def summarise_cohort(
     hearts: Sequence[str],
     batches: Sequence[str | Path],
     checked: str | Path,
-    parameters: Parameterisation,
+    parameters: StiffnessInputs,
     prevalence_prior: Sequence[float],
     seed: int,
     table: str | Path,
@@ -114,7 +114,7 @@ def _read_of(known: Mapping) -> dict:
     return {**known, "warnings": "\n".join(known["warnings"])}
 
 
-def _read_answer(folder: Path, parameters: Parameterisation) -> Answered:
+def _read_answer(folder: Path, parameters: StiffnessInputs) -> Answered:
     findings, data = (
         read_findings(folder / "findings.json"),
         az.from_netcdf(folder / "posterior.nc"),
@@ -165,7 +165,7 @@ def _columns(name: str, summary: Summary) -> dict:
 
 
 def _pool(
-    hearts: Mapping[str, Answered], parameters: Parameterisation, seed: int
+    hearts: Mapping[str, Answered], parameters: StiffnessInputs, seed: int
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
     """The stiffness of the population, and that of each heart given all others."""
     names = [*parameters.names]

@@ -7,7 +7,7 @@ import arviz as az
 import numpy as np
 import pandas as pd
 
-from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.inputs.stiffness import StiffnessInputs
 
 PARETO_K = 0.7
 """Largest shape of the tail of importance weights that smoothing puts right (Vehtari et al. 2024,
@@ -98,9 +98,9 @@ def diagnose(data: az.InferenceData) -> pd.DataFrame:
     return pd.concat(tables, ignore_index=True)
 
 
-def parameters_of(data: az.InferenceData) -> Parameterisation:
+def parameters_of(data: az.InferenceData) -> StiffnessInputs:
     """The parameters that a file of posteriors is of."""
-    return Parameterisation.from_spec(json.loads(data.posterior.attrs["parameters"]))
+    return StiffnessInputs.from_spec(json.loads(data.posterior.attrs["parameters"]))
 
 
 def chains_of(posterior) -> tuple[np.ndarray, list[str]]:

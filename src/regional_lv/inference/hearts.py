@@ -29,8 +29,8 @@ from regional_lv.inference.potential import Emulated, Potential
 from regional_lv.input_files import reading
 from regional_lv.inputs.base import Input
 from regional_lv.inputs.closed_forms import HeavyTails
-from regional_lv.inputs.parameters import Stiffness
 from regional_lv.inputs.space import Inputs, Role
+from regional_lv.inputs.stiffness import Stiffness
 
 LARGEST_FACTOR = 3.0
 """By which the reference values of two materials differ: published sets for one law do."""

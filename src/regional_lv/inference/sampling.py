@@ -204,7 +204,7 @@ def to_inference_data(sampled: Sampled, nuts: dict) -> az.InferenceData:
 
     posterior: theta (chain, draw, case, parameter) and, if noise scales were inferred, sigma
     (chain, draw, case, direction) in training sd, a direction being a quantity; attributes
-    emulator, parameters (JSON, `Parameterisation.spec`), rhat_max, ess_min. sample_stats:
+    emulator, parameters (JSON, `StiffnessInputs.spec`), rhat_max, ess_min. sample_stats:
     diverging, acceptance_rate, energy (potential), outside (no simulation of the training set is
     near; `Emulator.outside`) (chain, draw, case).
     observed_data: y (case, output). constant_data: theta_map, theta_true (if known), y_obs, zone

@@ -10,7 +10,7 @@ from regional_lv import config
 from regional_lv.inputs.base import Input, SegmentInput
 from regional_lv.inputs.catalogue import INPUTS
 from regional_lv.inputs.model import model_of
-from regional_lv.inputs.parameters import Stiffness
+from regional_lv.inputs.stiffness import Stiffness
 
 HEAD = """\
 # The catalogue of inputs

@@ -23,7 +23,6 @@ from regional_lv.inputs.observation import (
     SegmentRotation,
     StrainMeasure,
 )
-from regional_lv.inputs.parameters import Stiffness
 from regional_lv.inputs.shape import (
     ApexThickness,
     EndocardialRadius,
@@ -32,6 +31,7 @@ from regional_lv.inputs.shape import (
     SegmentThickness,
     WallThickness,
 )
+from regional_lv.inputs.stiffness import Stiffness
 from regional_lv.inputs.supports import (
     BasalAxial,
     BasalMotion,

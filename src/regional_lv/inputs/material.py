@@ -3,7 +3,7 @@
 from typing import ClassVar
 
 from regional_lv.inputs.base import LOGARITHMIC, Input, KeyInput, SegmentInput, multiplied
-from regional_lv.inputs.parameters import SCAR
+from regional_lv.inputs.stiffness import SCAR
 from regional_lv.mechanics.materials import MATERIALS
 
 WANG = "Wang et al. 2013, Int J Numer Method Biomed Eng 29:83-103, doi 10.1002/cnm.2497"

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 
-from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.mechanics.materials import MATERIALS
 from regional_lv.mechanics.supports import supports_from_config
 
@@ -17,7 +17,7 @@ def physics_of(config: dict) -> dict:
     """
     return {section: config[section] for section in SECTIONS} | {
         "geometry": {"wall_thickness_scale": config["geometry"]["wall_thickness_scale"]},
-        "parameters": Parameterisation.from_config(config).spec(),
+        "parameters": StiffnessInputs.from_config(config).spec(),
     }
 
 

@@ -15,9 +15,9 @@ from regional_lv.inputs.closed_forms import ClosedForm
 from regional_lv.inputs.coordinates import Coordinates
 from regional_lv.inputs.model import model_of
 from regional_lv.inputs.observation import StrainMeasure
-from regional_lv.inputs.parameters import Parameterisation
 from regional_lv.inputs.physics import SECTIONS
 from regional_lv.inputs.scales import Logarithmic
+from regional_lv.inputs.stiffness import StiffnessInputs
 
 log = logging.getLogger(__name__)
 
@@ -204,7 +204,7 @@ def coordinates_of(physics: Mapping) -> Coordinates:
     alone (`physics.physics_of`)."""
     if SECTION in physics:
         return Inputs.from_config(physics).simulated.coordinates
-    return Parameterisation.from_spec(physics["parameters"]).coordinates
+    return StiffnessInputs.from_spec(physics["parameters"]).coordinates
 
 
 def catalogue(model: Mapping) -> list[Input]:

@@ -23,7 +23,7 @@ import pandas as pd
 
 from regional_lv.channels import Channel, Channels
 from regional_lv.csv_lines import error_at, number_in, read_lines
-from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.measured.segment_models import check_segment, to_aha
 from regional_lv.measured.tables import (
     MeasuredWarning,
@@ -459,7 +459,7 @@ def import_curves(
     subject: Mapping,
     channels: Channels,
     strain_exponent: float,
-    parameters: Parameterisation,
+    parameters: StiffnessInputs,
     measured: str | Path,
 ) -> None:
     """Write the measured table of a subject's `curves` to `measured`; the rest is as in

@@ -21,7 +21,7 @@ import pandas as pd
 from regional_lv import aha
 from regional_lv.channels import Channel, Channels
 from regional_lv.csv_lines import CsvLines, error_at, number_in, read_lines
-from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.measured.segment_models import check_segment, to_aha
 from regional_lv.quantities import NOWHERE, QUANTITIES, SEGMENT_PLACES, Quantity, seth_hill
 
@@ -458,7 +458,7 @@ def import_measured(
     channels: Channels,
     pressure_mmhg: float,
     strain_exponent: float,
-    parameters: Parameterisation,
+    parameters: StiffnessInputs,
     measured: str | Path,
     segments: int = 17,
 ) -> None:

@@ -14,7 +14,7 @@ import numpy as np
 from regional_lv.channels import Channels
 from regional_lv.errors import InputError
 from regional_lv.inputs.coordinates import Coordinates
-from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.mechanics.equilibrium import Equilibrium, LinearSolveError
 from regional_lv.mechanics.simulator import Simulator, State
 
@@ -274,7 +274,7 @@ class Runner:
         self.sensitivities = sensitivities
 
     @property
-    def parameters(self) -> Parameterisation:
+    def parameters(self) -> StiffnessInputs:
         return self.solver.simulator.parameters
 
     @property

@@ -6,7 +6,7 @@ With a length scale per input, and the inputs in blocks b,
     r_b^2 = sum_{d in b} ((x_d - x'_d) / l_d)^2.
 
 One block of all inputs is the usual kernel. With a block for the factors of each of the ventricle's
-zones (`Parameterisation.blocks`), functions of one zone and their products come cheaper: what a
+zones (`StiffnessInputs.blocks`), functions of one zone and their products come cheaper: what a
 zone's stiffness does depends on that of the others, but smoothly. The covariances of derivatives
 are derivatives of k (Rasmussen and Williams 2006, section 9.4, ISBN 026218253X). Observations are
 ordered values first, then the derivative along each input in turn: (1 + d) n rows.

@@ -2,7 +2,7 @@
 
 Hexahedra for displacement and pressure (u-p, incompressible), quadratic with linear pressure or
 linear with piecewise constant pressure as the mesh is; follower pressure on the endocardium. It is
-made of objects: a material law, supports, loads, a parameterisation, and an observer. This module
+made of objects: a material law, supports, loads, stiffness inputs, and an observer. This module
 knows one equilibrium problem; how a solution is reached is the business of `continuation`.
 """
 
@@ -18,7 +18,7 @@ from regional_lv.aha import SEGMENTS
 from regional_lv.channels import Channels
 from regional_lv.geometry.mesh import BASE, Mesh
 from regional_lv.inputs.coordinates import Coordinates
-from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.mechanics import dolfinx_api as api
 from regional_lv.mechanics.derivatives import ByCell
 from regional_lv.mechanics.equilibrium import (
@@ -56,14 +56,14 @@ class State:
 class Simulator(Equilibrium):
     """Equilibrium of one left ventricle for any theta and pressure.
 
-    Attributes: `parameters` (Parameterisation), `channels` (Channels) that are observed,
+    Attributes: `parameters` (StiffnessInputs), `channels` (Channels) that are observed,
     `full_pressure` (mmHg) to which load fractions refer.
 
     Parameters
     ----------
     mesh: geometry with segments, surfaces and the transmural coordinate (mm).
     physics: sections `material`, `fibres`, `loading`, `supports`, `observables` of the
-        configuration, and `parameters`, the `spec` of the parameterisation. `fibres` may have
+        configuration, and `parameters`, the `spec` of the stiffness inputs. `fibres` may have
         `segment_helix_deg`, what single AHA segments add to the helix angle.
     extended: whether all optional terms (springs, dead loads, compressibility) are there although
         they are off; what follows one of them from nothing needs that.
@@ -72,7 +72,7 @@ class Simulator(Equilibrium):
     def __init__(self, mesh: Mesh, physics: Mapping, extended: bool = False):
         loading = physics["loading"]
         self._numbers: dict[str, Any] = {}
-        self.parameters = Parameterisation.from_spec(physics["parameters"])
+        self.parameters = StiffnessInputs.from_spec(physics["parameters"])
         self.channels = Channels.from_config(physics)
         self.full_pressure = loading["pressure_mmhg"]
         self.material = material_from_config(physics["material"])

@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 
 from regional_lv.hearts import hierarchy, prevalence
-from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.page.page import embedded, read_template
 from regional_lv.plots import style
 
@@ -25,7 +25,7 @@ def make_cohort_page(
     pooling_picture: str | Path,
     causes_picture: str | Path,
     study: str,
-    parameters: Parameterisation,
+    parameters: StiffnessInputs,
     limitations: str,
     page: str | Path,
     template: str | Path = TEMPLATE,
@@ -68,7 +68,7 @@ def make_cohort_page(
     Path(page).write_text(html)
 
 
-def _row(row: Mapping, parameters: Parameterisation) -> dict:
+def _row(row: Mapping, parameters: StiffnessInputs) -> dict:
     """What the page shows of a heart that was answered."""
     flags = [] if row["trusted"] else ["no stiffness can be trusted"]
     if row["misfit_detected"] and row["trusted"]:

@@ -10,7 +10,7 @@ from matplotlib import colormaps
 from matplotlib.colors import Normalize, to_hex
 
 from regional_lv import aha
-from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.plots import heart, style
 
 SUBDIVISION = 3
@@ -49,7 +49,7 @@ def html_label(name: str) -> str:
 
 def draw(
     mesh: str | Path,
-    parameters: Parameterisation,
+    parameters: StiffnessInputs,
     medians: Mapping[str, float],
     hover: Sequence[str],
 ) -> str:
@@ -107,7 +107,7 @@ def draw(
     )
 
 
-def _walls(surface, parameters: Parameterisation, hover: Sequence[str]) -> list[go.Mesh3d]:
+def _walls(surface, parameters: StiffnessInputs, hover: Sequence[str]) -> list[go.Mesh3d]:
     """A trace for each segment; the first one of each zone is in the legend."""
     traces, seen = [], set()
     for segment, says in zip(aha.SEGMENTS, hover, strict=True):

@@ -18,7 +18,7 @@ from regional_lv.channels import Channel, Channels
 from regional_lv.criticism import words
 from regional_lv.criticism.contract import Findings, MeasuredInput, read_findings
 from regional_lv.emulators import label_of
-from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.measured import read_measured
 from regional_lv.mechanics.materials import MATERIALS
 from regional_lv.page import heart3d
@@ -71,7 +71,7 @@ def make_page(
     strains_picture: str | Path,
     stiffness_picture: str | Path,
     fit_picture: str | Path,
-    parameters: Parameterisation,
+    parameters: StiffnessInputs,
     channels: Channels,
     pressure_mmhg: float,
     strain_exponent: float,
@@ -310,7 +310,7 @@ def missing(table: pd.DataFrame, channels: Channels) -> list[str]:
 # --------------------------------------------------------------------------------------- stiffness
 
 
-def stiffness_of(drawn: CasePosterior, parameters: Parameterisation) -> list[dict]:
+def stiffness_of(drawn: CasePosterior, parameters: StiffnessInputs) -> list[dict]:
     """A row for each parameter: what its summary says, the number to show (`middle`), what the
     prior allowed, probability of being above the reference, and whether the data do not constrain
     it (`silent`); of an average also by how many sds of the model as it is it moves (`shift_sd`).
@@ -338,7 +338,7 @@ def stiffness_of(drawn: CasePosterior, parameters: Parameterisation) -> list[dic
     return rows
 
 
-def trade_offs(drawn: CasePosterior, parameters: Parameterisation) -> list[dict]:
+def trade_offs(drawn: CasePosterior, parameters: StiffnessInputs) -> list[dict]:
     """Pairs of factors of a zone that are strongly correlated, with their geometric mean."""
     theta = np.stack([drawn.draws[name].ravel() for name in parameters.names], axis=-1)
     means, found = stats.gmean(parameters.table(theta), axis=-1), []
@@ -356,7 +356,7 @@ def trade_offs(drawn: CasePosterior, parameters: Parameterisation) -> list[dict]
 
 
 def silent(
-    rows: list[dict], table: pd.DataFrame, channels: Channels, parameters: Parameterisation
+    rows: list[dict], table: pd.DataFrame, channels: Channels, parameters: StiffnessInputs
 ) -> list[dict]:
     """Parameters that the data do not constrain, with what was not measured in their zone."""
     found = []
@@ -369,7 +369,7 @@ def silent(
     return found
 
 
-def _hover(rows: list[dict], table: pd.DataFrame, parameters: Parameterisation) -> list[str]:
+def _hover(rows: list[dict], table: pd.DataFrame, parameters: StiffnessInputs) -> list[str]:
     """The label of each segment (17) of the heart: its name, its zone's stiffness, its strains."""
     strains = table[table["segment"].notna() & (table["load_fraction"] == 1)]
     labels = []

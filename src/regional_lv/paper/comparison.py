@@ -16,14 +16,14 @@ import numpy as np
 import pandas as pd
 
 from regional_lv.errors import InputError
-from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.paper import KEYS
 from regional_lv.paper.page import QUANTITIES, write_page
 from regional_lv.paper.plots.verdicts import by_emulator, chosen
 
 COLUMNS = ("place", *KEYS, "relation", "value", "unit")
 PAPERS_CHOICE = "mvgp"
-PARAMETERS = Parameterisation()
+PARAMETERS = StiffnessInputs()
 """The paper's: a study with other zones or factors is not compared."""
 
 FACTOR = 1.5

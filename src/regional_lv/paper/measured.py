@@ -11,7 +11,7 @@ from regional_lv import aha
 from regional_lv.channels import Channel, Channels
 from regional_lv.csv_lines import error_at
 from regional_lv.data.published import SLICES_OF_LEVEL
-from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.measured.tables import make_table, observed, write_measured
 
 Frame: TypeAlias = int | Literal["extrema"]
@@ -115,7 +115,7 @@ def published_simulation(
     inputs, outputs: header-less CSV, N rows of 10 and of 52 (volume, then 17 strains for each
     direction in the published order of segments). row: 1, 2, ..., N. Raises InputError otherwise.
     """
-    channels, parameters, values = Channels.of(), Parameterisation(), []
+    channels, parameters, values = Channels.of(), StiffnessInputs(), []
     for path, width in ((inputs, len(parameters)), (outputs, len(channels))):
         table = pd.read_csv(path, header=None)
         if table.shape[1] != width:

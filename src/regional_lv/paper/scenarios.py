@@ -5,12 +5,12 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.seeds import derive
 
 
 def draw_scenario(
-    name: str, scenario: dict, healthy: dict, parameters: Parameterisation, seed: int
+    name: str, scenario: dict, healthy: dict, parameters: StiffnessInputs, seed: int
 ) -> pd.DataFrame:
     """Ventricles of one disease scenario: columns `sample`, `scale`, P parameters, `zone`.
 
@@ -52,7 +52,7 @@ def write_scenario(
     name: str,
     scenario: dict,
     healthy: dict,
-    parameters: Parameterisation,
+    parameters: StiffnessInputs,
     seed: int,
     table: Path,
 ) -> None:
@@ -60,7 +60,7 @@ def write_scenario(
     draw_scenario(name, scenario, healthy, parameters, seed).to_parquet(table, index=False)
 
 
-def scenario_size(scenario: dict, parameters: Parameterisation) -> int:
+def scenario_size(scenario: dict, parameters: StiffnessInputs) -> int:
     """Number of ventricles of an entry of `scenarios.sets`."""
     if scenario["kind"] == "global":
         return scenario["samples"]

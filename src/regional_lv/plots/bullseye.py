@@ -17,7 +17,7 @@ from matplotlib.patches import PathPatch, Polygon
 from matplotlib.path import Path
 
 from regional_lv import aha
-from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.inputs.stiffness import StiffnessInputs
 
 RINGS = {"basal": (0.75, 1.0), "mid": (0.5, 0.75), "apical": (0.25, 0.5), "apex": (0.0, 0.25)}
 """Inner and outer radius of each level."""
@@ -161,7 +161,7 @@ def _points(first: tuple[float, int], last: tuple[float, int]) -> np.ndarray:
     return r * np.column_stack([np.cos(angles), np.sin(angles)])
 
 
-def zone_shapes(parameters: Parameterisation) -> dict[str, ZoneShape]:
+def zone_shapes(parameters: StiffnessInputs) -> dict[str, ZoneShape]:
     """Zone -> its part of the disk."""
     return {zone: ZoneShape(segments) for zone, segments in parameters.zones.items()}
 
@@ -170,7 +170,7 @@ def paint(
     ax: Axes,
     colours: Sequence,
     labels: Sequence[str] | None = None,
-    parameters: Parameterisation | None = None,
+    parameters: StiffnessInputs | None = None,
     edge: str = "white",
 ) -> None:
     """Fill the 17 segments of `ax` with `colours` and write `labels` into them.
@@ -198,7 +198,7 @@ def paint_values(
     norm: Normalize,
     cmap: str,
     labels: Sequence[str] | None = None,
-    parameters: Parameterisation | None = None,
+    parameters: StiffnessInputs | None = None,
 ) -> ScalarMappable:
     """Colour the segments by `values` (17, AHA order); NaN is light grey. Return the colour scale.
 
@@ -216,7 +216,7 @@ def paint_zones(
     norm: Normalize,
     cmap: str,
     labels: Sequence[str],
-    parameters: Parameterisation,
+    parameters: StiffnessInputs,
 ) -> ScalarMappable:
     """Fill the zones by `values` and write `labels` into them, both in the order of
     `parameters.zones`; NaN is light grey and stays empty. Return the colour scale.
@@ -242,7 +242,7 @@ def paint_zones(
 
 
 def outline_zones(
-    ax: Axes, parameters: Parameterisation, colour: str = "#333333", linewidth: float = 1.6
+    ax: Axes, parameters: StiffnessInputs, colour: str = "#333333", linewidth: float = 1.6
 ) -> None:
     """Draw the borders of the zones."""
     for shape in zone_shapes(parameters).values():

@@ -12,7 +12,7 @@ from matplotlib.artist import Artist
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.plots import bullseye, style
 from regional_lv.plots.case_posterior import (
     AveragedPosterior,
@@ -54,7 +54,7 @@ def draw(
     posterior: Path,
     diagnostics: Path | None,
     source: str,
-    parameters: Parameterisation,
+    parameters: StiffnessInputs,
     png: Path,
     csv: Path,
     truth: Path | None = None,
@@ -186,7 +186,7 @@ def _zone(
     ax,
     zone: str,
     layout: Layout,
-    parameters: Parameterisation,
+    parameters: StiffnessInputs,
     posterior: CasePosterior,
     summary: pd.DataFrame,
     ticks: np.ndarray,

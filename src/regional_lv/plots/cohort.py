@@ -9,13 +9,13 @@ from matplotlib.lines import Line2D
 
 from regional_lv.criticism import words
 from regional_lv.hearts.prevalence import SOME
-from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.plots import style
 
 
 @style.context
 def draw_stiffness(
-    hearts: Path, population: Path, parameters: Parameterisation, png: Path, csv: Path
+    hearts: Path, population: Path, parameters: StiffnessInputs, png: Path, csv: Path
 ) -> None:
     """Draw the stiffness of every heart by zone, a panel for each factor: the mean averaged over
     models; boxes: quartiles of the hearts; black: median of the population and its 95 % interval;
@@ -63,7 +63,7 @@ def _mark(ax, x: float, row: pd.Series) -> None:
 
 
 @style.context
-def draw_pooling(hearts: Path, parameters: Parameterisation, png: Path, csv: Path) -> None:
+def draw_pooling(hearts: Path, parameters: StiffnessInputs, png: Path, csv: Path) -> None:
     """Draw each heart's stiffness given all others against that by itself, a panel for each factor;
     the larger a point, the more of its variance is the population's (shrinkage). The table is as of
     `draw_stiffness`."""
@@ -121,7 +121,7 @@ def draw_causes(causes: Path, png: Path, csv: Path) -> None:
     style.save(fig, table, png, csv)
 
 
-def _long(hearts: pd.DataFrame, parameters: Parameterisation) -> pd.DataFrame:
+def _long(hearts: pd.DataFrame, parameters: StiffnessInputs) -> pd.DataFrame:
     """A row for each trusted heart and factor."""
     trusted = hearts[hearts["trusted"].eq(True)]
     parts = []

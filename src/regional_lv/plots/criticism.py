@@ -15,7 +15,7 @@ from matplotlib.patches import Patch
 from regional_lv import aha
 from regional_lv.criticism import words
 from regional_lv.criticism.contract import Findings, read_findings
-from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.plots import bullseye, style
 
 SHOWN_Z = 4.0
@@ -32,7 +32,7 @@ WHEN = {"before": "the model as it is", "after": "with the best set of causes"}
 
 def draw(
     findings: Path,
-    parameters: Parameterisation,
+    parameters: StiffnessInputs,
     residuals: Path,
     causes: Path,
     effects: Path,
@@ -54,7 +54,7 @@ def draw(
 
 @style.context
 def draw_residuals(
-    findings: Findings, png: Path, csv: Path, parameters: Parameterisation | None = None
+    findings: Findings, png: Path, csv: Path, parameters: StiffnessInputs | None = None
 ) -> None:
     """Bullseyes of the leave-one-segment-out residuals, before and after what was found.
 

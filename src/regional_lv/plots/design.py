@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Patch
 
 from regional_lv.channels import Channel, Channels
-from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.plots import style
 
 QUANTILES = {"lower95": 0.025, "lower50": 0.25, "median": 0.5, "upper50": 0.75, "upper95": 0.975}
@@ -19,7 +19,7 @@ QUANTILES = {"lower95": 0.025, "lower50": 0.25, "median": 0.5, "upper50": 0.75, 
 def draw(
     simulations: Path,
     excluded: Path,
-    parameters: Parameterisation,
+    parameters: StiffnessInputs,
     channels: Channels,
     png: Path,
     csv: Path,
@@ -135,7 +135,7 @@ def _excluded(
     lost: pd.DataFrame,
     scales: list[str],
     converged: int,
-    parameters: Parameterisation,
+    parameters: StiffnessInputs,
 ) -> list[tuple]:
     places = {f"place_{name}": name for name in parameters.names}
     # The table has the parameters themselves as well.

@@ -9,7 +9,7 @@ import pyvista
 from matplotlib.axes import Axes
 
 from regional_lv import aha
-from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.plots import bullseye, heart, measured_strains, style
 from regional_lv.quantities import QUANTITIES
 
@@ -22,7 +22,7 @@ OF_THE_HEART = 2
 
 @style.context
 def draw(
-    mesh: Path, tables: Mapping[str, pd.DataFrame], parameters: Parameterisation, png: Path
+    mesh: Path, tables: Mapping[str, pd.DataFrame], parameters: StiffnessInputs, png: Path
 ) -> None:
     """Draw the mesh `mesh` (VTU, mm) cut open, the numbers of its segments, and of every subject a
     row of bullseyes: its strains at end diastole, one per direction, in percent.
@@ -56,7 +56,7 @@ def draw(
     fig.savefig(png, dpi=style.DPI, format="png", facecolor="white", metadata={"Software": None})
 
 
-def _heart(ax: Axes, mesh: Path, parameters: Parameterisation) -> None:
+def _heart(ax: Axes, mesh: Path, parameters: StiffnessInputs) -> None:
     grid = heart.cut(heart.straight_cells(mesh, SUBDIVISION))
     colours = [pyvista.Color(colour).int_rgb for colour in parameters.colours.values()]
     zone = parameters.segment_zone[np.asarray(grid.cell_data["segment"]) - 1]

@@ -11,7 +11,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from regional_lv import aha
-from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.measured import read_measured
 from regional_lv.plots import bullseye, style
 from regional_lv.plots.case_posterior import SOURCES
@@ -20,7 +20,7 @@ from regional_lv.quantities import QUANTITIES
 
 @style.context
 def draw(
-    measured: Path, subject: str, source: str, parameters: Parameterisation, png: Path, csv: Path
+    measured: Path, subject: str, source: str, parameters: StiffnessInputs, png: Path, csv: Path
 ) -> None:
     """Draw a bullseye for each measured strain, a row for each load, the full one first.
 
@@ -57,7 +57,7 @@ def limits(rows: pd.DataFrame) -> Normalize:
 
 
 def paint(
-    ax: Axes, rows: pd.DataFrame, norm: Normalize, parameters: Parameterisation
+    ax: Axes, rows: pd.DataFrame, norm: Normalize, parameters: StiffnessInputs
 ) -> ScalarMappable:
     """A bullseye of the strains of `rows`, one direction and one load of a measured table, in per
     cent; segments without a row are grey. Return the colour scale."""

@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 
-from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.plots import heart, style
 from regional_lv.quantities import QUANTITIES, seth_hill
 
@@ -25,7 +25,7 @@ def draw(
     vtu: Path,
     strains: Path,
     strain_exponent: float,
-    parameters: Parameterisation,
+    parameters: StiffnessInputs,
     png: Path,
     csv: Path,
 ) -> None:

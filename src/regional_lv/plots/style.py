@@ -2,7 +2,7 @@
 
 The theme is seaborn's `ticks` style at the size of its `paper` context. Colours are the Okabe-Ito
 palette (https://jfly.uni-koeln.de/color/), which readers with a colour vision deficiency can tell
-apart; zones have those of `Parameterisation.colours`.
+apart; zones have those of `StiffnessInputs.colours`.
 """
 
 import textwrap
@@ -21,7 +21,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullLocator
 
 from regional_lv.channels import Channel
-from regional_lv.inputs import parameters
+from regional_lv.inputs import stiffness
 
 BLUE, ORANGE, GREEN = "#0072B2", "#E69F00", "#009E73"
 VERMILLION, SKY, PINK = "#D55E00", "#56B4E9", "#CC79A7"
@@ -135,7 +135,7 @@ def label(name: str) -> str:
     """`C_a_anterior` as a reader sees it; names of noise scales likewise."""
     if name.startswith("sigma_"):
         return rf"$\sigma$ {name.removeprefix('sigma_')}"
-    return parameters.label(name)
+    return stiffness.label(name)
 
 
 def factor_label(factor: str) -> str:

@@ -7,7 +7,7 @@ import pandas as pd
 import pyvista
 
 from regional_lv import aha
-from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.plots import bullseye, heart, style
 
 SUBDIVISION = 4
@@ -15,7 +15,7 @@ SUBDIVISION = 4
 
 
 @style.context
-def draw(mesh: Path, parameters: Parameterisation, png: Path, csv: Path) -> None:
+def draw(mesh: Path, parameters: StiffnessInputs, png: Path, csv: Path) -> None:
     """Draw the mesh `mesh` (VTU, mm) whole, cut open, and as a bullseye with segment numbers.
 
     The table holds, per segment: zone, colour, number of elements and place in the bullseye.
@@ -40,14 +40,14 @@ def draw(mesh: Path, parameters: Parameterisation, png: Path, csv: Path) -> None
     style.save(fig, _table(grid, parameters), png, csv)
 
 
-def _picture(grid: pyvista.UnstructuredGrid, parameters: Parameterisation) -> np.ndarray:
+def _picture(grid: pyvista.UnstructuredGrid, parameters: StiffnessInputs) -> np.ndarray:
     """The grid with the colours of its zones."""
     colours = [pyvista.Color(colour).int_rgb for colour in parameters.colours.values()]
     zone = parameters.segment_zone[np.asarray(grid.cell_data["segment"]) - 1]
     return heart.render(grid, np.array(colours)[zone])
 
 
-def _table(grid: pyvista.UnstructuredGrid, parameters: Parameterisation) -> pd.DataFrame:
+def _table(grid: pyvista.UnstructuredGrid, parameters: StiffnessInputs) -> pd.DataFrame:
     rows = []
     for segment, cell in zip(aha.SEGMENTS, bullseye.SEGMENT_CELLS, strict=True):
         inside = grid.cell_data["segment"] == segment.number

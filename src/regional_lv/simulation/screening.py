@@ -8,7 +8,7 @@ import pandas as pd
 from regional_lv.channels import Channels
 from regional_lv.errors import InputError
 from regional_lv.inputs.coordinates import Coordinates
-from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.inputs.stiffness import StiffnessInputs
 
 UNSTABLE = "next to a limit of stability: derivatives are many times those of the others"
 """Reason of a simulation that is left out although it converged."""
@@ -16,7 +16,7 @@ UNSTABLE = "next to a limit of stability: derivatives are many times those of th
 
 def screen(
     batches: list[Path],
-    parameters: Parameterisation | Coordinates,
+    parameters: StiffnessInputs | Coordinates,
     channels: Channels,
     steepest: float | None = None,
 ):
@@ -93,7 +93,7 @@ def _steepness(table: pd.DataFrame, space: Coordinates, outputs: int) -> pd.Seri
 
 def screen_simulations(
     batches: list[Path],
-    parameters: Parameterisation | Coordinates,
+    parameters: StiffnessInputs | Coordinates,
     channels: Channels,
     kept: Path,
     excluded: Path,

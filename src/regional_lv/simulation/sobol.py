@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.seeds import derive
 
 
@@ -25,7 +25,7 @@ def sobol(n: int, lower: np.ndarray, upper: np.ndarray, scale: str, seed: int) -
 
 
 def further_points(
-    parameters: Parameterisation, seed: int, purpose: str, natural: int, log_scale: int
+    parameters: StiffnessInputs, seed: int, purpose: str, natural: int, log_scale: int
 ) -> np.ndarray:
     """Points of the box (n, P) that no set of the study has: `natural` ones, then log-scale ones.
 
@@ -42,7 +42,7 @@ def further_points(
     )
 
 
-def make_design(design: dict, parameters: Parameterisation, seed: int) -> dict[str, pd.DataFrame]:
+def make_design(design: dict, parameters: StiffnessInputs, seed: int) -> dict[str, pd.DataFrame]:
     """The sets `train` (natural, then log) and `test` (natural, a sequence of its own).
 
     `design` holds the sizes `natural`, `log` and `test`. Columns: `sample`, `scale`, the P
@@ -66,7 +66,7 @@ def make_design(design: dict, parameters: Parameterisation, seed: int) -> dict[s
 
 
 def write_design(
-    design: dict, parameters: Parameterisation, seed: int, train: Path, test: Path
+    design: dict, parameters: StiffnessInputs, seed: int, train: Path, test: Path
 ) -> None:
     """Write the sets of `make_design` (Parquet)."""
     sets = make_design(design, parameters, seed)

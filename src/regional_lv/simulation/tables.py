@@ -11,7 +11,7 @@ from regional_lv import aha
 from regional_lv.channels import Channels
 from regional_lv.errors import InputError
 from regional_lv.input_files import reading
-from regional_lv.inputs.parameters import Parameterisation, repeated
+from regional_lv.inputs.stiffness import StiffnessInputs, repeated
 from regional_lv.seeds import derive
 
 log = logging.getLogger(__name__)
@@ -20,13 +20,13 @@ SENSITIVITY = "sensitivity"
 """Optional column of an outputs table (Parquet): d(outputs)/d(theta), D x P numbers, row by row."""
 
 
-def published_order(parameters: Parameterisation, channels: Channels) -> bool:
+def published_order(parameters: StiffnessInputs, channels: Channels) -> bool:
     """Whether they are the paper's, for which there are tables without a header."""
-    return parameters.names == Parameterisation().names and channels == Channels.of()
+    return parameters.names == StiffnessInputs().names and channels == Channels.of()
 
 
 def read_tables(
-    inputs: str | Path, outputs: str | Path, parameters: Parameterisation, channels: Channels
+    inputs: str | Path, outputs: str | Path, parameters: StiffnessInputs, channels: Channels
 ) -> pd.DataFrame:
     """The simulations of two tables with as many rows: `sample`, the P parameters, the D outputs
     and, if the outputs have it, `sensitivity`.
@@ -176,7 +176,7 @@ def import_simulations(
     own_test: bool,
     holdout: int,
     rows: int | None,
-    parameters: Parameterisation,
+    parameters: StiffnessInputs,
     channels: Channels,
     seed: int,
     kept: str | Path,

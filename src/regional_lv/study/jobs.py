@@ -15,7 +15,7 @@ from pathlib import Path
 
 from regional_lv.channels import Channels
 from regional_lv.errors import InputError
-from regional_lv.inputs.parameters import from_spec
+from regional_lv.inputs.stiffness import from_spec
 from regional_lv.study import running
 from regional_lv.study.faults import explain
 from regional_lv.study.progress import start_log

@@ -21,7 +21,7 @@ from regional_lv.config.section import (
 from regional_lv.config.sections.heart import missing_file
 from regional_lv.config.sections.subjects import Noise
 from regional_lv.data.published import PUBLISHED
-from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.inputs.stiffness import StiffnessInputs
 
 Replicates = Annotated[Whole, Field(ge=49)]
 
@@ -59,7 +59,7 @@ class Joint(Section):
                 yield f"{key}.subjects: there is no subject {subject}; {hint}"
         if self.theta != PUBLISHED:
             yield from missing_file(f"{key}.theta", self.theta)
-        elif study.theta.names != Parameterisation().names:
+        elif study.theta.names != StiffnessInputs().names:
             yield (
                 f"{key}.theta: the published thetas are of the paper's zones and factors; set "
                 "`parameters` to them, or give a table of all thetas"

@@ -27,7 +27,7 @@ from regional_lv.config.section import (
 from regional_lv.config.sections.simulation import KEPT
 from regional_lv.data.published import SLICES_OF_LEVEL
 from regional_lv.errors import InputError
-from regional_lv.inputs.parameters import PAPER_ZONES
+from regional_lv.inputs.stiffness import PAPER_ZONES
 from regional_lv.quantities import QUANTITIES
 
 RESERVED = {"train", "test", "holdout", "resimulated", "subjects"}

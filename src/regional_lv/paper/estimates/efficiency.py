@@ -13,7 +13,7 @@ from regional_lv.emulators.gaussian import Z95
 from regional_lv.emulators.training import read_sensitivities, read_simulations
 from regional_lv.inference.likelihood import Likelihood, Noise
 from regional_lv.inference.point import find_map
-from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.seeds import derive
 from regional_lv.study.progress import Progress
 
@@ -22,7 +22,7 @@ def measure_efficiency(
     emulator: str,
     transform: str,
     settings: dict,
-    parameters: Parameterisation,
+    parameters: StiffnessInputs,
     channels: Channels,
     train: str | Path,
     test: str | Path,

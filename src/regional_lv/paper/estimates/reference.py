@@ -15,7 +15,7 @@ import torch
 from regional_lv import emulators
 from regional_lv.channels import Channels
 from regional_lv.emulators.training import read_simulations
-from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.paper.estimates.check import first_cases, write_checked
 from regional_lv.seeds import derive
 
@@ -24,7 +24,7 @@ CHECKED_BY = "exact GP on training and test simulations"
 
 def fit_reference(
     screened: Sequence[Path],
-    parameters: Parameterisation,
+    parameters: StiffnessInputs,
     channels: Channels,
     seed: int,
     reference: Path,

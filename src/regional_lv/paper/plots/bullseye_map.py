@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.colors import Normalize
 
-from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.paper.plots import scenarios, verdicts
 from regional_lv.plots import bullseye, style
 
@@ -20,7 +20,7 @@ def draw(
     labels: Sequence[str],
     zones: str,
     title: str,
-    parameters: Parameterisation,
+    parameters: StiffnessInputs,
     png: Path,
     csv: Path,
 ) -> None:

@@ -8,7 +8,7 @@ import pandas as pd
 import seaborn
 from matplotlib.patches import Patch
 
-from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.paper.plots import scenarios, verdicts
 from regional_lv.plots import style
 
@@ -25,7 +25,7 @@ def draw(
     recoveries: Sequence[Path],
     noisy: Sequence[Path],
     labels: Sequence[str],
-    parameters: Parameterisation,
+    parameters: StiffnessInputs,
     png: Path,
     csv: Path,
 ) -> None:
@@ -70,7 +70,7 @@ def draw(
     style.save(fig, _statistics(pd.concat(tables)), png, csv)
 
 
-def _prior_width(parameters: Parameterisation) -> str:
+def _prior_width(parameters: StiffnessInputs) -> str:
     """Width of the prior's own 95 % interval, by factor where they differ."""
     widths = {name: f"{0.95 * np.ptp(bounds):.2f}" for name, bounds in parameters.bounds.items()}
     if len(set(widths.values())) == 1:

@@ -8,7 +8,7 @@ import pandas as pd
 import seaborn
 from matplotlib.lines import Line2D
 
-from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.paper.plots import scenarios, verdicts
 from regional_lv.paper.plots.bullseye_map import summarise
 from regional_lv.plots import bullseye, style
@@ -19,7 +19,7 @@ def draw(
     recoveries: Sequence[Path],
     noisy: Sequence[Path],
     labels: Sequence[str],
-    parameters: Parameterisation,
+    parameters: StiffnessInputs,
     png: Path,
     csv: Path,
 ) -> None:

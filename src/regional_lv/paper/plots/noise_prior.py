@@ -6,7 +6,7 @@ import pandas as pd
 import seaborn
 from matplotlib.axes import Axes
 
-from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.paper.plots.verdicts import warning_of
 from regional_lv.plots import style
 from regional_lv.plots.case_posterior import SOURCES
@@ -19,7 +19,7 @@ def draw(
     noise_prior: Path,
     subject: str,
     source: str,
-    parameters: Parameterisation,
+    parameters: StiffnessInputs,
     png: Path,
     csv: Path,
 ) -> None:

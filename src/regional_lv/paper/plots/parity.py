@@ -9,14 +9,14 @@ import seaborn
 from regional_lv.channels import Channel, Channels
 from regional_lv.emulators import label_of
 from regional_lv.emulators.gaussian import Z95
-from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.paper.plots.verdicts import chosen
 from regional_lv.plots import bullseye, style
 
 
 @style.context
 def draw(
-    predictions: Path, choice: Path, parameters: Parameterisation, png: Path, csv: Path
+    predictions: Path, choice: Path, parameters: StiffnessInputs, png: Path, csv: Path
 ) -> None:
     """Draw predictive means with 95 % bars against the simulator's values.
 
@@ -51,7 +51,7 @@ def draw(
 
 
 def _panel(
-    fig, place, part: pd.DataFrame, channel: Channel, parameters: Parameterisation, legend: bool
+    fig, place, part: pd.DataFrame, channel: Channel, parameters: StiffnessInputs, legend: bool
 ) -> None:
     """Parity above, error with its bars below. channel: one of those in the panel."""
     unit = "" if channel.unit == "1" else f" {channel.unit}"
@@ -95,7 +95,7 @@ def _panel(
         upper.legend(loc="lower right", title=zones.name, markerscale=2)
 
 
-def _zones(part: pd.DataFrame, parameters: Parameterisation) -> pd.Series:
+def _zones(part: pd.DataFrame, parameters: StiffnessInputs) -> pd.Series:
     """Zone of each row's segment; what belongs to no segment has none."""
     zone = {
         channel.name: parameters.zone_of(channel.segment) if channel.segment else ""

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
 
 from regional_lv.emulators import label_of
-from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.paper.plots.verdicts import chosen, failed_cases, warning_of
 from regional_lv.plots import style
 
@@ -29,7 +29,7 @@ def draw(
     coverage: Path,
     diagnostics: Path,
     choice: Path,
-    parameters: Parameterisation,
+    parameters: StiffnessInputs,
     png: Path,
     csv: Path,
 ) -> None:

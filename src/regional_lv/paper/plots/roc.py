@@ -7,7 +7,7 @@ from pathlib import Path
 import pandas as pd
 import seaborn
 
-from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.paper.plots import scenarios, verdicts
 from regional_lv.plots import style
 
@@ -21,7 +21,7 @@ def draw(
     areas: Sequence[Path],
     recoveries: Sequence[Path],
     labels: Sequence[str],
-    parameters: Parameterisation,
+    parameters: StiffnessInputs,
     png: Path,
     csv: Path,
 ) -> None:

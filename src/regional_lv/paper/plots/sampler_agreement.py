@@ -7,7 +7,7 @@ import pandas as pd
 import seaborn
 from matplotlib.lines import Line2D
 
-from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.plots import style
 
 COLOURS = {True: style.BLUE, False: style.VERMILLION}
@@ -16,7 +16,7 @@ MEAN_LIMIT, SD_LIMIT = 0.1, 0.1
 
 
 @style.context
-def draw(agreement: Sequence[Path], parameters: Parameterisation, png: Path, csv: Path) -> None:
+def draw(agreement: Sequence[Path], parameters: StiffnessInputs, png: Path, csv: Path) -> None:
     """Draw posteriors by importance sampling against NUTS: means and standard deviations.
 
     agreement: tables (CSV) with set, case, parameter, mean_fast, mean_nuts, sd_fast, sd_nuts,

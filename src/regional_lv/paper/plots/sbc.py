@@ -8,7 +8,7 @@ import seaborn
 from scipy import stats
 
 from regional_lv.emulators import label_of
-from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.paper.plots.verdicts import chosen
 from regional_lv.plots import style
 
@@ -18,7 +18,7 @@ TESTS = {"p_chi2": r"$\chi^2$", "p_ecdf": "ECDF"}
 
 @style.context
 def draw(
-    ranks: Path, tests: Path, choice: Path, parameters: Parameterisation, png: Path, csv: Path
+    ranks: Path, tests: Path, choice: Path, parameters: StiffnessInputs, png: Path, csv: Path
 ) -> None:
     """Draw the rank of the truth among the draws, per parameter and over all.
 

@@ -8,7 +8,7 @@ import pandas as pd
 import seaborn
 
 from regional_lv.emulators import label_of
-from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.paper.plots.verdicts import by_emulator, warning_of
 from regional_lv.plots import style
 
@@ -21,7 +21,7 @@ COVERAGE = [f"coverage{NOMINAL}{end}" for end in ("", "_lower", "_upper")]
 def draw(
     coverages: Sequence[Path],
     errors: Sequence[Path],
-    parameters: Parameterisation,
+    parameters: StiffnessInputs,
     png: Path,
     csv: Path,
 ) -> None:

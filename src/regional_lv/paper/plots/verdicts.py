@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.inputs.stiffness import StiffnessInputs
 
 
 def failed_cases(diagnostics: Path) -> set[str]:
@@ -52,7 +52,7 @@ def warning_of(failed: int, cases: int, drawn: str = "") -> str:
 
 
 def read_sets(
-    recoveries: Sequence[Path], labels: Sequence[str], parameters: Parameterisation
+    recoveries: Sequence[Path], labels: Sequence[str], parameters: StiffnessInputs
 ) -> pd.DataFrame:
     """The rows of several `recovery.csv` (cases x parameters) with what scenarios add to them.
 

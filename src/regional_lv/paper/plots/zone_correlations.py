@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.paper.plots import scenarios, verdicts
 from regional_lv.paper.plots.correlations import matrix, read
 from regional_lv.plots import bullseye, style
@@ -15,7 +15,7 @@ def draw(
     recoveries: Sequence[Path],
     labels: Sequence[str],
     title: str,
-    parameters: Parameterisation,
+    parameters: StiffnessInputs,
     png: Path,
     csv: Path,
 ) -> None:

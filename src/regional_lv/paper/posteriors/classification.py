@@ -10,7 +10,7 @@ import pandas as pd
 from scipy.stats import gmean
 
 from regional_lv.inference.diagnostics import diagnose, parameters_of
-from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.seeds import derive
 
 BOTH = "both"
@@ -21,7 +21,7 @@ EDGE = 1.96
 """Standard deviations of healthy zones above their mean at which stiffness begins."""
 
 
-def stiffness(theta: np.ndarray, parameters: Parameterisation) -> np.ndarray:
+def stiffness(theta: np.ndarray, parameters: StiffnessInputs) -> np.ndarray:
     """The F factors and `BOTH`, their geometric mean, of every zone: (..., P) -> (..., Z, F + 1).
 
     The factors of a zone compensate; their geometric mean lies across that ridge.

@@ -5,10 +5,10 @@ import pandas as pd
 from scipy import stats
 from sklearn.decomposition import PCA
 
-from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.inputs.stiffness import StiffnessInputs
 
 
-def zone_correlation(draws: np.ndarray, parameters: Parameterisation) -> np.ndarray:
+def zone_correlation(draws: np.ndarray, parameters: StiffnessInputs) -> np.ndarray:
     """Correlations (Z, Z) between the zones' first principal components, as in the paper.
 
     draws: (M, P). Within a zone, the factors are replaced by the direction in which, standardised,
@@ -42,7 +42,7 @@ def average(matrices: np.ndarray, names: tuple[str, ...], kind: str) -> pd.DataF
     )
 
 
-def correlate(draws: np.ndarray, parameters: Parameterisation) -> tuple[pd.DataFrame, pd.DataFrame]:
+def correlate(draws: np.ndarray, parameters: StiffnessInputs) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Tables of `average` between the parameters and between the zones.
 
     draws: (C, M, P) posterior draws of theta. Posteriors that failed the convergence check count.

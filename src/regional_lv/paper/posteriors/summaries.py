@@ -9,12 +9,12 @@ import pandas as pd
 
 from regional_lv.errors import InputError
 from regional_lv.inference.diagnostics import diagnose, parameters_of
-from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.paper.posteriors.correlations import correlate
 from regional_lv.paper.posteriors.recovery import coverage, map_errors, recovery
 
 
-def hpd_widths(table: pd.DataFrame, parameters: Parameterisation) -> pd.DataFrame:
+def hpd_widths(table: pd.DataFrame, parameters: StiffnessInputs) -> pd.DataFrame:
     """Widths of the 95 % HPD intervals, apart for the stiffened zone's parameters and the others.
 
     table: of `recovery`. Columns: parameter (P, then `all`), zone (the parameter's), stiffened

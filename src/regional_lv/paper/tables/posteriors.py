@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from regional_lv.inputs.parameters import Parameterisation
+from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.paper.plots.verdicts import by_emulator, by_posteriors, by_set, read_sets
 from regional_lv.tables.writing import written
 
@@ -54,7 +54,7 @@ def _convergence(name: str, part: pd.DataFrame) -> pd.DataFrame:
 
 
 @written
-def variance_ratios(coverages: list[Path], parameters: Parameterisation) -> pd.DataFrame:
+def variance_ratios(coverages: list[Path], parameters: StiffnessInputs) -> pd.DataFrame:
     """Mean posterior over prior variance per parameter, a column per emulator (Table S2).
 
     coverages: `posteriors/<emulator>/test/coverage.csv`. The last column says how many of the
@@ -71,7 +71,7 @@ def variance_ratios(coverages: list[Path], parameters: Parameterisation) -> pd.D
 
 @written
 def scenarios(
-    coverages: list[Path], areas: list[Path], recoveries: list[Path], parameters: Parameterisation
+    coverages: list[Path], areas: list[Path], recoveries: list[Path], parameters: StiffnessInputs
 ) -> pd.DataFrame:
     """One row per set of simulated hearts.
 

@@ -1,6 +1,6 @@
 """The inputs that are inferred of every study: factors of the material law in zones of the wall.
 
-One `Parameterisation` is made from the configuration and passed to whatever needs it. Its default
+One `StiffnessInputs` is made from the configuration and passed to whatever needs it. Its default
 is the paper's: five zones, with the factors C_a and C_b of the Holzapfel-Ogden law in each.
 """
 
@@ -79,7 +79,7 @@ class Stiffness(Input):
 
     @classmethod
     def members(cls, model):
-        return tuple(Parameterisation.from_spec(model["parameters"]))
+        return tuple(StiffnessInputs.from_spec(model["parameters"]))
 
     @property
     def words(self):
@@ -102,7 +102,7 @@ class Stiffness(Input):
         return {**model, "factors": {**factors, self.factor: changed}}
 
 
-class Parameterisation(InputSequence[Stiffness]):
+class StiffnessInputs(InputSequence[Stiffness]):
     """The stiffness inputs theta, P of them, zone by zone in the order of the zones.
 
     Parameters
@@ -142,7 +142,7 @@ class Parameterisation(InputSequence[Stiffness]):
         )
 
     @classmethod
-    def from_config(cls, config: Mapping) -> "Parameterisation":
+    def from_config(cls, config: Mapping) -> "StiffnessInputs":
         """From a checked configuration: its sections `parameters`, `material` and `design`."""
         asked, design = config["parameters"], config["design"]
         zones = asked["zones"]
@@ -158,7 +158,7 @@ class Parameterisation(InputSequence[Stiffness]):
     # ------------------------------------------------------------------- kept beside results
 
     def spec(self) -> dict:
-        """Plain values from which `from_spec` makes the same parameterisation."""
+        """Plain values from which `from_spec` makes the same inputs."""
         return {
             "zones": {zone: list(segments) for zone, segments in self.zones.items()},
             "law": self.law,
@@ -167,12 +167,12 @@ class Parameterisation(InputSequence[Stiffness]):
         }
 
     @classmethod
-    def from_spec(cls, spec: Mapping) -> "Parameterisation":
+    def from_spec(cls, spec: Mapping) -> "StiffnessInputs":
         """What `spec` describes."""
         return cls(**spec)
 
     def __eq__(self, other) -> bool:
-        return isinstance(other, Parameterisation) and self.spec() == other.spec()
+        return isinstance(other, StiffnessInputs) and self.spec() == other.spec()
 
     def __hash__(self) -> int:
         return hash((self.law, self.names))
@@ -235,9 +235,9 @@ class Parameterisation(InputSequence[Stiffness]):
         return np.array([values.get(name, absent) for name in self.names], dtype=float)
 
 
-def from_spec(spec: Mapping) -> Parameterisation | Coordinates:
+def from_spec(spec: Mapping) -> StiffnessInputs | Coordinates:
     """What a `spec` of either describes."""
-    return (Parameterisation if "law" in spec else Coordinates).from_spec(spec)
+    return (StiffnessInputs if "law" in spec else Coordinates).from_spec(spec)
 
 
 def label(name: str) -> str:
