@@ -110,14 +110,14 @@ def _check_borders(config: Mapping, known: Inputs, inputs: Inputs, every: bool) 
     _, away = turn_deg(table, other)
     zone_of = StiffnessInputs.from_spec(known.base["parameters"]).zone_of
     for numbers in filter(lambda numbers: len(numbers) > 1, LEVELS.values()):
-        for s, before in zip(numbers, np.roll(numbers, 1).tolist(), strict=True):
-            for segment in (s, before) if every or zone_of(s) != zone_of(before) else ():
-                if abs(away[segment - 1]) > SAME_DEG:
-                    _refuse(
-                        f"{config['geometry']['segments']}, line {table['line'].iloc[segment - 1]}"
-                        f": the sector begins {away[segment - 1]:+.0f} degrees from where the "
-                        f"emulator has it, and {SAME_DEG:g} are possible"
-                    )
+        # A segment begins where the one that follows in the AHA's numbering ends.
+        for s, following in zip(numbers, np.roll(numbers, -1).tolist(), strict=True):
+            if (every or zone_of(s) != zone_of(following)) and abs(away[s - 1]) > SAME_DEG:
+                _refuse(
+                    f"{config['geometry']['segments']}, line {table['line'].iloc[s - 1]}: the "
+                    f"sector begins {away[s - 1]:+.0f} degrees from where the emulator has it, and "
+                    f"{SAME_DEG:g} are possible"
+                )
 
 
 def _check_shape(

@@ -44,8 +44,11 @@ def turn_deg(own: pd.DataFrame, other: pd.DataFrame) -> tuple[float, np.ndarray]
     """By how much sectors (17 rows each) are turned as a whole against others, as the basal and mid
     levels say, and how far each of the sixteen then begins from its other (degrees)."""
     gap = np.radians((own["angle_from_deg"] - other["angle_from_deg"]).to_numpy()[:-1])
-    mean = np.angle(np.exp(1j * gap[: LEVELS["apical"][0] - 1]).mean())
-    return float(np.degrees(mean)), np.degrees(np.angle(np.exp(1j * (gap - mean))))
+    upper = gap[: LEVELS["apical"][0] - 1]
+    mean = np.angle(np.exp(1j * upper).mean())
+    # The median: a wall that is divided elsewhere turns nothing else.
+    turn = mean + np.median(np.angle(np.exp(1j * (upper - mean))))
+    return float(np.degrees(turn)), np.degrees(np.angle(np.exp(1j * (gap - turn))))
 
 
 def weights(other: pd.DataFrame, own: pd.DataFrame, zone: Sequence[str]) -> np.ndarray:
