@@ -12,7 +12,7 @@ release = version = tomllib.loads((ROOT / "pyproject.toml").read_text())["projec
 extensions = ["myst_nb", "sphinx_copybutton"]
 myst_enable_extensions = ["colon_fence", "deflist"]
 myst_heading_anchors = 3
-exclude_patterns = ["_build", "images/README.md"]
+exclude_patterns = ["_build"]
 nb_execution_mode = "off"  # the notebook is stored with its outputs; `make docs-notebook` runs it
 nb_output_stderr = "remove"
 
