@@ -14,8 +14,8 @@ Files lie where the workflow puts them, so that either can go on with what the o
 from collections.abc import Mapping
 from pathlib import Path
 
-import arviz as az
 import pandas as pd
+import xarray as xr
 
 from regional_lv import config as study_config
 from regional_lv.channels import Channels
@@ -24,6 +24,7 @@ from regional_lv.emulators.base import Emulator
 from regional_lv.emulators.training import train_emulator
 from regional_lv.geometry.from_config import make_heart
 from regional_lv.geometry.mesh_config import finer
+from regional_lv.inference import posteriors
 from regional_lv.inference.sampling import sample_subject
 from regional_lv.inputs.physics import physics_of
 from regional_lv.inputs.space import model_sections_of
@@ -139,8 +140,8 @@ class Study:
 
     def infer(
         self, measured: str | Path, emulator: Emulator, subject: str = "subject"
-    ) -> az.InferenceData:
-        """The posterior of theta given a measured file, as ArviZ InferenceData.
+    ) -> xr.DataTree:
+        """The posterior of theta given a measured file, in groups as ArviZ names them.
 
         Its diagnostics are in `posteriors/<emulator>/subjects/<subject>.csv`. Raises InputError for
         a measured file that cannot be used.
@@ -160,7 +161,7 @@ class Study:
             posterior,
             self._file(f"{folder}/{subject}.csv"),
         )
-        return az.from_netcdf(posterior)
+        return posteriors.load(posterior)
 
     def measure(self, name: str) -> Path:
         """Simulate the entry `name` of `synthetic_subjects`, with its noise; the measured file."""

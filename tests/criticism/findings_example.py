@@ -4,7 +4,6 @@ posterior that goes with them: no critic ran, but all of it hangs together."""
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-import arviz as az
 import numpy as np
 import xarray as xr
 
@@ -22,6 +21,7 @@ from regional_lv.criticism.contract import (
     Stiffness,
     Summary,
 )
+from regional_lv.inference.posteriors import write
 from regional_lv.inputs.stiffness import StiffnessInputs
 
 BASE, LOAD, SCAR = 0.004, ["septal_load"], ["septal_load", "focal_scar"]
@@ -275,11 +275,16 @@ def write_posterior(
         for which in ("averaged", "as_it_is")
     )
     after, before = ([row[when] for row in findings["noise"]] for when in ("after", "before"))
-    az.InferenceData(
-        posterior=group(averaged, after, draws or {}),
-        posterior_predictive=xr.Dataset(
-            {"y": (("chain", "draw", "output"), observed + noise)}, output
+    write(
+        xr.DataTree.from_dict(
+            {
+                "posterior": group(averaged, after, draws or {}),
+                "posterior_predictive": xr.Dataset(
+                    {"y": (("chain", "draw", "output"), observed + noise)}, output
+                ),
+                "observed_data": xr.Dataset({"y": ("output", observed)}, output),
+                "as_it_is": group(base, before, {}),
+            }
         ),
-        observed_data=xr.Dataset({"y": ("output", observed)}, output),
-        as_it_is=group(base, before, {}),
-    ).to_netcdf(str(path))
+        path,
+    )

@@ -6,11 +6,11 @@ causes, a single one, none, and one whose cause is not suspected.
 
 import json
 
-import arviz as az
 import numpy as np
 import pandas as pd
 import pytest
 
+from regional_lv.inference.posteriors import load
 from regional_lv.session import Study
 from tests.small import edit_config
 from tests.workflow.project import run
@@ -102,12 +102,12 @@ def test_stiffness_survives_the_criticism(results):
 
 def test_files_say_what_the_findings_do(results):
     found = findings(results, "septum")
-    data = az.from_netcdf(results / "criticism" / "septum" / "posterior.nc")
+    data = load(results / "criticism" / "septum" / "posterior.nc")
     for row in found["stiffness"]:
         draws = data.posterior["value"].sel(input=row["name"]).to_numpy()
         assert abs(draws.mean() - row["averaged"]["mean"]) < 0.2 * row["averaged"]["sd"]
         assert sum(row["sources"].values()) == pytest.approx(1.0)
-    assert "as_it_is" in data.groups()
+    assert "as_it_is" in data.children
     replicated = data.posterior_predictive["y"].to_numpy()[0]
     low, high = np.quantile(replicated, [0.005, 0.995], axis=0)
     observed = data.observed_data["y"].to_numpy()

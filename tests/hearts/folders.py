@@ -4,7 +4,6 @@ import json
 from collections.abc import Mapping
 from pathlib import Path
 
-import arviz as az
 import numpy as np
 import xarray as xr
 import yaml
@@ -14,6 +13,7 @@ from regional_lv import data
 from regional_lv.cli import main
 from regional_lv.criticism.findings import write_findings
 from regional_lv.errors import InputError
+from regional_lv.inference.posteriors import write
 from regional_lv.inputs.stiffness import StiffnessInputs
 from tests.criticism.findings_example import example, summary
 from tests.hearts.cohorts import covariances, posterior
@@ -100,9 +100,12 @@ def answer_as_known(config: Mapping, folder: Path) -> None:
         inputs | {"cause": causes},
     )
     value = {"value": (("chain", "draw", "input"), draws[None])}
-    az.InferenceData(
-        posterior=xr.Dataset(value, inputs), sample_stats=models, constant_data=known
-    ).to_netcdf(str(folder / "posterior.nc"))
+    write(
+        xr.DataTree.from_dict(
+            {"posterior": xr.Dataset(value, inputs), "sample_stats": models, "constant_data": known}
+        ),
+        folder / "posterior.nc",
+    )
 
 
 def reasons(folder: Path) -> dict[str, str]:

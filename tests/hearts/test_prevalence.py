@@ -67,7 +67,7 @@ def test_evidence_of_one_heart():
     """Against the evidence of all sets, weighed by their prior, in closed form."""
     inputs = toy_inputs(2, suspected=3, half=2.0)
     potential, _, _ = linear_problem(inputs, 12, [0.5, -0.3, 0.0, 0.3, 0.0])
-    data = average(potential, 2, 0).inference_data(100, 0)
+    data = average(potential, 2, 0).to_datatree(100, 0)
     found = log_bayes_factors(data)
     assert set(found) == {"c0", "c1", "c2"}
     models = data.sample_stats
@@ -79,5 +79,5 @@ def test_evidence_of_one_heart():
         prior = (0 + 1 / 3 + 2 / 3) / 3
         assert value == pytest.approx(posterior - special.logit(prior), abs=1e-6)
     # A cause that no model may free says nothing.
-    data = average(potential.without([2]), 2, 0).inference_data(100, 0)
+    data = average(potential.without([2]), 2, 0).to_datatree(100, 0)
     assert set(log_bayes_factors(data)) == {"c1", "c2"}

@@ -1,6 +1,5 @@
 """From emulator to posterior with other zones, factors, bounds and channels than the paper's."""
 
-import arviz as az
 import numpy as np
 import pandas as pd
 import pytest
@@ -11,9 +10,9 @@ from regional_lv.channels import Channels
 from regional_lv.emulators.training import train_emulator
 from regional_lv.errors import InputError
 from regional_lv.inference import sampling
-from regional_lv.inference.diagnostics import parameters_of
 from regional_lv.inference.likelihood import Likelihood, Noise
 from regional_lv.inference.point import find_map
+from regional_lv.inference.posteriors import cases_of, load
 from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.paper.estimates.least_squares import find_least_squares
 from regional_lv.paper.posteriors import sets
@@ -101,8 +100,8 @@ def test_posteriors_and_their_tables(study):
         *(folder / "e.pt", folder / "scenario.parquet", "local", "0000", 1, 2, None),
         *("importance", NUTS, POINT, 1, path),
     )
-    data = az.from_netcdf(path)
-    assert parameters_of(data) == parameters
+    data = load(path)
+    assert [one.parameters for one in cases_of(data)] == 2 * [parameters]
     theta = data.posterior["theta"].to_numpy()
     assert theta.shape == (2, 150, 2, len(parameters))
     assert ((theta >= parameters.lower) & (theta <= parameters.upper)).all()
@@ -185,7 +184,7 @@ def test_subject_with_torsion_and_two_loads(study, sampler, tmp_path):
     few = NUTS | {"warmup": 30, "draws": 20, "rhat_max": 10.0, "ess_min": 0, "max_tree_depth": 4}
     how = sampling.Sampling(few, POINT, 1, "subjects")
     sampled = sampling.sample_cases([likelihood], ["someone"], how, sampler)
-    data = sampling.to_inference_data(sampled, few)
+    data = sampling.to_datatree(sampled, few)
     assert data.posterior["sigma"].shape[-1] == 2
     theta = data.posterior["theta"].to_numpy()
     assert np.isfinite(theta).all()

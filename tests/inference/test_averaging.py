@@ -2,12 +2,12 @@
 
 from itertools import combinations
 
-import arviz as az
 import numpy as np
 import pytest
 import torch
 
 from regional_lv.inference.averaging import average
+from regional_lv.inference.posteriors import load, write
 from regional_lv.inference.potential import Potential
 from regional_lv.inputs.scales import Logarithmic, Saturating
 from regional_lv.inputs.space import Inputs, Role
@@ -74,8 +74,8 @@ def test_suspected_inputs(linear_average):
 
 def test_files(linear_average, tmp_path):
     found = linear_average[0]
-    found.inference_data(500, 3).to_netcdf(str(tmp_path / "a.nc"), engine="h5netcdf")
-    data = az.from_netcdf(tmp_path / "a.nc")
+    write(found.to_datatree(500, 3), tmp_path / "a.nc")
+    data = load(tmp_path / "a.nc")
     assert dict(data.posterior.sizes) == {"chain": 1, "draw": 500, "input": 6}
     t0 = data.posterior["value"].sel(input="t0").to_numpy()
     row = found.table().loc["t0"]
@@ -103,7 +103,7 @@ def test_same_seed_same_answer():
     potential, _, _ = linear_problem(inputs, 10, [0.3, 0.1, 0.2, 0.0, 0.0])
     first, second, other = (average(potential, 2, seed, draws=500) for seed in (1, 1, 2))
     assert first.table().equals(second.table())
-    assert first.inference_data(50, 1).posterior.equals(second.inference_data(50, 1).posterior)
+    assert first.to_datatree(50, 1).posterior.equals(second.to_datatree(50, 1).posterior)
     assert not first.table().equals(other.table())
 
 

@@ -1,6 +1,5 @@
 """From posteriors in files to what they are worth: scenarios, samplers, calibration, simulator."""
 
-import arviz as az
 import numpy as np
 import pandas as pd
 import pytest
@@ -9,6 +8,7 @@ from scipy import stats
 
 from regional_lv import emulators
 from regional_lv.inference import sampling
+from regional_lv.inference.posteriors import load, write
 from regional_lv.paper.posteriors import sets
 from regional_lv.paper.posteriors.agreement import COLUMNS, compare_samplers
 from regional_lv.paper.posteriors.classification import classify_zones, score_classification
@@ -44,7 +44,7 @@ def test_zones_are_told_apart(study, posteriors):
     septal = table[table["zone"] == "septal"].groupby("case")["stiffened"].first()
     assert septal.tolist() == [True, True, False, False]
     # The probability is the share of draws above the edge.
-    data = az.from_netcdf(posteriors)
+    data = load(posteriors)
     draws = data.posterior["theta"].sel(parameter="C_b_septal")
     expected = (draws > 1.098).mean(("chain", "draw")).to_numpy()
     of_septal = table[(table["zone"] == "septal") & (table["quantity"] == "C_b")]
@@ -67,9 +67,9 @@ def test_samplers_are_compared(study, posteriors):
 
 
 def test_no_case_of_the_fast_sampler_is_no_error(study, posteriors):
-    data = az.from_netcdf(posteriors)
+    data = load(posteriors)
     data.constant_data["sampler"][:] = "nuts"
-    sampling.write(data, study / "by_nuts.nc")
+    write(data, study / "by_nuts.nc")
     files = study / "emulator.pt", [study / "by_nuts.nc"]
     compare_samplers(*files, "test", 1, None, FEW, POINT, 1, study / "agreement.csv")
     assert pd.read_csv(study / "agreement.csv").empty
@@ -125,11 +125,11 @@ def test_noise_priors_are_compared(study):
         )
     )
     # The same with draws of known distributions: exponential ones, of the mean 1, 2, ...
-    data = az.from_netcdf(files[0])
+    data = load(files[0])
     grid = stats.expon.ppf((np.arange(200) + 0.5) / 200).reshape(2, 100, 1, 1)
     data.posterior["sigma"][:] = grid * [1, 2]
     data.posterior["theta"][:] = grid * np.arange(3, 13)
-    sampling.write(data, study / "known.nc")
+    write(data, study / "known.nc")
     files = files[0], study / "known.nc"
     compare_noise_priors(files, [0.1, 0.2], study / "priors.csv")
     table = pd.read_csv(study / "priors.csv")

@@ -39,7 +39,7 @@ def test_inferred_noise():
     evidence = integrate.simpson(of_sigma, x=sigma)
     mean = integrate.simpson(sigma * of_sigma, x=sigma)
     assert one.log_evidence == pytest.approx(np.log(evidence), abs=4 * one.evidence_error)
-    sigma = found.inference_data(2000, 0).posterior["sigma"]
+    sigma = found.to_datatree(2000, 0).posterior["sigma"]
     assert float(sigma.mean()) == pytest.approx(mean / evidence, rel=0.05)
 
 

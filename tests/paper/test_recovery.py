@@ -2,12 +2,13 @@
 
 import json
 
-import arviz as az
 import numpy as np
 import pandas as pd
 import pytest
+import xarray as xr
 from scipy import stats
 
+from regional_lv.inference.posteriors import Posterior
 from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.paper.posteriors.recovery import (
     ANY_SOFT,
@@ -23,14 +24,14 @@ PARAMETERS = StiffnessInputs()
 def recovered(draws: np.ndarray, truth: np.ndarray) -> pd.DataFrame:
     """`recovery` of draws (10, M) of the ten parameters of one case."""
     names = list(PARAMETERS.names)
-    data = az.from_dict(
-        posterior={"theta": draws.T[None, :, None]},
-        constant_data={"theta_true": truth[None], "theta_map": truth[None]},
-        coords={"case": ["1"], "parameter": names},
-        dims={key: ["case", "parameter"] for key in ("theta", "theta_true", "theta_map")},
+    theta = xr.Dataset(
+        {"theta": (("parameter", "chain", "draw"), draws[:, None])},
+        {"parameter": names},
+        {"parameters": json.dumps(PARAMETERS.spec())},
     )
-    data.posterior.attrs["parameters"] = json.dumps(PARAMETERS.spec())
-    return recovery(data, pd.DataFrame({"case": ["1"], "verdict": ["passed"]}))
+    known = xr.Dataset({key: ("parameter", truth) for key in ("theta_true", "theta_map")})
+    posterior = Posterior("1", {"posterior": theta, "constant_data": known})
+    return recovery([posterior], pd.DataFrame({"case": ["1"], "verdict": ["passed"]}))
 
 
 def test_crps_of_a_gaussian():

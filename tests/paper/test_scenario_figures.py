@@ -2,7 +2,6 @@
 
 import json
 
-import arviz as az
 import numpy as np
 import pandas as pd
 import pytest
@@ -10,6 +9,7 @@ import xarray as xr
 from matplotlib.image import imread
 
 from regional_lv.channels import Channels
+from regional_lv.inference.posteriors import write
 from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.paper import page
 from regional_lv.paper.plots import (
@@ -25,9 +25,9 @@ from regional_lv.paper.plots import (
     sbc,
     scenarios,
     uncertainty,
-    verdicts,
     zone_correlations,
 )
+from regional_lv.paper.posteriors import verdicts
 from regional_lv.paper.tables import posteriors
 from regional_lv.plots import strain_field, style
 from regional_lv.tables import subjects
@@ -298,14 +298,19 @@ def shortlisted(tmp_path):
             draws = truth[cases] + spread * rng.normal(size=(2, 60, 2, 10))
             names = {"case": [str(c) for c in cases], "parameter": list(PARAMETERS.names)}
             path = folder / f"batch-{batch}.nc"
-            az.InferenceData(
-                posterior=xr.Dataset(
-                    {"theta": (("chain", "draw", "case", "parameter"), draws)}, names
+            write(
+                xr.DataTree.from_dict(
+                    {
+                        "posterior": xr.Dataset(
+                            {"theta": (("chain", "draw", "case", "parameter"), draws)}, names
+                        ),
+                        "constant_data": xr.Dataset(
+                            {"theta_true": (("case", "parameter"), truth[cases])}, names
+                        ),
+                    }
                 ),
-                constant_data=xr.Dataset(
-                    {"theta_true": (("case", "parameter"), truth[cases])}, names
-                ),
-            ).to_netcdf(str(path))
+                path,
+            )
             files["posteriors"][emulator].append(path)
     return files
 
@@ -355,9 +360,16 @@ def test_convergence_tells_three_rhats(tmp_path):
     theta = rng.normal(size=(2, 200, 1, 10))
     theta[..., 0:1] = drift + 0.1 * theta[..., 0:1]
     names = {"case": ["heart"], "parameter": list(PARAMETERS.names)}
-    az.InferenceData(
-        posterior=xr.Dataset({"theta": (("chain", "draw", "case", "parameter"), theta)}, names)
-    ).to_netcdf(str(tmp_path / "h.nc"))
+    write(
+        xr.DataTree.from_dict(
+            {
+                "posterior": xr.Dataset(
+                    {"theta": (("chain", "draw", "case", "parameter"), theta)}, names
+                )
+            }
+        ),
+        tmp_path / "h.nc",
+    )
     pd.DataFrame(
         [("heart", name, 1.5, 50.0, 60.0, 0, False, FAILED) for name in PARAMETERS.names],
         columns="case parameter rhat ess_bulk ess_tail divergences passed verdict".split(),

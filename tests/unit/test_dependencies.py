@@ -2,6 +2,7 @@
 
 import ast
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -63,32 +64,64 @@ def test_nothing_else_is_found(root):
     } <= found
 
 
-def imported(file):
-    """Dotted names of the modules, and of what is in them, that a file imports."""
-    for node in ast.walk(ast.parse(file.read_text())):
-        if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names)
-        elif isinstance(node, ast.ImportFrom):
-            yield from (f"{node.module}.{alias.name}" for alias in node.names)
-
-
-def test_nothing_depends_on_the_room_of_the_paper(root):
-    """The workflow calls it, and the registry of emulators has the name of its list."""
-    package = root / "src" / "regional_lv"
-    paper, others = [], []
+@pytest.fixture(scope="module")
+def imports(root):
+    """Dotted names of modules, and of what is in them, that each file of the package imports."""
+    package, found = root / "src" / "regional_lv", {}
     for file in package.rglob("*.py"):
-        inside = file.is_relative_to(package / "paper")
-        (paper if inside else others).append(file)
+        names = found[file.relative_to(package).as_posix()] = []
+        for node in ast.walk(ast.parse(file.read_text())):
+            if isinstance(node, ast.Import):
+                names += [alias.name for alias in node.names]
+            elif isinstance(node, ast.ImportFrom):
+                names += [f"{node.module}.{alias.name}" for alias in node.names]
+    return found
+
+
+def test_nothing_depends_on_the_room_of_the_paper(imports):
+    """The workflow calls it, and the registry of emulators has the name of its list."""
     room = "regional_lv.paper"
     users = {
-        file.relative_to(package).as_posix()
-        for file in others
-        for name in imported(file)
-        if name == room or name.startswith(f"{room}.")
+        file
+        for file, names in imports.items()
+        if any(name == room or name.startswith(f"{room}.") for name in names)
     }
-    assert not users
-    # What looks for them would find some: modules of the room import one another.
-    assert any(name.startswith(room) for file in paper for name in imported(file))
+    # What looks for them finds some: modules of the room import one another.
+    assert users and all(file.startswith("paper/") for file in users)
+
+
+DRAWING = {
+    "cli/check.py": {"inputs"},
+    "hearts/fast.py": {
+        *("bullseye_posterior", "criticism", "measured_strains", "posterior_predictive"),
+    },
+    "page/cohort.py": {"style"},
+    "page/heart3d.py": {"heart", "style"},
+    "page/page.py": {"style"},
+}
+"""What draws beside the workflow; `style` has names and colours of all that is shown."""
+
+
+def test_no_figure_is_a_source_of_data(imports):
+    """Readers lie below tables, pages and figures, so that none needs another for its data."""
+    plots = re.compile(r"regional_lv\.(?:paper\.)?plots\.(\w+)")
+    users = {
+        file: {found[1] for name in names if (found := plots.match(name))}
+        for file, names in imports.items()
+        if not file.startswith(("plots/", "paper/plots/"))
+    }
+    assert {file: modules for file, modules in users.items() if modules} == DRAWING
+
+
+def test_posteriors_are_read_by_one_module(root):
+    """Only after a job has failed are its files read in another way."""
+    package = root / "src" / "regional_lv"
+    users = {
+        file.relative_to(package).as_posix()
+        for file in package.rglob("*.py")
+        if re.search(r"\b(from_netcdf|(open|load)_(datatree|dataset))\b", file.read_text())
+    }
+    assert users == {"inference/posteriors.py", "study/faults.py"}
 
 
 def test_modules_can_be_left_out(root):

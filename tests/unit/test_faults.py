@@ -5,13 +5,14 @@ import errno
 import json
 import os
 
-import arviz as az
 import numpy as np
 import pandas as pd
 import pytest
 import torch
+import xarray as xr
 
 from regional_lv.errors import InputError
+from regional_lv.inference.posteriors import write
 from regional_lv.study.faults import READERS, damage_of, explain
 from snakemake_logger_plugin_regional_lv import reason_of
 
@@ -43,7 +44,8 @@ def file_of(path):
         case ".json":
             path.write_text(json.dumps(table.to_dict()))
         case ".nc":
-            az.from_dict({"theta": np.zeros((2, 50, 3))}).to_netcdf(str(path), engine="h5netcdf")
+            draws = xr.Dataset({"theta": (("chain", "draw", "parameter"), np.zeros((2, 50, 3)))})
+            write(xr.DataTree.from_dict({"posterior": draws}), path)
         case ".npz":
             np.savez(path, a=np.arange(300.0), b=np.zeros((4, 4)))
         case ".parquet":

@@ -2,7 +2,6 @@
 
 import json
 
-import arviz as az
 import matplotlib
 import meshio
 import numpy as np
@@ -17,14 +16,15 @@ from vtkmodules.vtkCommonDataModel import vtkTriQuadraticHexahedron
 from regional_lv import aha
 from regional_lv.channels import Channels
 from regional_lv.config.sections.subjects import Subject
+from regional_lv.criticism import case_posterior
 from regional_lv.errors import InputError
+from regional_lv.inference.posteriors import write
 from regional_lv.inputs.stiffness import ZONES, StiffnessInputs
 from regional_lv.paper.plots import parity, recovery
 from regional_lv.paper.tables import posteriors
 from regional_lv.plots import (
     bullseye,
     bullseye_posterior,
-    case_posterior,
     criticism,
     design,
     explained_variance,
@@ -73,26 +73,31 @@ def subject(tmp_path):
         observed = np.full((1, len(OBSERVED)), 0.1)
         observed[0, 3] += 0.0 if inside else 1.0
         case = {"case": ["heart"]}
-        az.InferenceData(
-            posterior=xr.Dataset(
+        write(
+            xr.DataTree.from_dict(
                 {
-                    "theta": (("chain", "draw", "case", "parameter"), theta),
-                    "sigma": (("chain", "draw", "case", "direction"), 0.3 * theta[..., :2]),
-                },
-                {
-                    **case,
-                    "parameter": list(PARAMETERS.names),
-                    "direction": ["circumferential", "radial"],
-                },
+                    "posterior": xr.Dataset(
+                        {
+                            "theta": (("chain", "draw", "case", "parameter"), theta),
+                            "sigma": (("chain", "draw", "case", "direction"), 0.3 * theta[..., :2]),
+                        },
+                        {
+                            **case,
+                            "parameter": list(PARAMETERS.names),
+                            "direction": ["circumferential", "radial"],
+                        },
+                    ),
+                    "observed_data": xr.Dataset(
+                        {"y": (("case", "output"), observed)}, {**case, "output": OBSERVED}
+                    ),
+                    "posterior_predictive": xr.Dataset(
+                        {"y": (("chain", "draw", "case", "output"), predicted)},
+                        {**case, "output": OBSERVED},
+                    ),
+                }
             ),
-            constant_data=xr.Dataset(
-                {"y_obs": (("case", "output"), observed)}, {**case, "output": OBSERVED}
-            ),
-            posterior_predictive=xr.Dataset(
-                {"y": (("chain", "draw", "case", "output"), predicted)},
-                {**case, "output": OBSERVED},
-            ),
-        ).to_netcdf(str(tmp_path / "heart.nc"))
+            tmp_path / "heart.nc",
+        )
         names = [*PARAMETERS.names, "sigma_circumferential", "sigma_radial"]
         pd.DataFrame(
             {
@@ -609,7 +614,7 @@ def test_unknown_case_and_missing_verdict_are_named(subject, tmp_path):
 
 
 def test_constant_draws_have_a_density():
-    values, heights = case_posterior.density(np.full((2, 10), 1.5))
+    values, heights = traces.density(np.full((2, 10), 1.5))
     assert values[heights.argmax()] == 1.5
 
 

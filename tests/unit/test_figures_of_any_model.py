@@ -3,7 +3,6 @@ segments, another material law, several loads, torsion and shortening."""
 
 import json
 
-import arviz as az
 import numpy as np
 import pandas as pd
 import pytest
@@ -11,7 +10,9 @@ import xarray as xr
 from matplotlib.image import imread
 
 from regional_lv.channels import Channels
+from regional_lv.criticism import case_posterior
 from regional_lv.errors import InputError
+from regional_lv.inference.posteriors import load, write
 from regional_lv.inputs.stiffness import ZONES, StiffnessInputs
 from regional_lv.paper.plots import (
     bullseye_map,
@@ -27,13 +28,12 @@ from regional_lv.paper.plots import (
     sampler_agreement,
     sbc,
     uncertainty,
-    verdicts,
     zone_correlations,
 )
+from regional_lv.paper.posteriors import verdicts
 from regional_lv.paper.tables import posteriors
 from regional_lv.plots import (
     bullseye_posterior,
-    case_posterior,
     criticism,
     design,
     posterior_predictive,
@@ -116,20 +116,30 @@ def subject(tmp_path):
         value = np.array([100.0 if name.startswith("volume") else 0.1 for name in outputs])
         predicted = value * (1 + 0.05 * rng.normal(size=(2, 40, 1, len(outputs))))
         case, output = {"case": ["heart"]}, {"output": list(outputs)}
-        az.InferenceData(
-            posterior=xr.Dataset(
+        write(
+            xr.DataTree.from_dict(
                 {
-                    "theta": (("chain", "draw", "case", "parameter"), theta),
-                    "sigma": (("chain", "draw", "case", "direction"), sigma),
-                },
-                case
-                | {"parameter": list(parameters.names), "direction": ["circumferential", "radial"]},
+                    "posterior": xr.Dataset(
+                        {
+                            "theta": (("chain", "draw", "case", "parameter"), theta),
+                            "sigma": (("chain", "draw", "case", "direction"), sigma),
+                        },
+                        case
+                        | {
+                            "parameter": list(parameters.names),
+                            "direction": ["circumferential", "radial"],
+                        },
+                    ),
+                    "observed_data": xr.Dataset(
+                        {"y": (("case", "output"), value[None])}, case | output
+                    ),
+                    "posterior_predictive": xr.Dataset(
+                        {"y": (("chain", "draw", "case", "output"), predicted)}, case | output
+                    ),
+                }
             ),
-            constant_data=xr.Dataset({"y_obs": (("case", "output"), value[None])}, case | output),
-            posterior_predictive=xr.Dataset(
-                {"y": (("chain", "draw", "case", "output"), predicted)}, case | output
-            ),
-        ).to_netcdf(str(tmp_path / "heart.nc"))
+            tmp_path / "heart.nc",
+        )
         checks = pd.DataFrame({"parameter": [*parameters.names, "sigma_circumferential"]})
         checks = checks.assign(case="heart", rhat=1.0, ess_bulk=900.0, ess_tail=800.0)
         checks = checks.assign(divergences=0, passed=True, verdict="passed")
@@ -259,9 +269,9 @@ def test_posterior_predictive(subject, paths):
 def test_posterior_predictive_that_is_not_there(subject, paths):
     """As in a file that someone wrote with ArviZ from the posterior alone."""
     posterior, diagnostics = subject(MODELS["whole"])
-    data = az.from_netcdf(posterior).load()
-    del data.posterior_predictive
-    data.to_netcdf(str(posterior))
+    data = load(posterior)
+    del data["posterior_predictive"]
+    write(data, posterior)
     with pytest.raises(InputError, match=r"heart\.nc: no group .*; rerun the subject's inference"):
         posterior_predictive.draw(posterior, diagnostics, "file", *paths)
 

@@ -4,7 +4,6 @@ import json
 import re
 from io import BytesIO
 
-import arviz as az
 import numpy as np
 import pandas as pd
 import pytest
@@ -14,6 +13,7 @@ from selenium.webdriver import ActionChains
 from selenium.webdriver.support.wait import WebDriverWait
 
 from regional_lv.channels import Channels
+from regional_lv.inference.posteriors import write
 from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.measured import write_measured
 from regional_lv.page.page import make_page, make_page_of_several, missing
@@ -62,16 +62,21 @@ def sampled(table, path):
     y, sd = table["value"].to_numpy(), table["sd"].to_numpy()
     predicted = y + sd * rng.standard_normal((2, 200, 1, len(y)))
     case, output = {"case": ["heart"]}, {"output": table["output"].tolist()}
-    az.InferenceData(
-        posterior=xr.Dataset(
-            {"theta": (("chain", "draw", "case", "parameter"), theta)},
-            {**case, "parameter": list(PARAMETERS.names)},
+    write(
+        xr.DataTree.from_dict(
+            {
+                "posterior": xr.Dataset(
+                    {"theta": (("chain", "draw", "case", "parameter"), theta)},
+                    {**case, "parameter": list(PARAMETERS.names)},
+                ),
+                "observed_data": xr.Dataset({"y": (("case", "output"), y[None])}, case | output),
+                "posterior_predictive": xr.Dataset(
+                    {"y": (("chain", "draw", "case", "output"), predicted)}, case | output
+                ),
+            }
         ),
-        constant_data=xr.Dataset({"y_obs": (("case", "output"), y[None])}, case | output),
-        posterior_predictive=xr.Dataset(
-            {"y": (("chain", "draw", "case", "output"), predicted)}, case | output
-        ),
-    ).to_netcdf(str(path))
+        path,
+    )
 
 
 @pytest.fixture(scope="module")

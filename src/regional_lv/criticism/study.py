@@ -23,8 +23,8 @@ from regional_lv.inference.averaging import DRAWS, Averaged, average
 from regional_lv.inference.departure import noise_units
 from regional_lv.inference.emulated import EmulatedInputs
 from regional_lv.inference.hearts import potential_of_tables, read_known_theta, stiffness_of
+from regional_lv.inference.posteriors import write
 from regional_lv.inference.potential import Potential
-from regional_lv.inference.sampling import write
 from regional_lv.inference.sets import fit_base
 from regional_lv.inputs.space import Inputs
 from regional_lv.measured import read_measured
@@ -304,8 +304,8 @@ def write_concluded(
     critic: Critic, concluded: Concluded, findings: str | Path, posterior: str | Path
 ) -> None:
     """Write the findings (JSON) and the posterior averaged over models (NetCDF,
-    `Averaged.inference_data`)."""
-    write(concluded.verdict.averaged.inference_data(KEPT, critic.seed), posterior)
+    `Averaged.to_datatree`)."""
+    write(concluded.verdict.averaged.to_datatree(KEPT, critic.seed), posterior)
     write_findings(concluded.findings, findings)
     for sentence in concluded.findings["words"]:
         log.info("%s", sentence)

@@ -16,8 +16,8 @@ all hearts share, such as the emulator's, counts anew in every heart.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-import arviz as az
 import numpy as np
+import xarray as xr
 from scipy import special, stats
 
 NODES = 4001
@@ -45,10 +45,10 @@ class Prevalence:
         return float(special.expit(self.log_bayes_factor))
 
 
-def log_bayes_factors(data: az.InferenceData) -> Mapping[str, float]:
+def log_bayes_factors(data: xr.DataTree) -> Mapping[str, float]:
     """By cause that was searched in one heart, log of the evidence with it over that without it.
 
-    data: as of `Averaged.inference_data`.
+    data: as of `Averaged.to_datatree`.
     """
     models, known = data.sample_stats, data.constant_data
     weighed = (models["log_evidence"] + models["log_prior"]).to_numpy()

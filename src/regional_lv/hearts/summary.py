@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-import arviz as az
 import numpy as np
 import pandas as pd
 
@@ -19,6 +18,7 @@ from regional_lv.hearts.batches import FAILED
 from regional_lv.hearts.hierarchy import infer_population
 from regional_lv.hearts.likelihoods import NormalLikelihood
 from regional_lv.hearts.prevalence import infer_prevalence, log_bayes_factors
+from regional_lv.inference.posteriors import load
 from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.seeds import derive
 
@@ -115,10 +115,7 @@ def _read_of(known: Mapping) -> dict:
 
 
 def _read_answer(folder: Path, parameters: StiffnessInputs) -> Answered:
-    findings, data = (
-        read_findings(folder / "findings.json"),
-        az.from_netcdf(folder / "posterior.nc"),
-    )
+    findings, data = read_findings(folder / "findings.json"), load(folder / "posterior.nc")
     names = [*parameters.names]
     draws = data.posterior["value"].sel(input=names).stack(n=("chain", "draw"))
     lower, upper = (

@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-import arviz as az
 import numpy as np
 import pandas as pd
 import torch
@@ -168,8 +167,9 @@ class Averaged:
         columns = {"mean": values.mean(0), "sd": values.std(0), "lower95": low, "upper95": high}
         return pd.DataFrame(columns, index=pd.Index(self.potential.inputs.names, name="input"))
 
-    def inference_data(self, draws: int, seed: int) -> az.InferenceData:
-        """`draws` equally weighted draws of the average, in random order, as ArviZ has them.
+    def to_datatree(self, draws: int, seed: int) -> xr.DataTree:
+        """`draws` equally weighted draws of the average, in random order, in groups as ArviZ names
+        them.
 
         posterior: value (chain, draw, input), in the units of the inputs; sigma (chain, draw,
         quantity), scales of the noise where they are inferred; model_number (chain, draw).
@@ -185,15 +185,16 @@ class Averaged:
         as_it_is, by_base = self._groups([self.base], draws, generator)
         names = list(self.potential.observed.names)
         observed = xr.Dataset({"y": ("output", self.potential.y.numpy())}, coords={"output": names})
-        return az.InferenceData(
-            posterior=posterior,
-            posterior_predictive=predictive,
-            sample_stats=self._statistics(),
-            constant_data=self._known(),
-            observed_data=observed,
-            as_it_is=as_it_is,
-            as_it_is_predictive=by_base,
-        )
+        groups = {
+            "posterior": posterior,
+            "posterior_predictive": predictive,
+            "sample_stats": self._statistics(),
+            "constant_data": self._known(),
+            "observed_data": observed,
+            "as_it_is": as_it_is,
+            "as_it_is_predictive": by_base,
+        }
+        return xr.DataTree.from_dict(groups)
 
     def _groups(self, numbers: Sequence[int], draws: int, generator) -> tuple:
         """Draws of some models, and what they predict."""

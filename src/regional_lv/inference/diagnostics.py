@@ -1,13 +1,12 @@
 """Did the chains converge?"""
 
-import json
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import arviz as az
 import numpy as np
 import pandas as pd
 
-from regional_lv.inputs.stiffness import StiffnessInputs
+from regional_lv.inference.posteriors import Posterior
 
 PARETO_K = 0.7
 """Largest shape of the tail of importance weights that smoothing puts right (Vehtari et al. 2024,
@@ -69,45 +68,29 @@ def check_convergence(
     return table, "failed: " + "; ".join(reasons) if reasons else "passed"
 
 
-def diagnose(data: az.InferenceData) -> pd.DataFrame:
-    """Diagnostics of every case in a file of posteriors.
+def diagnose(posteriors: Iterable[Posterior]) -> pd.DataFrame:
+    """Diagnostics of every case.
 
     Columns: case, those of `check_convergence`, verdict, outside (share of the draws that lie where
     no simulation of the training set is near), seconds, sampler.
     Inferred noise scales appear as `sigma_<quantity>`. The limits of the convergence check are
     those that the sampler worked with, kept in the file.
     """
-    posterior, constant = data.posterior, data.constant_data
     tables = []
-    for case in posterior["case"].to_numpy():
-        chains, names = chains_of(posterior.sel(case=case))
+    for one in posteriors:
+        limits, stats = one.groups["posterior"].attrs, one.groups["sample_stats"]
         table, verdict = check_convergence(
-            chains,
-            names,
-            data.sample_stats["diverging"].sel(case=case).transpose("chain", "draw").to_numpy(),
-            posterior.attrs["rhat_max"],
-            posterior.attrs["ess_min"],
-            *(float(constant[key].sel(case=case)) for key in ("pareto_k", "weighted_ess")),
+            one.chains,
+            [*one.theta, *one.sigma],
+            stats["diverging"].transpose("chain", "draw").to_numpy(),
+            limits["rhat_max"],
+            limits["ess_min"],
+            *(float(one.constant[key]) for key in ("pareto_k", "weighted_ess")),
         )
-        table.insert(0, "case", str(case))
+        table.insert(0, "case", one.case)
         table["verdict"] = verdict
-        table["outside"] = float(data.sample_stats["outside"].sel(case=case).mean())
-        table["seconds"] = float(constant["seconds"].sel(case=case))
-        table["sampler"] = str(constant["sampler"].sel(case=case).item())
+        table["outside"] = float(stats["outside"].mean())
+        table["seconds"] = float(one.constant["seconds"])
+        table["sampler"] = one.sampler
         tables.append(table)
     return pd.concat(tables, ignore_index=True)
-
-
-def parameters_of(data: az.InferenceData) -> StiffnessInputs:
-    """The parameters that a file of posteriors is of."""
-    return StiffnessInputs.from_spec(json.loads(data.posterior.attrs["parameters"]))
-
-
-def chains_of(posterior) -> tuple[np.ndarray, list[str]]:
-    """(chain, draw, P + G) and names of one case: the parameters, then the noise scales."""
-    parts = [posterior["theta"].transpose("chain", "draw", "parameter").to_numpy()]
-    names = [str(name) for name in posterior["parameter"].to_numpy()]
-    if "sigma" in posterior:
-        parts.append(posterior["sigma"].transpose("chain", "draw", "direction").to_numpy())
-        names += [f"sigma_{name}" for name in posterior["direction"].to_numpy()]
-    return np.concatenate(parts, axis=-1), names

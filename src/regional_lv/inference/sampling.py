@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import arviz as az
 import numpy as np
 import torch
 import xarray as xr
@@ -18,6 +17,7 @@ from regional_lv.inference.draws import Draws, Settings
 from regional_lv.inference.likelihood import Likelihood, Noise
 from regional_lv.inference.nuts import sample_by_nuts
 from regional_lv.inference.point import PointEstimate, find_map
+from regional_lv.inference.posteriors import cases_of, write
 from regional_lv.measured import read_measured
 from regional_lv.seeds import derive
 from regional_lv.study.progress import Progress
@@ -139,19 +139,19 @@ def sample_subject(
     likelihood = subject_likelihood(emulator_file, measured, noise_prior_scale)
     how = Sampling(nuts, point, seed, "subjects")
     sampled = sample_cases([likelihood], [subject], how, sampler)
-    data = to_inference_data(sampled, nuts)
+    data = to_datatree(sampled, nuts)
     name = likelihood.emulator.name
     predictive = predict_observations(
         sampled, derive(seed, "predictive", name, "subjects", subject)
     )
-    data.add_groups(
-        posterior_predictive=xr.Dataset(
+    data["posterior_predictive"] = xr.DataTree(
+        xr.Dataset(
             {"y": (("chain", "draw", "case", "output"), predictive[:, :, None])},
             coords=_coordinates(sampled),
         )
     )
     write(data, posterior)
-    diagnose(data).to_csv(diagnostics, index=False)
+    diagnose(cases_of(data)).to_csv(diagnostics, index=False)
 
 
 def subject_likelihood(
@@ -199,8 +199,8 @@ def _coordinates(sampled: Sampled) -> dict:
     }
 
 
-def to_inference_data(sampled: Sampled, nuts: dict) -> az.InferenceData:
-    """ArviZ groups posterior, sample_stats, observed_data and constant_data.
+def to_datatree(sampled: Sampled, nuts: dict) -> xr.DataTree:
+    """Groups as ArviZ names them: posterior, sample_stats, observed_data and constant_data.
 
     posterior: theta (chain, draw, case, parameter) and, if noise scales were inferred, sigma
     (chain, draw, case, direction) in training sd, a direction being a quantity; attributes
@@ -259,23 +259,10 @@ def to_inference_data(sampled: Sampled, nuts: dict) -> az.InferenceData:
         constant["theta_true"] = (("case", "parameter"), sampled.truth)
     if sampled.zones is not None:
         constant["zone"] = ("case", list(sampled.zones))
-    return az.InferenceData(
-        posterior=posterior,
-        sample_stats=stats,
-        observed_data=xr.Dataset({"y": y}, coords=outputs),
-        constant_data=constant,
-    )
-
-
-def write(data: az.InferenceData, path: str | Path) -> None:
-    """NetCDF, compressed; directories are made. Raises OSError where it cannot be written."""
-    # HDF5 that cannot close its file, as on a full disk, ends the process: it works in memory.
-    encoding = {
-        f"/{group}": {
-            name: {"zlib": True} for name, v in part.variables.items() if v.dtype.kind in "biufc"
-        }
-        for group, part in data.items()
+    groups = {
+        "posterior": posterior,
+        "sample_stats": stats,
+        "observed_data": xr.Dataset({"y": y}, coords=outputs),
+        "constant_data": constant,
     }
-    content = data.to_datatree().to_netcdf(engine="h5netcdf", encoding=encoding)
-    Path(path).parent.mkdir(parents=True, exist_ok=True)
-    Path(path).write_bytes(content)
+    return xr.DataTree.from_dict(groups)

@@ -16,6 +16,12 @@ from scipy import stats
 from regional_lv import aha
 from regional_lv.channels import Channel, Channels
 from regional_lv.criticism import words
+from regional_lv.criticism.case_posterior import (
+    SOURCES,
+    AveragedPosterior,
+    CasePosterior,
+    read_subject,
+)
 from regional_lv.criticism.contract import Findings, MeasuredInput, read_findings
 from regional_lv.emulators import label_of
 from regional_lv.inputs.stiffness import StiffnessInputs
@@ -23,13 +29,6 @@ from regional_lv.measured import read_measured
 from regional_lv.mechanics.materials import MATERIALS
 from regional_lv.page import heart3d
 from regional_lv.plots import style
-from regional_lv.plots.case_posterior import (
-    SOURCES,
-    AveragedPosterior,
-    CasePosterior,
-    predictive,
-    read_subject,
-)
 from regional_lv.quantities import seth_hill
 
 TEMPLATE = Path(__file__).parent / "page.html"
@@ -154,7 +153,7 @@ def make_page(
         factors=[f for f in MATERIALS[parameters.law].factors if f.name in parameters.factors],
         trade_offs=trade_offs(drawn, parameters),
         silent=silent(rows, table, channels, parameters),
-        fit=fit_of(posterior, drawn.case),
+        fit=fit_of(drawn),
         moved=MOVED,
         extended=extended,
         draws=next(iter(drawn.draws.values())).size,
@@ -393,13 +392,13 @@ def _hover(rows: list[dict], table: pd.DataFrame, parameters: StiffnessInputs) -
 # --------------------------------------------------------------------------------------------- fit
 
 
-def fit_of(posterior: str | Path, case: str) -> dict:
-    """How a posterior (NetCDF) predicts what was measured.
+def fit_of(drawn: CasePosterior) -> dict:
+    """How a posterior predicts what was measured.
 
     `quantities`: by quantity the number of channels, of those outside their 95 % interval, and the
     root mean square of measured minus median. `outside`: these channels, the farthest first.
     """
-    predicted, observed = predictive(posterior, case)
+    predicted, observed = drawn.prediction
     observed = observed.dropna()
     draws = predicted.sel(output=observed.index.to_list()).stack(draw_of=("chain", "draw"))
     low, median, high = np.quantile(

@@ -19,7 +19,7 @@ from regional_lv.errors import InputError
 from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.paper import KEYS
 from regional_lv.paper.page import QUANTITIES, write_page
-from regional_lv.paper.plots.verdicts import by_emulator, chosen
+from regional_lv.paper.posteriors.verdicts import by_emulator, chosen
 
 COLUMNS = ("place", *KEYS, "relation", "value", "unit")
 PAPERS_CHOICE = "mvgp"

@@ -12,14 +12,10 @@ from matplotlib.artist import Artist
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
+from regional_lv.criticism.case_posterior import AveragedPosterior, CasePosterior, read_subject
 from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.plots import bullseye, style
-from regional_lv.plots.case_posterior import (
-    AveragedPosterior,
-    CasePosterior,
-    density,
-    read_subject,
-)
+from regional_lv.plots.traces import density
 
 LARGEST = (0.74, 0.60)
 """Width and height that densities and text of a zone need at most (the disk has radius 1)."""

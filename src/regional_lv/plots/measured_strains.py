@@ -11,10 +11,10 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from regional_lv import aha
+from regional_lv.criticism.case_posterior import SOURCES
 from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.measured import read_measured
 from regional_lv.plots import bullseye, style
-from regional_lv.plots.case_posterior import SOURCES
 from regional_lv.quantities import QUANTITIES
 
 

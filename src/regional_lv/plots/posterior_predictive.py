@@ -11,8 +11,8 @@ from matplotlib.patches import Patch
 from scipy.stats import gaussian_kde
 
 from regional_lv.channels import Channel, Channels
+from regional_lv.criticism.case_posterior import read_subject
 from regional_lv.plots import style
-from regional_lv.plots.case_posterior import predictive, read_subject
 from regional_lv.quantities import QUANTITIES
 
 GAP = 1.2
@@ -61,7 +61,7 @@ def draw(
     Raises InputError if the file has no posterior predictive.
     """
     found = read_subject(posterior, diagnostics, findings)
-    predicted, observed = predictive(posterior, found.case)
+    predicted, observed = found.prediction
     channels = Channels.parse(predicted["output"].values.tolist())
     draws = {name: np.ravel(predicted.sel(output=name)) for name in channels.names}
     observed = observed.reindex(channels.names)

@@ -7,9 +7,9 @@ import numpy as np
 import pandas as pd
 import seaborn
 
+from regional_lv.criticism.case_posterior import read
 from regional_lv.emulators.gaussian import Z95
 from regional_lv.plots import style
-from regional_lv.plots.case_posterior import density, read
 
 MAX_LAG = 40
 
@@ -103,6 +103,19 @@ def trace_panel(ax, name: str, draws: np.ndarray, rows: list) -> None:
     rows += [(name, "draw", *at, value) for at, value in np.ndenumerate(draws)]
     ax.set_ylabel(style.in_lines(style.label(name)), rotation=0, ha="right", va="center")
     ax.margins(x=0.01)
+
+
+def density(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Kernel density estimate of draws: grid and density (128 each).
+
+    Mass is reflected at the smallest and largest draw, so that a posterior leaning against the
+    prior's bound shows as such. Draws that are all equal give a spike of finite height.
+    """
+    values = np.ravel(values)
+    if np.ptp(values) == 0:
+        width = max(abs(values[0]), 1.0) * 1e-3
+        return np.array([values[0] - width, values[0], values[0] + width]), np.array([0, 1, 0.0])
+    return az.kde(values, grid_len=128, bound_correction=True)
 
 
 def marginal_panel(ax, name: str, draws: np.ndarray, rows: list) -> None:

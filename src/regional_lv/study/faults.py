@@ -77,10 +77,9 @@ def _json(path: Path) -> None:
 
 
 def _netcdf(path: Path) -> None:
-    import arviz as az
+    import xarray as xr
 
-    for group in az.from_netcdf(path).values():
-        group.load()
+    xr.load_datatree(path, engine="h5netcdf")
 
 
 def _npz(path: Path) -> None:

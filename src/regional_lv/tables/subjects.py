@@ -5,7 +5,7 @@ from pathlib import Path
 import arviz as az
 import pandas as pd
 
-from regional_lv.plots.case_posterior import SOURCES, read, read_subject
+from regional_lv.criticism.case_posterior import SOURCES, read, read_subject
 from regional_lv.tables.writing import written
 
 

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import Collection
 
 from regional_lv.inputs.stiffness import StiffnessInputs
-from regional_lv.paper.plots import verdicts
+from regional_lv.paper.posteriors import verdicts
 from regional_lv.plots import style
 
 SCALE = {"vmin": -1, "vmax": 1, "cmap": "PuOr"}

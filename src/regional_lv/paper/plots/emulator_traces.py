@@ -6,13 +6,13 @@ The case is the one whose mean CRPS under the first emulator is the median of al
 from collections.abc import Sequence
 from pathlib import Path
 
-import arviz as az
 import pandas as pd
 
+from regional_lv.criticism.case_posterior import CasePosterior, read
 from regional_lv.emulators import label_of
-from regional_lv.paper.plots.verdicts import by_emulator
+from regional_lv.inference import posteriors
+from regional_lv.paper.posteriors.verdicts import by_emulator
 from regional_lv.plots import style
-from regional_lv.plots.case_posterior import CasePosterior, read
 from regional_lv.plots.traces import legend, marginal_panel, mark, trace_panel
 
 
@@ -71,7 +71,7 @@ def middle_case(errors: Path) -> str:
 def _holding(paths: Sequence[Path], case: str) -> Path:
     """The file with that case; the last one if none has it, for `read` to complain about."""
     for path in paths:
-        if case in {str(c) for c in az.from_netcdf(path).posterior["case"].values}:
+        if case in {one.case for one in posteriors.read(path)}:
             return path
     return paths[-1]
 

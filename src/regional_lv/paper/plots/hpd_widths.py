@@ -9,7 +9,8 @@ import seaborn
 from matplotlib.patches import Patch
 
 from regional_lv.inputs.stiffness import StiffnessInputs
-from regional_lv.paper.plots import scenarios, verdicts
+from regional_lv.paper.plots import scenarios
+from regional_lv.paper.posteriors import verdicts
 from regional_lv.plots import style
 
 GROUPS = {

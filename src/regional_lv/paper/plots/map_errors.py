@@ -9,8 +9,9 @@ import seaborn
 from matplotlib.lines import Line2D
 
 from regional_lv.inputs.stiffness import StiffnessInputs
-from regional_lv.paper.plots import scenarios, verdicts
+from regional_lv.paper.plots import scenarios
 from regional_lv.paper.plots.bullseye_map import summarise
+from regional_lv.paper.posteriors import verdicts
 from regional_lv.plots import bullseye, style
 
 

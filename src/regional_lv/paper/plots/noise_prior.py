@@ -6,10 +6,10 @@ import pandas as pd
 import seaborn
 from matplotlib.axes import Axes
 
+from regional_lv.criticism.case_posterior import SOURCES
 from regional_lv.inputs.stiffness import StiffnessInputs
-from regional_lv.paper.plots.verdicts import warning_of
+from regional_lv.paper.posteriors.verdicts import warning_of
 from regional_lv.plots import style
-from regional_lv.plots.case_posterior import SOURCES
 
 COLOURS = (style.BLUE, style.GREEN, style.ORANGE)
 

@@ -8,7 +8,8 @@ import pandas as pd
 import seaborn
 
 from regional_lv.inputs.stiffness import StiffnessInputs
-from regional_lv.paper.plots import scenarios, verdicts
+from regional_lv.paper.plots import scenarios
+from regional_lv.paper.posteriors import verdicts
 from regional_lv.plots import style
 
 LINES = ("-", "--", "-.")

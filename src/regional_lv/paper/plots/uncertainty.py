@@ -9,7 +9,7 @@ import seaborn
 
 from regional_lv.emulators import label_of
 from regional_lv.inputs.stiffness import StiffnessInputs
-from regional_lv.paper.plots.verdicts import by_emulator, warning_of
+from regional_lv.paper.posteriors.verdicts import by_emulator, warning_of
 from regional_lv.plots import style
 
 COLOURS = (style.BLUE, style.ORANGE, style.VERMILLION, style.GREEN, style.PINK, style.SKY)

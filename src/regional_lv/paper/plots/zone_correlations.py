@@ -4,8 +4,9 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from regional_lv.inputs.stiffness import StiffnessInputs
-from regional_lv.paper.plots import scenarios, verdicts
+from regional_lv.paper.plots import scenarios
 from regional_lv.paper.plots.correlations import matrix, read
+from regional_lv.paper.posteriors import verdicts
 from regional_lv.plots import bullseye, style
 
 

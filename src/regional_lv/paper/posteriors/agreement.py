@@ -1,6 +1,6 @@
 """Does importance sampling agree with Pyro's NUTS?"""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import arviz as az
@@ -9,12 +9,8 @@ import pandas as pd
 import torch
 
 from regional_lv import emulators
-from regional_lv.inference.sampling import (
-    Sampled,
-    Sampling,
-    sample_cases,
-    subject_likelihood,
-)
+from regional_lv.inference.posteriors import Posterior, read
+from regional_lv.inference.sampling import Sampled, Sampling, sample_cases, subject_likelihood
 from regional_lv.paper.posteriors.sets import likelihoods_of_set
 from regional_lv.seeds import derive
 
@@ -40,22 +36,19 @@ def compare_samplers(
     see `COLUMNS`; cases whose chains fail the convergence check are left out.
     """
     fast = {
-        str(case): data.sel(case=case)
-        for data in map(az.from_netcdf, posteriors)
-        for case in data.posterior["case"].to_numpy()
-        if str(data.constant_data["sampler"].sel(case=case).item()) == "importance"
+        one.case: one for path in posteriors for one in read(path) if one.sampler == "importance"
     }
     rng = np.random.default_rng(derive(seed, "agreement", set_name))
     chosen = sorted(rng.choice(sorted(fast), min(cases, len(fast)), replace=False)) if fast else []
     rows = []
     if chosen:
-        observed = [fast[case].observed_data["y"] for case in chosen]
+        observed = [fast[case].groups["observed_data"]["y"] for case in chosen]
         emulator = emulators.load(emulator_file).select(observed[0]["output"].to_numpy().tolist())
         y = torch.as_tensor(np.stack([one.to_numpy() for one in observed]))
         likelihoods = likelihoods_of_set(emulator, y, noise)
         how = Sampling(nuts, point, seed, set_name)
         reference = sample_cases(likelihoods, chosen, how, "nuts")
-        rows = _compare(how, [fast[case].posterior for case in chosen], reference)
+        rows = _compare(how, [fast[case] for case in chosen], reference)
     pd.DataFrame(rows, columns=COLUMNS).to_csv(table, index=False)
 
 
@@ -71,22 +64,21 @@ def compare_subject(
     table: str | Path,
 ) -> None:
     """The same table for the posterior of a measured file; empty if NUTS has sampled it."""
-    data, rows = az.from_netcdf(posterior), []
-    if str(data.constant_data["sampler"].item()) == "importance":
+    (fast,), rows = read(posterior), []
+    if fast.sampler == "importance":
         likelihood = subject_likelihood(emulator_file, measured, noise_prior_scale)
         how = Sampling(nuts, point, seed, "subjects")
         reference = sample_cases([likelihood], [subject], how, "nuts")
-        rows = _compare(how, [data.sel(case=subject).posterior], reference)
+        rows = _compare(how, [fast], reference)
     pd.DataFrame(rows, columns=COLUMNS).to_csv(table, index=False)
 
 
-def _compare(how: Sampling, posteriors: Sequence, reference: Sampled) -> list[dict]:
+def _compare(how: Sampling, posteriors: Sequence[Posterior], reference: Sampled) -> list[dict]:
     """Rows of all cases, but those whose chains failed the convergence check: no reference."""
-    names, rows = reference.likelihoods[0].emulator.parameters.names, []
-    for case, fast, draws in zip(reference.cases, posteriors, reference.draws, strict=True):
+    rows = []
+    for fast, draws in zip(posteriors, reference.draws, strict=True):
         if draws.verdict(how.settings) == "passed":
-            theta = fast["theta"].transpose("chain", "draw", "parameter").to_numpy()
-            rows += compare(how.set_name, case, theta, draws.theta, names)
+            rows += compare(how.set_name, fast.case, fast.theta, draws.theta)
     return rows
 
 
@@ -97,13 +89,13 @@ COLUMNS = (
 
 
 def compare(
-    set_name: str, case: str, fast: np.ndarray, reference: np.ndarray, parameters: Sequence[str]
+    set_name: str, case: str, fast: Mapping[str, np.ndarray], reference: np.ndarray
 ) -> list[dict]:
-    """Rows of the table for draws (chain, draw, P) of one case and of `parameters` by both
-    samplers; mean_difference_in_sd has a Monte Carlo error."""
+    """Rows of the table for draws of one case by both samplers, (chain, draw) by parameter and
+    (chain, draw, P); mean_difference_in_sd has a Monte Carlo error."""
     rows = []
-    for i, name in enumerate(parameters):
-        a, b = fast[..., i], reference[..., i]
+    for i, (name, a) in enumerate(fast.items()):
+        b = reference[..., i]
         difference = (a.mean() - b.mean()) / b.std()
         ratio = a.std() / b.std()
         rows.append(

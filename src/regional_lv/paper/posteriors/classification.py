@@ -4,12 +4,12 @@ import warnings
 from collections.abc import Sequence
 from pathlib import Path
 
-import arviz as az
 import numpy as np
 import pandas as pd
 from scipy.stats import gmean
 
-from regional_lv.inference.diagnostics import diagnose, parameters_of
+from regional_lv.inference.diagnostics import diagnose
+from regional_lv.inference.posteriors import read
 from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.seeds import derive
 
@@ -42,31 +42,33 @@ def classify_zones(
     edge = healthy["mean"] + EDGE * healthy["sd"]
     rows, errors = [], []
     for path in posteriors:
-        data = az.from_netcdf(path)
-        checks, parameters = diagnose(data), parameters_of(data)
-        verdicts = dict(zip(checks["case"], checks["verdict"], strict=True))
-        theta = data.posterior["theta"].transpose("case", "chain", "draw", "parameter").to_numpy()
-        constant = data.constant_data
-        maxima, truths = (constant[key].to_numpy() for key in ("theta_map", "theta_true"))
-        shares = (stiffness(theta, parameters) > edge).mean(axis=(1, 2))
-        cases, zones = (constant[key].to_numpy().astype(str) for key in ("case", "zone"))
-        true, found = stiffness(truths, parameters), stiffness(maxima, parameters)
-        for i, (case, stiff) in enumerate(zip(cases, zones, strict=True)):
+        cases = read(path)
+        verdicts = diagnose(cases).groupby("case")["verdict"].first()
+        for one in cases:
+            parameters, stiff = one.parameters, one.zone
+            draws = stiffness(np.stack([*one.theta.values()], axis=-1), parameters)
+            shares = (draws > edge).mean(axis=(0, 1))
+            found, true = (
+                stiffness(np.array([*values.values()]), parameters)
+                for values in (one.maximum, one.truth)
+            )
             for z, zone in enumerate(parameters.zones):
-                common = {"case": case, "stiff_zone": stiff, "zone": zone}
-                common["stiffened"] = stiff in (zone, "all")
+                common = {
+                    **{"case": one.case, "stiff_zone": stiff, "zone": zone},
+                    "stiffened": stiff in (zone, "all"),
+                }
                 for q, quantity in enumerate((*parameters.factors, BOTH)):
                     rows.append(
                         common
                         | {
                             "quantity": quantity,
-                            "probability": shares[i, z, q],
-                            "truth": true[i, z, q],
-                            "verdict": verdicts[case],
+                            "probability": shares[z, q],
+                            "truth": true[z, q],
+                            "verdict": verdicts[one.case],
                         }
                     )
                 for q, factor in enumerate(parameters.factors):
-                    pair = {"truth": true[i, z, q], "map": found[i, z, q]}
+                    pair = {"truth": true[z, q], "map": found[z, q]}
                     errors.append(common | {"quantity": factor} | pair)
     columns = ["case", "stiff_zone", "zone", "quantity", "stiffened", "probability", "truth"]
     pd.DataFrame(rows)[[*columns, "verdict"]].to_csv(classified, index=False)

@@ -7,7 +7,8 @@ import arviz as az
 import numpy as np
 import pandas as pd
 
-from regional_lv.inference.diagnostics import chains_of, diagnose
+from regional_lv.inference.diagnostics import diagnose
+from regional_lv.inference.posteriors import read
 
 
 def compare_noise_priors(
@@ -22,22 +23,19 @@ def compare_noise_priors(
     """
     rows = []
     for path, scale in zip(posteriors, scales, strict=True):
-        data = az.from_netcdf(path)
-        case = data.posterior["case"].to_numpy()[0]
+        (one,) = read(path)
         outside, outputs = count_outside(
-            data.posterior_predictive["y"].sel(case=case).transpose("chain", "draw", "output"),
-            data.observed_data["y"].sel(case=case).to_numpy(),
+            one.groups["posterior_predictive"]["y"].transpose("chain", "draw", "output"),
+            one.groups["observed_data"]["y"].to_numpy(),
         )
-        verdict = diagnose(data)["verdict"].iloc[0]
-        chains, names = chains_of(data.posterior.sel(case=case))
-        inputs = data.posterior.sizes["parameter"]
-        for i in (*range(inputs, len(names)), *range(inputs)):
-            low, high = az.hdi(chains[..., i].ravel(), hdi_prob=0.95)
+        verdict = diagnose([one])["verdict"].iloc[0]
+        for name, draws in (one.sigma | one.theta).items():
+            low, high = az.hdi(draws.ravel(), hdi_prob=0.95)
             rows.append(
                 {
                     "prior_scale": scale,
-                    "parameter": names[i],
-                    "median": float(np.median(chains[..., i])),
+                    "parameter": name,
+                    "median": float(np.median(draws)),
                     "lower95": low,
                     "upper95": high,
                     "outside": outside,

@@ -1,19 +1,21 @@
 """Does the posterior find the truth?"""
 
+from collections.abc import Iterable
+
 import arviz as az
 import numpy as np
 import pandas as pd
 import scoringrules
 from statsmodels.stats.proportion import proportion_confint
 
-from regional_lv.inference.diagnostics import parameters_of
+from regional_lv.inference.posteriors import Posterior
 
 LEVELS = (50, 80, 95)
 """Central credible intervals whose coverage is counted, in per cent."""
 
 
-def recovery(data: az.InferenceData, verdicts: pd.DataFrame) -> pd.DataFrame:
-    """How every posterior of a file with `theta_true` compares with the truth.
+def recovery(posteriors: Iterable[Posterior], verdicts: pd.DataFrame) -> pd.DataFrame:
+    """How every posterior, each with a `theta_true`, compares with the truth.
 
     Columns: case, parameter, truth, map, mean, sd, median, lower95, upper95 (central interval),
     covered (by it), covered50, covered80, covered95, hpd_lower95, hpd_upper95, hpd_width95,
@@ -23,21 +25,18 @@ def recovery(data: az.InferenceData, verdicts: pd.DataFrame) -> pd.DataFrame:
     one of a scenario, else empty).
     """
     verdict = dict(zip(verdicts["case"], verdicts["verdict"], strict=True))
-    parameters = parameters_of(data)
-    prior_variance = (parameters.upper - parameters.lower) ** 2 / 12
-    theta = data.posterior["theta"].transpose("case", "parameter", "chain", "draw")
-    constant = data.constant_data
     rows = []
-    for case in theta["case"].to_numpy():
-        for i, name in enumerate(theta["parameter"].to_numpy()):
-            draws = theta.sel(case=case, parameter=name).to_numpy().ravel()
-            truth = float(constant["theta_true"].sel(case=case, parameter=name))
+    for one in posteriors:
+        parameters = one.parameters
+        prior_variance = (parameters.upper - parameters.lower) ** 2 / 12
+        for i, (name, chains) in enumerate(one.theta.items()):
+            draws, truth = chains.ravel(), one.truth[name]
             hpd = az.hdi(draws, hdi_prob=0.95)
             row = {
-                "case": str(case),
-                "parameter": str(name),
+                "case": one.case,
+                "parameter": name,
                 "truth": truth,
-                "map": float(constant["theta_map"].sel(case=case, parameter=name)),
+                "map": one.maximum[name],
                 "mean": draws.mean(),
                 "sd": draws.std(ddof=1),
                 "median": np.median(draws),
@@ -55,8 +54,8 @@ def recovery(data: az.InferenceData, verdicts: pd.DataFrame) -> pd.DataFrame:
                 "variance_ratio": row["sd"] ** 2 / prior_variance[i],
                 "rank": int((draws < truth).sum()),
                 "draws": len(draws),
-                "verdict": verdict[str(case)],
-                "zone": str(constant["zone"].sel(case=case).item()) if "zone" in constant else "",
+                "verdict": verdict[one.case],
+                "zone": one.zone,
             }
             rows.append(row)
     return pd.DataFrame(rows)

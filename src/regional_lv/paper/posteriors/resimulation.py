@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-import arviz as az
 import numpy as np
 import pandas as pd
 import torch
@@ -12,6 +11,7 @@ from regional_lv import emulators
 from regional_lv.channels import Channel
 from regional_lv.emulators.gaussian import Z95
 from regional_lv.emulators.training import read_simulations
+from regional_lv.inference.posteriors import read
 from regional_lv.seeds import derive
 
 
@@ -22,20 +22,14 @@ def pick_draws(
 
     posteriors: batches of a set. `cases` of them, evenly over the set, `draws` random draws each.
     """
-    theta, names, parameters = [], [], []
-    for path in posteriors:
-        posterior = az.from_netcdf(path).posterior
-        parameters = list(posterior["parameter"].to_numpy())
-        theta += list(posterior["theta"].transpose("case", "chain", "draw", "parameter").to_numpy())
-        names += [str(case) for case in posterior["case"].to_numpy()]
-    chosen = np.unique(np.linspace(0, len(names) - 1, min(cases, len(names))).round().astype(int))
+    every = [one for path in posteriors for one in read(path)]
+    chosen = np.unique(np.linspace(0, len(every) - 1, min(cases, len(every))).round().astype(int))
     tables = []
-    for i in chosen:
-        flat = theta[i].reshape(-1, len(parameters))
-        rng = np.random.default_rng(derive(seed, "resimulated", names[i]))
+    for one in (every[i] for i in chosen):
+        flat = pd.DataFrame({name: values.ravel() for name, values in one.theta.items()})
+        rng = np.random.default_rng(derive(seed, "resimulated", one.case))
         rows = np.sort(rng.choice(len(flat), draws, replace=False))
-        table = pd.DataFrame(flat[rows], columns=parameters)
-        tables.append(table.assign(case=names[i], draw=rows))
+        tables.append(flat.iloc[rows].assign(case=one.case, draw=rows))
     table = pd.concat(tables, ignore_index=True)
     table.insert(0, "sample", np.arange(len(table)))
     table.insert(1, "scale", "posterior")

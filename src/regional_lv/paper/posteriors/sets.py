@@ -15,12 +15,8 @@ from regional_lv.emulators.base import Emulator
 from regional_lv.emulators.training import read_simulations
 from regional_lv.errors import InputError
 from regional_lv.inference.likelihood import Likelihood, Noise
-from regional_lv.inference.sampling import (
-    Sampling,
-    sample_cases,
-    to_inference_data,
-    write,
-)
+from regional_lv.inference.posteriors import write
+from regional_lv.inference.sampling import Sampling, sample_cases, to_datatree
 from regional_lv.paper.emulators.dnn import DNN
 from regional_lv.seeds import derive
 
@@ -64,7 +60,7 @@ def sample_set_batch(
     sampled = sample_cases(likelihoods, samples[chosen], how, sampler)
     zones = read_zones(simulations)
     sampled = replace(sampled, truth=theta[chosen], zones=None if zones is None else zones[chosen])
-    write(to_inference_data(sampled, nuts), posteriors)
+    write(to_datatree(sampled, nuts), posteriors)
 
 
 def likelihoods_of_set(emulator: Emulator, y: torch.Tensor, noise: dict | None) -> list[Likelihood]:

@@ -3,12 +3,12 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-import arviz as az
 import numpy as np
 import pandas as pd
 
 from regional_lv.errors import InputError
-from regional_lv.inference.diagnostics import diagnose, parameters_of
+from regional_lv.inference.diagnostics import diagnose
+from regional_lv.inference.posteriors import read
 from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.paper.posteriors.correlations import correlate
 from regional_lv.paper.posteriors.recovery import coverage, map_errors, recovery
@@ -60,17 +60,16 @@ def summarise_posteriors(posteriors: Sequence[str | Path], tables: Sequence[str 
     """
     checks, recovered, draws = [], [], []
     for path in posteriors:
-        data = az.from_netcdf(path)
-        if "theta_true" not in data.constant_data:
+        cases = read(path)
+        if not all(one.truth for one in cases):
             raise InputError(f"{path}: no `theta_true`; summarise posteriors of simulated cases")
-        check = diagnose(data)
-        recovered.append(recovery(data, check))
+        check = diagnose(cases)
+        recovered.append(recovery(cases, check))
         checks.append(check)
-        theta = data.posterior["theta"].transpose("case", "chain", "draw", "parameter").to_numpy()
-        draws.append(theta.reshape(len(theta), -1, theta.shape[-1]))
+        draws += [np.stack([*map(np.ravel, one.theta.values())], axis=-1) for one in cases]
     table = pd.concat(recovered, ignore_index=True)
-    parameters = parameters_of(data)
-    between, zones = correlate(np.concatenate(draws), parameters)
+    parameters = cases[0].parameters
+    between, zones = correlate(np.stack(draws), parameters)
     made = (
         *(pd.concat(checks, ignore_index=True), table, coverage(table), map_errors(table)),
         *(hpd_widths(table, parameters), between, zones),

@@ -1,11 +1,11 @@
-"""The posterior of one case, for figures and tables: draws by name, verdict, truth if known.
+"""The posterior of one case, for figures, tables and pages: draws by name, verdict, truth if known.
 
 It is that of the model as it is, or averaged over models of what may be wrong with it.
 """
 
 import json
-from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import ClassVar
 
@@ -16,6 +16,8 @@ import xarray as xr
 
 from regional_lv.criticism.contract import Stiffness, Summary, read_findings
 from regional_lv.errors import InputError
+from regional_lv.inference import posteriors
+from regional_lv.inference.posteriors import Groups, draws_by_name
 
 SOURCES = {
     "synthetic": "synthetic data",
@@ -33,12 +35,14 @@ class CasePosterior:
 
     draws: name -> (chain, draw), the `parameters` and then the noise scales if inferred
     (`sigma_<direction>`, in standardised units). truth: name -> value, empty if unknown.
-    verdict: "passed" or "failed: ..." of the convergence check. middle: the column of the summary
-    that figures show.
+    verdict: "passed" or "failed: ..." of the convergence check. groups: of its file, at this case.
+    middle: the column of the summary that figures show.
     """
 
     middle: ClassVar[str] = "median"
 
+    file: str | Path
+    groups: Groups
     case: str
     parameters: tuple[str, ...]
     draws: dict[str, np.ndarray]
@@ -66,6 +70,21 @@ class CasePosterior:
         return pd.DataFrame(rows, columns=["parameter", "median", "lower95", "upper95"]).set_index(
             "parameter"
         )
+
+    @cached_property
+    def prediction(self) -> tuple[xr.DataArray, pd.Series]:
+        """What the posterior predicts, (chain, draw, output), and what was observed, by output.
+
+        Raises InputError if the file has no posterior predictive.
+        """
+        if "posterior_predictive" not in self.groups:
+            raise InputError(
+                f"{self.file}: no group `posterior_predictive`; rerun the subject's inference"
+            )
+        predicted, observed = (
+            self.groups[name]["y"] for name in ("posterior_predictive", "observed_data")
+        )
+        return predicted, observed.to_series()
 
     def title(self, what: str, source: str) -> str:
         """`what`, whose data, and where they come from."""
@@ -126,24 +145,32 @@ def read_averaged(
     quantity) where noise is inferred; findings: of the same subject. truth: as for `read`.
     Raises InputError if the file has no such groups or lacks an input that the findings state.
     """
-    content, data = read_findings(findings), az.from_netcdf(nc)
-    if "as_it_is" not in data.groups():
+    content = read_findings(findings)
+    groups = {name: part.to_dataset() for name, part in posteriors.load(nc).children.items()}
+    if "as_it_is" not in groups:
         raise InputError(
             f"{nc}: no group `as_it_is`; give the posterior that is averaged over models, "
             "criticism/<subject>/posterior.nc"
         )
     names = tuple(row["name"] for row in content["stiffness"])
-    missing = [name for name in names if name not in data.posterior["input"].values]
+    missing = [name for name in names if name not in groups["posterior"]["input"].values]
     if missing:
         raise InputError(f"{nc}: no draws of {missing[0]}, which {findings} states; make both anew")
+    averaged, as_it_is = (
+        draws_by_name(group.sel(input=[*names]), "value", "input")
+        | draws_by_name(group, "sigma", "quantity", "sigma_")
+        for group in (groups["posterior"], groups["as_it_is"])
+    )
     return AveragedPosterior(
-        content["subject"],
-        names,
-        _draws_by_name(data.posterior, names),
-        "passed" if content["trusted"] else UNTRUSTED,
-        _true_theta(truth) if truth else {},
-        tuple(content["stiffness"]),
-        _draws_by_name(data["as_it_is"], names),
+        file=nc,
+        groups=groups,
+        case=content["subject"],
+        parameters=names,
+        draws=averaged,
+        verdict="passed" if content["trusted"] else UNTRUSTED,
+        truth=_true_theta(truth) if truth else {},
+        stiffness=tuple(content["stiffness"]),
+        as_it_is=as_it_is,
     )
 
 
@@ -162,31 +189,8 @@ def read_subject(
     return read(nc, diagnostics, truth=truth)
 
 
-def _draws_by_name(group: xr.Dataset, names: Sequence[str]) -> dict[str, np.ndarray]:
-    order = ("chain", "draw")
-    draws = {n: group["value"].sel(input=n).transpose(*order).to_numpy() for n in names}
-    for quantity in group["quantity"].values if "sigma" in group else ():
-        scale = group["sigma"].sel(quantity=quantity)
-        draws[f"sigma_{quantity}"] = scale.transpose(*order).to_numpy()
-    return draws
-
-
 def _true_theta(truth: str | Path) -> dict[str, float]:
     return json.loads(Path(truth).read_text())["theta"]
-
-
-def predictive(nc: str | Path, case: str) -> tuple[xr.DataArray, pd.Series]:
-    """What a posterior predicts, (chain, draw, output), and what was observed, by output.
-
-    Raises InputError if the file has no posterior predictive.
-    """
-    data = az.from_netcdf(nc)
-    if "posterior_predictive" not in data.groups():
-        raise InputError(f"{nc}: no group `posterior_predictive`; rerun the subject's inference")
-    predicted = data.posterior_predictive["y"]
-    if "case" not in predicted.dims:
-        return predicted, data.observed_data["y"].to_series()
-    return predicted.sel(case=case), data.constant_data["y_obs"].sel(case=case).to_series()
 
 
 def read(
@@ -201,30 +205,21 @@ def read(
     carries its own.
     Raises InputError if the case is not in the file or has no verdict.
     """
-    data = az.from_netcdf(nc)
-    cases = [str(c) for c in data.posterior["case"].values]
+    cases = {one.case: one for one in posteriors.read(nc)}
     if case is None and len(cases) == 1:
-        case = cases[0]
+        case = next(iter(cases))
     if case not in cases:
         raise InputError(f"{nc}: no case {case!r}; it holds {', '.join(cases)}: name one of these")
-    at = cases.index(case)
-    chosen = data.posterior.isel(case=at)
-    order = ("chain", "draw")
-    names = tuple(str(name) for name in chosen["parameter"].values)
-    draws = {
-        name: chosen["theta"].sel(parameter=name).transpose(*order).to_numpy() for name in names
-    }
-    if "sigma" in chosen:
-        for direction in chosen["direction"].values:
-            scale = chosen["sigma"].sel(direction=direction)
-            draws[f"sigma_{direction}"] = scale.transpose(*order).to_numpy()
-    known = {}
-    if truth:
-        known = _true_theta(truth)
-    elif "constant_data" in data.groups() and "theta_true" in data.constant_data:
-        values = data.constant_data["theta_true"].isel(case=at)
-        known = {name: float(values.sel(parameter=name)) for name in names}
-    return CasePosterior(case, names, draws, verdict_of(diagnostics, case), known)
+    found = cases[case]
+    return CasePosterior(
+        file=nc,
+        groups=found.groups,
+        case=case,
+        parameters=tuple(found.theta),
+        draws=found.theta | found.sigma,
+        verdict=verdict_of(diagnostics, case),
+        truth=_true_theta(truth) if truth else found.truth,
+    )
 
 
 def verdict_of(diagnostics: str | Path, case: str) -> str:
@@ -240,16 +235,3 @@ def verdict_of(diagnostics: str | Path, case: str) -> str:
     if reasons:
         return "failed: " + "; ".join(v.removeprefix("failed: ") for v in reasons)
     return "passed" if rows["passed"].all() else "failed: a parameter did not pass"
-
-
-def density(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Kernel density estimate of draws: grid and density (128 each).
-
-    Mass is reflected at the smallest and largest draw, so that a posterior leaning against the
-    prior's bound shows as such. Draws that are all equal give a spike of finite height.
-    """
-    values = np.ravel(values)
-    if np.ptp(values) == 0:
-        width = max(abs(values[0]), 1.0) * 1e-3
-        return np.array([values[0] - width, values[0], values[0] + width]), np.array([0, 1, 0.0])
-    return az.kde(values, grid_len=128, bound_correction=True)

@@ -1,0 +1,114 @@
+"""Files of posteriors (NetCDF, in groups as ArviZ names them): written, and read case by case."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+
+from regional_lv.inputs.stiffness import StiffnessInputs
+
+Groups = Mapping[str, xr.Dataset]
+
+
+def write(data: xr.DataTree, path: str | Path) -> None:
+    """NetCDF, compressed; directories are made. Raises OSError where it cannot be written."""
+    # HDF5 that cannot close its file, as on a full disk, ends the process: it works in memory.
+    encoding = {
+        f"/{group}": {
+            name: {"zlib": True} for name, v in part.variables.items() if v.dtype.kind in "biufc"
+        }
+        for group, part in data.children.items()
+    }
+    content = data.to_netcdf(engine="h5netcdf", encoding=encoding)
+    Path(path).parent.mkdir(parents=True, exist_ok=True)
+    Path(path).write_bytes(content)
+
+
+def load(path: str | Path) -> xr.DataTree:
+    """All groups of a file."""
+    return xr.load_datatree(path, engine="h5netcdf")
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """The posterior of one case, of the model as it is.
+
+    groups: of its file, at this case; `sampling.to_datatree` says what they hold.
+    """
+
+    case: str
+    groups: Groups
+
+    @property
+    def parameters(self) -> StiffnessInputs:
+        return StiffnessInputs.from_spec(json.loads(self.groups["posterior"].attrs["parameters"]))
+
+    @cached_property
+    def theta(self) -> dict[str, np.ndarray]:
+        """Draws (chain, draw) by parameter."""
+        return draws_by_name(self.groups["posterior"], "theta", "parameter")
+
+    @cached_property
+    def sigma(self) -> dict[str, np.ndarray]:
+        """Draws (chain, draw) of the inferred noise scales (training sd), `sigma_<quantity>`."""
+        return draws_by_name(self.groups["posterior"], "sigma", "direction", "sigma_")
+
+    @property
+    def chains(self) -> np.ndarray:
+        """Draws (chain, draw, P + G): theta, then sigma."""
+        return np.stack([*self.theta.values(), *self.sigma.values()], axis=-1)
+
+    @property
+    def constant(self) -> xr.Dataset:
+        return self.groups.get("constant_data", xr.Dataset())
+
+    @property
+    def maximum(self) -> dict[str, float]:
+        """The MAP by parameter."""
+        return self._by_parameter("theta_map")
+
+    @property
+    def truth(self) -> dict[str, float]:
+        """By parameter; empty if unknown."""
+        return self._by_parameter("theta_true") if "theta_true" in self.constant else {}
+
+    @property
+    def zone(self) -> str:
+        """The stiffened one of a scenario, else empty."""
+        return str(self.constant["zone"].item()) if "zone" in self.constant else ""
+
+    @property
+    def sampler(self) -> str:
+        return str(self.constant["sampler"].item())
+
+    def _by_parameter(self, variable: str) -> dict[str, float]:
+        return dict(zip(self.theta, self.constant[variable].to_numpy().tolist(), strict=True))
+
+
+def read(path: str | Path) -> list[Posterior]:
+    """The cases of a file that `sampling` wrote."""
+    return cases_of(load(path))
+
+
+def cases_of(data: xr.DataTree) -> list[Posterior]:
+    """The cases of what `sampling.to_datatree` makes."""
+    groups = {name: part.to_dataset() for name, part in data.children.items()}
+    return [
+        Posterior(str(case), {name: part.isel(case=i) for name, part in groups.items()})
+        for i, case in enumerate(groups["posterior"]["case"].to_numpy())
+    ]
+
+
+def draws_by_name(
+    group: xr.Dataset, variable: str, dimension: str, prefix: str = ""
+) -> dict[str, np.ndarray]:
+    """Draws (chain, draw) of a variable by the names along a dimension; none if it is absent."""
+    if variable not in group:
+        return {}
+    values = group[variable].transpose(dimension, "chain", "draw").to_numpy()
+    names = (f"{prefix}{name}" for name in group[dimension].to_numpy())
+    return dict(zip(names, values, strict=True))
