@@ -125,8 +125,10 @@ class Weighted:
         u = y / self.scale
         at, still = (u.new_zeros(p), torch.zeros(p, dtype=torch.bool)) if fixed is None else fixed
         self._columns: list[torch.Tensor] = []  # of y, by block
-        self.of_slopes: list[torch.Tensor] = []
-        self.at_home: list[torch.Tensor] = []
+        # By block, the weights on derivatives and what they make at home, both ways round:
+        # (1 + p, n D) and (n, (1 + p) D).
+        self._towards: list[torch.Tensor] = []
+        self._side_by_side: list[torch.Tensor] = []
         self._free: list[torch.Tensor] = []
         for block in kernel.blocks:
             own = torch.arange(block.start, block.stop)
@@ -139,8 +141,9 @@ class Weighted:
                 columns = torch.cat([columns, gap.norm(dim=1, keepdim=True)], 1)
             self._free.append(free)
             self._columns.append(columns)
-            self.of_slopes.append(dense[free])
-            self.at_home.append(home)
+            both = torch.cat([dense[free], -home[None]])
+            self._towards.append(both.flatten(1))
+            self._side_by_side.append(both.transpose(0, 1).reshape(n, -1))
         widths = [columns.shape[1] for columns in self._columns]
         ends = torch.tensor([0, *widths]).cumsum(0).tolist()
         self._kernel = BlockRQKernel([slice(*pair) for pair in pairwise(ends)]).double()
@@ -148,11 +151,6 @@ class Weighted:
         self._kernel.alpha = self.alpha
         self._kernel.requires_grad_(False)
         self.y = torch.cat(self._columns, 1)
-        # By block, the weights on derivatives and what they make at home: (n, (1 + p) D).
-        self._side_by_side = [
-            torch.cat([slopes, home[None]]).transpose(0, 1).reshape(n, -1)
-            for slopes, home in zip(self.of_slopes, self.at_home, strict=True)
-        ]
 
     def _reduced(self, x) -> list[torch.Tensor]:
         """Coordinates (m, p) of x (m, P) in length scales, by block, without fixed ones."""
@@ -170,15 +168,12 @@ class Weighted:
     def _parts(self, x):
         u = self._reduced(x)
         bases = self._bases(u)
-        k = self._kernel.of_bases(bases)
-        towards = []
-        for part, slopes, home in zip(u, self.of_slopes, self.at_home, strict=True):
-            far = part @ slopes.flatten(1)
-            towards.append(far.reshape(len(x), *home.shape) - home)
-        inverse = [1 / base for base in bases]
-        total = self.of_values + sum(
-            i[..., None] * t for i, t in zip(inverse, towards, strict=True)
-        )
+        k, inverse = self._kernel.of_bases(bases), [1 / base for base in bases]
+        towards, total = [], self.of_values.repeat(len(x), 1, 1)
+        for part, rate, weights in zip(u, inverse, self._towards, strict=True):
+            toward = torch.nn.functional.pad(part, (0, 1), value=1.0) @ weights
+            towards.append(toward.reshape(total.shape))
+            total.addcmul_(rate[..., None], towards[-1])
         return k, u, inverse, towards, total
 
     def mean(self, x: torch.Tensor) -> torch.Tensor:
@@ -189,7 +184,7 @@ class Weighted:
         total = k @ self.of_values
         for part, base, weights in zip(u, bases, self._side_by_side, strict=True):
             found = ((k / base) @ weights).reshape(len(x), -1, total.shape[1])
-            total = total + (part[..., None] * found[:, :-1]).sum(1) - found[:, -1]
+            total = total + (part[..., None] * found[:, :-1]).sum(1) + found[:, -1]
         return total
 
     def with_slopes(self, x: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
@@ -201,12 +196,13 @@ class Weighted:
     def _with_slopes(self, x):
         k, u, inverse, towards, total = self._parts(x)
         found = x.new_zeros(len(x), total.shape[-1], x.shape[1])
-        blocks = zip(self._free, u, self._columns, self.of_slopes, inverse, towards, strict=True)
-        for free, part, columns, of_slopes, rate, toward in blocks:
+        blocks = zip(
+            self._free, u, self._columns, self._side_by_side, inverse, towards, strict=True
+        )
+        for free, part, columns, weights, rate, toward in blocks:
             carried = k * rate
-            nearer = total + rate[..., None] * toward / self.alpha
-            gap = part[..., None] - columns.T[None, : len(free)]
-            far = (carried[:, None] * gap) @ nearer
-            own = torch.einsum("mn,pnd->mpd", carried, of_slopes)
+            gap = carried[:, None] * (part[..., None] - columns.T[: len(free)])
+            far = gap.bmm(total).baddbmm_(gap * (rate / self.alpha)[:, None], toward)
+            own = (carried @ weights).reshape(len(x), len(free) + 1, total.shape[-1])[:, :-1]
             found[:, :, free] = (own - far).mT
         return (k[:, None] @ total)[:, 0], found / self.scale
