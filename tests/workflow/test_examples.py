@@ -132,5 +132,5 @@ def test_the_page_on_extensions_shows_the_plugin():
     blocks = re.findall(r"```python\n(.*?)```", page, flags=re.DOTALL)
     lines = [line.strip() for block in blocks for line in block.splitlines() if "..." not in line]
     shown = [line for line in lines if not line.startswith('"""')]
-    assert len(blocks) == 8 and len(shown) > 50
+    assert len(blocks) == 6 and len(shown) > 50
     assert [line for line in shown if line not in plugin] == []
