@@ -199,7 +199,7 @@ def read(
     case: str | None = None,
     truth: str | Path | None = None,
 ) -> CasePosterior:
-    """Read case `case` (default: the only one) of an InferenceData file.
+    """Read case `case` (default: the only one) of a file of posteriors.
 
     truth: JSON with the generating `theta` of a synthetic subject, if it has any; a test set
     carries its own.

@@ -94,6 +94,12 @@ def read(path: str | Path) -> list[Posterior]:
     return cases_of(load(path))
 
 
+def case_names(path: str | Path) -> list[str]:
+    """Names of the cases of a file that `sampling` wrote; its draws are not read."""
+    with xr.open_dataset(path, group="posterior", engine="h5netcdf") as group:
+        return [str(case) for case in group["case"].to_numpy()]
+
+
 def cases_of(data: xr.DataTree) -> list[Posterior]:
     """The cases of what `sampling.to_datatree` makes."""
     groups = {name: part.to_dataset() for name, part in data.children.items()}

@@ -18,7 +18,7 @@ def subjects(
 ) -> pd.DataFrame:
     """Stiffness and noise of every subject.
 
-    posteriors: InferenceData files of one subject each; diagnostics: CSV with its verdict; or
+    posteriors: files (NetCDF) of one subject each; diagnostics: CSV with its verdict; or
     findings, where posteriors are averaged over models. sources: `subjects.<name>.source` of the
     config; all in the same order. Columns: subject, data, parameter, then median, lower95 and
     upper95 (95 % HPD interval); or of the average mean, sd, lower95 and upper95 (central), and the

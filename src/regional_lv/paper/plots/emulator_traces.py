@@ -10,7 +10,7 @@ import pandas as pd
 
 from regional_lv.criticism.case_posterior import CasePosterior, read
 from regional_lv.emulators import label_of
-from regional_lv.inference import posteriors
+from regional_lv.inference.posteriors import case_names
 from regional_lv.paper.posteriors.verdicts import by_emulator
 from regional_lv.plots import style
 from regional_lv.plots.traces import legend, marginal_panel, mark, trace_panel
@@ -71,7 +71,7 @@ def middle_case(errors: Path) -> str:
 def _holding(paths: Sequence[Path], case: str) -> Path:
     """The file with that case; the last one if none has it, for `read` to complain about."""
     for path in paths:
-        if case in {one.case for one in posteriors.read(path)}:
+        if case in case_names(path):
             return path
     return paths[-1]
 
