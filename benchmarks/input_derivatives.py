@@ -34,8 +34,7 @@ def main(file: str) -> None:
     given = study_config.read(file)
     with tempfile.TemporaryDirectory() as folder:
         study = Study(given | {"observables": OBSERVED}, folder)
-        study.make_heart()
-        mesh = read_mesh(study.folder / "geometry" / "mesh.vtu")
+        mesh = read_mesh(study.make_heart())
     model = model_of(study.config)
     problem = Problem(mesh, Inputs(model, catalogue(model)))
     values = dict(zip(problem.inputs.names, problem.inputs.nominal, strict=True))

@@ -50,6 +50,7 @@ from regional_lv.emulators.reduced import ReducedEmulator
 from regional_lv.emulators.training import read_simulations
 from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.paper.estimates.least_squares import find_least_squares
+from regional_lv.study.layout import Layout
 
 BATCH, EVALUATION_BATCH = 512, 1024
 VARIATIONAL_RATE, RATE = 0.1, 0.01
@@ -224,10 +225,10 @@ def errors(emulator: PublishedMVGP, theta: np.ndarray, y: np.ndarray, study: dic
 def main(arguments: argparse.Namespace) -> None:
     study = study_config.load(arguments.config)
     parameters, channels = StiffnessInputs.from_config(study), Channels.from_config(study)
-    screened = Path("results") / study["study"] / "screening"
+    files = Layout.of(study["study"])
 
     def read(name: str) -> tuple[np.ndarray, np.ndarray]:
-        return read_simulations(screened / f"{name}.parquet", parameters, channels.names)[:2]
+        return read_simulations(files.screened(name), parameters, channels.names)[:2]
 
     emulator = PublishedMVGP(
         hours=arguments.hours,
@@ -236,7 +237,7 @@ def main(arguments: argparse.Namespace) -> None:
         kernel=arguments.kernel,
     )
     emulator.fit(*read("train"), parameters=parameters, outputs=channels.names, seed=study["seed"])
-    sets = [name for name in ("test", "holdout") if (screened / f"{name}.parquet").is_file()]
+    sets = [name for name in ("test", "holdout") if Path(files.screened(name)).is_file()]
     rows = []
     for name in sets:
         theta, y = (part[: arguments.cases] for part in read(name))

@@ -20,6 +20,7 @@ from regional_lv.mechanics.continuation import Effort, NotConverged, Runner, Sol
 from regional_lv.mechanics.predictor import load_predictors
 from regional_lv.simulation.batches import make_simulator
 from regional_lv.simulation.sobol import further_points
+from regional_lv.study.layout import Layout
 
 NATURAL, LOG, COLD = 150, 50, 16
 EVERY = 5  # of the points, with further load fractions
@@ -69,13 +70,13 @@ def main(paths: list[Path]) -> None:
     for path in paths:
         merged |= study_config.read(path)
     config = study_config.load(merged)
-    folder = Path("results") / config["study"]
+    files = Layout.of(config["study"])
     framed = physics_of(config)
     frames = framed["loading"]["frames"]
     physics = framed | {"loading": framed["loading"] | {"frames": []}}
-    mesh = folder / "geometry" / "mesh.vtu"
+    mesh = files.heart().mesh
     simulator = make_simulator(mesh, physics)
-    predictor = folder / "mechanics" / "predictor.npz"
+    predictor = files.predictor()
     guesses = load_predictors(predictor, simulator.coordinates)
     parameters, pressure = simulator.parameters, simulator.full_pressure
     solver, seed = Solver(simulator, config["solver"]), config["seed"]
@@ -107,7 +108,7 @@ def main(paths: list[Path]) -> None:
     seconds["factorisation"] -= seconds["assembly"]
     step = seconds["assembly"] + seconds["factorisation"] + seconds["solve"]
     anchors = 0.0
-    for file in sorted((folder / "mechanics" / "anchors").glob("*.npz")):
+    for file in sorted(Path().glob(files.anchors("*", "npz"))):
         with np.load(file) as saved:
             anchors += float(saved["cpu_s"])
     anchors /= PAPER_SIMULATIONS

@@ -55,9 +55,9 @@ def infer(study: Study) -> pd.DataFrame:
     theta = study.config["synthetic_subjects"][SUBJECT]["theta"]
     truth = study.parameters.vector(theta)
     runner = make_runner(
-        study.folder / "geometry/mesh.vtu",
+        study.files.heart().mesh,
         study.physics,
-        study.folder / "mechanics/predictor.npz",
+        study.files.predictor(),
         sensitivities=False,
     )
     outputs, rows = runner.run(truth).observables, []
@@ -67,7 +67,7 @@ def infer(study: Study) -> pd.DataFrame:
             outputs, study.channels, NOISE, rng.standard_normal(len(study.channels))
         )
         for part, names in parts(study.channels).items():
-            file = study.folder / "measured" / f"part-{repeat}.csv"
+            file = Path(study.files.measured(f"part-{repeat}"))
             file.parent.mkdir(exist_ok=True)
             write_measured(table[table["output"].isin(names)], file)
             assert len(read_measured(file)) == len(names)
@@ -112,7 +112,7 @@ def main(target: Path, folder: Path) -> None:
     config["study"], config["design"] = "channels", config["design"] | DESIGN
     config["efficiency"] = {"sizes": [60], "most_with_sensitivities": 100}
     study = Study(config, folder)
-    if not (folder / "screening/train.parquet").is_file():
+    if not Path(study.files.screened("train")).is_file():
         study.make_heart()
         study.simulate()
     table = infer(study)

@@ -40,15 +40,14 @@ from regional_lv.simulation.batches import (
 from regional_lv.simulation.screening import screen_simulations
 from regional_lv.simulation.sobol import make_design
 from regional_lv.simulation.subjects import simulate_subject
-
-PREDICTOR = "mechanics/predictor.npz"
+from regional_lv.study.layout import Layout
 
 
 class Study:
     """One heart, its simulations, emulators and posteriors.
 
     Attributes: config (checked, complete), parameters, channels, physics (what simulations depend
-    on), folder.
+    on), files (where each lies).
 
     Parameters
     ----------
@@ -64,15 +63,11 @@ class Study:
         self.parameters = StiffnessInputs.from_config(self.config)
         self.channels = Channels.from_config(self.config)
         self.physics = physics_of(self.config)
-        self.folder = Path(folder or Path("results") / self.config["study"])
-
-    def _file(self, path: str) -> Path:
-        (self.folder / path).parent.mkdir(parents=True, exist_ok=True)
-        return self.folder / path
+        self.files = Layout(str(folder)) if folder else Layout.of(self.config["study"])
 
     def make_heart(self) -> Path:
         """Mesh the heart; the mesh's file (.vtu, opens in ParaView)."""
-        return make_heart(self.config, self.folder / "geometry")
+        return make_heart(self.config, self.files.heart())
 
     def simulate(self) -> pd.DataFrame:
         """Simulate the training design from the heart; the simulations that converged.
@@ -80,29 +75,29 @@ class Study:
         A row each: theta (named as `parameters.names`), the channels (`channels.names`), the
         `sensitivity` d(channels)/d(theta) and what it took.
         """
-        mesh, physics = self._file("geometry/mesh.vtu"), self.physics
+        files, mesh, physics = self.files, self.files.heart().mesh, self.physics
         design = make_design(self.config["design"], self.parameters, self.config["seed"])["train"]
-        points = self._file("design/train.parquet")
+        points = made(files.design("train"))
         design.to_parquet(points, index=False)
-        start = self._file("mechanics/baseline.npz")
-        solve_baseline(mesh, physics, start, self._file("mechanics/baseline.json"))
-        anchors = self._file("mechanics/anchors/batch-0000.npz")
+        start = made(files.baseline("npz"))
+        solve_baseline(mesh, physics, start, files.baseline("json"))
+        anchors = made(files.anchors("0000", "npz"))
         count = min(self.config["simulations"]["anchors"], len(design))
-        solved = anchors.with_suffix(".parquet")
+        solved = files.anchors("0000", "parquet")
         solve_anchors(mesh, start, points, physics, count, 1, "0000", anchors, solved)
-        predictor = self._file(PREDICTOR)
-        fit_predictor([anchors], physics, predictor)
-        batch = self._file("simulations/train/batch-0000.parquet")
-        given = (mesh, predictor, points, physics, len(design), "0000", "train", batch)
-        simulate_batch(*given, [solved])
-        kept = self._file("screening/train.parquet")
+        fit_predictor([anchors], physics, files.predictor())
+        batch = made(files.simulations("train", "0000"))
+        simulate_batch(
+            mesh, files.predictor(), points, physics, len(design), "0000", "train", batch, [solved]
+        )
+        kept = made(files.screened("train"))
         screen_simulations(
             [batch],
             self.parameters,
             self.channels,
             kept,
-            self._file("screening/train_excluded.csv"),
-            self._file("screening/train_summary.csv"),
+            files.excluded("train"),
+            files.screening_summary("train"),
         )
         return pd.read_parquet(kept)
 
@@ -113,10 +108,7 @@ class Study:
         heart that cannot be inflated.
         """
         runner = make_runner(
-            self._file("geometry/mesh.vtu"),
-            self.physics,
-            self._file(PREDICTOR),
-            sensitivities=False,
+            self.files.heart().mesh, self.physics, self.files.predictor(), sensitivities=False
         )
         result = runner.run(self.parameters.vector(theta))
         if result.status != "converged":
@@ -125,16 +117,16 @@ class Study:
 
     def train(self, name: str = "gradient_gp") -> Emulator:
         """Train the emulator `name` on the simulations, with the configuration's settings."""
-        file = self._file(f"emulators/{name}.pt")
+        file = made(self.files.emulator(name))
         train_emulator(
             name,
             self.config["emulators"][name],
-            self._file("screening/train.parquet"),
+            self.files.screened("train"),
             self.parameters,
             self.channels,
             self.config["seed"],
             file,
-            self._file(f"emulators/{name}/fit.json"),
+            made(self.files.fit(name)),
         )
         return load(file)
 
@@ -146,11 +138,11 @@ class Study:
         Its diagnostics are in `posteriors/<emulator>/subjects/<subject>.csv`. Raises InputError for
         a measured file that cannot be used.
         """
-        clinical, folder = self.config["clinical"], f"posteriors/{emulator.name}/subjects"
+        clinical, files = self.config["clinical"], self.files.posteriors(emulator.name)
         nuts = self.config["nuts"] | {k: clinical[k] for k in ("chains", "warmup", "draws")}
-        posterior = self._file(f"{folder}/{subject}.nc")
+        posterior = made(files.of_subject(subject, "nc"))
         sample_subject(
-            self._file(f"emulators/{emulator.name}.pt"),
+            self.files.emulator(emulator.name),
             measured,
             subject,
             self.config["test_posteriors"]["sampler"],
@@ -159,7 +151,7 @@ class Study:
             clinical["noise_prior_scale"],
             self.config["seed"],
             posterior,
-            self._file(f"{folder}/{subject}.csv"),
+            files.of_subject(subject, "csv"),
         )
         return posteriors.load(posterior)
 
@@ -168,17 +160,24 @@ class Study:
         entry, seed = self.config["synthetic_subjects"][name], self.config["seed"]
         if entry["mesh"] == "finer":
             config = self.config | {"mesh": finer(self.config["mesh"])}
-            mesh = make_heart(config, self.folder / "geometry" / "finer")
+            files = self.files.heart("finer/")
+            make_heart(config, files)
         else:
-            mesh = self._file("geometry/mesh.vtu")
-        measured = self._file(f"measured/{name}.csv")
+            files = self.files.heart()
+        measured = made(self.files.measured(name))
         simulate_subject(
             name,
             entry,
-            mesh,
+            files.mesh,
             model_sections_of(self.config),
             seed=derive(seed, "subject", name) if entry["seed"] is None else entry["seed"],
             measured=measured,
-            truth=self._file(f"truth/{name}.json"),
+            truth=made(self.files.truth(name)),
         )
-        return measured
+        return Path(measured)
+
+
+def made(file: str) -> str:
+    """The file, after its folder was made."""
+    Path(file).parent.mkdir(parents=True, exist_ok=True)
+    return file

@@ -13,6 +13,7 @@ from regional_lv.geometry.table import read_segments
 from regional_lv.hearts.emulator import HeartEmulator
 from regional_lv.inputs.space import Inputs, sections_of
 from regional_lv.simulation.ventricles import Ventricles
+from regional_lv.study.layout import HeartFiles
 
 SHAPE = {
     "segment_thickness": "inferred",
@@ -90,7 +91,7 @@ def test_a_heart_is_known_from_another_size_and_pressure(small_mesh, known, hear
     x = at_values(inputs, **values)
     by_another = HeartEmulator(Simulated(small_mesh, known), known, inputs)
     found = by_another.predict_mean(torch.as_tensor(x)[None])[0].numpy()
-    direct = Ventricles(make_heart(heart, tmp_path), inputs).outputs(x)
+    direct = Ventricles(make_heart(heart, HeartFiles(f"{tmp_path}/")), inputs).outputs(x)
     channels = Channels.from_config(heart)
     volume = channels.of_quantity("volume")
     np.testing.assert_allclose(found[volume], direct[volume], rtol=1e-6)
@@ -108,11 +109,10 @@ def test_a_heart_is_known_by_its_figures_over_other_segments(smoke_config, tmp_p
     aha = {"geometry": own["geometry"] | {"segments": VOLUNTEER_AHA}}
     known = Inputs.from_config(sections_of(own | aha | roles)).simulated
     inputs = Inputs.from_config(sections_of(own)).simulated
-    (tmp_path / "aha").mkdir()
-    simulated = Simulated(make_heart(own | aha, tmp_path / "aha"), known)
+    simulated = Simulated(make_heart(own | aha, HeartFiles(f"{tmp_path}/aha/")), known)
     x = at_values(inputs, septal_load=3.0, C_a_anterior=1.8, C_b_septal=0.7, C_a_apical=0.6)
     found = HeartEmulator(simulated, known, inputs).predict(torch.as_tensor(x)[None])
-    direct = Ventricles(make_heart(own, tmp_path), inputs).outputs(x)
+    direct = Ventricles(make_heart(own, HeartFiles(f"{tmp_path}/")), inputs).outputs(x)
     error = found.mean[0].numpy() - direct
     channels = Channels.from_config(own)
     largest = {"volume": 0.4, "circumferential": 0.01, "longitudinal": 0.008, "radial": 0.02}

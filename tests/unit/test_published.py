@@ -15,6 +15,7 @@ import pytest
 from regional_lv.data import published
 from regional_lv.errors import InputError
 from regional_lv.study import progress
+from regional_lv.study.layout import Layout
 
 PINNED = published.FILES
 CONTENT = b"180.9,-0.1\n"
@@ -172,7 +173,7 @@ def test_volunteer_is_available_when_the_repository_answers_and_that_is_asked_on
 
 
 def test_volunteer_once_fetched_stays_available(silence, tmp_path):
-    copy = tmp_path / published.fetched_path("mine", published.VOLUNTEER)
+    copy = tmp_path / Layout.of("mine").published(published.VOLUNTEER)
     copy.parent.mkdir(parents=True)
     copy.write_bytes(CONTENT)
     assert published.volunteer_available(study(download=False))

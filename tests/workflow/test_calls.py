@@ -1,15 +1,20 @@
-"""Every rule calls a function that there is, with the names of its arguments; and the numbers that
-rules see are those of the configuration."""
+"""Every rule calls a function that there is, with the names of its arguments; rules make what the
+layout of a study names; and the numbers that rules see are those of the configuration."""
 
 import inspect
 import json
 import os
+import re
 import subprocess
 import sys
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
 
 import pytest
 
 from regional_lv.study.jobs import function_of
+from regional_lv.study.layout import Layout
 from tests.hearts.folders import write_cohort
 
 LISTED = """
@@ -18,9 +23,10 @@ include: "{root}/Snakefile"
 import json
 
 from regional_lv.study.jobs import arguments_of, calls_of
-from snakemake.io import is_flagged
+from snakemake.io import is_flagged, strip_wildcard_constraints
 
 for step in workflow.rules:
+    print("OUTPUTS", json.dumps([*map(strip_wildcard_constraints, step.output)]))
     if step.script is not None:
         parts = step.input, step.output, step.params
         called = calls_of(step.params).items()
@@ -77,12 +83,31 @@ def test_rules_see_numbers_as_they_are_written(root, tmp_path, pressure, warmup,
     assert "Traceback" not in done.stdout + done.stderr
 
 
-def listed_rules(root, folder, *files) -> dict:
+@pytest.fixture(scope="module")
+def listing(root, tmp_path_factory):
+    """What Snakemake prints of the rules of a study (names of configurations, or `cohort`)."""
+
+    @cache
+    def of(study: str) -> list[str]:
+        folder = tmp_path_factory.mktemp("listed")
+        files = [root / "config" / f"{name}.yaml" for name in study.split()]
+        if study == "cohort":
+            write_cohort(folder / "group")
+            files = [folder / "group" / "config.yaml"]
+        done = listed(folder, LISTED.format(root=root), "--configfile", *files)
+        assert done.returncode == 0, done.stdout + done.stderr
+        return done.stdout.splitlines()
+
+    return of
+
+
+def printed(lines: list[str], what: str) -> list:
+    return [json.loads(line.removeprefix(what)) for line in lines if line.startswith(f"{what} ")]
+
+
+def called(lines: list[str]) -> dict:
     """By rule: calls with the arguments given, wildcards, whether it unpacks, its code."""
-    done = listed(folder, LISTED.format(root=root), "--configfile", *files)
-    assert done.returncode == 0, done.stdout + done.stderr
-    lines = [line for line in done.stdout.splitlines() if line.startswith("RULE ")]
-    return {name: rest for name, *rest in (json.loads(line[5:]) for line in lines)}
+    return {name: rest for name, *rest in printed(lines, "RULE")}
 
 
 def disagreements(rules: dict) -> list[str]:
@@ -102,17 +127,48 @@ def disagreements(rules: dict) -> list[str]:
 
 
 @pytest.mark.parametrize("study", ["smoke", "published", "published_heart", "smoke examples/roles"])
-def test_rules_and_functions_agree(root, tmp_path, study):
-    files = [root / "config" / f"{name}.yaml" for name in study.split()]
-    rules = listed_rules(root, tmp_path, *files)
+def test_rules_and_functions_agree(listing, study):
+    rules = called(listing(study))
     assert len(rules) > 30 and ("criticise_subject" in rules) == (study != "published")
     # Scripts of their own are for what a function cannot take from its rule.
     assert [name for name, (calls, *_) in rules.items() if not calls] == ["fetch_published"]
     assert disagreements(rules) == []
 
 
-def test_rules_of_a_cohort_and_their_functions_agree(root, tmp_path):
-    write_cohort(tmp_path / "group")
-    rules = listed_rules(root, tmp_path, tmp_path / "group" / "config.yaml")
+def test_rules_of_a_cohort_and_their_functions_agree(listing):
+    rules = called(listing("cohort"))
     assert {"check_cohort", "answer_hearts", "summarise_cohort", "make_cohort_page"} <= set(rules)
     assert disagreements(rules) == []
+
+
+BY_THE_COMMAND_LINE = {"cut", "fast"}
+"""What no rule makes."""
+
+
+def named_paths(files) -> Iterator[str]:
+    """All paths that a layout names, with a wildcard for each argument."""
+    for name in sorted({*vars(files), *vars(type(files))} - {"folder", "of"} - BY_THE_COMMAND_LINE):
+        if name.startswith("_"):
+            continue
+        found = getattr(files, name)
+        if callable(found):
+            found = found(*(f"{{{argument}}}" for argument in inspect.signature(found).parameters))
+        if isinstance(found, str):
+            yield found
+        else:
+            yield from named_paths(found)
+
+
+def test_rules_make_every_file_that_the_layout_names(listing):
+    outputs = {
+        Path("/", *Path(output).parts[2:]).as_posix()  # below results/<study>
+        for study in ("smoke", "published_heart", "cohort")
+        for made in printed(listing(study), "OUTPUTS")
+        for output in made
+    }
+    paths = [*named_paths(Layout(""))]
+    assert len(paths) > 40
+    for path in paths:
+        pattern = re.compile(re.sub(r"\\{\w+\\}", ".*", re.escape(path)))
+        in_folder = any(path.startswith(f"{output}/") for output in outputs)
+        assert in_folder or any(map(pattern.fullmatch, outputs)), path

@@ -1,6 +1,6 @@
 """Many hearts in one study, answered by the emulator of any heart: many in each job."""
 
-COHORT = f"{R}/cohort"
+COHORT = LAYOUT.cohort
 COHORT_FIGURES = ["stiffness", "pooling", "causes"]
 
 if config["cohort"]["hearts"]:
@@ -22,7 +22,7 @@ if config["cohort"]["hearts"]:
         input:
             lambda wildcards: files_of_hearts(LISTED),
         output:
-            checked=f"{COHORT}/checked.json",
+            checked=COHORT.checked,
         log:
             f"{LOGS}/cohort/check.log",
         localrule: True
@@ -39,10 +39,10 @@ if config["cohort"]["hearts"]:
         """Posterior, verdict and page of each heart of a batch; hearts of other batches do not
         matter to it."""
         input:
-            ancient(f"{COHORT}/checked.json"),
+            ancient(COHORT.checked),
             lambda wildcards: files_of_hearts(COHORT_BATCHES[wildcards.batch]),
         output:
-            folder=directory(f"{COHORT}/hearts/{{batch}}"),
+            folder=directory(COHORT.batch("{batch}").folder),
         log:
             f"{LOGS}/cohort/answer-{{batch}}.log",
         benchmark:
@@ -61,12 +61,12 @@ if config["cohort"]["hearts"]:
     rule summarise_cohort:
         """A row for each heart, the population, and the causes that hearts share."""
         input:
-            batches=expand(f"{COHORT}/hearts/{{batch}}", batch=COHORT_BATCHES),
-            checked=f"{COHORT}/checked.json",
+            batches=expand(COHORT.batch("{batch}").folder, batch=COHORT_BATCHES),
+            checked=COHORT.checked,
         output:
-            table=f"{COHORT}/hearts.parquet",
-            population=f"{COHORT}/population.csv",
-            causes=f"{COHORT}/causes.csv",
+            table=COHORT.hearts,
+            population=COHORT.population,
+            causes=COHORT.causes,
         log:
             f"{LOGS}/cohort/summarise.log",
         benchmark:
@@ -83,11 +83,11 @@ if config["cohort"]["hearts"]:
 
     rule plot_cohort_stiffness:
         input:
-            hearts=f"{COHORT}/hearts.parquet",
-            population=f"{COHORT}/population.csv",
+            hearts=COHORT.hearts,
+            population=COHORT.population,
         output:
-            png=f"{COHORT}/stiffness.png",
-            csv=f"{COHORT}/stiffness.csv",
+            png=f"{COHORT.folder}/stiffness.png",
+            csv=f"{COHORT.folder}/stiffness.csv",
         log:
             f"{LOGS}/cohort/plot_stiffness.log",
         localrule: True
@@ -99,10 +99,10 @@ if config["cohort"]["hearts"]:
 
     rule plot_cohort_pooling:
         input:
-            hearts=f"{COHORT}/hearts.parquet",
+            hearts=COHORT.hearts,
         output:
-            png=f"{COHORT}/pooling.png",
-            csv=f"{COHORT}/pooling.csv",
+            png=f"{COHORT.folder}/pooling.png",
+            csv=f"{COHORT.folder}/pooling.csv",
         log:
             f"{LOGS}/cohort/plot_pooling.log",
         localrule: True
@@ -114,10 +114,10 @@ if config["cohort"]["hearts"]:
 
     rule plot_cohort_causes:
         input:
-            causes=f"{COHORT}/causes.csv",
+            causes=COHORT.causes,
         output:
-            png=f"{COHORT}/causes.png",
-            csv=f"{COHORT}/causes_drawn.csv",
+            png=f"{COHORT.folder}/causes.png",
+            csv=f"{COHORT.folder}/causes_drawn.csv",
         log:
             f"{LOGS}/cohort/plot_causes.log",
         localrule: True
@@ -130,13 +130,13 @@ if config["cohort"]["hearts"]:
         """The page of all hearts, with links to theirs."""
         input:
             given(os.path.relpath(TEMPLATES / "base.html")),
-            **{f"{name}_picture": f"{COHORT}/{name}.png" for name in COHORT_FIGURES},
-            hearts=f"{COHORT}/hearts.parquet",
-            population=f"{COHORT}/population.csv",
-            causes=f"{COHORT}/causes.csv",
+            **{f"{name}_picture": f"{COHORT.folder}/{name}.png" for name in COHORT_FIGURES},
+            hearts=COHORT.hearts,
+            population=COHORT.population,
+            causes=COHORT.causes,
             template=given(os.path.relpath(TEMPLATES / "cohort.html")),
         output:
-            page=f"{COHORT}/page.html",
+            page=COHORT.page,
         log:
             f"{LOGS}/cohort/page.log",
         localrule: True
@@ -144,7 +144,7 @@ if config["cohort"]["hearts"]:
             call="page.cohort:make_cohort_page",
             study=config["study"],
             parameters=PARAMETER_SPEC,
-            limitations=os.path.relpath(SOURCE.parent / "LIMITATIONS.md", COHORT),
+            limitations=os.path.relpath(SOURCE.parent / "LIMITATIONS.md", COHORT.folder),
         script:
             "../scripts/call.py"
 
@@ -152,4 +152,4 @@ if config["cohort"]["hearts"]:
 rule cohort:
     """The page and the tables of the study's cohort."""
     input:
-        f"{COHORT}/page.html" if config["cohort"]["hearts"] else [],
+        COHORT.page if config["cohort"]["hearts"] else [],

@@ -41,6 +41,7 @@ from regional_lv.hearts.listing import batches_of, list_hearts, model_of_hearts 
 from regional_lv.input_files import without_braces  # noqa: E402
 from regional_lv.inputs.space import Inputs, model_sections_of, sections_of  # noqa: E402
 from regional_lv.study.jobs import calls_of, module_of  # noqa: E402
+from regional_lv.study.layout import Layout  # noqa: E402
 from regional_lv.measured import states_noise  # noqa: E402
 from regional_lv.inputs.stiffness import StiffnessInputs  # noqa: E402
 from regional_lv.inputs.physics import physics_of, why_not_scaling  # noqa: E402
@@ -56,7 +57,6 @@ from regional_lv.data.published import (  # noqa: E402
     TRAINING_OUTPUTS,
     VOLUNTEER,
     VOLUNTEER_SLICES,
-    fetched_path,
     volunteer_available,
 )
 from regional_lv.seeds import derive  # noqa: E402
@@ -100,7 +100,9 @@ envvars:
 if workflow.is_main_process:
     running.begin(config["study"])
 
-R = f"results/{config['study']}"
+# Where everything lies.
+LAYOUT = Layout.of(config["study"])
+R = LAYOUT.folder
 
 
 def given(path):
@@ -114,7 +116,7 @@ LOGS = f"{R}/logs"
 EVALUATION = config["evaluation"]
 EMULATOR = study_config.final_emulator(config)
 # Read while the workflow is planned, where Snakemake would show a traceback.
-SHORTLIST = f"{R}/estimates/shortlist.json"
+SHORTLIST = LAYOUT.shortlist
 if damage := damage_of(SHORTLIST):
     raise WorkflowError(f"{SHORTLIST}: damaged ({damage}); delete it and {AGAIN}")
 
@@ -233,8 +235,8 @@ def imported_files():
     """The mesh to import and, if there is one, the file of its segments; by name."""
     if IMPORTED["file"] == PUBLISHED_HEART:
         return {
-            "mesh": fetched_path(config["study"], HEART_MESH),
-            "segments": fetched_path(config["study"], HEART_SEGMENTS),
+            "mesh": LAYOUT.published(HEART_MESH),
+            "segments": LAYOUT.published(HEART_SEGMENTS),
         }
     files = {"mesh": IMPORTED["file"], "segments": IMPORTED["segments"]}
     return {name: given(path) for name, path in files.items() if path is not None}
@@ -242,7 +244,7 @@ def imported_files():
 
 def published_table(name, kind):
     """File of the `inputs` or `outputs` of a published set."""
-    return fetched_path(config["study"], PUBLISHED_TABLES[name][kind])
+    return LAYOUT.published(PUBLISHED_TABLES[name][kind])
 
 
 def simulation_table(name, kind):
@@ -368,22 +370,22 @@ def subject_seed(name):
 
 def volunteer_files(wildcards):
     """The volunteer's published file, and the slices' curves where one frame is asked for."""
-    files = {"case": fetched_path(config["study"], VOLUNTEER)}
+    files = {"case": LAYOUT.published(VOLUNTEER)}
     if config["subjects"][wildcards.subject]["frame"] is not None:
-        files["slices"] = [fetched_path(config["study"], path) for path in VOLUNTEER_SLICES]
+        files["slices"] = [LAYOUT.published(path) for path in VOLUNTEER_SLICES]
     return files
 
 
 def to_rank(name):
     """Files of every emulator that a ranking on the set `name` reads."""
     files = {
-        "estimates": f"{R}/estimates/{{emulator}}/{name}.parquet",
-        "checked": f"{R}/estimates/{{emulator}}/{name}_checked.parquet",
-        "costs": f"{R}/estimates/{{emulator}}/cost.json",
-        "fits": f"{R}/emulators/{{emulator}}/fit.json",
-        "predictions": f"{R}/emulators/{{emulator}}/{name}_predictions.parquet",
+        "estimates": LAYOUT.estimates("{emulator}", name),
+        "checked": LAYOUT.estimates_checked("{emulator}", name),
+        "costs": LAYOUT.estimates_cost("{emulator}"),
+        "fits": LAYOUT.fit("{emulator}"),
+        "predictions": LAYOUT.predictions("{emulator}", name),
     }
-    sets = {"train": f"{R}/screening/train.parquet", "test": f"{R}/screening/{name}.parquet"}
+    sets = {"train": LAYOUT.screened("train"), "test": LAYOUT.screened(name)}
     ranked = config["emulators"]["names"]
     return {kind: expand(path, emulator=ranked) for kind, path in files.items()} | sets
 
@@ -408,7 +410,7 @@ def of_shortlist(*files):
 def ventricle_of(wildcards):
     """Mesh that a synthetic subject is simulated on: the study's, or a finer one."""
     finer = config["synthetic_subjects"][wildcards.subject]["mesh"] == "finer"
-    return f"{R}/geometry/{'finer/' if finer else ''}mesh.vtu"
+    return LAYOUT.heart("finer/" if finer else "").mesh
 
 
 def criticised(name):
@@ -422,7 +424,7 @@ def known_theta(name):
     joint = config["criticism"]["joint"].get(name, {})
     theta = joint.get("theta")
     if theta == "published":
-        return expand(f"{R}/known_theta/{{subject}}.csv", subject=joint["subjects"])
+        return expand(LAYOUT.known_theta("{subject}"), subject=joint["subjects"])
     return [] if theta is None else [given(theta)]
 
 

@@ -20,18 +20,18 @@ if DOUBTS:
         never a truth.
         """
         input:
-            **({"own": f"{OVER_INPUTS}/train.parquet"} if JOINED else {}),
+            **({"own": LAYOUT.inputs_screened("train")} if JOINED else {}),
             emulator_file=EMULATOR_OF_INPUTS,
-            mesh=f"{R}/geometry/mesh.vtu",
-            predictor=f"{OVER_INPUTS}/predictor.npz",
+            mesh=LAYOUT.heart().mesh,
+            predictor=LAYOUT.inputs_predictor(),
             measured=lambda wildcards: expand(
-                f"{R}/measured/{{subject}}.csv", subject=criticised(wildcards.subject)
+                LAYOUT.measured("{subject}"), subject=criticised(wildcards.subject)
             ),
             known_theta=lambda wildcards: known_theta(wildcards.subject),
         output:
             simulations=f"{C}/{{subject}}/confirmation.parquet",
-            findings=f"{C}/{{subject}}/findings.json",
-            posterior=f"{C}/{{subject}}/posterior.nc",
+            findings=LAYOUT.findings("{subject}"),
+            posterior=LAYOUT.posterior("{subject}"),
         log:
             f"{LOGS}/criticism/{{subject}}/criticise.log",
         benchmark:
@@ -53,9 +53,9 @@ if DOUBTS:
     rule extend_study:
         """The study with the named causes switched on, as a configuration of its own."""
         input:
-            findings=f"{C}/{{subject}}/findings.json",
+            findings=LAYOUT.findings("{subject}"),
         output:
-            extended=f"{C}/{{subject}}/extended.yaml",
+            extended=LAYOUT.extended("{subject}"),
         log:
             f"{LOGS}/criticism/{{subject}}/extend.log",
         wildcard_constraints:
@@ -71,4 +71,4 @@ if DOUBTS:
 rule criticism:
     """The findings of every subject."""
     input:
-        expand(f"{C}/{{subject}}/findings.json", subject=CRITICISED if DOUBTS else []),
+        expand(LAYOUT.findings("{subject}"), subject=CRITICISED if DOUBTS else []),

@@ -3,8 +3,8 @@
 
 rule make_design:
     output:
-        train=f"{R}/design/train.parquet",
-        test=f"{R}/design/test.parquet",
+        train=LAYOUT.design("train"),
+        test=LAYOUT.design("test"),
     log:
         f"{LOGS}/design/make_design.log",
     localrule: True
@@ -20,7 +20,7 @@ rule make_design:
 rule draw_scenario:
     """Ventricles with simulated disease."""
     output:
-        table=f"{R}/design/{{scenario}}.parquet",
+        table=LAYOUT.design("{scenario}"),
     log:
         f"{LOGS}/design/draw_scenario-{{scenario}}.log",
     wildcard_constraints:

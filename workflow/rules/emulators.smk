@@ -3,10 +3,10 @@
 
 rule train_emulator:
     input:
-        train=f"{R}/screening/train.parquet",
+        train=LAYOUT.screened("train"),
     output:
-        emulator_file=f"{R}/emulators/{{emulator}}.pt",
-        report=f"{R}/emulators/{{emulator}}/fit.json",
+        emulator_file=LAYOUT.emulator("{emulator}"),
+        report=LAYOUT.fit("{emulator}"),
     log:
         f"{LOGS}/emulators/{{emulator}}/train.log",
     benchmark:
@@ -28,10 +28,10 @@ rule train_emulator:
 
 rule predict_test_set:
     input:
-        emulator_file=f"{R}/emulators/{{emulator}}.pt",
-        test=f"{R}/screening/{{set}}.parquet",
+        emulator_file=LAYOUT.emulator("{emulator}"),
+        test=LAYOUT.screened("{set}"),
     output:
-        predictions=f"{R}/emulators/{{emulator}}/{{set}}_predictions.parquet",
+        predictions=LAYOUT.predictions("{emulator}", "{set}"),
         errors=f"{R}/emulators/{{emulator}}/{{set}}_errors.csv",
     log:
         f"{LOGS}/emulators/{{emulator}}/predict_{{set}}.log",

@@ -10,10 +10,10 @@ RANKED = config["emulators"]["names"]
 
 rule estimate_parameters:
     input:
-        emulator_file=f"{R}/emulators/{{emulator}}.pt",
-        test=f"{R}/screening/{{set}}.parquet",
+        emulator_file=LAYOUT.emulator("{emulator}"),
+        test=LAYOUT.screened("{set}"),
     output:
-        estimates=f"{ESTIMATES}/{{emulator}}/{{set}}.parquet",
+        estimates=LAYOUT.estimates("{emulator}", "{set}"),
     log:
         f"{LOGS}/estimates/{{emulator}}/estimate_{{set}}.log",
     benchmark:
@@ -34,10 +34,10 @@ rule estimate_parameters:
 rule measure_costs:
     """One after the other in one job, as they are compared."""
     input:
-        **{f"{name}.emulator_file": f"{R}/emulators/{name}.pt" for name in RANKED},
-        **{f"{name}.test": f"{R}/screening/test.parquet" for name in RANKED},
+        **{f"{name}.emulator_file": LAYOUT.emulator(name) for name in RANKED},
+        **{f"{name}.test": LAYOUT.screened("test") for name in RANKED},
     output:
-        **{f"{name}.cost": f"{ESTIMATES}/{name}/cost.json" for name in RANKED},
+        **{f"{name}.cost": LAYOUT.estimates_cost(name) for name in RANKED},
     log:
         f"{LOGS}/estimates/measure_costs.log",
     threads: 1
@@ -52,7 +52,7 @@ if FROM_TABLES:
     rule fit_reference:
         """In place of the simulator, which is not there."""
         input:
-            screened=expand(f"{R}/screening/{{name}}.parquet", name=["train", *SCORED]),
+            screened=expand(LAYOUT.screened("{name}"), name=["train", *SCORED]),
         output:
             reference=f"{ESTIMATES}/reference.pt",
         log:
@@ -69,9 +69,9 @@ if FROM_TABLES:
     rule predict_estimates:
         input:
             reference=f"{ESTIMATES}/reference.pt",
-            estimates=f"{ESTIMATES}/{{emulator}}/{{set}}.parquet",
+            estimates=LAYOUT.estimates("{emulator}", "{set}"),
         output:
-            checked=f"{ESTIMATES}/{{emulator}}/{{set}}_checked.parquet",
+            checked=LAYOUT.estimates_checked("{emulator}", "{set}"),
         log:
             f"{LOGS}/estimates/{{emulator}}/predict_{{set}}.log",
         wildcard_constraints:
@@ -87,11 +87,11 @@ else:
 
     rule simulate_estimates:
         input:
-            mesh=f"{R}/geometry/mesh.vtu",
-            predictor=f"{R}/mechanics/predictor.npz",
-            estimates=f"{ESTIMATES}/{{emulator}}/test.parquet",
+            mesh=LAYOUT.heart().mesh,
+            predictor=LAYOUT.predictor(),
+            estimates=LAYOUT.estimates("{emulator}", "test"),
         output:
-            checked=f"{ESTIMATES}/{{emulator}}/test_checked.parquet",
+            checked=LAYOUT.estimates_checked("{emulator}", "test"),
         log:
             f"{LOGS}/estimates/{{emulator}}/simulate_estimates.log",
         benchmark:
@@ -112,8 +112,8 @@ checkpoint rank_emulators:
         # The first one is what Snakemake asks for while others wait for the checkpoint: if another
         # one stood there, a shortlist that is missing would not be made again.
         shortlist=SHORTLIST,
-        ranking=f"{ESTIMATES}/ranking.csv",
-        pairs=f"{ESTIMATES}/pairs.csv",
+        ranking=LAYOUT.compared("ranking"),
+        pairs=LAYOUT.compared("pairs"),
     log:
         f"{LOGS}/estimates/rank_emulators.log",
     localrule: True
@@ -133,21 +133,19 @@ if "holdout" in SCORED:
         input:
             **to_rank("holdout"),
         output:
-            ranking=f"{ESTIMATES}/holdout_ranking.csv",
-            pairs=f"{ESTIMATES}/holdout_pairs.csv",
+            ranking=LAYOUT.compared("holdout_ranking"),
+            pairs=LAYOUT.compared("holdout_pairs"),
         log:
             f"{LOGS}/estimates/rank_emulators_on_holdout.log",
 
 
 rule compare_transforms:
     input:
-        estimates=expand(f"{ESTIMATES}/{{emulator}}/test.parquet", emulator=EMULATORS),
-        predictions=expand(
-            f"{R}/emulators/{{emulator}}/test_predictions.parquet", emulator=EMULATORS
-        ),
-        train=f"{R}/screening/train.parquet",
+        estimates=expand(LAYOUT.estimates("{emulator}", "test"), emulator=EMULATORS),
+        predictions=expand(LAYOUT.predictions("{emulator}", "test"), emulator=EMULATORS),
+        train=LAYOUT.screened("train"),
     output:
-        comparison=f"{ESTIMATES}/transforms.csv",
+        comparison=LAYOUT.compared("transforms"),
     log:
         f"{LOGS}/estimates/compare_transforms.log",
     localrule: True
@@ -162,10 +160,10 @@ rule compare_transforms:
 
 rule measure_efficiency:
     input:
-        train=f"{R}/screening/train.parquet",
-        test=f"{R}/screening/test.parquet",
+        train=LAYOUT.screened("train"),
+        test=LAYOUT.screened("test"),
     output:
-        curve=f"{R}/efficiency/{{emulator}}-{{transform}}.csv",
+        curve=LAYOUT.efficiency("{emulator}", "{transform}"),
     log:
         f"{LOGS}/efficiency/{{emulator}}-{{transform}}.log",
     benchmark:

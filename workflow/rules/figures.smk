@@ -4,7 +4,7 @@ A figure is drawn by `draw` of the module `plots.<name>`, those that only the co
 paper has by that of `paper.plots.<name>`; its caption is `report/<name>.rst`.
 """
 
-POSTERIORS = f"{R}/posteriors/{EMULATOR}"
+POSTERIORS = LAYOUT.posteriors(EMULATOR)
 CHOICE = f"{R}/posteriors/final.json"
 LOCAL = [name for name, scenario in SCENARIOS.items() if scenario["kind"] == "local"]
 GLOBAL = [name for name in SCENARIOS if name not in LOCAL]
@@ -23,22 +23,22 @@ TRACED = {
     "emulator_traces_all": list(PARAMETERS.names),
 }
 SUBJECT = {
-    "posterior": f"{POSTERIORS}/subjects/{{subject}}.nc",
-    "diagnostics": f"{POSTERIORS}/subjects/{{subject}}.csv",
+    "posterior": POSTERIORS.of_subject("{subject}", "nc"),
+    "diagnostics": POSTERIORS.of_subject("{subject}", "csv"),
 }
 # What a subject's figures, tables and pages show: averaged over models, where these are doubted.
 ANSWER = (
     {
-        "posterior": f"{C}/{{subject}}/posterior.nc",
+        "posterior": LAYOUT.posterior("{subject}"),
         "diagnostics": [],
-        "findings": f"{C}/{{subject}}/findings.json",
+        "findings": LAYOUT.findings("{subject}"),
     }
     if DOUBTS
     else SUBJECT
 )
 TRUTH = {
     "truth": lambda wildcards: (
-        f"{R}/truth/{wildcards.subject}.json" if wildcards.subject in SYNTHETIC else []
+        LAYOUT.truth(wildcards.subject) if wildcards.subject in SYNTHETIC else []
     )
 }
 SOURCE_OF = {"source": lambda wildcards: SUBJECT_SOURCES[wildcards.subject]}
@@ -50,34 +50,34 @@ PLOTS = {
     "zones": {
         "job": "heart",
         "category": "Geometry",
-        "input": {"mesh": f"{R}/geometry/mesh.vtu"},
+        "input": {"mesh": LAYOUT.heart().mesh},
         "params": OF_PARAMETERS,
     },
     "mesh": {
         "job": "heart",
         "category": "Geometry",
-        "input": {"mesh": f"{R}/geometry/mesh.vtu"},
+        "input": {"mesh": LAYOUT.heart().mesh},
     },
     "strain_field": {
         "job": "strain_field",
         "category": "Geometry",
         "input": {
-            "vtu": f"{R}/mechanics/strains.vtu",
-            "strains": f"{R}/mechanics/strains.parquet",
+            "vtu": LAYOUT.strain_field("vtu"),
+            "strains": LAYOUT.strain_field("parquet"),
         },
         "params": OF_PARAMETERS | {"strain_exponent": config["observables"]["strain_exponent"]},
     },
     "explained_variance": {
         "job": "design",
         "category": "Emulator",
-        "input": {"explained": f"{R}/reduction/explained_variance.csv"},
+        "input": {"explained": LAYOUT.explained_variance},
         "params": {"threshold": config["reduction"]["explained_variance"]},
     },
     "parity": {
         "job": "test_set",
         "category": "Emulator",
         "input": {
-            "predictions": f"{R}/emulators/{EMULATOR}/test_predictions.parquet",
+            "predictions": LAYOUT.predictions(EMULATOR, "test"),
             "choice": CHOICE,
         },
         "params": OF_PARAMETERS,
@@ -87,7 +87,7 @@ PLOTS = {
         "category": "Emulator",
         "input": {
             "estimates": expand(
-                f"{ESTIMATES}/{{name}}/test.parquet", name=config["emulators"]["names"]
+                LAYOUT.estimates("{name}", "test"), name=config["emulators"]["names"]
             ),
             "shortlist": SHORTLIST,
         },
@@ -102,9 +102,9 @@ PLOTS = {
         "job": "test_set",
         "category": "Test set",
         "input": {
-            "recovery": f"{POSTERIORS}/test/recovery.csv",
-            "coverage": f"{POSTERIORS}/test/coverage.csv",
-            "diagnostics": f"{POSTERIORS}/test/diagnostics.csv",
+            "recovery": POSTERIORS.of_set("test", "recovery"),
+            "coverage": POSTERIORS.of_set("test", "coverage"),
+            "diagnostics": POSTERIORS.of_set("test", "diagnostics"),
             "choice": CHOICE,
         },
         "params": OF_PARAMETERS,
@@ -124,7 +124,7 @@ PLOTS = {
             "category": "Test set",
             "of": "emulator_traces",
             "input": {
-                "errors": f"{POSTERIORS}/test/map_mse.csv",
+                "errors": POSTERIORS.of_set("test", "map_mse"),
                 "posteriors": lambda wildcards: of_shortlist(
                     *(f"{batch}.nc" for batch in posterior_batches("test"))
                 ),
@@ -138,8 +138,8 @@ PLOTS = {
         "job": "checks",
         "category": "Test set",
         "input": {
-            "ranks": f"{POSTERIORS}/sbc.csv",
-            "tests": f"{POSTERIORS}/sbc_test.csv",
+            "ranks": POSTERIORS.checked("sbc"),
+            "tests": POSTERIORS.checked("sbc_test"),
             "choice": CHOICE,
         },
         "params": OF_PARAMETERS,
@@ -150,10 +150,11 @@ PLOTS = {
         "input": {
             "agreement": [
                 *expand(
-                    f"{POSTERIORS}/{{set}}/sampler_agreement.csv", set=["test", *SCENARIOS, *NOISY]
+                    POSTERIORS.of_set("{set}", "sampler_agreement"),
+                    set=["test", *SCENARIOS, *NOISY],
                 ),
                 *expand(
-                    f"{POSTERIORS}/subjects/{{subject}}_sampler_agreement.csv", subject=SUBJECTS
+                    POSTERIORS.of_subject("{subject}_sampler_agreement", "csv"), subject=SUBJECTS
                 ),
             ]
         },
@@ -163,8 +164,8 @@ PLOTS = {
         "job": "scenarios",
         "category": "Scenarios",
         "input": {
-            "recoveries": expand(f"{POSTERIORS}/{{name}}/recovery.csv", name=SCENARIOS),
-            "noisy": expand(f"{POSTERIORS}/{{name}}-noisy/recovery.csv", name=SCENARIOS),
+            "recoveries": expand(POSTERIORS.of_set("{name}", "recovery"), name=SCENARIOS),
+            "noisy": expand(POSTERIORS.of_set("{name}-noisy", "recovery"), name=SCENARIOS),
         },
         "params": OF_PARAMETERS | {"labels": LABELS},
     },
@@ -173,7 +174,9 @@ PLOTS = {
             "job": "scenarios",
             "category": "Scenarios",
             "of": "bullseye_map",
-            "input": {"recoveries": [f"{POSTERIORS}/{name}{noise}/recovery.csv" for name in sets]},
+            "input": {
+                "recoveries": [POSTERIORS.of_set(f"{name}{noise}", "recovery") for name in sets]
+            },
             "params": OF_PARAMETERS
             | {
                 "labels": [SCENARIO_LABELS[name] for name in sets],
@@ -192,9 +195,11 @@ PLOTS = {
             "of": "zone_correlations",
             "input": {
                 "correlations": [
-                    f"{POSTERIORS}/{name}{noise}/zone_correlations.csv" for name in SCENARIOS
+                    POSTERIORS.of_set(f"{name}{noise}", "zone_correlations") for name in SCENARIOS
                 ],
-                "recoveries": [f"{POSTERIORS}/{name}{noise}/recovery.csv" for name in SCENARIOS],
+                "recoveries": [
+                    POSTERIORS.of_set(f"{name}{noise}", "recovery") for name in SCENARIOS
+                ],
             },
             "params": OF_PARAMETERS
             | {
@@ -210,8 +215,8 @@ PLOTS = {
             "category": "Scenarios",
             "of": "correlations",
             "input": {
-                "correlations": f"{POSTERIORS}/{name}{noise}/correlations.csv",
-                "recovery": f"{POSTERIORS}/{name}{noise}/recovery.csv",
+                "correlations": POSTERIORS.of_set(f"{name}{noise}", "correlations"),
+                "recovery": POSTERIORS.of_set(f"{name}{noise}", "recovery"),
             },
             "params": OF_PARAMETERS | {"label": label + noise_title},
         }
@@ -222,8 +227,8 @@ PLOTS = {
         "job": "scenarios",
         "category": "Scenarios",
         "input": {
-            "recoveries": expand(f"{POSTERIORS}/{{name}}/recovery.csv", name=SCENARIOS),
-            "noisy": expand(f"{POSTERIORS}/{{name}}-noisy/recovery.csv", name=SCENARIOS),
+            "recoveries": expand(POSTERIORS.of_set("{name}", "recovery"), name=SCENARIOS),
+            "noisy": expand(POSTERIORS.of_set("{name}-noisy", "recovery"), name=SCENARIOS),
         },
         "params": OF_PARAMETERS | {"labels": LABELS},
     },
@@ -231,7 +236,7 @@ PLOTS = {
         "job": "subject",
         "category": "Subjects",
         "file": "{subject}/measured_strains",
-        "input": {"measured": f"{R}/measured/{{subject}}.csv"},
+        "input": {"measured": LAYOUT.measured("{subject}")},
         "params": SOURCE_OF | OF_PARAMETERS,
     },
     "bullseye_posterior": {
@@ -259,7 +264,7 @@ PLOTS = {
         "job": "noise_prior",
         "category": "Subjects",
         "file": "{subject}/noise_prior",
-        "input": {"noise_prior": f"{POSTERIORS}/subjects/{{subject}}_noise_prior.csv"},
+        "input": {"noise_prior": POSTERIORS.of_subject("{subject}_noise_prior", "csv")},
         "params": SOURCE_OF | OF_PARAMETERS,
     },
 }
@@ -268,9 +273,11 @@ if LOCAL:
         "job": "scenarios",
         "category": "Scenarios",
         "input": {
-            "curves": expand(f"{POSTERIORS}/{{name}}/roc.csv", name=[*SCENARIOS, *NOISY]),
-            "areas": expand(f"{POSTERIORS}/{{name}}/auc.csv", name=[*SCENARIOS, *NOISY]),
-            "recoveries": expand(f"{POSTERIORS}/{{name}}/recovery.csv", name=[*SCENARIOS, *NOISY]),
+            "curves": expand(POSTERIORS.of_set("{name}", "roc"), name=[*SCENARIOS, *NOISY]),
+            "areas": expand(POSTERIORS.of_set("{name}", "auc"), name=[*SCENARIOS, *NOISY]),
+            "recoveries": expand(
+                POSTERIORS.of_set("{name}", "recovery"), name=[*SCENARIOS, *NOISY]
+            ),
         },
         "params": OF_PARAMETERS | {"labels": LABELS},
     }
@@ -278,14 +285,14 @@ if not FROM_TABLES:
     PLOTS["resimulation"] = {
         "job": "checks",
         "category": "Test set",
-        "input": {"resimulated": f"{POSTERIORS}/resimulated.csv"},
+        "input": {"resimulated": POSTERIORS.checked("resimulated")},
     }
     PLOTS["design"] = {
         "job": "design",
         "category": "Simulations",
         "input": {
-            "simulations": f"{R}/screening/train.parquet",
-            "excluded": f"{R}/screening/train_excluded.csv",
+            "simulations": LAYOUT.screened("train"),
+            "excluded": LAYOUT.excluded("train"),
         },
         "params": OF_PARAMETERS | {"channels": OUTPUTS},
     }

@@ -62,7 +62,7 @@ else:
         input:
             **imported_files(),
         output:
-            vtu=f"{R}/geometry/imported.vtu",
+            vtu=LAYOUT.heart().imported,
         log:
             f"{LOGS}/geometry/import_mesh.log",
         params:
@@ -77,10 +77,10 @@ else:
 
         rule remesh:
             input:
-                imported=f"{R}/geometry/imported.vtu",
+                imported=LAYOUT.heart().imported,
             output:
                 **MADE,
-                fit=f"{R}/geometry/{{mesh_folder}}fit.csv",
+                fit=LAYOUT.heart("{mesh_folder}").fit,
             log:
                 f"{LOGS}/geometry/{{mesh_folder}}remesh.log",
             params:
@@ -96,11 +96,11 @@ else:
         rule keep_mesh:
             """The imported mesh as it is."""
             input:
-                imported=f"{R}/geometry/imported.vtu",
+                imported=LAYOUT.heart().imported,
             output:
-                vtu=f"{R}/geometry/mesh.vtu",
-                segments=f"{R}/geometry/segments.csv",
-                summary=f"{R}/geometry/summary.json",
+                vtu=LAYOUT.heart().mesh,
+                segments=LAYOUT.heart().segments,
+                summary=LAYOUT.heart().summary,
             log:
                 f"{LOGS}/geometry/keep_mesh.log",
             params:

@@ -23,8 +23,8 @@ if DOUBTS:
     rule inject_hearts:
         """Simulates and measures hearts; writes their truth and reads none."""
         input:
-            mesh=f"{R}/geometry/{HEARTS_ON}mesh.vtu",
-            predictor=f"{OVER_INPUTS}/{HEARTS_ON}predictor.npz" if FINER or not HEARTS_ON else [],
+            mesh=LAYOUT.heart(HEARTS_ON).mesh,
+            predictor=LAYOUT.inputs_predictor(HEARTS_ON) if FINER or not HEARTS_ON else [],
         output:
             subjects=f"{HIDDEN}/subjects/batch-{{batch}}.parquet",
             truth=f"{R}/truth/hidden_effects/batch-{{batch}}.parquet",
@@ -48,8 +48,8 @@ if DOUBTS:
         input:
             subjects=f"{HIDDEN}/subjects/batch-{{batch}}.parquet",
             emulator_file=EMULATOR_OF_INPUTS,
-            mesh=f"{R}/geometry/mesh.vtu",
-            predictor=f"{OVER_INPUTS}/predictor.npz",
+            mesh=LAYOUT.heart().mesh,
+            predictor=LAYOUT.inputs_predictor(),
         output:
             findings=f"{HIDDEN}/findings/batch-{{batch}}.json",
         log:

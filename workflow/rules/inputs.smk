@@ -57,7 +57,7 @@ if DOUBTS:
 
     use rule solve_baseline as solve_inputs_baseline with:
         input:
-            mesh=f"{R}/geometry/{{mesh_folder}}mesh.vtu",
+            mesh=LAYOUT.heart("{mesh_folder}").mesh,
         output:
             start=f"{OVER_INPUTS}/{{mesh_folder}}baseline.npz",
             summary=f"{OVER_INPUTS}/{{mesh_folder}}baseline.json",
@@ -71,7 +71,7 @@ if DOUBTS:
 
     use rule solve_anchors as solve_inputs_anchors with:
         input:
-            mesh=f"{R}/geometry/{{mesh_folder}}mesh.vtu",
+            mesh=LAYOUT.heart("{mesh_folder}").mesh,
             start=f"{OVER_INPUTS}/{{mesh_folder}}baseline.npz",
             design=ancient(f"{OVER_INPUTS}/design/train.parquet"),
         output:
@@ -95,7 +95,7 @@ if DOUBTS:
                 batch=INPUTS_ANCHOR_BATCHES,
             ),
         output:
-            predictor=f"{OVER_INPUTS}/{{mesh_folder}}predictor.npz",
+            predictor=LAYOUT.inputs_predictor("{mesh_folder}"),
         log:
             f"{LOGS}/all_inputs/{{mesh_folder}}fit_predictor.log",
         benchmark:
@@ -106,8 +106,8 @@ if DOUBTS:
 
     use rule simulate_batch as simulate_inputs with:
         input:
-            mesh=f"{R}/geometry/mesh.vtu",
-            predictor=f"{OVER_INPUTS}/predictor.npz",
+            mesh=LAYOUT.heart().mesh,
+            predictor=LAYOUT.inputs_predictor(),
             design=ancient(f"{OVER_INPUTS}/design/{{set}}.parquet"),
             anchors=lambda wildcards: (
                 expand(f"{OVER_INPUTS}/anchors/{{batch}}.parquet", batch=INPUTS_ANCHOR_BATCHES)
@@ -135,7 +135,7 @@ if DOUBTS:
                 batch=INPUTS_BATCHES[wildcards.set],
             ),
         output:
-            kept=f"{OVER_INPUTS}/{{set}}.parquet",
+            kept=LAYOUT.inputs_screened("{set}"),
             excluded=f"{OVER_INPUTS}/{{set}}_excluded.csv",
             summary=f"{OVER_INPUTS}/{{set}}_summary.csv",
         log:
@@ -153,7 +153,7 @@ if DOUBTS:
 
     use rule train_emulator as train_on_inputs with:
         input:
-            train=f"{OVER_INPUTS}/train.parquet",
+            train=LAYOUT.inputs_screened("train"),
         output:
             emulator_file=f"{OVER_INPUTS}/emulator.pt",
             report=f"{OVER_INPUTS}/fit.json",
@@ -173,7 +173,7 @@ if DOUBTS:
         """By how many of the suspected inputs are on."""
         input:
             emulator_file=f"{OVER_INPUTS}/emulator.pt",
-            test=f"{OVER_INPUTS}/test.parquet",
+            test=LAYOUT.inputs_screened("test"),
         output:
             errors=f"{OVER_INPUTS}/errors.csv",
         log:
@@ -211,7 +211,7 @@ if DOUBTS:
             "../scripts/call.py"
 
     INPUTS_RESULTS = (
-        [f"{OVER_INPUTS}/train.parquet"]
+        [LAYOUT.inputs_screened("train")]
         if JOINED
         else [*rules.judge_inputs_emulator.output, *rules.train_on_inputs.output]
     )
@@ -221,7 +221,7 @@ if DOUBTS:
             """The emulator of any heart, as it comes with the package."""
             input:
                 emulator_file=EMULATOR_OF_INPUTS,
-                test=f"{OVER_INPUTS}/test.parquet",
+                test=LAYOUT.inputs_screened("test"),
                 summary=f"{OVER_INPUTS}/train_summary.csv",
             output:
                 shipped=f"{R}/heart_emulator.pt.gz",

@@ -9,13 +9,13 @@ SHOWN = [
     *PAGES,
 ]
 BEHIND = [
-    *expand(f"{R}/measured/{{subject}}.csv", subject=SUBJECTS),
+    *expand(LAYOUT.measured("{subject}"), subject=SUBJECTS),
     *([EMULATOR_OF_INPUTS] if DOUBTS else []),
     *(
         [
-            *expand(f"{R}/screening/{{name}}.parquet", name=["train", "test"]),
-            f"{R}/emulators/{EMULATOR}.pt",
-            *expand(f"{POSTERIORS}/subjects/{{subject}}.nc", subject=SUBJECTS),
+            *expand(LAYOUT.screened("{name}"), name=["train", "test"]),
+            LAYOUT.emulator(EMULATOR),
+            *expand(POSTERIORS.of_subject("{subject}", "nc"), subject=SUBJECTS),
         ]
         if ALONE
         else []
@@ -25,7 +25,7 @@ BEHIND = [
         if EVALUATION
         else []
     ),
-    *([] if FROM_TABLES else [f"{R}/geometry/mesh.vtu"]),
+    *([] if FROM_TABLES else [LAYOUT.heart().mesh]),
 ]
 
 
@@ -34,7 +34,7 @@ rule write_manifest:
     input:
         results=[*SHOWN, *BEHIND],
     output:
-        manifest=f"{R}/manifest.json",
+        manifest=LAYOUT.manifest,
     log:
         f"{LOGS}/manifest.log",
     localrule: True

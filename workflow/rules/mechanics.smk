@@ -7,10 +7,10 @@ ANCHOR_BATCHES = batches(ANCHORS, min(config["simulations"]["batch_size"], -(-AN
 rule solve_baseline:
     """Also compiles the forms once, before many processes ask for them at the same time."""
     input:
-        mesh=f"{R}/geometry/{{mesh_folder}}mesh.vtu",
+        mesh=LAYOUT.heart("{mesh_folder}").mesh,
     output:
-        start=f"{R}/mechanics/{{mesh_folder}}baseline.npz",
-        summary=f"{R}/mechanics/{{mesh_folder}}baseline.json",
+        start=LAYOUT.baseline("npz", "{mesh_folder}"),
+        summary=LAYOUT.baseline("json", "{mesh_folder}"),
     log:
         f"{LOGS}/mechanics/{{mesh_folder}}solve_baseline.log",
     benchmark:
@@ -26,12 +26,12 @@ rule solve_baseline:
 rule solve_anchors:
     """Each batch takes every n-th anchor, so that all batches span the box."""
     input:
-        mesh=f"{R}/geometry/{{mesh_folder}}mesh.vtu",
-        start=f"{R}/mechanics/{{mesh_folder}}baseline.npz",
-        design=f"{R}/design/train.parquet",
+        mesh=LAYOUT.heart("{mesh_folder}").mesh,
+        start=LAYOUT.baseline("npz", "{mesh_folder}"),
+        design=LAYOUT.design("train"),
     output:
-        fields=f"{R}/mechanics/{{mesh_folder}}anchors/batch-{{batch}}.npz",
-        simulations=f"{R}/mechanics/{{mesh_folder}}anchors/batch-{{batch}}.parquet",
+        fields=LAYOUT.anchors("{batch}", "npz", "{mesh_folder}"),
+        simulations=LAYOUT.anchors("{batch}", "parquet", "{mesh_folder}"),
     log:
         f"{LOGS}/mechanics/{{mesh_folder}}solve_anchors-{{batch}}.log",
     benchmark:
@@ -53,7 +53,7 @@ rule fit_predictor:
             f"{R}/mechanics/{{{{mesh_folder}}}}anchors/{{batch}}.npz", batch=ANCHOR_BATCHES
         ),
     output:
-        predictor=f"{R}/mechanics/{{mesh_folder}}predictor.npz",
+        predictor=LAYOUT.predictor("{mesh_folder}"),
     log:
         f"{LOGS}/mechanics/{{mesh_folder}}fit_predictor.log",
     benchmark:
@@ -69,11 +69,11 @@ rule fit_predictor:
 rule map_strains:
     """The strain field behind the figure of one heart; nothing is inferred from it."""
     input:
-        mesh=f"{R}/geometry/mesh.vtu",
-        predictor=f"{R}/mechanics/predictor.npz",
+        mesh=LAYOUT.heart().mesh,
+        predictor=LAYOUT.predictor(),
     output:
-        table=f"{R}/mechanics/strains.parquet",
-        vtu=f"{R}/mechanics/strains.vtu",
+        table=LAYOUT.strain_field("parquet"),
+        vtu=LAYOUT.strain_field("vtu"),
     log:
         f"{LOGS}/mechanics/map_strains.log",
     params:
@@ -86,8 +86,8 @@ rule map_strains:
 rule calibrate_reference:
     """Not part of `all`: its result is written by hand into the law's `factors`."""
     input:
-        mesh=f"{R}/geometry/mesh.vtu",
-        predictor=f"{R}/mechanics/predictor.npz",
+        mesh=LAYOUT.heart().mesh,
+        predictor=LAYOUT.predictor(),
     output:
         calibration=f"{R}/mechanics/calibration.json",
     log:

@@ -1,13 +1,16 @@
 """One HTML page for each subject: measurements, stiffness, fit, criticism, what to measure next."""
 
 PAGE_FIGURES = f"{R}/figures/{{subject}}"
-PAGES = expand(f"{R}/pages/{{subject}}.html", subject=[*SUBJECTS, *TOGETHER])
+PAGES = expand(LAYOUT.page("{subject}"), subject=[*SUBJECTS, *TOGETHER])
 TEMPLATES = SOURCE / "regional_lv" / "page"
 PARTS = [
     given(os.path.relpath(TEMPLATES / f"{part}.html")) for part in ("base", "criticism", "sources")
 ]
 PAGE_OF_CRITICISM = (
-    {f"{name}_picture": f"{C}/{{subject}}/{name}.png" for name in CRITICISM_FIGURES}
+    {
+        f"{name}_picture": LAYOUT.criticism_figure("{subject}", name, "png")
+        for name in CRITICISM_FIGURES
+    }
     if DOUBTS
     else {}
 )
@@ -26,17 +29,17 @@ rule make_page:
         **ANSWER,
         **PAGE_OF_CRITICISM,
         template=given(os.path.relpath(TEMPLATES / "page.html")),
-        measured=f"{R}/measured/{{subject}}.csv",
+        measured=LAYOUT.measured("{subject}"),
         choice=CHOICE if EVALUATION and not DOUBTS else [],
-        predictions=([] if DOUBTS else f"{R}/emulators/{EMULATOR}/test_predictions.parquet"),
+        predictions=([] if DOUBTS else LAYOUT.predictions(EMULATOR, "test")),
         strains_picture=f"{PAGE_FIGURES}/measured_strains.png",
         stiffness_picture=f"{PAGE_FIGURES}/bullseye_posterior.png",
         fit_picture=f"{PAGE_FIGURES}/posterior_predictive.png",
-        mesh=[] if FROM_TABLES else f"{R}/geometry/mesh.vtu",
-        zones_picture=[] if FROM_TABLES else f"{R}/figures/zones.png",
+        mesh=[] if FROM_TABLES else LAYOUT.heart().mesh,
+        zones_picture=[] if FROM_TABLES else LAYOUT.figure("zones", "png"),
     output:
         page=report(
-            f"{R}/pages/{{subject}}.html",
+            LAYOUT.page("{subject}"),
             caption="../report/page.rst",
             category="Subjects",
             subcategory="{subject}",
@@ -59,7 +62,7 @@ rule make_page:
         limitations=lambda wildcards: os.path.relpath(
             SOURCE.parent / "LIMITATIONS.md", f"{R}/pages"
         ),
-        extended=f"{C}/{{subject}}/extended.yaml" if DOUBTS else "",
+        extended=LAYOUT.extended("{subject}") if DOUBTS else "",
     script:
         "../scripts/call.py"
 
@@ -71,11 +74,11 @@ if DOUBTS:
         input:
             PARTS,
             **PAGE_OF_CRITICISM,
-            findings=f"{C}/{{subject}}/findings.json",
+            findings=LAYOUT.findings("{subject}"),
             template=given(os.path.relpath(TEMPLATES / "several.html")),
         output:
             page=report(
-                f"{R}/pages/{{subject}}.html",
+                LAYOUT.page("{subject}"),
                 caption="../report/page.rst",
                 category="Subjects",
                 subcategory="{subject}",
@@ -87,6 +90,6 @@ if DOUBTS:
         localrule: True
         params:
             call="page.page:make_page_of_several",
-            extended=f"{C}/{{subject}}/extended.yaml",
+            extended=LAYOUT.extended("{subject}"),
         script:
             "../scripts/call.py"

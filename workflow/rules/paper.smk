@@ -7,9 +7,9 @@ VOLUNTEER_FILES = [
     file
     for subject in VOLUNTEERS[:1]
     for file in (
-        f"{R}/tables/{subject}/convergence.csv",
+        LAYOUT.table(f"{subject}/convergence", "csv"),
         *(
-            f"{R}/figures/{subject}/{name}{'_as_it_is' if DOUBTS else ''}.csv"
+            LAYOUT.figure(f"{subject}/{name}{'_as_it_is' if DOUBTS else ''}", "csv")
             for name in ("bullseye_posterior", "posterior_predictive")
         ),
     )
@@ -24,23 +24,21 @@ if PARAMETERS.names == StiffnessInputs().names:
         "input": {
             "numbers": given(os.path.relpath(papers("numbers.csv"))),
             "reasons": given(os.path.relpath(papers("differences.csv"))),
-            "screened": expand(
-                f"{R}/screening/{{name}}.parquet", name=["train", "test", *SCENARIOS]
-            ),
-            "explained": f"{R}/reduction/explained_variance.csv",
+            "screened": expand(LAYOUT.screened("{name}"), name=["train", "test", *SCENARIOS]),
+            "explained": LAYOUT.explained_variance,
             "coverage": lambda wildcards: [
                 *of_shortlist("coverage.csv"),
-                f"{POSTERIORS}/test/coverage.csv",
+                POSTERIORS.of_set("test", "coverage"),
             ],
             "diagnostics": lambda wildcards: [
                 *of_shortlist("diagnostics.csv"),
-                f"{POSTERIORS}/test/diagnostics.csv",
+                POSTERIORS.of_set("test", "diagnostics"),
             ],
             "zone_correlations": expand(
-                f"{POSTERIORS}/{{name}}/zone_correlations.csv", name=SCENARIOS
+                POSTERIORS.of_set("{name}", "zone_correlations"), name=SCENARIOS
             ),
             "volunteer": VOLUNTEER_FILES,
-            "estimates": [f"{ESTIMATES}/ranking.csv", f"{ESTIMATES}/pairs.csv"],
+            "estimates": [LAYOUT.compared("ranking"), LAYOUT.compared("pairs")],
             "choice": CHOICE,
         },
     }

@@ -17,11 +17,11 @@ SUMMARIES = (
             table=["coverage.csv", *SCENARIO_TABLES],
         ),
         *expand(
-            f"{R}/posteriors/{EMULATOR}/{{table}}.csv",
+            LAYOUT.posteriors(EMULATOR).checked("{table}"),
             table=["sbc", *([] if FROM_TABLES else ["resimulated"])],
         ),
         *expand(
-            f"{R}/posteriors/{EMULATOR}/subjects/{{subject}}_noise_prior.csv",
+            LAYOUT.posteriors(EMULATOR).of_subject("{subject}_noise_prior", "csv"),
             subject=NOISE_INFERRED,
         ),
     ]
@@ -32,12 +32,10 @@ SUMMARIES = (
 
 rule sample_posteriors:
     input:
-        emulator_file=f"{R}/emulators/{{emulator}}.pt",
-        simulations=lambda wildcards: (
-            f"{R}/screening/{NOISY.get(wildcards.set, wildcards.set)}.parquet"
-        ),
+        emulator_file=LAYOUT.emulator("{emulator}"),
+        simulations=lambda wildcards: (LAYOUT.screened(NOISY.get(wildcards.set, wildcards.set))),
     output:
-        posteriors=f"{R}/posteriors/{{emulator}}/{{set}}/batch-{{batch}}.nc",
+        posteriors=LAYOUT.posteriors("{emulator}").batch("{set}", "{batch}"),
     log:
         f"{LOGS}/posteriors/{{emulator}}/{{set}}/batch-{{batch}}.log",
     benchmark:
@@ -76,12 +74,10 @@ if EVALUATION:
 
     rule choose_final:
         input:
-            candidates=lambda wildcards: expand(
-                f"{R}/emulators/{{emulator}}.pt", emulator=shortlist()
-            ),
+            candidates=lambda wildcards: expand(LAYOUT.emulator("{emulator}"), emulator=shortlist()),
             coverages=lambda wildcards: of_shortlist("coverage.csv"),
         output:
-            emulator_file=f"{R}/emulators/{EMULATOR}.pt",
+            emulator_file=LAYOUT.emulator(EMULATOR),
             report=f"{R}/posteriors/{EMULATOR}.json",
         log:
             f"{LOGS}/posteriors/choose_final.log",
@@ -183,11 +179,11 @@ if SCENARIOS:
 
 rule sample_subject:
     input:
-        emulator_file=f"{R}/emulators/{{emulator}}.pt",
-        measured=f"{R}/measured/{{subject}}.csv",
+        emulator_file=LAYOUT.emulator("{emulator}"),
+        measured=LAYOUT.measured("{subject}"),
     output:
-        posterior=f"{R}/posteriors/{{emulator}}/subjects/{{subject}}.nc",
-        diagnostics=f"{R}/posteriors/{{emulator}}/subjects/{{subject}}.csv",
+        posterior=LAYOUT.posteriors("{emulator}").of_subject("{subject}", "nc"),
+        diagnostics=LAYOUT.posteriors("{emulator}").of_subject("{subject}", "csv"),
     log:
         f"{LOGS}/posteriors/{{emulator}}/subjects/{{subject}}.log",
     benchmark:

@@ -4,7 +4,7 @@
 rule fetch_published:
     """Where a file was found is no parameter: its content cannot differ (checksum)."""
     output:
-        fetched_path(config["study"], "{file}"),
+        LAYOUT.published("{file}"),
     log:
         f"{LOGS}/published/fetch-{{file}}.log",
     wildcard_constraints:

@@ -3,10 +3,10 @@
 
 rule fit_reduction:
     input:
-        train=f"{R}/screening/train.parquet",
+        train=LAYOUT.screened("train"),
     output:
         reduction=f"{R}/reduction/reduction.npz",
-        explained=f"{R}/reduction/explained_variance.csv",
+        explained=LAYOUT.explained_variance,
     log:
         f"{LOGS}/reduction/fit_reduction.log",
     localrule: True

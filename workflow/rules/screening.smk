@@ -8,7 +8,7 @@ if FROM_TABLES:
             inputs=lambda wildcards: simulation_table(wildcards.set, "inputs"),
             outputs=lambda wildcards: simulation_table(wildcards.set, "outputs"),
         output:
-            kept=f"{R}/screening/{{set}}.parquet",
+            kept=LAYOUT.screened("{set}"),
         log:
             f"{LOGS}/screening/{{set}}.log",
         wildcard_constraints:
@@ -34,9 +34,9 @@ else:
                 batch=SIMULATION_BATCHES[wildcards.set],
             ),
         output:
-            kept=f"{R}/screening/{{set}}.parquet",
-            excluded=f"{R}/screening/{{set}}_excluded.csv",
-            summary=f"{R}/screening/{{set}}_summary.csv",
+            kept=LAYOUT.screened("{set}"),
+            excluded=LAYOUT.excluded("{set}"),
+            summary=LAYOUT.screening_summary("{set}"),
         log:
             f"{LOGS}/screening/{{set}}.log",
         wildcard_constraints:

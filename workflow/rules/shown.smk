@@ -45,11 +45,16 @@ if DOUBTS:
         MADE_BY_JOBS[f"criticism/{job}"] = {
             "job": job,
             "call": "plots.criticism:draw",
-            "input": {"findings": f"{C}/{{subject}}/findings.json"},
+            "input": {"findings": LAYOUT.findings("{subject}")},
             "params": OF_PARAMETERS,
             "output": {
-                **{name: f"{C}/{{subject}}/{name}.png" for name in CRITICISM_FIGURES},
-                "tables": [f"{C}/{{subject}}/{name}.csv" for name in CRITICISM_FIGURES],
+                **{
+                    name: LAYOUT.criticism_figure("{subject}", name, "png")
+                    for name in CRITICISM_FIGURES
+                },
+                "tables": [
+                    LAYOUT.criticism_figure("{subject}", name, "csv") for name in CRITICISM_FIGURES
+                ],
             },
         }
 

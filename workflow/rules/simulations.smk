@@ -16,12 +16,12 @@ SIMULATION_BATCHES = {
 
 rule simulate_batch:
     input:
-        mesh=f"{R}/geometry/mesh.vtu",
-        predictor=f"{R}/mechanics/predictor.npz",
-        design=f"{R}/design/{{set}}.parquet",
+        mesh=LAYOUT.heart().mesh,
+        predictor=LAYOUT.predictor(),
+        design=LAYOUT.design("{set}"),
         anchors=lambda wildcards: ANCHOR_TABLES if wildcards.set == "train" else [],
     output:
-        simulations=f"{R}/simulations/{{set}}/batch-{{batch}}.parquet",
+        simulations=LAYOUT.simulations("{set}", "{batch}"),
     log:
         f"{LOGS}/simulations/{{set}}/batch-{{batch}}.log",
     benchmark:

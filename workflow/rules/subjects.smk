@@ -6,8 +6,8 @@ rule simulate_subject:
     input:
         mesh=ventricle_of,
     output:
-        measured=f"{R}/measured/{{subject}}.csv",
-        truth=f"{R}/truth/{{subject}}.json",
+        measured=LAYOUT.measured("{subject}"),
+        truth=LAYOUT.truth("{subject}"),
     log:
         f"{LOGS}/subjects/simulate_{{subject}}.log",
     wildcard_constraints:
@@ -27,7 +27,7 @@ rule import_volunteer:
     input:
         unpack(volunteer_files),
     output:
-        measured=f"{R}/measured/{{subject}}.csv",
+        measured=LAYOUT.measured("{subject}"),
     log:
         f"{LOGS}/subjects/import_{{subject}}.log",
     wildcard_constraints:
@@ -45,11 +45,11 @@ rule import_volunteer:
 rule import_published_simulation:
     """A simulation of the paper as if it had been measured; its theta is known, and kept apart."""
     input:
-        inputs=fetched_path(config["study"], TRAINING_INPUTS),
-        outputs=fetched_path(config["study"], TRAINING_OUTPUTS),
+        inputs=LAYOUT.published(TRAINING_INPUTS),
+        outputs=LAYOUT.published(TRAINING_OUTPUTS),
     output:
-        measured=f"{R}/measured/{{subject}}.csv",
-        theta=f"{R}/known_theta/{{subject}}.csv",
+        measured=LAYOUT.measured("{subject}"),
+        theta=LAYOUT.known_theta("{subject}"),
     log:
         f"{LOGS}/subjects/import_{{subject}}.log",
     wildcard_constraints:
@@ -68,7 +68,7 @@ rule import_measured:
     input:
         file=lambda wildcards: given(config["subjects"][wildcards.subject]["measured"]),
     output:
-        measured=f"{R}/measured/{{subject}}.csv",
+        measured=LAYOUT.measured("{subject}"),
     log:
         f"{LOGS}/subjects/import_{{subject}}.log",
     wildcard_constraints:
@@ -90,7 +90,7 @@ rule import_curves:
     input:
         curves=lambda wildcards: given(config["subjects"][wildcards.subject]["curves"]),
     output:
-        measured=f"{R}/measured/{{subject}}.csv",
+        measured=LAYOUT.measured("{subject}"),
     log:
         f"{LOGS}/subjects/import_{{subject}}.log",
     wildcard_constraints:

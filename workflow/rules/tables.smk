@@ -10,22 +10,20 @@ TABULATED = {
         "job": "comparison",
         "category": "Emulator",
         "call": "paper.tables.emulators:architectures",
-        "input": {
-            "fits": expand(f"{R}/emulators/{{name}}/fit.json", name=config["emulators"]["names"])
-        },
+        "input": {"fits": expand(LAYOUT.fit("{name}"), name=config["emulators"]["names"])},
     },
     "ranking": {
         "job": "comparison",
         "category": "Emulator",
         "call": "paper.tables.emulators:ranking",
-        "input": {"ranking": f"{ESTIMATES}/ranking.csv"}
-        | ({"holdout": f"{ESTIMATES}/holdout_ranking.csv"} if "holdout" in SCORED else {}),
+        "input": {"ranking": LAYOUT.compared("ranking")}
+        | ({"holdout": LAYOUT.compared("holdout_ranking")} if "holdout" in SCORED else {}),
     },
     "pairs": {
         "job": "comparison",
         "category": "Emulator",
         "call": "paper.tables.emulators:pairs",
-        "input": {"pairs": f"{ESTIMATES}/pairs.csv"},
+        "input": {"pairs": LAYOUT.compared("pairs")},
     },
     "sample_efficiency": {
         "job": "efficiency",
@@ -37,7 +35,7 @@ TABULATED = {
         "job": "test_set",
         "category": "Test set",
         "call": "paper.tables.posteriors:recovery",
-        "input": {"coverage": f"{POSTERIORS}/test/coverage.csv"},
+        "input": {"coverage": POSTERIORS.of_set("test", "coverage")},
     },
     "variance_ratios": {
         "job": "shortlist",
@@ -59,9 +57,9 @@ TABULATED = {
         "input": {
             "shortlist": lambda wildcards: of_shortlist("diagnostics.csv"),
             "scenarios": expand(
-                f"{POSTERIORS}/{{name}}/diagnostics.csv", name=[*SCENARIOS, *NOISY]
+                POSTERIORS.of_set("{name}", "diagnostics"), name=[*SCENARIOS, *NOISY]
             ),
-            "subjects": expand(f"{POSTERIORS}/subjects/{{subject}}.csv", subject=SUBJECTS),
+            "subjects": expand(POSTERIORS.of_subject("{subject}", "csv"), subject=SUBJECTS),
         },
     },
     "scenarios": {
@@ -69,9 +67,9 @@ TABULATED = {
         "category": "Scenarios",
         "call": "paper.tables.posteriors:scenarios",
         "input": {
-            "coverages": expand(f"{POSTERIORS}/{{name}}/coverage.csv", name=SETS),
-            "areas": expand(f"{POSTERIORS}/{{name}}/auc.csv", name=[*SCENARIOS, *NOISY]),
-            "recoveries": expand(f"{POSTERIORS}/{{name}}/recovery.csv", name=SETS),
+            "coverages": expand(POSTERIORS.of_set("{name}", "coverage"), name=SETS),
+            "areas": expand(POSTERIORS.of_set("{name}", "auc"), name=[*SCENARIOS, *NOISY]),
+            "recoveries": expand(POSTERIORS.of_set("{name}", "recovery"), name=SETS),
         },
         "params": OF_PARAMETERS,
     },
@@ -101,7 +99,7 @@ TABULATED = {
         "category": "Subjects",
         "call": "paper.tables.posteriors:noise_prior",
         "file": "{subject}/noise_prior",
-        "input": {"noise_prior": f"{POSTERIORS}/subjects/{{subject}}_noise_prior.csv"},
+        "input": {"noise_prior": POSTERIORS.of_subject("{subject}_noise_prior", "csv")},
     },
 }
 if config["estimates"]["both_transforms"]:
@@ -109,5 +107,5 @@ if config["estimates"]["both_transforms"]:
         "job": "comparison",
         "category": "Emulator",
         "call": "paper.tables.emulators:transforms",
-        "input": {"transforms": f"{ESTIMATES}/transforms.csv"},
+        "input": {"transforms": LAYOUT.compared("transforms")},
     }

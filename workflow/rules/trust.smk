@@ -3,10 +3,10 @@
 
 rule compare_samplers:
     input:
-        emulator_file=f"{R}/emulators/{{emulator}}.pt",
+        emulator_file=LAYOUT.emulator("{emulator}"),
         posteriors=lambda wildcards: posterior_files(wildcards.emulator, wildcards.set),
     output:
-        table=f"{R}/posteriors/{{emulator}}/{{set}}/sampler_agreement.csv",
+        table=LAYOUT.posteriors("{emulator}").of_set("{set}", "sampler_agreement"),
     log:
         f"{LOGS}/posteriors/{{emulator}}/{{set}}/compare_samplers.log",
     benchmark:
@@ -28,11 +28,11 @@ rule compare_samplers:
 
 rule compare_subject:
     input:
-        emulator_file=f"{R}/emulators/{{emulator}}.pt",
-        measured=f"{R}/measured/{{subject}}.csv",
-        posterior=f"{R}/posteriors/{{emulator}}/subjects/{{subject}}.nc",
+        emulator_file=LAYOUT.emulator("{emulator}"),
+        measured=LAYOUT.measured("{subject}"),
+        posterior=LAYOUT.posteriors("{emulator}").of_subject("{subject}", "nc"),
     output:
-        table=f"{R}/posteriors/{{emulator}}/subjects/{{subject}}_sampler_agreement.csv",
+        table=LAYOUT.posteriors("{emulator}").of_subject("{subject}_sampler_agreement", "csv"),
     log:
         f"{LOGS}/posteriors/{{emulator}}/subjects/{{subject}}_sampler_agreement.log",
     benchmark:
@@ -52,12 +52,12 @@ rule compare_subject:
 
 rule calibrate_chain:
     input:
-        emulator_file=f"{R}/emulators/{{emulator}}.pt",
-        simulations=f"{R}/screening/train.parquet",
+        emulator_file=LAYOUT.emulator("{emulator}"),
+        simulations=LAYOUT.screened("train"),
     output:
-        ranks=f"{R}/posteriors/{{emulator}}/sbc_ranks.csv",
-        histogram=f"{R}/posteriors/{{emulator}}/sbc.csv",
-        tests=f"{R}/posteriors/{{emulator}}/sbc_test.csv",
+        ranks=LAYOUT.posteriors("{emulator}").checked("sbc_ranks"),
+        histogram=LAYOUT.posteriors("{emulator}").checked("sbc"),
+        tests=LAYOUT.posteriors("{emulator}").checked("sbc_test"),
     log:
         f"{LOGS}/posteriors/{{emulator}}/calibrate_chain.log",
     benchmark:
@@ -78,7 +78,7 @@ rule pick_draws:
     input:
         posteriors=lambda wildcards: posterior_files(EMULATOR, "test"),
     output:
-        design=f"{R}/design/resimulated.parquet",
+        design=LAYOUT.design("resimulated"),
     log:
         f"{LOGS}/design/pick_draws.log",
     localrule: True
@@ -93,12 +93,12 @@ rule pick_draws:
 
 rule resimulate_draws:
     input:
-        emulator_file=f"{R}/emulators/{EMULATOR}.pt",
-        simulations=f"{R}/screening/resimulated.parquet",
-        test=f"{R}/screening/test.parquet",
+        emulator_file=LAYOUT.emulator(EMULATOR),
+        simulations=LAYOUT.screened("resimulated"),
+        test=LAYOUT.screened("test"),
     output:
-        table=f"{R}/posteriors/{EMULATOR}/resimulated.csv",
-        summary=f"{R}/posteriors/{EMULATOR}/resimulated_summary.csv",
+        table=LAYOUT.posteriors(EMULATOR).checked("resimulated"),
+        summary=LAYOUT.posteriors(EMULATOR).checked("resimulated_summary"),
     log:
         f"{LOGS}/posteriors/resimulate_draws.log",
     localrule: True
@@ -111,8 +111,8 @@ rule resimulate_draws:
 rule sample_noise_prior:
     """A subject's posterior once more, with another prior on its noise."""
     input:
-        emulator_file=f"{R}/emulators/{{emulator}}.pt",
-        measured=f"{R}/measured/{{subject}}.csv",
+        emulator_file=LAYOUT.emulator("{emulator}"),
+        measured=LAYOUT.measured("{subject}"),
     output:
         posterior=f"{R}/posteriors/{{emulator}}/subjects/noise_prior/{{subject}}-{{scale}}.nc",
         diagnostics=f"{R}/posteriors/{{emulator}}/subjects/noise_prior/{{subject}}-{{scale}}.csv",
@@ -138,7 +138,7 @@ rule compare_noise_priors:
     input:
         posteriors=noise_prior_posteriors,
     output:
-        table=f"{R}/posteriors/{{emulator}}/subjects/{{subject}}_noise_prior.csv",
+        table=LAYOUT.posteriors("{emulator}").of_subject("{subject}_noise_prior", "csv"),
     log:
         f"{LOGS}/posteriors/{{emulator}}/subjects/{{subject}}_noise_prior.log",
     wildcard_constraints:

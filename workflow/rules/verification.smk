@@ -33,7 +33,7 @@ rule verify_land:
 
 rule verify_convergence:
     input:
-        hearts=expand(f"{R}/mechanics/{{mesh}}baseline.json", mesh=REFINEMENTS),
+        hearts=expand(LAYOUT.baseline("json", "{mesh}"), mesh=REFINEMENTS),
     output:
         errors=f"{V}/convergence_errors.csv",
         orders=f"{V}/orders.csv",
@@ -83,7 +83,7 @@ rule plot_convergence:
 rule observe_mesh:
     """The reference mesh takes about half an hour, all others together a quarter."""
     input:
-        mesh_file=f"{R}/geometry/mesh_study/{{mesh}}/mesh.vtu",
+        mesh_file=LAYOUT.heart("mesh_study/{mesh}/").mesh,
     output:
         observables=f"{V}/meshes/{{mesh}}/observables.parquet",
     log:
@@ -135,10 +135,10 @@ if config["geometry"]["source"] == "mesh" and IMPORTED["remesh"]:
     rule verify_imported_mesh:
         """Not part of `all`: the linear hexahedra of the published heart take half an hour."""
         input:
-            imported=f"{R}/geometry/imported.vtu",
-            remeshed=f"{R}/geometry/mesh.vtu",
-            inputs=fetched_path(config["study"], TRAINING_INPUTS),
-            outputs=fetched_path(config["study"], TRAINING_OUTPUTS),
+            imported=LAYOUT.heart().imported,
+            remeshed=LAYOUT.heart().mesh,
+            inputs=LAYOUT.published(TRAINING_INPUTS),
+            outputs=LAYOUT.published(TRAINING_OUTPUTS),
         output:
             table=f"{R}/verification/imported_mesh.csv",
         log:
@@ -157,8 +157,8 @@ if config["geometry"]["source"] == "mesh" and IMPORTED["file"] == PUBLISHED_HEAR
     rule simulate_published_rows:
         """Rows of a published table: of the training set, some that are no subject of this study."""
         input:
-            mesh=f"{R}/geometry/mesh.vtu",
-            predictor=f"{R}/mechanics/predictor.npz",
+            mesh=LAYOUT.heart().mesh,
+            predictor=LAYOUT.predictor(),
             inputs=lambda wildcards: published_table(wildcards.set, "inputs"),
             outputs=lambda wildcards: published_table(wildcards.set, "outputs"),
         output:

@@ -29,6 +29,7 @@ from regional_lv.hearts.checks import (
 )
 from regional_lv.input_files import reason_of
 from regional_lv.study import manifest
+from regional_lv.study.layout import HeartFiles, Layout
 
 PICTURE = "check.png"
 
@@ -77,18 +78,19 @@ def inspect(path: Path, config: dict, base: Path | None = None) -> None:
     tables = {name: subject.table for name, subject in measured.items()}
     click.echo(f"{path}: study {config['study']}, geometry {geometry_of(config)}")
     picture, found = path.parent / PICTURE, heart_warnings(config)
-    with tempfile.TemporaryDirectory() as folder:
+    with tempfile.TemporaryDirectory() as temporary:
+        files = HeartFiles(f"{temporary}/")
         try:
             with _own_words(found):
-                mesh = make_heart(config, folder, lay_out=write_plain)
+                mesh = make_heart(config, files, lay_out=write_plain)
         except InputError as error:
             _echo_warnings(found)
             raise Mistakes(str(error)) from None
-        summary = json.loads((Path(folder) / "summary.json").read_text())
+        summary = json.loads(Path(files.summary).read_text())
         cavity, wall = summary["cavity_volume_ml"], summary["wall_volume_ml"]
         for line in heart_lines(config, layers, cavity, wall, geometry_of(config)):
             click.echo(line)
-        segments = pd.read_csv(Path(folder) / "segments.csv", index_col="aha_segment")
+        segments = pd.read_csv(files.segments, index_col="aha_segment")
         found += uneven(segments)
         found += unusual(segments["thickness_mm"].median(), cavity)
         try:
@@ -100,8 +102,8 @@ def inspect(path: Path, config: dict, base: Path | None = None) -> None:
     folder = path.resolve().parent.name
     if path.name == CONFIG and folder != config["study"]:
         found.append(
-            f"the folder is {folder}, and the results go to results/{config['study']}; if the "
-            "folder is a copy, give `study` a name of its own"
+            f"the folder is {folder}, and the results go to {Layout.of(config['study']).folder}; "
+            "if the folder is a copy, give `study` a name of its own"
         )
     for name, table in tables.items():
         subject = config["subjects"][name]
@@ -158,7 +160,7 @@ def _own_words(found: list[str]) -> Iterator[None]:
 def _check_results(path: Path, study: str) -> None:
     """Raise Mistakes if the study would overwrite the results of another one of its name, whose
     configuration is still there: the folder of one of them is a copy."""
-    results = Path("results") / study
+    results = Layout.of(study).folder
     try:
         files = manifest.read_manifest(results)["configfiles"]
     except InputError:

@@ -6,16 +6,9 @@ import click
 
 from regional_lv import config as study_config
 from regional_lv.cli import workflow as started
-from regional_lv.cli.folder import Mistakes, checkout, config_file, load
+from regional_lv.cli.folder import Mistakes, checkout, config_file, load, say_where
 from regional_lv.errors import InputError
-
-RESULTS = {
-    "page": "page.html",
-    "table of everything": "hearts.parquet",
-    "population": "population.csv",
-    "shared causes": "causes.csv",
-}
-"""What a person looks at, below `results/<study>/cohort`."""
+from regional_lv.study.layout import Layout
 
 
 @click.command()
@@ -35,10 +28,15 @@ def cohort(name: str, cores: int, workflow: str | None, dry_run: bool) -> None:
     config = load(path)
     inspect_cohort(path, config)
     started.run_workflow(project, [path], cores, dry_run)
-    folder = Path("results") / config["study"] / "cohort"
-    for what, file in RESULTS.items():
-        if (folder / file).is_file():
-            click.echo(f"{what}: {folder / file}")
+    files = Layout.of(config["study"]).cohort
+    say_where(
+        {
+            "page": files.page,
+            "table of everything": files.hearts,
+            "population": files.population,
+            "shared causes": files.causes,
+        }
+    )
 
 
 def inspect_cohort(path: Path, config: dict) -> None:
@@ -60,7 +58,10 @@ def inspect_cohort(path: Path, config: dict) -> None:
         hearts = list_hearts(config["cohort"]["hearts"])
         click.echo(f"{path}: study {config['study']}, {len(hearts)} hearts")
         found = read_cohort(
-            *(hearts, study_config.read(path), [str(path.parent)], model_of_hearts(config)),
+            hearts,
+            study_config.read(path),
+            [str(path.parent)],
+            model_of_hearts(config),
             reach_of_emulator(),
         )
     except InputError as error:

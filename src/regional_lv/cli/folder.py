@@ -1,5 +1,6 @@
 """Where the configuration of a heart is, and the project that runs it."""
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import click
@@ -39,6 +40,13 @@ def load(path: Path, base: Path | None = None) -> dict:
         return study_config.load(given, str(path), [file.parent for file in reversed(files)])
     except InputError as error:
         raise Mistakes(str(error)) from None
+
+
+def say_where(files: Mapping[str, str]) -> None:
+    """Where those files are that there are, each by what it is."""
+    for what, file in files.items():
+        if Path(file).is_file():
+            click.echo(f"{what}: {file}")
 
 
 def checkout(given: str | None) -> Path:

@@ -8,25 +8,11 @@ import yaml
 
 from regional_lv.cli import workflow as started
 from regional_lv.cli.check import inspect
-from regional_lv.cli.folder import Mistakes, checkout, config_file, load
+from regional_lv.cli.folder import Mistakes, checkout, config_file, load, say_where
 from regional_lv.config import final_emulator
 from regional_lv.errors import InputError
 from regional_lv.hearts import ONE_HEART
-
-RESULTS = {
-    "page": "pages/{subject}.html",
-    "findings": "criticism/{subject}/findings.json",
-    "posterior averaged over models": "criticism/{subject}/posterior.nc",
-    "posterior of the model as it is": "posteriors/{emulator}/subjects/{subject}.nc",
-}
-"""What a person looks at, per subject, below `results/<study>`."""
-
-FAST = {
-    "page": "page.html",
-    "findings": "findings.json",
-    "posterior averaged over models": "posterior.nc",
-}
-"""The same of the fast way, below `results/<study>/fast/<subject>`."""
+from regional_lv.study.layout import Layout
 
 SIMULATOR = ("dolfinx", "dolfinx_solver")
 """Modules of which one brings the simulator."""
@@ -121,11 +107,10 @@ def _fast(path: Path, goes_on: bool, dry_run: bool) -> dict | None:
         for subject in config["subjects"]:
             if dry_run:
                 continue
-            folder = Path("results") / config["study"] / "fast" / subject
+            files = Layout.of(config["study"]).fast(subject)
             one = config | {"subjects": {subject: config["subjects"][subject]}}
-            answer(one, folder)
-            for what, file in FAST.items():
-                click.echo(f"{what} of {subject}: {folder / file}")
+            answer(one, files.folder)
+            say_where(_shown(subject, files.page, files.findings, files.posterior))
     except OutOfReach as error:
         if not goes_on:
             raise Mistakes(f"{path}: {error}") from None
@@ -147,15 +132,24 @@ def _simulate(
     project = checkout(workflow)
     started.require_snakemake()
     config = load(path, base)
-    folder = Path("results") / config["study"]
-    files = [base, path]
+    made, given = Layout.of(config["study"]), [base, path]
     if cut:
-        folder.mkdir(parents=True, exist_ok=True)
-        (folder / "cut.yaml").write_text(yaml.safe_dump(cut))
-        files.append(folder / "cut.yaml")
-    started.run_workflow(project, files, cores, dry_run)
+        given.append(Path(made.cut))
+        given[-1].parent.mkdir(parents=True, exist_ok=True)
+        given[-1].write_text(yaml.safe_dump(cut))
+    started.run_workflow(project, given, cores, dry_run)
     for subject in config["subjects"]:
-        for what, file in RESULTS.items():
-            place = folder / file.format(subject=subject, emulator=final_emulator(config))
-            if place.is_file():
-                click.echo(f"{what} of {subject}: {place}")
+        answer = made.page(subject), made.findings(subject), made.posterior(subject)
+        as_it_is = made.posteriors(final_emulator(config)).of_subject(subject, "nc")
+        say_where(
+            _shown(subject, *answer) | {f"posterior of the model as it is of {subject}": as_it_is}
+        )
+
+
+def _shown(subject: str, page: str, findings: str, posterior: str) -> dict[str, str]:
+    """What a person looks at of a subject, in words, and where it is."""
+    return {
+        f"page of {subject}": page,
+        f"findings of {subject}": findings,
+        f"posterior averaged over models of {subject}": posterior,
+    }

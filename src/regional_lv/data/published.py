@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from regional_lv.errors import InputError
+from regional_lv.study.layout import Layout
 
 log = logging.getLogger(__name__)
 
@@ -188,11 +189,6 @@ def remedy() -> str:
     )
 
 
-def fetched_path(study: str, relative_path: str) -> str:
-    """Where a study keeps its copy of a published file."""
-    return f"results/{study}/published/{relative_path}"
-
-
 def volunteer_available(config: dict, timeout: float = 2.5) -> bool:
     """Whether the published volunteer can be had, so that a study without it still completes.
 
@@ -201,7 +197,7 @@ def volunteer_available(config: dict, timeout: float = 2.5) -> bool:
     fetched once keeps the answer the same from then on.
     """
     resources = config["resources"]
-    if Path(fetched_path(config["study"], VOLUNTEER)).is_file():
+    if Path(Layout.of(config["study"]).published(VOLUNTEER)).is_file():
         return True
     if find_in_mirror(VOLUNTEER, resources["published_mirror"]):
         return True

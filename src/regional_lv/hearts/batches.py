@@ -8,11 +8,9 @@ from pathlib import Path
 from regional_lv.errors import InputError
 from regional_lv.hearts.cohort import configure
 from regional_lv.hearts.listing import Listed
+from regional_lv.study.layout import BatchFiles
 
 log = logging.getLogger(__name__)
-
-FAILED = "failed.json"
-"""In the folder of a batch: reasons by heart."""
 
 OF_THE_MACHINE = (OSError, MemoryError)
 """What no heart is to blame for: the job fails, and is done again as a whole."""
@@ -25,18 +23,17 @@ def answer_batch(
     folder: str | Path,
     answer: Callable[[Mapping, Path], None] | None = None,
 ) -> None:
-    """Answer the hearts of a batch, each in a folder of its name in `folder`; why others could not
-    be answered is in `failed.json` there.
+    """Answer the hearts of a batch, and write (JSON) why others could not be answered.
 
     hearts: each as the fields of `listing.Listed`. shared, folders: as of `cohort.configure`.
-    answer: `hearts.fast.answer` by default.
+    folder: of the batch (`study.layout.BatchFiles`). answer: `hearts.fast.answer` by default.
     """
-    how, folder, failed = answer or _fast(), Path(folder), dict[str, str]()
-    folder.mkdir(parents=True, exist_ok=True)
+    how, files, failed = answer or _fast(), BatchFiles(str(folder)), dict[str, str]()
+    Path(folder).mkdir(parents=True, exist_ok=True)
     for one in hearts:
         listed = Listed(**one)
         try:
-            how(configure(listed, shared, folders), folder / listed.name)
+            how(configure(listed, shared, folders), Path(files.heart(listed.name).folder))
         except OF_THE_MACHINE:
             raise
         except InputError as error:
@@ -45,7 +42,7 @@ def answer_batch(
             log.exception("%s", listed.name)
             failed[listed.name] = f"{type(error).__name__}: {error}"
         log.info("%s: %s", listed.name, failed.get(listed.name, "answered"))
-    (folder / FAILED).write_text(json.dumps(failed, indent=1) + "\n")
+    Path(files.failed).write_text(json.dumps(failed, indent=1) + "\n")
 
 
 def _fast() -> Callable[[Mapping, Path], None]:

@@ -24,6 +24,7 @@ from regional_lv.hearts import ONE_HEART, checks
 from regional_lv.hearts.listing import Listed, model_of_hearts
 from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.measured.plausibility import data_warnings, too_small
+from regional_lv.study.layout import HeartFiles
 
 log = logging.getLogger(__name__)
 
@@ -124,9 +125,10 @@ def _sizes(config: Mapping) -> tuple[float, float, pd.DataFrame]:
     from regional_lv.geometry.from_config import make_heart
 
     with tempfile.TemporaryDirectory() as folder:
-        make_heart(config, folder)
-        summary = json.loads((Path(folder) / "summary.json").read_text())
-        segments = pd.read_csv(Path(folder) / "segments.csv", index_col="aha_segment")
+        files = HeartFiles(f"{folder}/")
+        make_heart(config, files)
+        summary = json.loads(Path(files.summary).read_text())
+        segments = pd.read_csv(files.segments, index_col="aha_segment")
     return summary["cavity_volume_ml"], summary["wall_volume_ml"], segments
 
 

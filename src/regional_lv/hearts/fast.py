@@ -27,6 +27,7 @@ from regional_lv.plots import (
     measured_strains,
     posterior_predictive,
 )
+from regional_lv.study.layout import AnswerFiles, HeartFiles
 
 PICTURES = ("measured_strains", "bullseye_posterior", "posterior_predictive")
 """Figures, by the module that draws each."""
@@ -47,31 +48,31 @@ BY_TABLE = (
 
 
 def answer(heart: Mapping, folder: str | Path, any_heart: AnyHeart | None = None) -> None:
-    """Write what can be said of one heart: `measured.csv`, `findings.json` (`criticism.contract`),
-    `posterior.nc` averaged over models, figures, and `page.html`.
+    """Write what can be said of one heart: what was measured, findings (`criticism.contract`), the
+    posterior averaged over models, figures, and a page.
 
-    heart: a checked configuration with one subject, measured by the user. folder: made if it is not
-    there. any_heart: the emulator; the one that comes with the package by default, read once in a
-    process. What stands out is suspected, never named: nothing is simulated of this heart.
+    heart: a checked configuration with one subject, measured by the user. folder: of the answer
+    (`study.layout.AnswerFiles`); made if it is not there. any_heart: the emulator; the one that
+    comes with the package by default, read once in a process. What stands out is suspected, never
+    named: nothing is simulated of this heart.
 
     Raises `reach.OutOfReach` for a heart that the emulator does not know, before anything is
     computed, and InputError for files that cannot be used.
     """
-    known, folder = any_heart or shipped(), Path(folder)
+    known, files = any_heart or shipped(), AnswerFiles(str(folder))
     described = heart["geometry"]["source"] != "segments"
     if described:
-        heart = by_table(heart, folder / "segments.csv")
+        heart = by_table(heart, Path(files.segments))
     config, notes = within(heart, known.emulator, known.known)
     (subject,) = config["subjects"]
     if described:
         notes = [BY_TABLE, *notes]
-    folder.mkdir(parents=True, exist_ok=True)
-    measured = folder / "measured.csv"
-    import_subject(config, subject, measured)
-    critic = critic_of_heart(config, subject, measured, known, described)
+    Path(folder).mkdir(parents=True, exist_ok=True)
+    import_subject(config, subject, files.measured)
+    critic = critic_of_heart(config, subject, files.measured, known, described)
     concluded = critic.conclude([], has_simulator=False)
-    write_concluded(critic, concluded, folder / "findings.json", folder / "posterior.nc")
-    write_page(config, subject, notes, folder)
+    write_concluded(critic, concluded, files.findings, files.posterior)
+    write_page(config, subject, notes, files)
 
 
 def by_table(heart: Mapping, table: Path) -> Mapping:
@@ -93,20 +94,20 @@ def by_table(heart: Mapping, table: Path) -> Mapping:
     return {**heart, "geometry": {**geometry, **by_figures}}
 
 
-def write_page(config: Mapping, subject: str, notes: Sequence[str], folder: Path) -> None:
-    """The figures and the page of what `answer` has written to `folder`."""
+def write_page(config: Mapping, subject: str, notes: Sequence[str], files: AnswerFiles) -> None:
+    """The figures and the page of what `answer` has written."""
     parameters, channels = StiffnessInputs.from_config(config), Channels.from_config(config)
     source = config["subjects"][subject]["source"]
     given = {
-        "posterior": folder / "posterior.nc",
-        "findings": folder / "findings.json",
+        "posterior": files.posterior,
+        "findings": files.findings,
         "diagnostics": None,
         "source": source,
     }
     figures = (*PICTURES, *OF_CRITICISM)
-    png, csv = ({name: folder / f"{name}.{end}" for name in figures} for end in ("png", "csv"))
-    measured, name = folder / "measured.csv", "measured_strains"
-    measured_strains.draw(measured, subject, source, parameters, png[name], csv[name])
+    png, csv = ({name: Path(files.figure(name, end)) for name in figures} for end in ("png", "csv"))
+    name = "measured_strains"
+    measured_strains.draw(files.measured, subject, source, parameters, png[name], csv[name])
     name = "bullseye_posterior"
     bullseye_posterior.draw(**given, parameters=parameters, png=png[name], csv=csv[name])
     name = "posterior_predictive"
@@ -117,12 +118,12 @@ def write_page(config: Mapping, subject: str, notes: Sequence[str], folder: Path
         **{name: png[name] for name in OF_CRITICISM},
         tables=[csv[name] for name in OF_CRITICISM],
     )
-    with tempfile.TemporaryDirectory() as heart:
+    with tempfile.TemporaryDirectory() as temporary:
         make_page(
             subject=subject,
             study=config["study"],
             source=source,
-            measured=measured,
+            measured=files.measured,
             posterior=given["posterior"],
             findings=given["findings"],
             emulator=OF_INPUTS,
@@ -133,19 +134,19 @@ def write_page(config: Mapping, subject: str, notes: Sequence[str], folder: Path
             causes_picture=png["causes"],
             effects_picture=png["effects"],
             sources_picture=png["sources"],
-            mesh=make_heart(config, heart, lay_out=write_plain),
+            mesh=make_heart(config, HeartFiles(f"{temporary}/"), lay_out=write_plain),
             parameters=parameters,
             channels=channels,
             pressure_mmhg=config["loading"]["pressure_mmhg"],
             strain_exponent=config["observables"]["strain_exponent"],
             scales_with_pressure=not why_not_scaling(physics_of(dict(config))),
             notes=[RESTS_ON, *notes],
-            page=folder / "page.html",
+            page=files.page,
         )
 
 
 def critic_of_heart(
-    config: Mapping, subject: str, measured: Path, known: AnyHeart, described: bool = False
+    config: Mapping, subject: str, measured: str | Path, known: AnyHeart, described: bool = False
 ) -> Critic:
     """Of a heart within reach."""
     physics = sections_of(config)
@@ -154,7 +155,7 @@ def critic_of_heart(
     return critic_of(emulator, subject, [subject], [measured], physics, settings, seed)
 
 
-def import_subject(config: Mapping, name: str, measured: Path) -> None:
+def import_subject(config: Mapping, name: str, measured: str | Path) -> None:
     """Check what was measured of a subject and write it in the units used inside."""
     subject = config["subjects"][name]
     given = {

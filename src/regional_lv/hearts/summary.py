@@ -14,18 +14,15 @@ from regional_lv.criticism import words
 from regional_lv.criticism.contract import Findings, Summary, read_findings
 from regional_lv.errors import InputError
 from regional_lv.hearts import hierarchy
-from regional_lv.hearts.batches import FAILED
 from regional_lv.hearts.hierarchy import infer_population
 from regional_lv.hearts.likelihoods import NormalLikelihood
 from regional_lv.hearts.prevalence import infer_prevalence, log_bayes_factors
 from regional_lv.inference.posteriors import load
 from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.seeds import derive
+from regional_lv.study.layout import AnswerFiles, BatchFiles
 
 log = logging.getLogger(__name__)
-
-PAGE = "page.html"
-"""Of a heart, in its folder."""
 
 POPULATION = [
     *("parameter", "mean", "mean_lower95", "mean_upper95", "sd", "sd_lower95", "sd_upper95"),
@@ -78,14 +75,15 @@ def summarise_cohort(
     """
     reasons, known = _read_reasons(batches, checked)
     places = {path.name: path for batch in batches for path in Path(batch).iterdir()}
+    folder = Path(table).parent
     answered: dict[str, Answered] = {}
     rows = []
     for name in hearts:
         row = {"heart": name, "reason": reasons.get(name, "")}
         if not row["reason"]:
-            folder = places[name]
-            page = str((folder / PAGE).relative_to(Path(table).parent))
-            answered[name] = _read_answer(folder, parameters)
+            files = AnswerFiles(str(places[name]))
+            answered[name] = _read_answer(files, parameters)
+            page = str(Path(files.page).relative_to(folder))
             row |= {"page": page, **_read_of(known[name]), **answered[name].row}
         rows.append(row)
     if not answered:
@@ -106,7 +104,7 @@ def _read_reasons(batches: Sequence[str | Path], checked: str | Path) -> tuple[d
     content = json.loads(Path(checked).read_text())
     reasons: dict[str, str] = {}
     for batch in batches:
-        reasons |= json.loads((Path(batch) / FAILED).read_text())
+        reasons |= json.loads(Path(BatchFiles(str(batch)).failed).read_text())
     return reasons | content["left_out"], content["hearts"]
 
 
@@ -114,8 +112,8 @@ def _read_of(known: Mapping) -> dict:
     return {**known, "warnings": "\n".join(known["warnings"])}
 
 
-def _read_answer(folder: Path, parameters: StiffnessInputs) -> Answered:
-    findings, data = read_findings(folder / "findings.json"), load(folder / "posterior.nc")
+def _read_answer(files: AnswerFiles, parameters: StiffnessInputs) -> Answered:
+    findings, data = read_findings(files.findings), load(files.posterior)
     names = [*parameters.names]
     draws = data.posterior["value"].sel(input=names).stack(n=("chain", "draw"))
     lower, upper = (

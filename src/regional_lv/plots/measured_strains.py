@@ -20,7 +20,12 @@ from regional_lv.quantities import QUANTITIES
 
 @style.context
 def draw(
-    measured: Path, subject: str, source: str, parameters: StiffnessInputs, png: Path, csv: Path
+    measured: str | Path,
+    subject: str,
+    source: str,
+    parameters: StiffnessInputs,
+    png: Path,
+    csv: Path,
 ) -> None:
     """Draw a bullseye for each measured strain, a row for each load, the full one first.
 

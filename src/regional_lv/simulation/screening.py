@@ -1,5 +1,6 @@
 """Which simulations enter the study, and where in the parameter box the others lie."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,7 @@ UNSTABLE = "next to a limit of stability: derivatives are many times those of th
 
 
 def screen(
-    batches: list[Path],
+    batches: Sequence[str | Path],
     parameters: StiffnessInputs | Coordinates,
     channels: Channels,
     steepest: float | None = None,
@@ -92,12 +93,12 @@ def _steepness(table: pd.DataFrame, space: Coordinates, outputs: int) -> pd.Seri
 
 
 def screen_simulations(
-    batches: list[Path],
+    batches: Sequence[str | Path],
     parameters: StiffnessInputs | Coordinates,
     channels: Channels,
-    kept: Path,
-    excluded: Path,
-    summary: Path,
+    kept: str | Path,
+    excluded: str | Path,
+    summary: str | Path,
     steepest: float | None = None,
 ) -> None:
     """Write the three tables of `screen`: Parquet, CSV, CSV."""

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from regional_lv.errors import InputError
 from regional_lv.input_files import reason_of
+from regional_lv.study.layout import Layout, study_of
 
 AGAIN = "run the same command again: what is finished is kept"
 
@@ -37,8 +38,8 @@ def explain(error: BaseException, inputs: Iterable[str], outputs: Iterable[str])
     if isinstance(error, InputError):
         # It says what is wrong with a file of the user's. Of one that the study made, which is
         # half there or empty, it says only what is missing in it.
-        results = {Path(file).parts[:2] for file in outputs}
-        inputs = [file for file in inputs if Path(file).parts[:2] in results]
+        made = tuple(f"{Layout.of(study_of(file)).folder}/" for file in outputs)
+        inputs = [file for file in inputs if str(file).startswith(made)]
     for file in inputs:
         if damage := damage_of(file):
             return (

@@ -11,13 +11,13 @@ import importlib
 import inspect
 import sys
 from collections.abc import Callable
-from pathlib import Path
 
 from regional_lv.channels import Channels
 from regional_lv.errors import InputError
 from regional_lv.inputs.stiffness import from_spec
 from regional_lv.study import running
 from regional_lv.study.faults import explain
+from regional_lv.study.layout import study_of
 from regional_lv.study.progress import start_log
 
 PACKAGE = "regional_lv"
@@ -90,7 +90,7 @@ def run(snakemake) -> None:
     Raises InputError in place of what a full disk, a damaged file and the like raise (`faults`).
     """
     start_log(snakemake.log[0])
-    running.take_part(Path(snakemake.log[0]).parts[1])  # results/<study>/logs/...
+    running.take_part(study_of(snakemake.log[0]))
     functions = {before: function_of(call) for before, call in calls_of(snakemake.params).items()}
     # What was imported stays. A collection, such as the one after every simulation of an effect,
     # would take a fifth of a second to look through it.

@@ -11,6 +11,8 @@ import sys
 from pathlib import Path
 from typing import TextIO
 
+from regional_lv.study.layout import Layout
+
 FOLDER = Path(".snakemake/regional_lv")
 """Of the files that are locked: `<study>.runs` by Snakemake, `<study>.jobs` by jobs."""
 SNAKEMAKES = Path(".snakemake/locks")
@@ -75,7 +77,7 @@ def _lock(file: TextIO, how: int) -> bool:
 
 def _left(study: str) -> list[Path]:
     """Snakemake's locks of files of the study."""
-    files, found = f"results/{study}/", []
+    files, found = f"{Layout.of(study).folder}/", []
     for path in SNAKEMAKES.glob("*.lock"):
         try:
             if any(line.startswith(files) for line in path.read_text().splitlines()):
