@@ -42,16 +42,20 @@ TRUTH = {
     )
 }
 SOURCE_OF = {"source": lambda wildcards: SUBJECT_SOURCES[wildcards.subject]}
-OF_PARAMETERS = {"parameters": PARAMETER_SPEC}
 
-# Job, category of the report, inputs and params; of some, the name of the file and that of the
-# module (`of`).
+EXPLAINED = f"{R}/reduction/explained_variance.csv"
+STRAIN_FIELD = {
+    "vtu": f"{R}/mechanics/strains.vtu",
+    "strains": f"{R}/mechanics/strains.parquet",
+}
+
+# Job, category of the report, inputs and params, among them files that the same job has made; of
+# some, the name of the file and that of the module (`of`).
 PLOTS = {
     "zones": {
         "job": "heart",
         "category": "Geometry",
         "input": {"mesh": f"{R}/geometry/mesh.vtu"},
-        "params": OF_PARAMETERS,
     },
     "mesh": {
         "job": "heart",
@@ -61,17 +65,15 @@ PLOTS = {
     "strain_field": {
         "job": "strain_field",
         "category": "Geometry",
-        "input": {
-            "vtu": f"{R}/mechanics/strains.vtu",
-            "strains": f"{R}/mechanics/strains.parquet",
-        },
-        "params": OF_PARAMETERS | {"strain_exponent": config["observables"]["strain_exponent"]},
+        "params": STRAIN_FIELD,
     },
     "explained_variance": {
         "job": "design",
         "category": "Emulator",
-        "input": {"explained": f"{R}/reduction/explained_variance.csv"},
-        "params": {"threshold": config["reduction"]["explained_variance"]},
+        "params": {
+            "explained": EXPLAINED,
+            "threshold": config["reduction"]["explained_variance"],
+        },
     },
     "parity": {
         "job": "test_set",
@@ -80,7 +82,6 @@ PLOTS = {
             "predictions": f"{R}/emulators/{EMULATOR}/test_predictions.parquet",
             "choice": CHOICE,
         },
-        "params": OF_PARAMETERS,
     },
     "per_sample_mse": {
         "job": "comparison",
@@ -107,20 +108,18 @@ PLOTS = {
             "diagnostics": f"{POSTERIORS}/test/diagnostics.csv",
             "choice": CHOICE,
         },
-        "params": OF_PARAMETERS,
     },
     "uncertainty": {
-        "job": "shortlist",
+        "job": "test_set",
         "category": "Test set",
         "input": {
             "coverages": lambda wildcards: of_shortlist("coverage.csv"),
             "errors": lambda wildcards: of_shortlist("map_mse.csv"),
         },
-        "params": OF_PARAMETERS,
     },
     **{
         name: {
-            "job": "shortlist",
+            "job": "test_set",
             "category": "Test set",
             "of": "emulator_traces",
             "input": {
@@ -142,7 +141,6 @@ PLOTS = {
             "tests": f"{POSTERIORS}/sbc_test.csv",
             "choice": CHOICE,
         },
-        "params": OF_PARAMETERS,
     },
     "sampler_agreement": {
         "job": "checks",
@@ -157,7 +155,6 @@ PLOTS = {
                 ),
             ]
         },
-        "params": OF_PARAMETERS,
     },
     "map_errors": {
         "job": "scenarios",
@@ -166,7 +163,7 @@ PLOTS = {
             "recoveries": expand(f"{POSTERIORS}/{{name}}/recovery.csv", name=SCENARIOS),
             "noisy": expand(f"{POSTERIORS}/{{name}}-noisy/recovery.csv", name=SCENARIOS),
         },
-        "params": OF_PARAMETERS | {"labels": LABELS},
+        "params": {"labels": LABELS},
     },
     **{
         f"bullseye_{which}{noise}": {
@@ -174,8 +171,7 @@ PLOTS = {
             "category": "Scenarios",
             "of": "bullseye_map",
             "input": {"recoveries": [f"{POSTERIORS}/{name}{noise}/recovery.csv" for name in sets]},
-            "params": OF_PARAMETERS
-            | {
+            "params": {
                 "labels": [SCENARIO_LABELS[name] for name in sets],
                 "zones": zones,
                 "title": title + noise_title,
@@ -196,8 +192,7 @@ PLOTS = {
                 ],
                 "recoveries": [f"{POSTERIORS}/{name}{noise}/recovery.csv" for name in SCENARIOS],
             },
-            "params": OF_PARAMETERS
-            | {
+            "params": {
                 "labels": LABELS,
                 "title": f"Posterior correlations of zones{noise_title}: mean ± standard error",
             },
@@ -213,7 +208,7 @@ PLOTS = {
                 "correlations": f"{POSTERIORS}/{name}{noise}/correlations.csv",
                 "recovery": f"{POSTERIORS}/{name}{noise}/recovery.csv",
             },
-            "params": OF_PARAMETERS | {"label": label + noise_title},
+            "params": {"label": label + noise_title},
         }
         for name, label in SCENARIO_LABELS.items()
         for noise, noise_title in NOISE_TITLES.items()
@@ -225,21 +220,21 @@ PLOTS = {
             "recoveries": expand(f"{POSTERIORS}/{{name}}/recovery.csv", name=SCENARIOS),
             "noisy": expand(f"{POSTERIORS}/{{name}}-noisy/recovery.csv", name=SCENARIOS),
         },
-        "params": OF_PARAMETERS | {"labels": LABELS},
+        "params": {"labels": LABELS},
     },
     "measured_strains": {
         "job": "subject",
         "category": "Subjects",
         "file": "{subject}/measured_strains",
         "input": {"measured": f"{R}/measured/{{subject}}.csv"},
-        "params": SOURCE_OF | OF_PARAMETERS,
+        "params": SOURCE_OF,
     },
     "bullseye_posterior": {
         "job": "subject",
         "category": "Subjects",
         "file": "{subject}/bullseye_posterior",
         "input": ANSWER | TRUTH,
-        "params": SOURCE_OF | OF_PARAMETERS,
+        "params": SOURCE_OF,
     },
     "posterior_predictive": {
         "job": "subject",
@@ -260,7 +255,7 @@ PLOTS = {
         "category": "Subjects",
         "file": "{subject}/noise_prior",
         "input": {"noise_prior": f"{POSTERIORS}/subjects/{{subject}}_noise_prior.csv"},
-        "params": SOURCE_OF | OF_PARAMETERS,
+        "params": SOURCE_OF,
     },
 }
 if LOCAL:
@@ -272,7 +267,7 @@ if LOCAL:
             "areas": expand(f"{POSTERIORS}/{{name}}/auc.csv", name=[*SCENARIOS, *NOISY]),
             "recoveries": expand(f"{POSTERIORS}/{{name}}/recovery.csv", name=[*SCENARIOS, *NOISY]),
         },
-        "params": OF_PARAMETERS | {"labels": LABELS},
+        "params": {"labels": LABELS},
     }
 if not FROM_TABLES:
     PLOTS["resimulation"] = {
@@ -287,7 +282,6 @@ if not FROM_TABLES:
             "simulations": f"{R}/screening/train.parquet",
             "excluded": f"{R}/screening/train_excluded.csv",
         },
-        "params": OF_PARAMETERS | {"channels": OUTPUTS},
     }
 
 # The same of the model as it is, by the emulator of the stiffness alone: the paper's figures.

@@ -8,85 +8,60 @@ PARTS = [
 ]
 PAGE_OF_CRITICISM = (
     {f"{name}_picture": f"{C}/{{subject}}/{name}.png" for name in CRITICISM_FIGURES}
+    | {"extended": f"{C}/{{subject}}/extended.yaml"}
     if DOUBTS
     else {}
 )
+PAGE = {
+    "category": "Subjects",
+    "parts": PARTS,
+    "output": {"page": f"{R}/pages/{{subject}}.html"},
+    "reported": {"page": "page"},
+}
+# Made by the jobs of the figures that they show. Without a simulator there is neither a heart nor a
+# criticism to show, and the page says so.
+OF_PAGES = {
+    "pages/subject": PAGE
+    | {
+        "job": "subject",
+        "call": "page.page:make_page",
+        "input": ANSWER
+        | {
+            "template": given(os.path.relpath(TEMPLATES / "page.html")),
+            "measured": f"{R}/measured/{{subject}}.csv",
+            "choice": CHOICE if EVALUATION and not DOUBTS else [],
+            "predictions": [] if DOUBTS else f"{R}/emulators/{EMULATOR}/test_predictions.parquet",
+            "mesh": [] if FROM_TABLES else f"{R}/geometry/mesh.vtu",
+            "zones_picture": [] if FROM_TABLES else f"{R}/figures/zones.png",
+        },
+        "params": PAGE_OF_CRITICISM
+        | SOURCE_OF
+        | {
+            "emulator": OF_INPUTS if DOUBTS else EMULATOR,
+            "strains_picture": f"{PAGE_FIGURES}/measured_strains.png",
+            "stiffness_picture": f"{PAGE_FIGURES}/bullseye_posterior.png",
+            "fit_picture": f"{PAGE_FIGURES}/posterior_predictive.png",
+            "scales_with_pressure": not why_not_scaling(PHYSICS),
+            # A function: its braces, if it has any, are no wildcards.
+            "limitations": lambda wildcards: os.path.relpath(
+                SOURCE.parent / "LIMITATIONS.md", f"{R}/pages"
+            ),
+        },
+    },
+}
+if DOUBTS:
+    OF_PAGES["pages/several"] = PAGE | {
+        "job": "several",
+        "call": "page.page:make_page_of_several",
+        "input": {
+            "findings": f"{C}/{{subject}}/findings.json",
+            "template": given(os.path.relpath(TEMPLATES / "several.html")),
+        },
+        "params": PAGE_OF_CRITICISM,
+    }
 
 
 rule pages:
     """The page of every subject."""
     input:
         PAGES,
-
-
-rule make_page:
-    """Without a simulator there is neither a heart nor a criticism to show, and the page says so."""
-    input:
-        PARTS,
-        **ANSWER,
-        **PAGE_OF_CRITICISM,
-        template=given(os.path.relpath(TEMPLATES / "page.html")),
-        measured=f"{R}/measured/{{subject}}.csv",
-        choice=CHOICE if EVALUATION and not DOUBTS else [],
-        predictions=([] if DOUBTS else f"{R}/emulators/{EMULATOR}/test_predictions.parquet"),
-        strains_picture=f"{PAGE_FIGURES}/measured_strains.png",
-        stiffness_picture=f"{PAGE_FIGURES}/bullseye_posterior.png",
-        fit_picture=f"{PAGE_FIGURES}/posterior_predictive.png",
-        mesh=[] if FROM_TABLES else f"{R}/geometry/mesh.vtu",
-        zones_picture=[] if FROM_TABLES else f"{R}/figures/zones.png",
-    output:
-        page=report(
-            f"{R}/pages/{{subject}}.html",
-            caption="../report/page.rst",
-            category="Subjects",
-            subcategory="{subject}",
-        ),
-    log:
-        f"{LOGS}/pages/{{subject}}.log",
-    wildcard_constraints:
-        subject=any_of(SUBJECTS),
-    localrule: True
-    params:
-        call="page.page:make_page",
-        study=config["study"],
-        emulator=OF_INPUTS if DOUBTS else EMULATOR,
-        source=lambda wildcards: SUBJECT_SOURCES[wildcards.subject],
-        parameters=PARAMETER_SPEC,
-        channels=OUTPUTS,
-        pressure_mmhg=config["loading"]["pressure_mmhg"],
-        strain_exponent=config["observables"]["strain_exponent"],
-        scales_with_pressure=not why_not_scaling(PHYSICS),
-        limitations=lambda wildcards: os.path.relpath(
-            SOURCE.parent / "LIMITATIONS.md", f"{R}/pages"
-        ),
-        extended=f"{C}/{{subject}}/extended.yaml" if DOUBTS else "",
-    script:
-        "../scripts/call.py"
-
-
-if DOUBTS:
-
-    rule make_page_of_several:
-        """The page of hearts whose causes are searched together."""
-        input:
-            PARTS,
-            **PAGE_OF_CRITICISM,
-            findings=f"{C}/{{subject}}/findings.json",
-            template=given(os.path.relpath(TEMPLATES / "several.html")),
-        output:
-            page=report(
-                f"{R}/pages/{{subject}}.html",
-                caption="../report/page.rst",
-                category="Subjects",
-                subcategory="{subject}",
-            ),
-        log:
-            f"{LOGS}/pages/{{subject}}.log",
-        wildcard_constraints:
-            subject=any_of(TOGETHER),
-        localrule: True
-        params:
-            call="page.page:make_page_of_several",
-            extended=f"{C}/{{subject}}/extended.yaml",
-        script:
-            "../scripts/call.py"

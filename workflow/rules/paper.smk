@@ -27,7 +27,7 @@ if PARAMETERS.names == StiffnessInputs().names:
             "screened": expand(
                 f"{R}/screening/{{name}}.parquet", name=["train", "test", *SCENARIOS]
             ),
-            "explained": f"{R}/reduction/explained_variance.csv",
+            "explained": EXPLAINED,
             "coverage": lambda wildcards: [
                 *of_shortlist("coverage.csv"),
                 f"{POSTERIORS}/test/coverage.csv",

@@ -7,6 +7,14 @@ SET_TABLES = [
         *("correlations", "zone_correlations"),
     )
 ]
+# What there is of an emulator on the test set.
+OF_TEST_SET = [
+    *(
+        f"{R}/posteriors/{{emulator}}/test/{file}"
+        for file in (*(f"{batch}.nc" for batch in posterior_batches("test")), *SET_TABLES)
+    ),
+    *(f"{R}/emulators/{{emulator}}/test_{file}" for file in ("predictions.parquet", "errors.csv")),
+]
 SCENARIO_TABLES = ["zone_classification.csv", "map_errors_by_zone.csv", "roc.csv", "auc.csv"]
 SUMMARIES = (
     [
@@ -51,10 +59,6 @@ rule sample_posteriors:
         batches=lambda wildcards: len(posterior_batches(wildcards.set)),
         cases=lambda wildcards: SETS[wildcards.set],
         noise=lambda wildcards: config["scenarios"]["noise"] if wildcards.set in NOISY else None,
-        sampler=config["test_posteriors"]["sampler"],
-        nuts=config["nuts"],
-        point=config["map"],
-        seed=config["seed"],
     script:
         "../scripts/call.py"
 
@@ -75,14 +79,17 @@ rule summarise_posteriors:
 if EVALUATION:
 
     rule choose_final:
+        """What there is of the test set by the chosen emulator is copied with it."""
         input:
             candidates=lambda wildcards: expand(
                 f"{R}/emulators/{{emulator}}.pt", emulator=shortlist()
             ),
             coverages=lambda wildcards: of_shortlist("coverage.csv"),
+            made=lambda wildcards: expand(OF_TEST_SET, emulator=shortlist()),
         output:
             emulator_file=f"{R}/emulators/{EMULATOR}.pt",
             report=f"{R}/posteriors/{EMULATOR}.json",
+            adopted=expand(OF_TEST_SET, emulator=EMULATOR),
         log:
             f"{LOGS}/posteriors/choose_final.log",
         localrule: True
@@ -92,26 +99,9 @@ if EVALUATION:
         script:
             "../scripts/call.py"
 
-    rule adopt_test_posteriors:
-        """The final emulator's posteriors on the test set are there already, under its own name."""
-        input:
-            report=f"{R}/posteriors/{EMULATOR}.json",
-            candidates=lambda wildcards: of_shortlist(
-                *(f"{batch}.nc" for batch in posterior_batches("test")), *SET_TABLES
-            ),
-        output:
-            adopted=posterior_files(EMULATOR, "test")
-            + expand(f"{R}/posteriors/{EMULATOR}/test/{{table}}", table=SET_TABLES),
-        log:
-            f"{LOGS}/posteriors/adopt_test_posteriors.log",
-        localrule: True
-        params:
-            call="paper.posteriors.choice:adopt",
-        script:
-            "../scripts/call.py"
-
-    ruleorder: adopt_test_posteriors > sample_posteriors
-    ruleorder: adopt_test_posteriors > summarise_posteriors
+    ruleorder: choose_final > sample_posteriors
+    ruleorder: choose_final > summarise_posteriors
+    ruleorder: choose_final > judge_emulator
 
 
 if SCENARIOS:
@@ -119,64 +109,48 @@ if SCENARIOS:
     SUMMARISED = {
         "tables": "paper.posteriors.summaries:summarise_posteriors",
         "zones": "paper.posteriors.classification:classify_zones",
+        "scores": "paper.posteriors.classification:score_classification",
     }
+    CLASSIFIED = "zone_classification.csv"
 
     rule summarise_scenarios:
         """All of them in one job, which takes longer to start than for most of them."""
         input:
             **{
                 f"{of}/{name}.posteriors": posterior_files("{{emulator}}", name)
-                for of in SUMMARISED
+                for of in ("tables", "zones")
                 for name in OF_SCENARIOS
             },
         output:
             **{
-                f"tables/{name}.tables": [f"{folder}/{table}" for table in SET_TABLES]
+                f"{call}.{key}": files
                 for name, folder in OF_SCENARIOS.items()
-            },
-            **{
-                f"zones/{name}.{key}": f"{folder}/{table}.csv"
-                for name, folder in OF_SCENARIOS.items()
-                for key, table in {
-                    "classified": "zone_classification",
-                    "by_zone": "map_errors_by_zone",
+                for call, made in {
+                    f"tables/{name}": {"tables": [f"{folder}/{table}" for table in SET_TABLES]},
+                    f"zones/{name}": {
+                        "classified": f"{folder}/{CLASSIFIED}",
+                        "by_zone": f"{folder}/map_errors_by_zone.csv",
+                    },
+                    f"scores/{name}": {table: f"{folder}/{table}.csv" for table in ("roc", "auc")},
                 }.items()
+                for key, files in made.items()
             },
         log:
             f"{LOGS}/posteriors/{{emulator}}/summarise_scenarios.log",
         params:
-            **{f"zones/{name}.healthy": HEALTHY for name in OF_SCENARIOS},
-            calls={f"{of}/{name}": call for of, call in SUMMARISED.items() for name in OF_SCENARIOS},
-        script:
-            "../scripts/call.py"
-
-    rule score_classification:
-        input:
+            # What has been written when these calls' turn comes.
             **{
-                f"{name}.classified": f"{folder}/zone_classification.csv"
+                f"scores/{name}.classified": f"{folder}/{CLASSIFIED}"
                 for name, folder in OF_SCENARIOS.items()
             },
             **{
-                f"{name}.local": [
-                    f"{OF_SCENARIOS[local]}/zone_classification.csv"
+                f"scores/{name}.local": [
+                    f"{OF_SCENARIOS[local]}/{CLASSIFIED}"
                     for local in local_scenarios(noisy=name in NOISY)
                 ]
                 for name in OF_SCENARIOS
             },
-        output:
-            **{
-                f"{name}.{table}": f"{folder}/{table}.csv"
-                for name, folder in OF_SCENARIOS.items()
-                for table in ("roc", "auc")
-            },
-        log:
-            f"{LOGS}/posteriors/{{emulator}}/score_classification.log",
-        localrule: True
-        params:
-            **{f"{name}.seed": config["seed"] for name in OF_SCENARIOS},
-            calls=dict.fromkeys(
-                OF_SCENARIOS, "paper.posteriors.classification:score_classification"
-            ),
+            calls={f"{of}/{name}": call for of, call in SUMMARISED.items() for name in OF_SCENARIOS},
         script:
             "../scripts/call.py"
 
@@ -197,10 +171,7 @@ rule sample_subject:
     threads: 1
     params:
         call="inference.sampling:sample_subject",
-        sampler=config["test_posteriors"]["sampler"],
         nuts=SUBJECT_NUTS,
-        point=config["map"],
         noise_prior_scale=config["clinical"]["noise_prior_scale"],
-        seed=config["seed"],
     script:
         "../scripts/call.py"

@@ -40,11 +40,10 @@ TABULATED = {
         "input": {"coverage": f"{POSTERIORS}/test/coverage.csv"},
     },
     "variance_ratios": {
-        "job": "shortlist",
+        "job": "test_set",
         "category": "Test set",
         "call": "paper.tables.posteriors:variance_ratios",
         "input": {"coverages": lambda wildcards: of_shortlist("coverage.csv")},
-        "params": OF_PARAMETERS,
     },
     "choice": {
         "job": "test_set",
@@ -73,7 +72,6 @@ TABULATED = {
             "areas": expand(f"{POSTERIORS}/{{name}}/auc.csv", name=[*SCENARIOS, *NOISY]),
             "recoveries": expand(f"{POSTERIORS}/{{name}}/recovery.csv", name=SETS),
         },
-        "params": OF_PARAMETERS,
     },
     "subjects": {
         "job": "subjects",
