@@ -138,7 +138,7 @@ if config["cohort"]["hearts"]:
         localrule: True
         params:
             call="page.cohort:make_cohort_page",
-            limitations=os.path.relpath(SOURCE.parent / "LIMITATIONS.md", COHORT),
+            limitations=limitations_from(COHORT),
         script:
             "../scripts/call.py"
 

@@ -328,8 +328,8 @@ OF_STUDY = {
 
 
 def complete(steps):
-    """Give every rule that calls functions what it does not say itself: values of the study that
-    the functions require (`OF_STUDY`), and the code behind them as `code`."""
+    """Give every rule that calls functions values of the study that these require and that it does
+    not say itself (`OF_STUDY`), and the code behind them as `code`."""
     for step in steps:
         calls = calls_of(step.params)
         parts = step.input, step.output, step.params
@@ -340,6 +340,28 @@ def complete(steps):
             step.set_params(**{f"{before}{name}": OF_STUDY[name] for name in missing})
         if calls and "code" not in step.params.keys():
             step.set_params(code=code_of(*map(module_of, calls.values())))
+
+
+def written(names):
+    """As a param: the output of that name, or a list of several, which one call of a job writes and
+    a later one reads."""
+    if isinstance(names, str):
+        return lambda wildcards, output: output[names]
+    return lambda wildcards, output: [output[name] for name in names]
+
+
+def page_of_criticism(job):
+    """Params of a page: what `plots.criticism` draws in the same job."""
+    if not DOUBTS:
+        return {}
+    return {f"{name}_picture": written(f"criticism/{job}.{name}") for name in CRITICISM_FIGURES} | {
+        "extended": f"{C}/{{subject}}/extended.yaml"
+    }
+
+
+def limitations_from(folder):
+    """As a param: the page of limitations as seen from a folder; its braces are no wildcards."""
+    return lambda wildcards: os.path.relpath(SOURCE.parent / "LIMITATIONS.md", folder)
 
 
 def batches(size, per_batch):

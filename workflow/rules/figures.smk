@@ -44,10 +44,6 @@ TRUTH = {
 SOURCE_OF = {"source": lambda wildcards: SUBJECT_SOURCES[wildcards.subject]}
 
 EXPLAINED = f"{R}/reduction/explained_variance.csv"
-STRAIN_FIELD = {
-    "vtu": f"{R}/mechanics/strains.vtu",
-    "strains": f"{R}/mechanics/strains.parquet",
-}
 
 # Job, category of the report, inputs and params, among them files that the same job has made; of
 # some, the name of the file and that of the module (`of`).
@@ -65,13 +61,13 @@ PLOTS = {
     "strain_field": {
         "job": "strain_field",
         "category": "Geometry",
-        "params": STRAIN_FIELD,
+        "params": {"vtu": written("strains.vtu"), "strains": written("strains.table")},
     },
     "explained_variance": {
         "job": "design",
         "category": "Emulator",
         "params": {
-            "explained": EXPLAINED,
+            "explained": written("reduction.explained"),
             "threshold": config["reduction"]["explained_variance"],
         },
     },

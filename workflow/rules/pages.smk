@@ -1,17 +1,10 @@
 """One HTML page for each subject: measurements, stiffness, fit, criticism, what to measure next."""
 
-PAGE_FIGURES = f"{R}/figures/{{subject}}"
 PAGES = expand(f"{R}/pages/{{subject}}.html", subject=[*SUBJECTS, *TOGETHER])
 TEMPLATES = SOURCE / "regional_lv" / "page"
 PARTS = [
     given(os.path.relpath(TEMPLATES / f"{part}.html")) for part in ("base", "criticism", "sources")
 ]
-PAGE_OF_CRITICISM = (
-    {f"{name}_picture": f"{C}/{{subject}}/{name}.png" for name in CRITICISM_FIGURES}
-    | {"extended": f"{C}/{{subject}}/extended.yaml"}
-    if DOUBTS
-    else {}
-)
 PAGE = {
     "category": "Subjects",
     "parts": PARTS,
@@ -34,18 +27,15 @@ OF_PAGES = {
             "mesh": [] if FROM_TABLES else f"{R}/geometry/mesh.vtu",
             "zones_picture": [] if FROM_TABLES else f"{R}/figures/zones.png",
         },
-        "params": PAGE_OF_CRITICISM
+        "params": page_of_criticism("subject")
         | SOURCE_OF
         | {
             "emulator": OF_INPUTS if DOUBTS else EMULATOR,
-            "strains_picture": f"{PAGE_FIGURES}/measured_strains.png",
-            "stiffness_picture": f"{PAGE_FIGURES}/bullseye_posterior.png",
-            "fit_picture": f"{PAGE_FIGURES}/posterior_predictive.png",
+            "strains_picture": written("figures/measured_strains.png"),
+            "stiffness_picture": written("figures/bullseye_posterior.png"),
+            "fit_picture": written("figures/posterior_predictive.png"),
             "scales_with_pressure": not why_not_scaling(PHYSICS),
-            # A function: its braces, if it has any, are no wildcards.
-            "limitations": lambda wildcards: os.path.relpath(
-                SOURCE.parent / "LIMITATIONS.md", f"{R}/pages"
-            ),
+            "limitations": limitations_from(f"{R}/pages"),
         },
     },
 }
@@ -57,7 +47,7 @@ if DOUBTS:
             "findings": f"{C}/{{subject}}/findings.json",
             "template": given(os.path.relpath(TEMPLATES / "several.html")),
         },
-        "params": PAGE_OF_CRITICISM,
+        "params": page_of_criticism("several"),
     }
 
 

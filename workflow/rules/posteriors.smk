@@ -111,7 +111,6 @@ if SCENARIOS:
         "zones": "paper.posteriors.classification:classify_zones",
         "scores": "paper.posteriors.classification:score_classification",
     }
-    CLASSIFIED = "zone_classification.csv"
 
     rule summarise_scenarios:
         """All of them in one job, which takes longer to start than for most of them."""
@@ -128,7 +127,7 @@ if SCENARIOS:
                 for call, made in {
                     f"tables/{name}": {"tables": [f"{folder}/{table}" for table in SET_TABLES]},
                     f"zones/{name}": {
-                        "classified": f"{folder}/{CLASSIFIED}",
+                        "classified": f"{folder}/zone_classification.csv",
                         "by_zone": f"{folder}/map_errors_by_zone.csv",
                     },
                     f"scores/{name}": {table: f"{folder}/{table}.csv" for table in ("roc", "auc")},
@@ -138,16 +137,14 @@ if SCENARIOS:
         log:
             f"{LOGS}/posteriors/{{emulator}}/summarise_scenarios.log",
         params:
-            # What has been written when these calls' turn comes.
             **{
-                f"scores/{name}.classified": f"{folder}/{CLASSIFIED}"
-                for name, folder in OF_SCENARIOS.items()
+                f"scores/{name}.classified": written(f"zones/{name}.classified")
+                for name in OF_SCENARIOS
             },
             **{
-                f"scores/{name}.local": [
-                    f"{OF_SCENARIOS[local]}/{CLASSIFIED}"
-                    for local in local_scenarios(noisy=name in NOISY)
-                ]
+                f"scores/{name}.local": written(
+                    [f"zones/{local}.classified" for local in local_scenarios(name in NOISY)]
+                )
                 for name in OF_SCENARIOS
             },
             calls={f"{of}/{name}": call for of, call in SUMMARISED.items() for name in OF_SCENARIOS},

@@ -38,7 +38,10 @@ MADE_BY_JOBS = {
         "job": "strain_field",
         "call": "simulation.strain_field:map_strains",
         "input": {"mesh": f"{R}/geometry/mesh.vtu", "predictor": f"{R}/mechanics/predictor.npz"},
-        "output": {"vtu": STRAIN_FIELD["vtu"], "table": STRAIN_FIELD["strains"]},
+        "output": {
+            "vtu": f"{R}/mechanics/strains.vtu",
+            "table": f"{R}/mechanics/strains.parquet",
+        },
     },
 }
 for name, plot in PLOTS.items():

@@ -106,7 +106,7 @@ rule resimulate_draws:
             "screened": "simulation.screening:screen_simulations",
             "compared": "paper.posteriors.resimulation:compare_resimulated",
         },
-        simulations=f"{R}/screening/resimulated.parquet",
+        simulations=written("screened.kept"),
     script:
         "../scripts/call.py"
 
