@@ -9,7 +9,7 @@ import pytest
 from regional_lv.errors import InputError
 from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.paper.posteriors.agreement import compare
-from regional_lv.paper.posteriors.choice import adopt, choose_final
+from regional_lv.paper.posteriors.choice import choose_final
 from regional_lv.paper.posteriors.classification import stiffness
 from regional_lv.paper.posteriors.correlations import correlate, zone_correlation
 from regional_lv.paper.posteriors.noise_prior import count_outside
@@ -106,12 +106,16 @@ def candidate(folder, name, coverage, upper, crps):
 
 
 def choose(folder, names, wanted="auto"):
+    """The final emulator's name; its coverage lies in `folder` then."""
+    coverages = [folder / name / "test" / "coverage.csv" for name in names]
     choose_final(
         [folder / f"{name}.pt" for name in names],
-        [folder / name / "test" / "coverage.csv" for name in names],
+        coverages,
         wanted,
         folder / "final.pt",
         folder / "final.json",
+        coverages,
+        [folder / "coverage.csv"],
     )
     return json.loads((folder / "final.json").read_text())["final"]
 
@@ -133,11 +137,6 @@ def test_the_rule(tmp_path):
     report = json.loads((tmp_path / "final.json").read_text())
     assert report["final"] == "good" and "CRPS" in report["rule"]
     assert [c["eligible"] for c in report["candidates"]] == [False, True, True]
-    adopt(
-        tmp_path / "final.json",
-        [tmp_path / n / "test" / "coverage.csv" for n in ("good", "wide")],
-        [tmp_path / "coverage.csv"],
-    )
     assert pd.read_csv(tmp_path / "coverage.csv")["crps"].iloc[0] == 0.03
     assert choose(tmp_path, ["narrow", "good"], "narrow") == "narrow"
     assert choose(tmp_path, ["narrow"]) == "narrow"  # none covers: the highest

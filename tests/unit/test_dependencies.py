@@ -1,6 +1,7 @@
 """What a script depends on is what it imports, followed to the end."""
 
 import ast
+import inspect
 import os
 import re
 import subprocess
@@ -10,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from regional_lv.study import dependencies
+from regional_lv.study.jobs import function_of
 
 LOADED = """
 import sys
@@ -151,3 +153,14 @@ def test_digest_changes_with_any_file(tmp_path):
         assert digest() != before
         path.write_text("x = 1\n")
     assert digest() == before and dependencies.digest(paths[:1]) != before
+
+
+def test_what_a_call_requires_is_in_its_signature(root):
+    """Read without importing the module: planning would take seconds longer."""
+    call = "simulation.screening:screen_simulations"
+    signature = inspect.signature(function_of(call)).parameters.values()
+    needed = [p.name for p in signature if p.default is p.empty]
+    assert dependencies.required(root / "src", call) == needed
+    assert "steepest" not in needed and "channels" in needed
+    with pytest.raises(ValueError, match=r"screening:nothing does not exist"):
+        dependencies.required(root / "src", "simulation.screening:nothing")

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from regional_lv.study.jobs import function_of
+from regional_lv.study.jobs import NOT_PASSED, arguments_of, function_of
 from regional_lv.study.layout import Layout
 from tests.hearts.folders import write_cohort
 
@@ -22,19 +22,19 @@ include: "{root}/Snakefile"
 
 import json
 
-from regional_lv.study.jobs import arguments_of, calls_of
+from regional_lv.study.jobs import calls_of
 from snakemake.io import is_flagged, strip_wildcard_constraints
 
 for step in workflow.rules:
     print("OUTPUTS", json.dumps([*map(strip_wildcard_constraints, step.output)]))
     if step.script is not None:
-        parts = step.input, step.output, step.params
-        called = calls_of(step.params).items()
-        calls = [(call, list(arguments_of(parts, before))) for before, call in called]
+        calls = calls_of(step.params)
+        given = [name for part in (step.input, step.output, step.params) for name in part.keys()]
         # What an input function unpacks has its names only when a job is made.
         unpacks = any(is_flagged(item, "unpack") for item in step.input)
         code = "code" in step.params.keys()
-        print("RULE", json.dumps([step.name, calls, list(step.wildcard_names), unpacks, code]))
+        seen = step.name, calls, given, list(step.wildcard_names), unpacks, code
+        print("RULE", json.dumps(seen))
 """
 
 
@@ -106,23 +106,27 @@ def printed(lines: list[str], what: str) -> list:
 
 
 def called(lines: list[str]) -> dict:
-    """By rule: calls with the arguments given, wildcards, whether it unpacks, its code."""
+    """By rule: calls, names given, wildcards, whether it unpacks, whether it knows its code."""
     return {name: rest for name, *rest in printed(lines, "RULE")}
 
 
 def disagreements(rules: dict) -> list[str]:
     """What rules do not give of what their functions take, or give beside it."""
     wrong = []
-    for name, (calls, wildcards, unpacks, code) in rules.items():
+    for name, (calls, names, wildcards, unpacks, code) in rules.items():
         wrong += [f"{name} does not depend on its code"] if calls and not code else []
-        for call, given in calls:
+        unused = {*names} - NOT_PASSED
+        for before, call in calls.items():
             function = function_of(call)
             arguments = inspect.signature(function).parameters
+            given = {*arguments_of([dict.fromkeys(names)], before, arguments)}
             needed = {key for key, p in arguments.items() if p.default is p.empty}
             missing = set() if unpacks else needed - {*given, *wildcards}
-            unknown = set() if hasattr(function, "__wrapped__") else {*given} - set(arguments)
+            unknown = set() if hasattr(function, "__wrapped__") else given - set(arguments)
+            unused -= given | {f"{before}{key}" for key in given}
             if missing or unknown:
                 wrong.append(f"{name}, {call}: missing {missing}, unknown {unknown}")
+        wrong += [f"{name}: {unused} is for none of its calls"] if calls and unused else []
     return wrong
 
 

@@ -63,7 +63,7 @@ def test_no_rule_needs_the_simulator(study):
     status, output = plan(study)
     assert status == 0, output[-3000:]
     rules = set(re.findall(r"^(?:local)?(?:rule|checkpoint) (\w+):", output, flags=re.MULTILINE))
-    assert {"import_simulations", "estimate_parameters", "rank_emulators"} <= rules
+    assert {"import_simulations", "judge_emulator", "rank_emulators"} <= rules
     assert {"fit_reference", "sample_posteriors", "compare_transforms"} <= rules
     assert not rules & MECHANICS
     for emulator in ("dnn", "dnn-identity"):
@@ -83,9 +83,7 @@ def test_rows_held_out_beside_a_test_table_are_scored_and_nothing_else(study):
             flags=re.MULTILINE,
         )
     )
-    assert users == {
-        *("estimate_parameters", "predict_test_set", "fit_reference", "rank_emulators_on_holdout")
-    }
+    assert users == {"judge_emulator", "fit_reference", "rank_emulators_on_holdout"}
     assert "results/tables/estimates/dnn/holdout_checked.parquet" in output
     assert "results/tables/posteriors/final/holdout" not in output
     config["simulations"]["holdout"] = 0

@@ -109,7 +109,7 @@ SHOWN = {
 
 
 # Some draws of the posteriors go through the simulator again.
-UNTOUCHED_BY_POSTERIORS = (SIMULATING - {"simulate_batch"}) | {"train_emulator", "fit_reduction"}
+UNTOUCHED_BY_POSTERIORS = (SIMULATING - {"simulate_batch"}) | {"train_emulator", "show_design"}
 
 
 def test_everything_is_made(study):
@@ -186,7 +186,7 @@ def test_mesh_reruns_everything_after_it(editable):
         "fit_predictor",
         "simulate_batch",
         "screen_simulations",
-        "fit_reduction",
+        "show_design",
         "train_emulator",
         "sample_posteriors",
         "simulate_subject",
@@ -200,14 +200,14 @@ def test_roles_rerun_what_is_over_all_inputs_only(editable):
     edit_config(editable, lambda c: c["inputs"].update(epicardial_support="suspected"))
     rules = planned(editable)
     assert {"design_inputs", "solve_inputs_anchors", "simulate_inputs", "train_on_inputs"} <= rules
-    assert {"criticise_subject", "make_page"} <= rules
+    assert {"criticise_subject", "show_subject"} <= rules
     assert not rules & {"make_mesh", "simulate_batch", "train_emulator", "sample_subject"}
 
 
 def test_figure_module_reruns_the_job_of_that_figure_only(editable):
     module = editable / "src" / "regional_lv" / "paper" / "plots" / "parity.py"
     module.write_text(module.read_text() + "\n# edited\n")
-    assert planned(editable) - {"all"} == {*("show_test_set", "tabulate_costs", "write_manifest")}
+    assert planned(editable) - {"all"} == {"show_test_set", "write_manifest"}
 
 
 def test_bounds_rerun_what_they_bound_but_not_the_mesh(editable):
@@ -300,8 +300,8 @@ def test_one_core_gives_the_same_files(study, tmp_path, target):
 def test_lint_finds_a_rule_without_a_log(root, tmp_path):
     """That there is none in the project is the business of `make lint`."""
     copy_project(root, tmp_path / "project")
-    rules = tmp_path / "project/workflow/rules/reduction.smk"
-    rules.write_text(re.sub(r"    log:\n.*\n", "", rules.read_text()))
+    rules = tmp_path / "project/workflow/rules/design.smk"
+    rules.write_text(re.sub(r"    log:\n.*\n", "", rules.read_text(), count=1))
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(tmp_path / "project")
         assert any("log" in text for text in findings("config/smoke.yaml")[0])

@@ -75,9 +75,7 @@ if config["cohort"]["hearts"]:
         params:
             call="hearts.summary:summarise_cohort",
             hearts=[*LISTED],
-            parameters=PARAMETER_SPEC,
             prevalence_prior=config["cohort"]["prevalence_prior"],
-            seed=config["seed"],
         script:
             "../scripts/call.py"
 
@@ -93,7 +91,6 @@ if config["cohort"]["hearts"]:
         localrule: True
         params:
             call="plots.cohort:draw_stiffness",
-            parameters=PARAMETER_SPEC,
         script:
             "../scripts/call.py"
 
@@ -108,7 +105,6 @@ if config["cohort"]["hearts"]:
         localrule: True
         params:
             call="plots.cohort:draw_pooling",
-            parameters=PARAMETER_SPEC,
         script:
             "../scripts/call.py"
 
@@ -142,9 +138,7 @@ if config["cohort"]["hearts"]:
         localrule: True
         params:
             call="page.cohort:make_cohort_page",
-            study=config["study"],
-            parameters=PARAMETER_SPEC,
-            limitations=os.path.relpath(SOURCE.parent / "LIMITATIONS.md", COHORT.folder),
+            limitations=limitations_from(COHORT.folder),
         script:
             "../scripts/call.py"
 

@@ -40,7 +40,7 @@ from regional_lv.hearts import ONE_HEART  # noqa: E402
 from regional_lv.hearts.listing import batches_of, list_hearts, model_of_hearts  # noqa: E402
 from regional_lv.input_files import without_braces  # noqa: E402
 from regional_lv.inputs.space import Inputs, model_sections_of, sections_of  # noqa: E402
-from regional_lv.study.jobs import calls_of, module_of  # noqa: E402
+from regional_lv.study.jobs import arguments_of, calls_of, module_of  # noqa: E402
 from regional_lv.study.layout import Layout  # noqa: E402
 from regional_lv.measured import states_noise  # noqa: E402
 from regional_lv.inputs.stiffness import StiffnessInputs  # noqa: E402
@@ -275,12 +275,14 @@ EMULATORS = {
     for transform, files in transforms.items()
 }
 
+# Scales of the inputs on which emulators are compared by the simulations that they need.
+SCALES = ["log", "identity"]
 # Tables of finished simulations need not bring sensitivities; where an emulator is asked for that
 # learns from them, they do (the config is checked for that).
 EFFICIENCY_CURVES = [
     f"{emulator}-{transform}"
     for emulator in ("exact_gp", "gradient_gp")
-    for transform in ("log", "identity")
+    for transform in SCALES
     if emulator == "exact_gp" or not FROM_TABLES or emulator in config["emulators"]["names"]
 ]
 
@@ -308,13 +310,60 @@ def code_of(*modules, files=()):
     return f"{modules[0]} {dependencies.digest([*own, *files, *plugins])}"
 
 
-def depend_on_code(steps):
-    """Give every rule that calls functions the code behind them as a param, unless it names its own
-    (`code`)."""
+# What functions require by these names, and rules need not say.
+OF_STUDY = {
+    "parameters": PARAMETER_SPEC,
+    "channels": OUTPUTS,
+    "physics": PHYSICS,
+    "fibres": config["fibres"],
+    "pressure_mmhg": config["loading"]["pressure_mmhg"],
+    "strain_exponent": config["observables"]["strain_exponent"],
+    "healthy": HEALTHY,
+    "sampler": config["test_posteriors"]["sampler"],
+    "nuts": config["nuts"],
+    "point": config["map"],
+    "adam_steps": config["estimates"]["adam_steps"],
+    "hops": config["estimates"]["hops"],
+    "study": config["study"],
+    "seed": config["seed"],
+}
+
+
+def complete(steps):
+    """Give every rule that calls functions values of the study that these require and that it does
+    not say itself (`OF_STUDY`), and the code behind them as `code`."""
     for step in steps:
-        calls = calls_of(step.params).values()
+        calls = calls_of(step.params)
+        parts = step.input, step.output, step.params
+        for before, call in calls.items():
+            wanted = dependencies.required(SOURCE, call)
+            said = {*arguments_of(parts, before, wanted), *step.wildcard_names}
+            missing = [name for name in wanted if name in OF_STUDY and name not in said]
+            step.set_params(**{f"{before}{name}": OF_STUDY[name] for name in missing})
         if calls and "code" not in step.params.keys():
-            step.set_params(code=code_of(*map(module_of, calls)))
+            step.set_params(code=code_of(*map(module_of, calls.values())))
+
+
+def written(names):
+    """As a param: the output of that name, or a list of several, which one call of a job writes and
+    a later one reads."""
+    if isinstance(names, str):
+        return lambda wildcards, output: output[names]
+    return lambda wildcards, output: [output[name] for name in names]
+
+
+def page_of_criticism(job):
+    """Params of a page: what `plots.criticism` draws in the same job."""
+    if not DOUBTS:
+        return {}
+    return {f"{name}_picture": written(f"criticism/{job}.{name}") for name in CRITICISM_FIGURES} | {
+        "extended": LAYOUT.extended("{subject}")
+    }
+
+
+def limitations_from(folder):
+    """As a param: the page of limitations as seen from a folder; its braces are no wildcards."""
+    return lambda wildcards: os.path.relpath(SOURCE.parent / "LIMITATIONS.md", folder)
 
 
 def batches(size, per_batch):

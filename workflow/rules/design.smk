@@ -11,8 +11,6 @@ rule make_design:
     params:
         call="simulation.sobol:write_design",
         design={key: config["design"][key] for key in ("natural", "log", "test")},
-        parameters=PARAMETER_SPEC,
-        seed=config["seed"],
     script:
         "../scripts/call.py"
 
@@ -30,8 +28,5 @@ rule draw_scenario:
         call="paper.scenarios:write_scenario",
         name=lambda wildcards: wildcards.scenario,
         scenario=lambda wildcards: SCENARIOS[wildcards.scenario],
-        healthy=HEALTHY,
-        parameters=PARAMETER_SPEC,
-        seed=config["seed"],
     script:
         "../scripts/call.py"

@@ -19,26 +19,37 @@ rule train_emulator:
         call="emulators.training:train_emulator",
         name=lambda wildcards: EMULATORS[wildcards.emulator][0],
         settings=lambda wildcards: EMULATORS[wildcards.emulator][1],
-        parameters=PARAMETER_SPEC,
-        channels=OUTPUTS,
-        seed=config["seed"],
     script:
         "../scripts/call.py"
 
 
-rule predict_test_set:
+ESTIMATES = f"{R}/estimates"
+# What an emulator is asked on a set of known theta, and what comes of it.
+ASKED = {"predicted": "emulators.training:predict_test_set"}
+ANSWERS = {
+    "predictions": LAYOUT.predictions("{emulator}", "{set}"),
+    "errors": f"{R}/emulators/{{emulator}}/{{set}}_errors.csv",
+}
+if EVALUATION:
+    ASKED["estimated"] = "paper.estimates.estimate:estimate_parameters"
+    ANSWERS["estimates"] = LAYOUT.estimates("{emulator}", "{set}")
+
+
+rule judge_emulator:
+    """Outputs from theta and, where emulators are compared, theta from outputs."""
     input:
         emulator_file=LAYOUT.emulator("{emulator}"),
         test=LAYOUT.screened("{set}"),
     output:
-        predictions=LAYOUT.predictions("{emulator}", "{set}"),
-        errors=f"{R}/emulators/{{emulator}}/{{set}}_errors.csv",
+        **ANSWERS,
     log:
-        f"{LOGS}/emulators/{{emulator}}/predict_{{set}}.log",
+        f"{LOGS}/emulators/{{emulator}}/judge_{{set}}.log",
+    benchmark:
+        f"{R}/benchmarks/estimates/{{emulator}}_{{set}}.tsv"
     wildcard_constraints:
         set=any_of(SCORED),
     threads: 1
     params:
-        call="emulators.training:predict_test_set",
+        calls=ASKED,
     script:
         "../scripts/call.py"

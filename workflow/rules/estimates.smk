@@ -4,38 +4,14 @@ What is held out beside a test table is estimated, checked and ranked in the sam
 shortlist goes by the test set.
 """
 
-ESTIMATES = f"{R}/estimates"
 RANKED = config["emulators"]["names"]
-
-
-rule estimate_parameters:
-    input:
-        emulator_file=LAYOUT.emulator("{emulator}"),
-        test=LAYOUT.screened("{set}"),
-    output:
-        estimates=LAYOUT.estimates("{emulator}", "{set}"),
-    log:
-        f"{LOGS}/estimates/{{emulator}}/estimate_{{set}}.log",
-    benchmark:
-        f"{R}/benchmarks/estimates/{{emulator}}_{{set}}.tsv"
-    wildcard_constraints:
-        set=any_of(SCORED),
-    threads: 1
-    params:
-        call="paper.estimates.estimate:estimate_parameters",
-        point=config["map"],
-        adam_steps=config["estimates"]["adam_steps"],
-        hops=config["estimates"]["hops"],
-        seed=config["seed"],
-    script:
-        "../scripts/call.py"
 
 
 rule measure_costs:
     """One after the other in one job, as they are compared."""
     input:
         **{f"{name}.emulator_file": LAYOUT.emulator(name) for name in RANKED},
-        **{f"{name}.test": LAYOUT.screened("test") for name in RANKED},
+        test=LAYOUT.screened("test"),
     output:
         **{f"{name}.cost": LAYOUT.estimates_cost(name) for name in RANKED},
     log:
@@ -60,9 +36,6 @@ if FROM_TABLES:
         threads: 1
         params:
             call="paper.estimates.reference:fit_reference",
-            parameters=PARAMETER_SPEC,
-            channels=OUTPUTS,
-            seed=config["seed"],
         script:
             "../scripts/call.py"
 
@@ -99,7 +72,6 @@ else:
         threads: 1
         params:
             call="paper.estimates.check:simulate_estimates",
-            physics=PHYSICS,
             cases=config["estimates"]["checked_cases"],
         script:
             "../scripts/call.py"
@@ -120,7 +92,6 @@ checkpoint rank_emulators:
     params:
         call="paper.estimates.ranking:rank_emulators",
         names=RANKED,
-        channels=OUTPUTS,
         size=config["emulators"]["shortlist"]["size"],
         estimator=config["emulators"]["shortlist"]["estimator"],
     script:
@@ -153,33 +124,29 @@ rule compare_transforms:
         call="paper.estimates.transforms:compare_transforms",
         transforms=TRANSFORMS,
         files=list(EMULATORS),
-        channels=OUTPUTS,
     script:
         "../scripts/call.py"
 
 
 rule measure_efficiency:
+    """With the inputs on either scale."""
     input:
         train=LAYOUT.screened("train"),
         test=LAYOUT.screened("test"),
     output:
-        curve=LAYOUT.efficiency("{emulator}", "{transform}"),
+        **{f"{scale}.curve": LAYOUT.efficiency("{emulator}", scale) for scale in SCALES},
     log:
-        f"{LOGS}/efficiency/{{emulator}}-{{transform}}.log",
+        f"{LOGS}/efficiency/{{emulator}}.log",
     benchmark:
-        f"{R}/benchmarks/efficiency/{{emulator}}-{{transform}}.tsv"
+        f"{R}/benchmarks/efficiency/{{emulator}}.tsv"
     wildcard_constraints:
         emulator="exact_gp|gradient_gp",
-        transform="log|identity",
     threads: 1
     params:
-        call="paper.estimates.efficiency:measure_efficiency",
+        **{f"{scale}.transform": scale for scale in SCALES},
+        calls=dict.fromkeys(SCALES, "paper.estimates.efficiency:measure_efficiency"),
         settings=lambda wildcards: config["emulators"][wildcards.emulator],
         sizes=config["efficiency"]["sizes"],
         most_with_sensitivities=config["efficiency"]["most_with_sensitivities"],
-        parameters=PARAMETER_SPEC,
-        channels=OUTPUTS,
-        point=config["map"],
-        seed=config["seed"],
     script:
         "../scripts/call.py"

@@ -42,16 +42,16 @@ TRUTH = {
     )
 }
 SOURCE_OF = {"source": lambda wildcards: SUBJECT_SOURCES[wildcards.subject]}
-OF_PARAMETERS = {"parameters": PARAMETER_SPEC}
 
-# Job, category of the report, inputs and params; of some, the name of the file and that of the
-# module (`of`).
+EXPLAINED = LAYOUT.explained_variance
+
+# Job, category of the report, inputs and params, among them files that the same job has made; of
+# some, the name of the file and that of the module (`of`).
 PLOTS = {
     "zones": {
         "job": "heart",
         "category": "Geometry",
         "input": {"mesh": LAYOUT.heart().mesh},
-        "params": OF_PARAMETERS,
     },
     "mesh": {
         "job": "heart",
@@ -61,17 +61,15 @@ PLOTS = {
     "strain_field": {
         "job": "strain_field",
         "category": "Geometry",
-        "input": {
-            "vtu": LAYOUT.strain_field("vtu"),
-            "strains": LAYOUT.strain_field("parquet"),
-        },
-        "params": OF_PARAMETERS | {"strain_exponent": config["observables"]["strain_exponent"]},
+        "params": {"vtu": written("strains.vtu"), "strains": written("strains.table")},
     },
     "explained_variance": {
         "job": "design",
         "category": "Emulator",
-        "input": {"explained": LAYOUT.explained_variance},
-        "params": {"threshold": config["reduction"]["explained_variance"]},
+        "params": {
+            "explained": written("reduction.explained"),
+            "threshold": config["reduction"]["explained_variance"],
+        },
     },
     "parity": {
         "job": "test_set",
@@ -80,7 +78,6 @@ PLOTS = {
             "predictions": LAYOUT.predictions(EMULATOR, "test"),
             "choice": CHOICE,
         },
-        "params": OF_PARAMETERS,
     },
     "per_sample_mse": {
         "job": "comparison",
@@ -107,20 +104,18 @@ PLOTS = {
             "diagnostics": POSTERIORS.of_set("test", "diagnostics"),
             "choice": CHOICE,
         },
-        "params": OF_PARAMETERS,
     },
     "uncertainty": {
-        "job": "shortlist",
+        "job": "test_set",
         "category": "Test set",
         "input": {
             "coverages": lambda wildcards: of_shortlist("coverage.csv"),
             "errors": lambda wildcards: of_shortlist("map_mse.csv"),
         },
-        "params": OF_PARAMETERS,
     },
     **{
         name: {
-            "job": "shortlist",
+            "job": "test_set",
             "category": "Test set",
             "of": "emulator_traces",
             "input": {
@@ -142,7 +137,6 @@ PLOTS = {
             "tests": POSTERIORS.checked("sbc_test"),
             "choice": CHOICE,
         },
-        "params": OF_PARAMETERS,
     },
     "sampler_agreement": {
         "job": "checks",
@@ -158,7 +152,6 @@ PLOTS = {
                 ),
             ]
         },
-        "params": OF_PARAMETERS,
     },
     "map_errors": {
         "job": "scenarios",
@@ -167,7 +160,7 @@ PLOTS = {
             "recoveries": expand(POSTERIORS.of_set("{name}", "recovery"), name=SCENARIOS),
             "noisy": expand(POSTERIORS.of_set("{name}-noisy", "recovery"), name=SCENARIOS),
         },
-        "params": OF_PARAMETERS | {"labels": LABELS},
+        "params": {"labels": LABELS},
     },
     **{
         f"bullseye_{which}{noise}": {
@@ -177,8 +170,7 @@ PLOTS = {
             "input": {
                 "recoveries": [POSTERIORS.of_set(f"{name}{noise}", "recovery") for name in sets]
             },
-            "params": OF_PARAMETERS
-            | {
+            "params": {
                 "labels": [SCENARIO_LABELS[name] for name in sets],
                 "zones": zones,
                 "title": title + noise_title,
@@ -201,8 +193,7 @@ PLOTS = {
                     POSTERIORS.of_set(f"{name}{noise}", "recovery") for name in SCENARIOS
                 ],
             },
-            "params": OF_PARAMETERS
-            | {
+            "params": {
                 "labels": LABELS,
                 "title": f"Posterior correlations of zones{noise_title}: mean ± standard error",
             },
@@ -218,7 +209,7 @@ PLOTS = {
                 "correlations": POSTERIORS.of_set(f"{name}{noise}", "correlations"),
                 "recovery": POSTERIORS.of_set(f"{name}{noise}", "recovery"),
             },
-            "params": OF_PARAMETERS | {"label": label + noise_title},
+            "params": {"label": label + noise_title},
         }
         for name, label in SCENARIO_LABELS.items()
         for noise, noise_title in NOISE_TITLES.items()
@@ -230,21 +221,21 @@ PLOTS = {
             "recoveries": expand(POSTERIORS.of_set("{name}", "recovery"), name=SCENARIOS),
             "noisy": expand(POSTERIORS.of_set("{name}-noisy", "recovery"), name=SCENARIOS),
         },
-        "params": OF_PARAMETERS | {"labels": LABELS},
+        "params": {"labels": LABELS},
     },
     "measured_strains": {
         "job": "subject",
         "category": "Subjects",
         "file": "{subject}/measured_strains",
         "input": {"measured": LAYOUT.measured("{subject}")},
-        "params": SOURCE_OF | OF_PARAMETERS,
+        "params": SOURCE_OF,
     },
     "bullseye_posterior": {
         "job": "subject",
         "category": "Subjects",
         "file": "{subject}/bullseye_posterior",
         "input": ANSWER | TRUTH,
-        "params": SOURCE_OF | OF_PARAMETERS,
+        "params": SOURCE_OF,
     },
     "posterior_predictive": {
         "job": "subject",
@@ -265,7 +256,7 @@ PLOTS = {
         "category": "Subjects",
         "file": "{subject}/noise_prior",
         "input": {"noise_prior": POSTERIORS.of_subject("{subject}_noise_prior", "csv")},
-        "params": SOURCE_OF | OF_PARAMETERS,
+        "params": SOURCE_OF,
     },
 }
 if LOCAL:
@@ -279,7 +270,7 @@ if LOCAL:
                 POSTERIORS.of_set("{name}", "recovery"), name=[*SCENARIOS, *NOISY]
             ),
         },
-        "params": OF_PARAMETERS | {"labels": LABELS},
+        "params": {"labels": LABELS},
     }
 if not FROM_TABLES:
     PLOTS["resimulation"] = {
@@ -294,7 +285,6 @@ if not FROM_TABLES:
             "simulations": LAYOUT.screened("train"),
             "excluded": LAYOUT.excluded("train"),
         },
-        "params": OF_PARAMETERS | {"channels": OUTPUTS},
     }
 
 # The same of the model as it is, by the emulator of the stiffness alone: the paper's figures.

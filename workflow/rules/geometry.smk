@@ -32,7 +32,6 @@ if config["geometry"]["source"] == "segments":
             endo_apex_z_mm=config["geometry"]["endo_apex_z_mm"],
             epi_apex_z_mm=config["geometry"]["epi_apex_z_mm"],
             mesh=mesh_of,
-            fibres=config["fibres"],
             zones=PARAMETER_SPEC["zones"],
         script:
             "../scripts/call.py"
@@ -51,7 +50,6 @@ elif config["geometry"]["source"] == "surfaces":
             call="geometry.from_surfaces:mesh_surfaces",
             surfaces=GIVEN_SURFACES,
             mesh=mesh_of,
-            fibres=config["fibres"],
             zones=PARAMETER_SPEC["zones"],
         script:
             "../scripts/call.py"
@@ -68,7 +66,6 @@ else:
         params:
             call="geometry.from_mesh:write_imported",
             unit=IMPORTED["unit"],
-            fibres=config["fibres"],
             zones=PARAMETER_SPEC["zones"],
         script:
             "../scripts/call.py"
@@ -86,7 +83,6 @@ else:
             params:
                 call="geometry.from_mesh:remesh",
                 mesh=mesh_of,
-                fibres=config["fibres"],
                 zones=PARAMETER_SPEC["zones"],
             script:
                 "../scripts/call.py"
@@ -105,7 +101,6 @@ else:
                 f"{LOGS}/geometry/keep_mesh.log",
             params:
                 call="geometry.from_mesh:keep_mesh",
-                fibres=config["fibres"],
                 zones=PARAMETER_SPEC["zones"],
             script:
                 "../scripts/call.py"

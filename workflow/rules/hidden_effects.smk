@@ -39,7 +39,6 @@ if DOUBTS:
             hearts=BENCHMARK["hearts"],
             noise=BENCHMARK["noise"],
             batch_size=BENCHMARK["subjects_per_batch"],
-            seed=config["seed"],
         script:
             "../scripts/call.py"
 

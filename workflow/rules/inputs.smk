@@ -51,7 +51,6 @@ if DOUBTS:
             call=DESIGN,
             physics=INPUTS,
             sizes={"train": ALL_INPUTS["simulations"], "test": ALL_INPUTS["test"]},
-            seed=config["seed"],
         script:
             "../scripts/call.py"
 
@@ -146,7 +145,6 @@ if DOUBTS:
         params:
             call="simulation.screening:screen_simulations",
             parameters=COORDINATES,
-            channels=OUTPUTS,
             steepest=ALL_INPUTS["steepest"],
         script:
             "../scripts/call.py"
@@ -166,8 +164,6 @@ if DOUBTS:
             name=OF_INPUTS,
             settings=config["emulators"][OF_INPUTS],
             parameters=COORDINATES,
-            channels=OUTPUTS,
-            seed=config["seed"],
 
     rule judge_inputs_emulator:
         """By how many of the suspected inputs are on."""
@@ -205,8 +201,6 @@ if DOUBTS:
         params:
             call="emulators.finer:train_finer",
             parameters=COORDINATES,
-            channels=OUTPUTS,
-            seed=config["seed"],
         script:
             "../scripts/call.py"
 
@@ -232,6 +226,5 @@ if DOUBTS:
                 call="hearts.card:ship",
                 physics=INPUTS,
                 mesh=config["mesh"],
-                seed=config["seed"],
             script:
                 "../scripts/call.py"

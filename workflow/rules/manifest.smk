@@ -1,4 +1,5 @@
-"""What a study was made with, and checksums of what it shows and of what stands behind that."""
+"""What a study was made with and what it took, and checksums of what it shows and of what stands
+behind that."""
 
 SHOWN = [
     *FIGURES,
@@ -30,16 +31,20 @@ BEHIND = [
 
 
 rule write_manifest:
-    """Logs and benchmarks are left out: they say how it went, not what came out."""
+    """Logs and benchmarks have no checksums: they say how it went, not what came out."""
     input:
         results=[*SHOWN, *BEHIND],
     output:
+        table=f"{R}/benchmarks/costs.csv",
         manifest=LAYOUT.manifest,
     log:
         f"{LOGS}/manifest.log",
     localrule: True
     params:
-        call="study.manifest:write_manifest",
+        calls={
+            "costs": "tables.costs:tabulate_costs",
+            "manifest": "study.manifest:write_manifest",
+        },
         config=config,
         configfiles=lambda wildcards: CONFIG_FILES,  # in a list, braces would be wildcards
         overrides=dict(workflow.config_settings.config),

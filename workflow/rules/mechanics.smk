@@ -18,7 +18,6 @@ rule solve_baseline:
     priority: FIRST
     params:
         call="simulation.batches:solve_baseline",
-        physics=PHYSICS,
     script:
         "../scripts/call.py"
 
@@ -40,7 +39,6 @@ rule solve_anchors:
     threads: 1
     params:
         call="simulation.batches:solve_anchors",
-        physics=PHYSICS,
         anchors=ANCHORS,
         batches=len(ANCHOR_BATCHES),
     script:
@@ -61,24 +59,6 @@ rule fit_predictor:
     priority: FIRST
     params:
         call="mechanics.predictor:fit_predictor",
-        physics=PHYSICS,
-    script:
-        "../scripts/call.py"
-
-
-rule map_strains:
-    """The strain field behind the figure of one heart; nothing is inferred from it."""
-    input:
-        mesh=LAYOUT.heart().mesh,
-        predictor=LAYOUT.predictor(),
-    output:
-        table=LAYOUT.strain_field("parquet"),
-        vtu=LAYOUT.strain_field("vtu"),
-    log:
-        f"{LOGS}/mechanics/map_strains.log",
-    params:
-        call="simulation.strain_field:map_strains",
-        physics=PHYSICS,
     script:
         "../scripts/call.py"
 
@@ -94,6 +74,5 @@ rule calibrate_reference:
         f"{LOGS}/mechanics/calibrate_reference.log",
     params:
         call="paper.reference_material:calibrate_reference",
-        physics=PHYSICS,
     script:
         "../scripts/call.py"

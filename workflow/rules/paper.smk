@@ -25,7 +25,7 @@ if PARAMETERS.names == StiffnessInputs().names:
             "numbers": given(os.path.relpath(papers("numbers.csv"))),
             "reasons": given(os.path.relpath(papers("differences.csv"))),
             "screened": expand(LAYOUT.screened("{name}"), name=["train", "test", *SCENARIOS]),
-            "explained": LAYOUT.explained_variance,
+            "explained": EXPLAINED,
             "coverage": lambda wildcards: [
                 *of_shortlist("coverage.csv"),
                 POSTERIORS.of_set("test", "coverage"),

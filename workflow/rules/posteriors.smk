@@ -7,6 +7,14 @@ SET_TABLES = [
         *("correlations", "zone_correlations"),
     )
 ]
+# What there is of an emulator on the test set.
+OF_TEST_SET = [
+    *(
+        f"{R}/posteriors/{{emulator}}/test/{file}"
+        for file in (*(f"{batch}.nc" for batch in posterior_batches("test")), *SET_TABLES)
+    ),
+    *(f"{R}/emulators/{{emulator}}/test_{file}" for file in ("predictions.parquet", "errors.csv")),
+]
 SCENARIO_TABLES = ["zone_classification.csv", "map_errors_by_zone.csv", "roc.csv", "auc.csv"]
 SUMMARIES = (
     [
@@ -49,10 +57,6 @@ rule sample_posteriors:
         batches=lambda wildcards: len(posterior_batches(wildcards.set)),
         cases=lambda wildcards: SETS[wildcards.set],
         noise=lambda wildcards: config["scenarios"]["noise"] if wildcards.set in NOISY else None,
-        sampler=config["test_posteriors"]["sampler"],
-        nuts=config["nuts"],
-        point=config["map"],
-        seed=config["seed"],
     script:
         "../scripts/call.py"
 
@@ -73,12 +77,15 @@ rule summarise_posteriors:
 if EVALUATION:
 
     rule choose_final:
+        """What there is of the test set by the chosen emulator is copied with it."""
         input:
             candidates=lambda wildcards: expand(LAYOUT.emulator("{emulator}"), emulator=shortlist()),
             coverages=lambda wildcards: of_shortlist("coverage.csv"),
+            made=lambda wildcards: expand(OF_TEST_SET, emulator=shortlist()),
         output:
             emulator_file=LAYOUT.emulator(EMULATOR),
             report=f"{R}/posteriors/{EMULATOR}.json",
+            adopted=expand(OF_TEST_SET, emulator=EMULATOR),
         log:
             f"{LOGS}/posteriors/choose_final.log",
         localrule: True
@@ -88,26 +95,9 @@ if EVALUATION:
         script:
             "../scripts/call.py"
 
-    rule adopt_test_posteriors:
-        """The final emulator's posteriors on the test set are there already, under its own name."""
-        input:
-            report=f"{R}/posteriors/{EMULATOR}.json",
-            candidates=lambda wildcards: of_shortlist(
-                *(f"{batch}.nc" for batch in posterior_batches("test")), *SET_TABLES
-            ),
-        output:
-            adopted=posterior_files(EMULATOR, "test")
-            + expand(f"{R}/posteriors/{EMULATOR}/test/{{table}}", table=SET_TABLES),
-        log:
-            f"{LOGS}/posteriors/adopt_test_posteriors.log",
-        localrule: True
-        params:
-            call="paper.posteriors.choice:adopt",
-        script:
-            "../scripts/call.py"
-
-    ruleorder: adopt_test_posteriors > sample_posteriors
-    ruleorder: adopt_test_posteriors > summarise_posteriors
+    ruleorder: choose_final > sample_posteriors
+    ruleorder: choose_final > summarise_posteriors
+    ruleorder: choose_final > judge_emulator
 
 
 if SCENARIOS:
@@ -115,6 +105,7 @@ if SCENARIOS:
     SUMMARISED = {
         "tables": "paper.posteriors.summaries:summarise_posteriors",
         "zones": "paper.posteriors.classification:classify_zones",
+        "scores": "paper.posteriors.classification:score_classification",
     }
 
     rule summarise_scenarios:
@@ -122,57 +113,37 @@ if SCENARIOS:
         input:
             **{
                 f"{of}/{name}.posteriors": posterior_files("{{emulator}}", name)
-                for of in SUMMARISED
+                for of in ("tables", "zones")
                 for name in OF_SCENARIOS
             },
         output:
             **{
-                f"tables/{name}.tables": [f"{folder}/{table}" for table in SET_TABLES]
+                f"{call}.{key}": files
                 for name, folder in OF_SCENARIOS.items()
-            },
-            **{
-                f"zones/{name}.{key}": f"{folder}/{table}.csv"
-                for name, folder in OF_SCENARIOS.items()
-                for key, table in {
-                    "classified": "zone_classification",
-                    "by_zone": "map_errors_by_zone",
+                for call, made in {
+                    f"tables/{name}": {"tables": [f"{folder}/{table}" for table in SET_TABLES]},
+                    f"zones/{name}": {
+                        "classified": f"{folder}/zone_classification.csv",
+                        "by_zone": f"{folder}/map_errors_by_zone.csv",
+                    },
+                    f"scores/{name}": {table: f"{folder}/{table}.csv" for table in ("roc", "auc")},
                 }.items()
+                for key, files in made.items()
             },
         log:
             f"{LOGS}/posteriors/{{emulator}}/summarise_scenarios.log",
         params:
-            **{f"zones/{name}.healthy": HEALTHY for name in OF_SCENARIOS},
-            calls={f"{of}/{name}": call for of, call in SUMMARISED.items() for name in OF_SCENARIOS},
-        script:
-            "../scripts/call.py"
-
-    rule score_classification:
-        input:
             **{
-                f"{name}.classified": f"{folder}/zone_classification.csv"
-                for name, folder in OF_SCENARIOS.items()
-            },
-            **{
-                f"{name}.local": [
-                    f"{OF_SCENARIOS[local]}/zone_classification.csv"
-                    for local in local_scenarios(noisy=name in NOISY)
-                ]
+                f"scores/{name}.classified": written(f"zones/{name}.classified")
                 for name in OF_SCENARIOS
             },
-        output:
             **{
-                f"{name}.{table}": f"{folder}/{table}.csv"
-                for name, folder in OF_SCENARIOS.items()
-                for table in ("roc", "auc")
+                f"scores/{name}.local": written(
+                    [f"zones/{local}.classified" for local in local_scenarios(name in NOISY)]
+                )
+                for name in OF_SCENARIOS
             },
-        log:
-            f"{LOGS}/posteriors/{{emulator}}/score_classification.log",
-        localrule: True
-        params:
-            **{f"{name}.seed": config["seed"] for name in OF_SCENARIOS},
-            calls=dict.fromkeys(
-                OF_SCENARIOS, "paper.posteriors.classification:score_classification"
-            ),
+            calls={f"{of}/{name}": call for of, call in SUMMARISED.items() for name in OF_SCENARIOS},
         script:
             "../scripts/call.py"
 
@@ -193,10 +164,7 @@ rule sample_subject:
     threads: 1
     params:
         call="inference.sampling:sample_subject",
-        sampler=config["test_posteriors"]["sampler"],
         nuts=SUBJECT_NUTS,
-        point=config["map"],
         noise_prior_scale=config["clinical"]["noise_prior_scale"],
-        seed=config["seed"],
     script:
         "../scripts/call.py"

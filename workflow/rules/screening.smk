@@ -19,9 +19,6 @@ if FROM_TABLES:
             own_test="test" in TABLE_SETS,
             holdout=config["simulations"]["holdout"],
             rows=config["simulations"]["rows"],
-            parameters=PARAMETER_SPEC,
-            channels=OUTPUTS,
-            seed=config["seed"],
         script:
             "../scripts/call.py"
 
@@ -40,12 +37,10 @@ else:
         log:
             f"{LOGS}/screening/{{set}}.log",
         wildcard_constraints:
-            set=any_of(SIMULATION_BATCHES),
+            set=any_of({*SIMULATION_BATCHES} - {"resimulated"}),
         priority: FIRST
         localrule: True
         params:
             call="simulation.screening:screen_simulations",
-            parameters=PARAMETER_SPEC,
-            channels=OUTPUTS,
         script:
             "../scripts/call.py"

@@ -1,9 +1,9 @@
-"""Jobs that make figures and tables: those of one kind share a job, which takes seconds to start."""
+"""Jobs that make figures, tables and pages: those of one kind share a job, which takes seconds to
+start, with what is computed for nothing else."""
 
 # Jobs of the comparison with the paper; their figures are drawn by `paper.plots`.
 OF_PAPER = [
-    *("comparison", "efficiency", "shortlist", "test_set", "checks"),
-    *("scenarios", "noise_prior", "paper"),
+    *("comparison", "efficiency", "test_set", "checks", "scenarios", "noise_prior", "paper"),
 ]
 # Whether `all` needs what a job makes.
 SHOWS = {
@@ -25,8 +25,25 @@ OF_SUBJECTS = {
 }
 
 
-# What the jobs make, by kind and name.
-MADE_BY_JOBS = {}
+# What the jobs make, by kind and name, in this order.
+MADE_BY_JOBS = {
+    "reduction": {
+        "job": "design",
+        "call": "emulators.reduction:fit_reduction",
+        "input": {"train": LAYOUT.screened("train")},
+        "params": {"explained_variance": config["reduction"]["explained_variance"]},
+        "output": {"reduction": f"{R}/reduction/reduction.npz", "explained": EXPLAINED},
+    },
+    "strains": {
+        "job": "strain_field",
+        "call": "simulation.strain_field:map_strains",
+        "input": {"mesh": LAYOUT.heart().mesh, "predictor": LAYOUT.predictor()},
+        "output": {
+            "vtu": LAYOUT.strain_field("vtu"),
+            "table": LAYOUT.strain_field("parquet"),
+        },
+    },
+}
 for name, plot in PLOTS.items():
     of, file = plot.get("of", name), f"{R}/figures/{plot.get('file', name)}"
     MADE_BY_JOBS[f"figures/{name}"] = plot | {
@@ -46,7 +63,6 @@ if DOUBTS:
             "job": job,
             "call": "plots.criticism:draw",
             "input": {"findings": LAYOUT.findings("{subject}")},
-            "params": OF_PARAMETERS,
             "output": {
                 **{
                     name: LAYOUT.criticism_figure("{subject}", name, "png")
@@ -57,6 +73,7 @@ if DOUBTS:
                 ],
             },
         }
+MADE_BY_JOBS |= OF_PAGES
 
 FIGURES, TABLES = (
     made_by(*(job for job, shows in SHOWS.items() if shows), kind=kind)
@@ -72,10 +89,11 @@ for job in SHOWS:
         name:
             f"show_{job}"
         input:
+            [made.get("parts", []) for made in together.values()],
             **{
                 f"{name}.{key}": files
                 for name, made in together.items()
-                for key, files in made["input"].items()
+                for key, files in made.get("input", {}).items()
             },
         output:
             **{

@@ -32,7 +32,6 @@ rule simulate_batch:
     threads: 1
     params:
         call="simulation.batches:simulate_batch",
-        physics=PHYSICS,
         batch_size=config["simulations"]["batch_size"],
     script:
         "../scripts/call.py"

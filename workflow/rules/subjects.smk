@@ -35,7 +35,6 @@ rule import_volunteer:
     localrule: True
     params:
         call="paper.measured:import_volunteer",
-        channels=OUTPUTS,
         frame=lambda wildcards: config["subjects"][wildcards.subject]["frame"],
         chosen=lambda wildcards: config["subjects"][wildcards.subject]["slices"],
     script:
@@ -57,7 +56,6 @@ rule import_published_simulation:
     localrule: True
     params:
         call="paper.measured:import_published_simulation",
-        channels=OUTPUTS,
         row=lambda wildcards: config["subjects"][wildcards.subject]["row"],
     script:
         "../scripts/call.py"
@@ -76,11 +74,7 @@ rule import_measured:
     localrule: True
     params:
         call="measured.tables:import_measured",
-        channels=OUTPUTS,
-        parameters=PARAMETER_SPEC,
-        pressure_mmhg=config["loading"]["pressure_mmhg"],
         segments=lambda wildcards: config["subjects"][wildcards.subject]["segments"],
-        strain_exponent=config["observables"]["strain_exponent"],
     script:
         "../scripts/call.py"
 
@@ -99,8 +93,5 @@ rule import_curves:
     params:
         call="measured.curves:import_curves",
         subject=lambda wildcards: config["subjects"][wildcards.subject],
-        channels=OUTPUTS,
-        parameters=PARAMETER_SPEC,
-        strain_exponent=config["observables"]["strain_exponent"],
     script:
         "../scripts/call.py"

@@ -38,11 +38,10 @@ TABULATED = {
         "input": {"coverage": POSTERIORS.of_set("test", "coverage")},
     },
     "variance_ratios": {
-        "job": "shortlist",
+        "job": "test_set",
         "category": "Test set",
         "call": "paper.tables.posteriors:variance_ratios",
         "input": {"coverages": lambda wildcards: of_shortlist("coverage.csv")},
-        "params": OF_PARAMETERS,
     },
     "choice": {
         "job": "test_set",
@@ -71,7 +70,6 @@ TABULATED = {
             "areas": expand(POSTERIORS.of_set("{name}", "auc"), name=[*SCENARIOS, *NOISY]),
             "recoveries": expand(POSTERIORS.of_set("{name}", "recovery"), name=SETS),
         },
-        "params": OF_PARAMETERS,
     },
     "subjects": {
         "job": "subjects",

@@ -19,9 +19,6 @@ rule compare_samplers:
         set_name=lambda wildcards: wildcards.set,
         cases=config["trust"]["agreement_cases"],
         noise=lambda wildcards: config["scenarios"]["noise"] if wildcards.set in NOISY else None,
-        nuts=config["nuts"],
-        point=config["map"],
-        seed=config["seed"],
     script:
         "../scripts/call.py"
 
@@ -43,9 +40,7 @@ rule compare_subject:
     params:
         call="paper.posteriors.agreement:compare_subject",
         nuts=SUBJECT_NUTS,
-        point=config["map"],
         noise_prior_scale=config["clinical"]["noise_prior_scale"],
-        seed=config["seed"],
     script:
         "../scripts/call.py"
 
@@ -66,10 +61,6 @@ rule calibrate_chain:
     params:
         call="paper.posteriors.rank_calibration:calibrate_chain",
         cases=config["trust"]["calibration_cases"],
-        sampler=config["test_posteriors"]["sampler"],
-        nuts=config["nuts"],
-        point=config["map"],
-        seed=config["seed"],
     script:
         "../scripts/call.py"
 
@@ -86,24 +77,36 @@ rule pick_draws:
         call="paper.posteriors.resimulation:pick_draws",
         cases=config["trust"]["resimulated_cases"],
         draws=config["trust"]["resimulated_draws"],
-        seed=config["seed"],
     script:
         "../scripts/call.py"
 
 
 rule resimulate_draws:
+    """Screened, and compared with the emulator."""
     input:
+        batches=expand(
+            f"{R}/simulations/resimulated/{{batch}}.parquet",
+            batch=SIMULATION_BATCHES["resimulated"],
+        ),
         emulator_file=LAYOUT.emulator(EMULATOR),
-        simulations=LAYOUT.screened("resimulated"),
         test=LAYOUT.screened("test"),
     output:
-        table=LAYOUT.posteriors(EMULATOR).checked("resimulated"),
-        summary=LAYOUT.posteriors(EMULATOR).checked("resimulated_summary"),
+        **{
+            "screened.kept": LAYOUT.screened("resimulated"),
+            "screened.excluded": LAYOUT.excluded("resimulated"),
+            "screened.summary": LAYOUT.screening_summary("resimulated"),
+            "compared.table": LAYOUT.posteriors(EMULATOR).checked("resimulated"),
+            "compared.summary": LAYOUT.posteriors(EMULATOR).checked("resimulated_summary"),
+        },
     log:
         f"{LOGS}/posteriors/resimulate_draws.log",
     localrule: True
     params:
-        call="paper.posteriors.resimulation:compare_resimulated",
+        calls={
+            "screened": "simulation.screening:screen_simulations",
+            "compared": "paper.posteriors.resimulation:compare_resimulated",
+        },
+        simulations=written("screened.kept"),
     script:
         "../scripts/call.py"
 
@@ -125,11 +128,8 @@ rule sample_noise_prior:
     threads: 1
     params:
         call="inference.sampling:sample_subject",
-        sampler=config["test_posteriors"]["sampler"],
         nuts=SUBJECT_NUTS,
-        point=config["map"],
         noise_prior_scale=lambda wildcards: float(wildcards.scale),
-        seed=config["seed"],
     script:
         "../scripts/call.py"
 

@@ -43,7 +43,6 @@ rule verify_convergence:
         f"{R}/benchmarks/verify_convergence.tsv"
     params:
         call="verification.convergence:verify_convergence",
-        physics=PHYSICS,
     script:
         "../scripts/call.py"
 
@@ -92,8 +91,6 @@ rule observe_mesh:
         f"{R}/benchmarks/observe_mesh-{{mesh}}.tsv"
     params:
         call="verification.mesh_study:observe_mesh",
-        physics=PHYSICS,
-        seed=config["seed"],
     script:
         "../scripts/call.py"
 
@@ -110,7 +107,6 @@ rule compare_meshes:
     params:
         call="verification.mesh_study:compare_meshes",
         meshes=[name.replace("_", " ") for name in STUDY_MESHES],
-        channels=OUTPUTS,
     script:
         "../scripts/call.py"
 
@@ -147,7 +143,6 @@ if config["geometry"]["source"] == "mesh" and IMPORTED["remesh"]:
             f"{R}/benchmarks/verify_imported_mesh.tsv"
         params:
             call="paper.imported_mesh:verify_imported_mesh",
-            physics=PHYSICS,
         script:
             "../scripts/call.py"
 
@@ -171,7 +166,6 @@ if config["geometry"]["source"] == "mesh" and IMPORTED["file"] == PUBLISHED_HEAR
             set=any_of(PUBLISHED_TABLES),
         params:
             call="paper.published_rows:simulate_published_rows",
-            physics=PHYSICS,
             used=lambda wildcards: SUBJECT_ROWS if wildcards.set == "train" else [],
             most=lambda wildcards: PUBLISHED_ROWS_COMPARED[wildcards.set],
         script:

@@ -1,5 +1,6 @@
-"""Which files of the library a step depends on, read off their import statements, and off what a
-registry imports later (`registry.Later`)."""
+"""What a step depends on, read off the library's source without importing it: files, by import
+statements and what a registry imports later (`registry.Later`); values, by a function's signature.
+"""
 
 import ast
 import hashlib
@@ -8,6 +9,7 @@ import re
 from collections.abc import Iterable, Iterator
 from functools import cache
 from pathlib import Path
+from typing import NamedTuple
 
 from regional_lv.study.manifest import checksum
 
@@ -30,12 +32,19 @@ def files(source: Path, modules: Iterable[str], without: Iterable[str] = ()) -> 
         name = waiting.pop()
         if name in seen or name in without:
             continue
-        path = _file(source, name)
-        if path is None:
-            raise ValueError(f"library module {PACKAGE}.{name} does not exist")
-        seen[name] = os.path.relpath(path)
-        waiting.extend(_imports(source, path))
+        seen[name] = os.path.relpath(_existing(source, name))
+        waiting.extend(_read(source, name).imports)
     return sorted(seen.values())
+
+
+def required(source: Path, call: str) -> list[str]:
+    """Names of the arguments without a default of the function that `call` (<module>:<function>)
+    names; source: as of `files`. Raises ValueError for a function that does not exist."""
+    module, _, function = call.partition(":")
+    functions = _read(source, module).required
+    if function not in functions:
+        raise ValueError(f"library function {PACKAGE}.{call} does not exist")
+    return functions[function]
 
 
 def digest(files: Iterable[str | Path]) -> str:
@@ -46,17 +55,30 @@ def digest(files: Iterable[str | Path]) -> str:
     return together.hexdigest()[:16]
 
 
+class _Module(NamedTuple):
+    imports: set[str]
+    required: dict[str, list[str]]
+
+
 def _file(source: Path, name: str) -> Path | None:
     path = source / PACKAGE / name.replace(".", "/")
     candidates = (path.with_suffix(".py"), path / "__init__.py")
     return next((c for c in candidates if name and c.is_file()), None)
 
 
+def _existing(source: Path, name: str) -> Path:
+    path = _file(source, name)
+    if path is None:
+        raise ValueError(f"library module {PACKAGE}.{name} does not exist")
+    return path
+
+
 @cache  # most rules share most of the library, and parsing it was half of every dry run
-def _imports(source: Path, path: Path) -> set[str]:
-    text = path.read_text()
+def _read(source: Path, name: str) -> _Module:
+    text = _existing(source, name).read_text()
+    tree = ast.parse(text)
     found = {later[2] for later in _LATER.finditer(text)}
-    for node in _statements(ast.parse(text)):
+    for node in _statements(tree):
         if not isinstance(node, ast.ImportFrom):
             continue
         module = node.module or ""
@@ -64,7 +86,14 @@ def _imports(source: Path, path: Path) -> set[str]:
             inside = module.removeprefix(PACKAGE).lstrip(".")
             names = [inside, *(f"{inside}.{alias.name}".lstrip(".") for alias in node.names)]
             found |= {name for name in names if _file(source, name)}
-    return found
+    functions = (node for node in tree.body if isinstance(node, ast.FunctionDef))
+    return _Module(found, {function.name: _required(function.args) for function in functions})
+
+
+def _required(arguments: ast.arguments) -> list[str]:
+    plain = arguments.args[: len(arguments.args) - len(arguments.defaults)]
+    named = zip(arguments.kwonlyargs, arguments.kw_defaults, strict=True)
+    return [argument.arg for argument in plain] + [a.arg for a, default in named if default is None]
 
 
 def _statements(block: ast.AST) -> Iterator[ast.AST]:

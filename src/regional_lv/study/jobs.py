@@ -2,15 +2,16 @@
 
 Every rule says `call="<module>:<function>"` in its `params` and names its files and values as the
 function names its arguments; `workflow/scripts/call.py` hands them over. A rule that makes several
-things says `calls`, a call for each name of a thing, and puts that name and a dot before the names
-of its arguments.
+things says `calls`, a call for each name of a thing. A file or value with that name and a dot
+before its own is for that call; others are for all calls that take one of their name, so that what
+one call writes is what a later one reads.
 """
 
 import gc
 import importlib
 import inspect
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 
 from regional_lv.channels import Channels
 from regional_lv.errors import InputError
@@ -49,15 +50,17 @@ def calls_of(params) -> dict[str, str]:
     return {f"{name}.": call for name, call in params.get("calls", {}).items()}
 
 
-def arguments_of(parts, before: str) -> dict:
-    """Named files and values of a rule's `parts` for the call whose arguments have `before` before
-    their names."""
-    return {
-        name.removeprefix(before): value
-        for part in parts
-        for name, value in part.items()
-        if name.startswith(before) and name not in NOT_PASSED
+def arguments_of(parts, before: str, taken: Collection[str]) -> dict:
+    """Named files and values of a rule's `parts` for one of its calls: those with `before` before
+    their names and, of those for all calls, what is `taken`; everything, if it is the only call."""
+    given = {
+        name: value for part in parts for name, value in part.items() if name not in NOT_PASSED
     }
+    if not before:
+        return given
+    own = [name for name in given if name.startswith(before)]
+    shared = {name: given[name] for name in given if name in taken}
+    return shared | {name.removeprefix(before): given[name] for name in own}
 
 
 def module_of(call: str) -> str:
@@ -103,7 +106,7 @@ def run(snakemake) -> None:
         for before, function in functions.items():
             wanted = inspect.signature(function).parameters
             values = {k: v for k, v in snakemake.wildcards.items() if k in wanted}
-            values |= arguments_of(parts, before)
+            values |= arguments_of(parts, before, wanted)
             function(**{k: OBJECTS[k](v) if k in OBJECTS else v for k, v in values.items()})
     except (Exception, SystemExit) as error:  # meshio ends the process over damaged files
         if fault := explain(error, snakemake.input, snakemake.output):

@@ -24,13 +24,16 @@ def choose_final(
     wanted: str,
     emulator_file: str | Path,
     report: str | Path,
+    made: Sequence[str | Path] = (),
+    adopted: Sequence[str | Path] = (),
 ) -> None:
     """Copy the final emulator to `emulator_file`, say why in `report` (JSON).
 
     candidates: the emulators' files, named like them; coverages: their `coverage.csv` on the test
     set in the same order. wanted: `auto`, or a name to take instead of the rule's. report: final,
     rule, candidates (each emulator, coverage95 with its interval, crps, mse, variance_ratio,
-    failed, cases, eligible, why).
+    failed, cases, eligible, why). made: further files of all candidates, <emulator>/<name> or
+    <emulator>/<set>/<name>; the final one's are copied to `adopted`, files of the same names.
 
     Raises InputError if there is no candidate, or if `wanted` is none.
     """
@@ -69,17 +72,7 @@ def choose_final(
     shutil.copyfile(files[final], emulator_file)
     content = {"final": final, "rule": rule, "candidates": described}
     Path(report).write_text(json.dumps(content, indent=2) + "\n")
-
-
-def adopt(
-    report: str | Path, candidates: Sequence[str | Path], adopted: Sequence[str | Path]
-) -> None:
-    """Copy the files of the chosen emulator to `adopted`, files of the same names.
-
-    report: what `choose_final` wrote. candidates: files of all candidates, <emulator>/<set>/<name>.
-    """
-    final = json.loads(Path(report).read_text())["final"]
-    own = {path.name: path for path in map(Path, candidates) if path.parent.parent.name == final}
+    own = {path.name: path for path in map(Path, made) if final in path.parts[-3:-1]}
     for target in map(Path, adopted):
         shutil.copyfile(own[target.name], target)
 
