@@ -112,8 +112,9 @@ class Dense:
         self.mean, self.linearise = hearts.mean, hearts.linearise
         self._hearts, self._observed = hearts, observed
 
-    def covariance(self, x):
-        return self._observed.dense(self._hearts.covariance(x))
+    def predict(self, x):
+        mean, covariance = self._hearts.predict(x)
+        return mean, self._observed.dense(covariance)
 
 
 def both(inputs, sd=0.05, hearts=3, causes=(("c1", 0.5),), known=None):

@@ -300,13 +300,13 @@ def _measured_inputs(verdict: Verdict, table: pd.DataFrame) -> list[contract.Mea
     inputs = verdict.potential.inputs
     return [
         {
-            "name": inputs.names[prior.at],
-            "unit": inputs[prior.at].unit,
-            "prior_mean": prior.mean,
-            "prior_sd": prior.sd,
-            "averaged": _summary(table.loc[inputs.names[prior.at]]),
+            "name": inputs.names[k],
+            "unit": inputs[k].unit,
+            "prior_mean": float(inputs.nominal[k]),
+            "prior_sd": inputs.roles[k].sd,
+            "averaged": _summary(table.loc[inputs.names[k]]),
         }
-        for prior in verdict.potential.measured
+        for k in verdict.potential.measured.at
     ]
 
 

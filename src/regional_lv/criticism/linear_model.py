@@ -69,16 +69,13 @@ class LinearModel:
         count, observed = len(potential.inputs), potential.observed
         mean, slopes = potential.linearise(fitted.x)
         error, noise = observed.dense(fitted.error), potential.noise
-        at = [prior.at for prior in potential.measured]
-        known = fitted.x.clone()
-        for prior in potential.measured:
-            known[:, prior.at] = prior.scale(prior.mean)
+        known, free = fitted.x.clone(), fitted.free[0, :count].clone()
+        if len(potential.measured):
+            at = potential.measured.at
+            known[:, at], free[at] = potential.measured.nominal, False
+            columns = slopes[:, :, at]
+            error = error + columns / potential.measured.precision(known)[:, None] @ columns.mT
         moved = (slopes @ (known - fitted.x)[:, :count, None])[..., 0]
-        for prior in potential.measured:
-            column = slopes[:, :, prior.at]
-            error = error + column[:, :, None] * column[:, None] / prior.precision(known)
-        free = fitted.free[0, :count].clone()
-        free[at] = False
         if potential.tails is not None:
             if free[potential.tails]:
                 whitening = potential.whitening(fitted.x, fitted.error)

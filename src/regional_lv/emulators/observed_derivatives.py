@@ -165,17 +165,6 @@ class Weighted:
         ]
         return self._kernel.bases(torch.cat(widened, 1), self.y)
 
-    def _parts(self, x):
-        u = self._reduced(x)
-        bases = self._bases(u)
-        k, inverse = self._kernel.of_bases(bases), [1 / base for base in bases]
-        towards, total = [], self.of_values.repeat(len(x), 1, 1)
-        for part, rate, weights in zip(u, inverse, self._towards, strict=True):
-            toward = torch.nn.functional.pad(part, (0, 1), value=1.0) @ weights
-            towards.append(toward.reshape(total.shape))
-            total.addcmul_(rate[..., None], towards[-1])
-        return k, u, inverse, towards, total
-
     def mean(self, x: torch.Tensor) -> torch.Tensor:
         """(m, D) at x (m, P)."""
         u = self._reduced(x)
@@ -189,20 +178,35 @@ class Weighted:
 
     def with_slopes(self, x: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """`mean`, and its derivatives (m, D, P) about x, 0 about what is fixed."""
-        parts = [self._with_slopes(part) for part in x.split(POINTS_AT_ONCE)]
-        means, slopes = zip(*parts, strict=True)
-        return torch.cat(means), torch.cat(slopes)
+        u = self._reduced(x)
+        bases = self._bases(u)
+        k, inverse = self._kernel.of_bases(bases), [1 / base for base in bases]
+        mean = x.new_empty(len(x), self.of_values.shape[1])
+        found = x.new_zeros(*x.shape, mean.shape[1])
+        for free, rate, weights in zip(self._free, inverse, self._side_by_side, strict=True):
+            own = ((k * rate) @ weights).reshape(len(x), len(free) + 1, -1)
+            found[:, free] = own[:, :-1]
+        for first in range(0, len(x), POINTS_AT_ONCE):
+            some = slice(first, first + POINTS_AT_ONCE)
+            here = k[some], [part[some] for part in u], [rate[some] for rate in inverse]
+            mean[some] = self._subtract_far(*here, found[some])
+        return mean, found.mT / self.scale
 
-    def _with_slopes(self, x):
-        k, u, inverse, towards, total = self._parts(x)
-        found = x.new_zeros(len(x), total.shape[-1], x.shape[1])
-        blocks = zip(
-            self._free, u, self._columns, self._side_by_side, inverse, towards, strict=True
-        )
-        for free, part, columns, weights, rate, toward in blocks:
-            carried = k * rate
-            gap = carried[:, None] * (part[..., None] - columns.T[: len(free)])
-            far = gap.bmm(total).baddbmm_(gap * (rate / self.alpha)[:, None], toward)
-            own = (carried @ weights).reshape(len(x), len(free) + 1, total.shape[-1])[:, :-1]
-            found[:, :, free] = (own - far).mT
-        return (k[:, None] @ total)[:, 0], found / self.scale
+    def _subtract_far(self, k, u, inverse, found) -> torch.Tensor:
+        """Of the slopes `found` (m, P, D), what the kernel's make of the weights; the mean
+        (m, D)."""
+        towards, total = [], self.of_values.repeat(len(k), 1, 1)
+        for part, rate, weights in zip(u, inverse, self._towards, strict=True):
+            toward = torch.nn.functional.pad(part, (0, 1), value=1.0) @ weights
+            towards.append(toward.reshape(total.shape))
+            total.addcmul_(rate[..., None], towards[-1])
+        gaps = [
+            (k * rate)[:, None] * (part[..., None] - columns.T[: part.shape[1]])
+            for part, rate, columns in zip(u, inverse, self._columns, strict=True)
+        ]
+        far = torch.cat(gaps, 1).bmm(total).split([gap.shape[1] for gap in gaps], 1)
+        blocks = zip(self._free, far, gaps, inverse, towards, strict=True)
+        for free, of_block, gap, rate, toward in blocks:
+            of_block.baddbmm_(gap * (rate / self.alpha)[:, None], toward)
+            found[:, free] -= of_block
+        return (k[:, None] @ total)[:, 0]

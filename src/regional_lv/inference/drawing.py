@@ -85,11 +85,14 @@ def sample(potential: Potential, fitted: Fits, draws: int, seed: int) -> Drawn:
     generator = torch.Generator().manual_seed(seed)
     coordinates = Standardised(potential, fitted, generator)
     uniform = float(potential.log_uniform(fitted.free))
+    made = []
 
     def log_density(v):
         x, slope = coordinates.open(v)
-        mean = potential.mean(x)
-        return potential.log_density(mean, x, fitted.error) + uniform + slope
+        mean, own = potential.predict(x, fitted.amplitude)
+        value, by_own = (potential.log_density(mean, x, error) for error in (fitted.error, own))
+        made.append((x, (by_own - value).nan_to_num(-torch.inf)))
+        return value + uniform + slope
 
     found = importance.sample(
         lambda v: torch.cat([log_density(part) for part in v.split(potential.chunk)]),
@@ -99,20 +102,10 @@ def sample(potential: Potential, fitted: Fits, draws: int, seed: int) -> Drawn:
         least_ess=EFFICIENCY * draws,
         largest_sd=LARGEST_SD,
     )
-    x = torch.cat([coordinates.open(part)[0] for part in found.u.split(potential.chunk)])
-    change = torch.cat(
-        [_by_own_covariance(potential, fitted, part) for part in x.split(potential.chunk)]
-    )
-    own = _drawn(x, replace(found, log_weight=found.log_weight + change))
-    return own if own.reliable else _drawn(x, found)
-
-
-def _by_own_covariance(potential: Potential, fitted: Fits, x: torch.Tensor) -> torch.Tensor:
-    """What the log density (N,) at draws x (N, P) gains if the emulator's covariance is not that at
-    the fit but the draw's own."""
-    mean, own = potential.mean(x), potential.settle(x, fitted.amplitude)
-    after, before = (potential.log_density(mean, x, error) for error in (own, fitted.error))
-    return (after - before).nan_to_num(-torch.inf)
+    # The last ones that were made are those that count.
+    x, change = (torch.cat(each)[-len(found.u) :] for each in zip(*made, strict=True))
+    weighted = _drawn(x, replace(found, log_weight=found.log_weight + change))
+    return weighted if weighted.reliable else _drawn(x, found)
 
 
 def _drawn(x: torch.Tensor, found: importance.Weighted) -> Drawn:

@@ -58,14 +58,11 @@ class EmulatedInputs:
         """Values (M, k) of the simulated inputs at which most of the channels are looked up."""
         return self._outputs.most_looked_up(self.coordinates.natural(x))
 
-    def covariance(self, x: torch.Tensor) -> torch.Tensor:
-        """Of the errors of the mean, (M, D, D).
+    @torch.no_grad()
+    def predict(self, x: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Mean (M, D) and the covariance (M, D, D) of its errors."""
+        return self._outputs.predict(self._predict, self.coordinates.natural(x))
 
-        All of them are taken where most of the channels are looked up.
-        """
-        values = self.coordinates.natural(x)
-        with torch.no_grad():
-            found = self._outputs.covariance(
-                lambda at: self.emulator.predict(at).covariance, values
-            )
-        return found
+    def _predict(self, at: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        found = self.emulator.predict(at)
+        return found.mean, found.covariance

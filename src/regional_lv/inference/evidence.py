@@ -97,8 +97,7 @@ def fit(
         return Fits.join([fit(potential, *each, iterations, least_gain) for each in rows])
     unit = potential.width / STEPS_PER_RANGE
     low, high = (torch.where(free, end, start) / unit for end in (potential.low, potential.high))
-    means = start.new_empty(len(start), len(potential.y))
-    slopes = start.new_empty(*means.shape, len(potential.inputs))
+    slopes = start.new_empty(len(start), len(potential.y), len(potential.inputs))
 
     def value(rows, u):
         x = u * unit
@@ -106,15 +105,16 @@ def fit(
 
     def derivatives(rows, u):
         x = u * unit
-        means[rows], slopes[rows] = potential.linearise(x)
-        found = potential.quadratic(means[rows], slopes[rows], x, of_row(error, rows))
+        means, slopes[rows] = potential.linearise(x)
+        found = potential.quadratic(means, slopes[rows], x, of_row(error, rows))
         gradient, curvature = _restricted(found.gradient * unit, found.curvature, free[rows])
         return gradient, curvature * unit[:, None] * unit
 
     u, _, _ = maximise(value, derivatives, start / unit, low, high, iterations, least_gain)
     x = torch.minimum(torch.maximum(u * unit, potential.low), potential.high)
     x = torch.where(free, x, start)  # to the last digit
-    error = potential.settle(x, amplitude)
+    # The last step may have been too short for slopes of its own.
+    means, error = potential.predict(x, amplitude)
     found = potential.quadratic(means, slopes, x, error)
     normal = laplace(potential, free, x, found)
     return Fits(free, amplitude, x, error, found.gradient, found.curvature, *normal)

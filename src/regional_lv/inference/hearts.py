@@ -188,11 +188,11 @@ class Hearts:
         """Values (M S, k) of each heart's simulated inputs, draw by draw."""
         return self.emulated.simulated_at(self._points(x))
 
-    def covariance(self, x: torch.Tensor) -> torch.Tensor:
-        """(M or 1, S, U, U)."""
-        found = self.emulated.covariance(self._points(x))
-        blocks = found[None] if len(found) == 1 else self._by_heart(found)
-        return torch.where(self.both, blocks, 0.0)
+    def predict(self, x: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Mean (M, D), and the covariance (M or 1, S, U, U) of its errors."""
+        mean, covariance = self.emulated.predict(self._points(x))
+        blocks = covariance[None] if len(covariance) == 1 else self._by_heart(covariance)
+        return self._by_heart(mean)[:, self.present], torch.where(self.both, blocks, 0.0)
 
     def _points(self, x):
         return self.layout.of_each(x).flatten(0, 1)

@@ -28,8 +28,9 @@ def maximise(
 
     value: (rows, x) -> (m,) at x (m, P), the numbers of the rows being `rows` (m,).
     derivatives: (rows, x) -> gradient (m, P) and a curvature (m, P, P), positive semi-definite;
-    asked once for each place that a row moves to. low, high: bounds (P,), or (M, P) of each row by
-    itself. A row ends at a step that gains less than `least_gain` or is shorter than `least_move`.
+    asked once for each place that a row moves to, but for its last one if hardly anything was
+    promised there. low, high: bounds (P,), or (M, P) of each row by itself. A row ends at a step
+    that promises or gains less than `least_gain`, or is shorter than `least_move`.
     """
     lowest, highest = low.expand_as(start), high.expand_as(start)
     x = torch.minimum(torch.maximum(start, lowest), highest)
@@ -51,16 +52,22 @@ def maximise(
         step = torch.linalg.solve(h + torch.diag_embed(extra + (1 - free)), g * free)
         step = step * (LONGEST / step.abs().amax(1, keepdim=True)).clamp(max=1.0)
         trial = torch.minimum(torch.maximum(here + step, low), high)
+        step = trial - here
+        promised = ((g - 0.5 * (h @ step[..., None])[..., 0]) * step).sum(1)
+        last = (promised < least_gain) & (damping[active] < 1.0)
         new = value(active, trial)
         better = new > best[active]
         gain = torch.where(better, new - best[active], 0.0)
-        moved = (trial - here).abs().amax(1)
+        moved = step.abs().amax(1)
         rising = active[better]
-        if len(rising):
-            x[rising], best[rising] = trial[better], new[better]
-            gradient[rising], curvature[rising] = derivatives(rising, trial[better])
+        x[rising], best[rising] = trial[better], new[better]
+        onwards = better & ~last
+        if onwards.any():
+            at = active[onwards]
+            gradient[at], curvature[at] = derivatives(at, trial[onwards])
         damping[rising] = (damping[rising] / EASED).clamp(min=1e-9)
         damping[active[~better]] *= RAISED
-        ended = (better & (gain < least_gain) & (damping[active] < 1.0)) | (moved < least_move)
+        ended = last | (better & (gain < least_gain) & (damping[active] < 1.0))
+        ended = ended | (moved < least_move)
         active = active[~(ended | (damping[active] > LARGEST_DAMPING))]
     return x, best, active

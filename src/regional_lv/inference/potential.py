@@ -20,7 +20,7 @@ from regional_lv.inference.likelihood import Noise
 from regional_lv.inference.observed import Observed
 from regional_lv.inference.point import CHUNK, LOG_SIGMA_BOUNDS
 from regional_lv.inputs.closed_forms import HeavyTails
-from regional_lv.inputs.scales import Linear, Scale
+from regional_lv.inputs.scales import Linear
 from regional_lv.inputs.space import Inputs
 
 FIRST_SIGMA = 0.3
@@ -48,37 +48,51 @@ class Emulated(Protocol):
         """Values (n, k) of these at which the simulator stands behind most of the outputs: a row
         for each heart of each point."""
 
-    def covariance(self, x: torch.Tensor) -> torch.Tensor:
-        """Of the errors of the mean, (M, D, D), or (1, D, D) if they are the same everywhere; of
-        several hearts in blocks (`Observed`). Asked for as often as the mean."""
+    def predict(self, x: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Mean (M, D) and the covariance of its errors, (M, D, D), or (1, D, D) if it is the same
+        everywhere; of several hearts in blocks (`Observed`)."""
 
 
-@dataclass(frozen=True)
 class Measured:
-    """The prior of a measured input: normal, of `mean` and `sd` in its unit, cut at its range.
+    """Priors of the m measured inputs: normal, of `mean` and `sd` (m,) in their units, cut at their
+    ranges.
 
-    at: its coordinate. log_mass: log probability of the range.
+    at (m,): their coordinates. log_mass (m,): log probabilities of the ranges.
     """
 
-    at: int
-    scale: Scale
-    mean: float
-    sd: float
-    log_mass: float
+    def __init__(self, inputs: Inputs):
+        chosen = inputs.of_role("measured")
+        places = np.flatnonzero(chosen)
+        self._scales = inputs.subset(chosen).coordinates
+        mean, sd = inputs.nominal[places], np.array([inputs.roles[k].sd for k in places], float)
+        low, high = ((end[places] - mean) / sd for end in (inputs.lower, inputs.upper))
+        log_mass = np.log(stats.norm.cdf(high) - stats.norm.cdf(low))
+        self.at, self.mean, self.sd, self.log_mass = map(
+            torch.as_tensor, (places, mean, sd, log_mass)
+        )
+
+    def __len__(self) -> int:
+        return len(self.at)
 
     def log_density(self, x: torch.Tensor) -> torch.Tensor:
-        """(M,) of the scaled coordinate, at x (M, P)."""
+        """(M,) of the scaled coordinates together, at x (M, P)."""
         value, slope = self._open(x)
         square = ((value - self.mean) / self.sd).square()
-        return slope.log() - 0.5 * (square + LOG_2PI) - np.log(self.sd) - self.log_mass
+        each = slope.log() - 0.5 * (square + LOG_2PI) - self.sd.log() - self.log_mass
+        return each.sum(-1)
+
+    @property
+    def nominal(self) -> torch.Tensor:
+        """(m,): scaled coordinates of the means."""
+        return self._scales.scaled(self.mean)
 
     def precision(self, x: torch.Tensor) -> torch.Tensor:
-        """(M,)."""
+        """(M, m)."""
         return (self._open(x)[1] / self.sd).square()
 
     def _open(self, x):
-        value = self.scale.inverse(x[:, self.at])
-        return value, self.scale.slope(value) * torch.ones_like(value)
+        value = self._scales.natural(x[:, self.at])
+        return value, self._scales.slope(value)
 
 
 @dataclass(frozen=True)
@@ -148,7 +162,7 @@ class Potential:
         curved = inputs.of_role("inferred") & ~linear
         self._curved = torch.as_tensor(np.flatnonzero(curved))
         self._scales = inputs.subset(curved).coordinates
-        self.measured = [_prior(inputs, k) for k in np.flatnonzero(inputs.of_role("measured"))]
+        self.measured = Measured(inputs)
         tails = [k for k, each in enumerate(inputs) if isinstance(each, HeavyTails)]
         self.tails = tails[0] if tails else None
 
@@ -193,7 +207,7 @@ class Potential:
     @cached_property
     def _uniform(self) -> torch.Tensor:
         uniform = torch.arange(len(self.low)) < len(self.inputs)
-        uniform[[prior.at for prior in self.measured]] = False
+        uniform[self.measured.at] = False
         return uniform
 
     # ----------------------------------------------------------------------------- evaluation
@@ -201,12 +215,18 @@ class Potential:
     def settle(self, x: torch.Tensor, amplitude: torch.Tensor) -> torch.Tensor:
         """Covariance (M or 1, D, D) of all errors but the noise at x (M, P), with a departure of
         `amplitude` (M or 1,)."""
-        parts = [self.emulated.covariance(part) for part in self._points(x)]
-        error = parts[0] if len(parts[0]) == 1 else torch.cat(parts)
-        if self.departure is None:
-            return error
-        shape = (-1, *[1] * self.departure.dim())
-        return error + amplitude.square().reshape(shape) * self.departure
+        return self.predict(x, amplitude)[1]
+
+    def predict(
+        self, x: torch.Tensor, amplitude: torch.Tensor
+    ) -> tuple[torch.Tensor, torch.Tensor]:
+        """`mean` and `settle`."""
+        means, errors = zip(*(self.emulated.predict(part) for part in self._points(x)), strict=True)
+        error = errors[0] if len(errors[0]) == 1 else torch.cat(errors)
+        if self.departure is not None:
+            shape = (-1, *[1] * self.departure.dim())
+            error = error + amplitude.square().reshape(shape) * self.departure
+        return torch.cat(means), error
 
     @torch.no_grad()
     def mean(self, x: torch.Tensor) -> torch.Tensor:
@@ -254,8 +274,8 @@ class Potential:
         if self.tails is not None:
             information = _information_of_tails(self._freedom(x)[:, 0])
             diagonal[:, self.tails] += len(self.y) * information
-        for prior in self.measured:
-            diagonal[:, prior.at] += prior.precision(x)
+        if len(self.measured):
+            diagonal[:, self.measured.at] += self.measured.precision(x)
         if self.noise.groups:
             sigma = x[:, count:].exp()
             change = 2 * sigma.square()[..., None] * self.noise.units.square()
@@ -280,12 +300,12 @@ class Potential:
         `amplitude` (M,) and normal noise."""
         parts = []
         for part, size in zip(x.split(self.chunk), amplitude.split(self.chunk), strict=True):
-            mean = self.mean(part)
-            whitening = self.whitening(part, self.settle(part, size))
+            mean, error = self.predict(part, size)
+            whitening = self.whitening(part, error)
             deviates = torch.randn(*mean.shape, generator=generator, dtype=mean.dtype)
             split = self.observed.split(deviates)[..., None]
-            error = torch.linalg.solve_triangular(whitening, split, upper=False)[..., 0]
-            parts.append(mean + self.observed.join(error.expand_as(split[..., 0])))
+            missed = torch.linalg.solve_triangular(whitening, split, upper=False)[..., 0]
+            parts.append(mean + self.observed.join(missed.expand_as(split[..., 0])))
         return torch.cat(parts)
 
     def noise_sd(self, unknown: float = 1.0) -> torch.Tensor:
@@ -322,8 +342,8 @@ class Potential:
 
     def _log_prior(self, x) -> torch.Tensor:
         total = x.new_zeros(len(x))
-        for prior in self.measured:
-            total = total + prior.log_density(x)
+        if len(self.measured):
+            total = total + self.measured.log_density(x)
         if len(self._curved):  # uniform in the unit, not on the scale
             value = self._scales.natural(x[:, self._curved])
             total = total + self._scales.slope(value).log().sum(-1)
@@ -331,13 +351,6 @@ class Potential:
             log_sigma = x[:, len(self.inputs) :]
             total = total + self.noise.log_prior(log_sigma) + log_sigma.sum(-1)
         return total
-
-
-def _prior(inputs: Inputs, k: int) -> Measured:
-    mean, sd = float(inputs.nominal[k]), float(inputs.roles[k].sd or 0.0)
-    ends = (np.array([inputs.lower[k], inputs.upper[k]]) - mean) / sd
-    log_mass = float(np.log(np.diff(stats.norm.cdf(ends))[0]))
-    return Measured(int(k), inputs[k].scale, mean, sd, log_mass)
 
 
 def _information_of_tails(nu: torch.Tensor) -> torch.Tensor:

@@ -34,7 +34,7 @@ log = logging.getLogger(__name__)
 EXHAUSTIVE = 3
 """Size up to which every set is judged."""
 
-FITTED, FITTED_BEYOND = 300, 40
+FITTED, FITTED_BEYOND = 100, 40
 """Sets of a size that are fitted, those that promise most; and of a size beyond `EXHAUSTIVE`."""
 
 BEAM = 10
@@ -56,7 +56,7 @@ STARTS = 4
 SCREENED, FOLLOWED = 256, 8
 """Sobol points from which the model as it is starts: points tried, and followed."""
 
-ITERATIONS, LEAST_GAIN = 25, 1e-2
+ITERATIONS, LEAST_GAIN = 25, 5e-2
 """Of a fit in the search, and of its last step; what counts is fitted to the end later."""
 
 AMPLITUDES = (1.0, 2.0, 4.0, 8.0, 16.0)

@@ -28,9 +28,9 @@ def sources_of_variance(averaged: Averaged) -> pd.DataFrame:
     weight = averaged.probability[[*averaged.drawn]]
     weight = weight / weight.sum()
     means = np.array([d.weight @ d.x[:, inferred] for d in averaged.drawn.values()])
-    fits = [averaged.models[n].fit for n in averaged.drawn]
-    within = [_within(potential, fit)[:, inferred].numpy() for fit in fits if fit is not None]
-    parts = np.tensordot(weight, np.array(within), axes=1)
+    fitted = Fits.join([fit for n in averaged.drawn if (fit := averaged.models[n].fit) is not None])
+    within = _within(potential, fitted)[:, :, inferred].numpy()
+    parts = np.tensordot(weight, within, axes=1)
     between = weight @ (means - weight @ means) ** 2
     columns = [NOISE, EMULATOR, *(_measured(potential)), RANGES, MODELS]
     table = pd.DataFrame(
@@ -42,23 +42,24 @@ def sources_of_variance(averaged: Averaged) -> pd.DataFrame:
 
 
 def _measured(potential: Potential) -> list[str]:
-    return [potential.inputs.names[prior.at] for prior in potential.measured]
+    return [potential.inputs.names[k] for k in potential.measured.at]
 
 
 def _within(potential: Potential, fitted: Fits) -> torch.Tensor:
-    """Variances (sources, K) of one model (M = 1), in the order of the columns."""
+    """Variances (M, sources, K) of M models, in the order of the columns."""
     count = len(potential.inputs)
-    covariance = fitted.covariance[0, :count, :count]
+    covariance = fitted.covariance[:, :count, :count]
     mean, slopes = potential.linearise(fitted.x)
     whitening = potential.whitening(fitted.x, fitted.error)
-    error = potential.observed.dense(fitted.error)[0]
+    error = potential.observed.dense(fitted.error)
     weights = potential.weights(fitted.x, potential.y - mean, whitening)
     # d(estimate)/d(whitened residual), then back in the units of the outputs.
-    white = potential.observed.dense(whitening)[0]
-    gain = covariance @ (weights[0] * (white @ slopes[0]).mT) @ white
+    white = potential.observed.dense(whitening)
+    gain = covariance @ (weights[:, None] * (white @ slopes).mT) @ white
     total = torch.linalg.inv(white.mT @ white)
-    parts = [((gain @ part) * gain).sum(1) for part in (total - error, error)]
-    for prior in potential.measured:
-        parts.append(covariance[:, prior.at].square() * prior.precision(fitted.x))
-    rest = covariance.diagonal() - torch.stack(parts).sum(0)
-    return torch.stack([*parts, rest.clamp(min=0.0)])
+    parts = [((gain @ part) * gain).sum(-1) for part in (total - error, error)]
+    if len(potential.measured):
+        columns = covariance[:, :, potential.measured.at].square()
+        parts += (columns * potential.measured.precision(fitted.x)[:, None]).unbind(-1)
+    rest = covariance.diagonal(dim1=-2, dim2=-1) - torch.stack(parts).sum(0)
+    return torch.stack([*parts, rest.clamp(min=0.0)], 1)

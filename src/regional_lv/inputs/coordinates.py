@@ -58,10 +58,17 @@ class Coordinates:
 
     def _each(self, columns, function):
         library = sys.modules[type(columns).__module__.split(".")[0]]
-        if len(set(self.scales)) == 1:
-            return function(self.scales[0], columns)
-        parts = [function(scale, columns[..., k]) for k, scale in enumerate(self.scales)]
-        return library.stack(parts, -1)
+        places, order = self._of_scale
+        parts = [function(scale, columns[..., at]) for scale, at in places.items()]
+        return library.concatenate(parts, -1)[..., order]
+
+    @cached_property
+    def _of_scale(self) -> tuple[dict[Scale, list[int]], list[int]]:
+        """Places of each scale's inputs, and where each input is among these one after another."""
+        places: dict[Scale, list[int]] = {}
+        for k, scale in enumerate(self.scales):
+            places.setdefault(scale, []).append(k)
+        return places, np.argsort(np.concatenate([*places.values()])).tolist()
 
     @cached_property
     def units(self) -> np.ndarray:

@@ -50,10 +50,11 @@ class AllInputs:
         self._forms = [(j, e) for j, e in enumerate(inputs) if isinstance(e, ClosedForm)]
         looked_up = np.array([form.concerned(channels) for _, form in self._forms])
         looked_up = looked_up.reshape(len(self._forms), len(channels))
-        self._patterns = [
+        patterns = [
             (pattern, np.flatnonzero((looked_up == pattern[:, None]).all(axis=0)))
             for pattern in np.unique(looked_up, axis=1).T
         ]
+        self._patterns = sorted(patterns, key=lambda each: -len(each[1]))
         self._powers = np.array([[form.power(each) for each in inputs] for _, form in self._forms])
         reported = [(j, form.reported(channels)) for j, form in self._forms]
         self._reported = [(j, torch.as_tensor(powers)) for j, powers in reported if powers.any()]
@@ -102,12 +103,24 @@ class AllInputs:
 
     def values(self, evaluate: Callable[[torch.Tensor], torch.Tensor], x: torch.Tensor):
         """Outputs (M, D) alone at values x (M, K), from those (M, D) of the simulated inputs."""
+        return self._values(lambda at: (evaluate(at),), x)[0]
+
+    def predict(self, evaluate: Evaluate, x: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """The same and the covariance (M, D, D) of their errors, from both of the simulated inputs.
+        All errors are those where most of the channels are looked up."""
+        values, ((_, covariance), *_) = self._values(evaluate, x)
+        factor = self.factor(x)
+        return values, factor[:, :, None] * covariance * factor[:, None]
+
+    def _values(self, evaluate, x):
+        """Outputs (M, D), and what `evaluate` returns by pattern, outputs first."""
         values = x.new_empty(len(x), len(self.channels))
-        looked_up = [self.looked_up(x, pattern) for pattern, _ in self._patterns]
-        found = self._evaluated(lambda at: (evaluate(at),), looked_up)
-        for (_, rows), (value,) in zip(self._patterns, found, strict=True):
+        found = self._evaluated(
+            evaluate, [self.looked_up(x, pattern) for pattern, _ in self._patterns]
+        )
+        for (_, rows), (value, *_) in zip(self._patterns, found, strict=True):
             values[:, rows] = value[:, rows]
-        return values * self.factor(x)
+        return values * self.factor(x), found
 
     def _evaluated(self, evaluate, looked_up: Sequence[torch.Tensor]) -> list:
         """What `evaluate` returns at the values (M, K) of each pattern. A point is evaluated again
@@ -126,15 +139,7 @@ class AllInputs:
 
     def most_looked_up(self, x: torch.Tensor) -> torch.Tensor:
         """Values (M, k) of the simulated inputs at which most of the channels are looked up."""
-        pattern, _ = max(self._patterns, key=lambda each: len(each[1]))
-        return self.looked_up(x, pattern)[:, self.simulated]
-
-    def covariance(self, evaluate: Callable[[torch.Tensor], torch.Tensor], x: torch.Tensor):
-        """Of the errors of the outputs (M, D, D) at values x (M, K), from that of the simulated
-        inputs, where most of the channels are looked up."""
-        factor = self.factor(x)
-        found = evaluate(self.most_looked_up(x))
-        return factor[:, :, None] * found * factor[:, None]
+        return self.looked_up(x, self._patterns[0][0])[:, self.simulated]
 
     def factor(self, x: torch.Tensor) -> torch.Tensor:
         """What outputs (M, D) that are looked up are multiplied by at values x (M, K)."""
