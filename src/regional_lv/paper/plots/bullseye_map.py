@@ -57,10 +57,10 @@ def draw(
     style.save(fig, summary, png, csv)
 
 
-def summarise(table: pd.DataFrame) -> pd.DataFrame:
-    """Means of truth and MAP and the MAP's RMSE per set, quantity and zone."""
+def summarise(table: pd.DataFrame, by: Sequence[str] = ()) -> pd.DataFrame:
+    """Means of truth and MAP and the MAP's RMSE per set, quantity and zone, and `by` columns."""
     squared = table.assign(squared=(table["map"] - table["truth"]) ** 2)
-    summary = squared.groupby(["set", "quantity", "of"], sort=False).agg(
+    summary = squared.groupby([*by, "set", "quantity", "of"], sort=False).agg(
         cases=("case", "nunique"),
         truth=("truth", "mean"),
         map=("map", "mean"),
