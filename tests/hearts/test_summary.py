@@ -196,6 +196,14 @@ def test_page(tables, tmp_path):
     assert len(drawn) == 6 * len(PARAMETERS) and "dora" not in set(drawn["heart"])
 
 
+def test_the_same_cohort_is_the_same_file(tables, tmp_path):
+    given = tables / "hearts.parquet", tables / "hearts_population.csv", PARAMETERS
+    first, second = (tmp_path / f"{name}.png" for name in "ab")
+    for png in (first, second):
+        plots.draw_stiffness(*given, png, tmp_path / "stiffness.csv")
+    assert first.read_bytes() == second.read_bytes()
+
+
 def test_a_click_on_a_head_sorts(tables, tmp_path, browser):
     page(tables, "hearts", tmp_path)
     browser.get((tmp_path / "page.html").as_uri())

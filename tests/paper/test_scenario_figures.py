@@ -23,9 +23,7 @@ from regional_lv.paper.plots import (
     roc,
     sampler_agreement,
     sbc,
-    scenarios,
     uncertainty,
-    zone_correlations,
 )
 from regional_lv.paper.posteriors import verdicts
 from regional_lv.paper.tables import posteriors
@@ -133,20 +131,20 @@ def test_map_errors(local_sets, tmp_path, paths, titles):
     noisy = [
         recovered(tmp_path / f"noisy-{mu}.csv", mu, noise=0.4, failed=(1,)) for mu in LOCAL.values()
     ]
-    map_errors.draw(recoveries, noisy, labels, PARAMETERS, *paths)
+    map_errors.draw([*recoveries, *noisy], labels, PARAMETERS, *paths)
     table = read(paths)
     by_noise = table.groupby("noise")["rmse"].mean()
-    assert by_noise[scenarios.NOISE[1]] > 4 * by_noise[scenarios.NOISE[0]]
+    assert by_noise[verdicts.NOISE[1]] > 4 * by_noise[verdicts.NOISE[0]]
     assert set(table["stiffened"]) == {True, False}
-    assert "3 OF 30 POSTERIORS FAILED" in titles[0]
+    assert "3 OF 60 POSTERIORS FAILED" in titles[0]
 
 
 def test_hpd_widths(local_sets, paths, titles):
     recoveries, labels = local_sets
-    hpd_widths.draw(recoveries, recoveries, labels, PARAMETERS, *paths)
+    hpd_widths.draw(2 * recoveries, labels, PARAMETERS, *paths)
     table = read(paths).set_index(["noise", "set", "parameters"])
     raw = pd.read_csv(recoveries[2])["hpd_width95"]
-    mine = table.loc[(scenarios.NOISE[0], labels[2], "all parameters")]
+    mine = table.loc[(verdicts.NOISE[0], labels[2], "all parameters")]
     assert mine["median"] == pytest.approx(raw.median())
     stiff = table.xs("of the stiffened zone", level="parameters")["median"]
     other = table.xs("of the other zones", level="parameters")["median"]
@@ -166,7 +164,7 @@ def test_zone_correlations(tmp_path, paths):
         for at, value in enumerate((-0.6, 0.1))
     ]
     recovery = recovered(tmp_path / "r.csv", 2.0)
-    zone_correlations.draw(files, [recovery] * 2, ["a", "b"], "Zones", PARAMETERS, *paths)
+    correlations.draw(files, [recovery] * 2, ["a", "b"], "Zones", PARAMETERS, *paths)
     table = read(paths)
     off = table[table["zone_1"] != table["zone_2"]].groupby("set")["mean"].mean()
     assert off["a"] == pytest.approx(-0.6) and off["b"] == pytest.approx(0.1)
@@ -175,9 +173,10 @@ def test_zone_correlations(tmp_path, paths):
 def test_parameter_correlations(tmp_path, paths, titles):
     file = correlation_table(tmp_path / "c.csv", "parameter", PARAMETERS.names, -0.3)
     recovery = recovered(tmp_path / "r.csv", 2.0, failed=(0, 1))
-    correlations.draw(file, recovery, "local, μ = 2", PARAMETERS, *paths)
-    assert len(read(paths)) == 100
-    assert "7 cases" in titles[0] and "2 OF 10 POSTERIORS FAILED" in titles[0]
+    correlations.draw([file], [recovery], ["local, μ = 2"], "Parameters", PARAMETERS, *paths)
+    table = read(paths)
+    assert len(table) == 100 and set(table["cases"]) == {7}
+    assert "2 OF 10 POSTERIORS FAILED" in titles[0]
 
 
 def test_roc(tmp_path, paths):
@@ -201,7 +200,7 @@ def test_roc(tmp_path, paths):
     table = read(paths)
     assert len(table) == 4 * len(rows)
     shown = table.groupby(["noise", "set"])["auc"].unique()
-    for at, noise in enumerate(scenarios.NOISE):
+    for at, noise in enumerate(verdicts.NOISE):
         assert shown[noise]["a"].tolist() == [given[2 * at]]
         assert shown[noise]["b"].tolist() == [given[2 * at + 1]]
 

@@ -28,7 +28,6 @@ from regional_lv.paper.plots import (
     sampler_agreement,
     sbc,
     uncertainty,
-    zone_correlations,
 )
 from regional_lv.paper.posteriors import verdicts
 from regional_lv.paper.tables import posteriors
@@ -325,11 +324,11 @@ def test_scenario_figures(parameters, tmp_path, paths):
     expected = 2.0 + drawn["quantity"].map(list(parameters.factors).index)
     assert drawn["truth"].to_numpy() == pytest.approx(expected.to_numpy())
     assert drawn["rmse"].to_numpy() == pytest.approx(0.1)
-    map_errors.draw(files, files, labels, parameters, *paths)
+    map_errors.draw(2 * files, labels, parameters, *paths)
     drawn = read(paths)
     assert drawn["rmse"].to_numpy() == pytest.approx(0.1)
     assert set(drawn["zone"]) == set(parameters.zones)
-    hpd_widths.draw(files, files, labels, parameters, *paths)
+    hpd_widths.draw(2 * files, labels, parameters, *paths)
     groups = read(paths).groupby("parameters")["cases"].max()
     assert groups["all parameters"] == max(len(parameters.zones), 3)
 
@@ -349,12 +348,12 @@ def correlated(path, what, names):
 def test_correlations(parameters, tmp_path, paths):
     recovery_file = recovered(tmp_path / "r.csv", parameters)
     file = correlated(tmp_path / "z.csv", "zone", parameters.zones)
-    zone_correlations.draw([file] * 2, [recovery_file] * 2, ["a", "b"], "Zones", parameters, *paths)
+    correlations.draw([file] * 2, [recovery_file] * 2, ["a", "b"], "Zones", parameters, *paths)
     drawn = read(paths)
     assert len(drawn) == 2 * len(parameters.zones) ** 2
     assert set(drawn["zone_1"]) == set(parameters.zones)
     file = correlated(tmp_path / "c.csv", "parameter", parameters.names)
-    correlations.draw(file, recovery_file, "local", parameters, *paths)
+    correlations.draw([file], [recovery_file], ["local"], "Parameters", parameters, *paths)
     assert len(read(paths)) == len(parameters) ** 2
 
 

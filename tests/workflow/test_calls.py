@@ -35,6 +35,9 @@ for step in workflow.rules:
         code = "code" in step.params.keys()
         seen = step.name, calls, given, list(step.wildcard_names), unpacks, code
         print("RULE", json.dumps(seen))
+    attempts = [step.expand_resources({{}}, [], attempt) for attempt in (1, 2)]
+    if "runtime" in attempts[0].keys():
+        print("NEEDS", json.dumps([step.name, *([a.mem_mb, a.runtime] for a in attempts)]))
 """
 
 
@@ -143,6 +146,14 @@ def test_rules_of_a_cohort_and_their_functions_agree(listing):
     rules = called(listing("cohort"))
     assert {"check_cohort", "answer_hearts", "summarise_cohort", "make_cohort_page"} <= set(rules)
     assert disagreements(rules) == []
+
+
+def test_resources_double_with_each_attempt(listing):
+    needs = {name: attempts for name, *attempts in printed(listing("smoke"), "NEEDS")}
+    assert needs["simulate_inputs"] == needs["simulate_batch"]
+    assert needs["train_on_inputs"][0] == [6000, 60]
+    for (memory, minutes), again in needs.values():
+        assert again == [2 * memory, 2 * minutes]
 
 
 BY_THE_COMMAND_LINE = {"cut", "fast"}

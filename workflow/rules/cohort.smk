@@ -50,6 +50,8 @@ if config["cohort"]["hearts"]:
         wildcard_constraints:
             batch=any_of(COHORT_BATCHES),
         threads: 1
+        resources:
+            **needs(mem_mb=3000, minutes=60),
         params:
             **OF_COHORT,
             call="hearts.batches:answer_batch",
@@ -72,6 +74,8 @@ if config["cohort"]["hearts"]:
         benchmark:
             f"{R}/benchmarks/cohort/summarise.tsv"
         threads: 1
+        resources:
+            **needs(mem_mb=4000, minutes=60),
         params:
             call="hearts.summary:summarise_cohort",
             hearts=[*LISTED],

@@ -40,6 +40,8 @@ if DOUBTS:
             subject=any_of(CRITICISED),
         priority: FIRST
         threads: 1
+        resources:
+            **needs(mem_mb=3000, minutes=60),
         params:
             **({"channels": OUTPUTS} if JOINED else {}),
             call=f"{'hearts.full' if JOINED else 'criticism.study'}:criticise_subject",

@@ -15,6 +15,8 @@ rule train_emulator:
         emulator=any_of(EMULATORS),
     priority: FIRST
     threads: 1
+    resources:
+        **needs(mem_mb=4000, minutes=120),
     params:
         call="emulators.training:train_emulator",
         name=lambda wildcards: EMULATORS[wildcards.emulator][0],
@@ -49,6 +51,8 @@ rule judge_emulator:
     wildcard_constraints:
         set=any_of(SCORED),
     threads: 1
+    resources:
+        **needs(mem_mb=4000, minutes=120),
     params:
         calls=ASKED,
     script:

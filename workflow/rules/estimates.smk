@@ -17,6 +17,8 @@ rule measure_costs:
     log:
         f"{LOGS}/estimates/measure_costs.log",
     threads: 1
+    resources:
+        **needs(mem_mb=4000),
     params:
         calls=dict.fromkeys(RANKED, "paper.estimates.estimate:measure_cost"),
     script:
@@ -34,6 +36,8 @@ if FROM_TABLES:
         log:
             f"{LOGS}/estimates/fit_reference.log",
         threads: 1
+        resources:
+            **needs(mem_mb=4000, minutes=120),
         params:
             call="paper.estimates.reference:fit_reference",
         script:
@@ -50,6 +54,8 @@ if FROM_TABLES:
         wildcard_constraints:
             set=any_of(SCORED),
         threads: 1
+        resources:
+            **needs(mem_mb=4000),
         params:
             call="paper.estimates.reference:predict_estimates",
             cases=config["estimates"]["checked_cases"],
@@ -142,6 +148,8 @@ rule measure_efficiency:
     wildcard_constraints:
         emulator="exact_gp|gradient_gp",
     threads: 1
+    resources:
+        **needs(mem_mb=4000, minutes=120),
     params:
         **{f"{scale}.transform": scale for scale in SCALES},
         calls=dict.fromkeys(SCALES, "paper.estimates.efficiency:measure_efficiency"),

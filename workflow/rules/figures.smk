@@ -12,6 +12,7 @@ SCENARIO_LABELS = {
     name: f"{scenario['kind']}, μ = {scenario['mu']:g}" for name, scenario in SCENARIOS.items()
 }
 LABELS = list(SCENARIO_LABELS.values())
+RECOVERIES = expand(POSTERIORS.of_set("{name}", "recovery"), name=[*SCENARIOS, *NOISY])
 BULLSEYES = {
     "local": (LOCAL, "stiffened", "Local stiffening"),
     "global": (GLOBAL, "stiffened", "Global stiffening"),
@@ -157,8 +158,7 @@ PLOTS = {
         "job": "scenarios",
         "category": "Scenarios",
         "input": {
-            "recoveries": expand(POSTERIORS.of_set("{name}", "recovery"), name=SCENARIOS),
-            "noisy": expand(POSTERIORS.of_set("{name}-noisy", "recovery"), name=SCENARIOS),
+            "recoveries": RECOVERIES,
         },
         "params": {"labels": LABELS},
     },
@@ -181,45 +181,33 @@ PLOTS = {
         if sets
     },
     **{
-        f"zone_correlations{noise}": {
-            "job": "scenarios",
-            "category": "Scenarios",
-            "of": "zone_correlations",
-            "input": {
-                "correlations": [
-                    POSTERIORS.of_set(f"{name}{noise}", "zone_correlations") for name in SCENARIOS
-                ],
-                "recoveries": [
-                    POSTERIORS.of_set(f"{name}{noise}", "recovery") for name in SCENARIOS
-                ],
-            },
-            "params": {
-                "labels": LABELS,
-                "title": f"Posterior correlations of zones{noise_title}: mean ± standard error",
-            },
-        }
-        for noise, noise_title in NOISE_TITLES.items()
-    },
-    **{
-        f"correlations/{name}{noise}": {
+        f"{file}{noise}": {
             "job": "scenarios",
             "category": "Scenarios",
             "of": "correlations",
             "input": {
-                "correlations": POSTERIORS.of_set(f"{name}{noise}", "correlations"),
-                "recovery": POSTERIORS.of_set(f"{name}{noise}", "recovery"),
+                kind: [POSTERIORS.of_set(f"{name}{noise}", table) for name in sets]
+                for kind, table in {
+                    "correlations": f"{'zone_' if of == 'zones' else ''}correlations",
+                    "recoveries": "recovery",
+                }.items()
             },
-            "params": {"label": label + noise_title},
+            "params": {
+                "labels": [SCENARIO_LABELS[name] for name in sets],
+                "title": f"Posterior correlations of {of}{noise_title}: mean ± standard error",
+            },
         }
-        for name, label in SCENARIO_LABELS.items()
         for noise, noise_title in NOISE_TITLES.items()
+        for of, file, sets in (
+            ("zones", "zone_correlations", list(SCENARIOS)),
+            *(("parameters", f"correlations/{name}", [name]) for name in SCENARIOS),
+        )
     },
     "hpd_widths": {
         "job": "scenarios",
         "category": "Scenarios",
         "input": {
-            "recoveries": expand(POSTERIORS.of_set("{name}", "recovery"), name=SCENARIOS),
-            "noisy": expand(POSTERIORS.of_set("{name}-noisy", "recovery"), name=SCENARIOS),
+            "recoveries": RECOVERIES,
         },
         "params": {"labels": LABELS},
     },
@@ -266,9 +254,7 @@ if LOCAL:
         "input": {
             "curves": expand(POSTERIORS.of_set("{name}", "roc"), name=[*SCENARIOS, *NOISY]),
             "areas": expand(POSTERIORS.of_set("{name}", "auc"), name=[*SCENARIOS, *NOISY]),
-            "recoveries": expand(
-                POSTERIORS.of_set("{name}", "recovery"), name=[*SCENARIOS, *NOISY]
-            ),
+            "recoveries": RECOVERIES,
         },
         "params": {"labels": LABELS},
     }

@@ -33,6 +33,8 @@ if DOUBTS:
         benchmark:
             f"{R}/benchmarks/hidden_effects/inject-{{batch}}.tsv"
         threads: 1
+        resources:
+            **needs(minutes=120),
         params:
             call="criticism.injection:inject_batch",
             physics=INPUTS,
@@ -56,6 +58,8 @@ if DOUBTS:
         benchmark:
             f"{R}/benchmarks/hidden_effects/criticise-{{batch}}.tsv"
         threads: 1
+        resources:
+            **needs(mem_mb=3000, minutes=240),
         params:
             **BENCHMARK_STEP,
             call="criticism.benchmark:criticise_batch",
@@ -75,6 +79,8 @@ if DOUBTS:
         benchmark:
             f"{R}/benchmarks/hidden_effects/true_models-{{batch}}.tsv"
         threads: 1
+        resources:
+            **needs(mem_mb=3000, minutes=120),
         params:
             **BENCHMARK_STEP,
             call="criticism.benchmark_score:sample_true_models",

@@ -80,6 +80,8 @@ if DOUBTS:
             f"{LOGS}/all_inputs/{{mesh_folder}}solve_anchors-{{batch}}.log",
         benchmark:
             f"{R}/benchmarks/all_inputs/{{mesh_folder}}anchors/batch-{{batch}}.tsv"
+        resources:
+            **needs(mem_mb=4000, minutes=120),
         params:
             call="simulation.batches:solve_anchors",
             code=DRAWN,
@@ -159,6 +161,8 @@ if DOUBTS:
             f"{LOGS}/all_inputs/train.log",
         benchmark:
             f"{R}/benchmarks/all_inputs/train.tsv"
+        resources:
+            **needs(mem_mb=6000, minutes=60),
         params:
             call="emulators.training:train_emulator",
             name=OF_INPUTS,

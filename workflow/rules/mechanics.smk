@@ -16,6 +16,8 @@ rule solve_baseline:
     benchmark:
         f"{R}/benchmarks/{{mesh_folder}}solve_baseline.tsv"
     priority: FIRST
+    resources:
+        **needs(mem_mb=4000, minutes=120),
     params:
         call="simulation.batches:solve_baseline",
     script:
@@ -37,6 +39,8 @@ rule solve_anchors:
         f"{R}/benchmarks/{{mesh_folder}}anchors/batch-{{batch}}.tsv"
     priority: FIRST
     threads: 1
+    resources:
+        **needs(minutes=60),
     params:
         call="simulation.batches:solve_anchors",
         anchors=ANCHORS,

@@ -51,6 +51,8 @@ rule sample_posteriors:
     wildcard_constraints:
         set=any_of(SETS),
     threads: 1
+    resources:
+        **needs(mem_mb=3000, minutes=240),
     params:
         call="paper.posteriors.sets:sample_set_batch",
         set_name=lambda wildcards: wildcards.set,
@@ -162,6 +164,8 @@ rule sample_subject:
     wildcard_constraints:
         subject=any_of(SUBJECTS),
     threads: 1
+    resources:
+        **needs(mem_mb=3000, minutes=120),
     params:
         call="inference.sampling:sample_subject",
         nuts=SUBJECT_NUTS,

@@ -30,6 +30,8 @@ rule simulate_batch:
         set=any_of(SIMULATION_BATCHES),
     priority: FIRST
     threads: 1
+    resources:
+        **needs(minutes=60),
     params:
         call="simulation.batches:simulate_batch",
         batch_size=config["simulations"]["batch_size"],

@@ -14,6 +14,8 @@ rule compare_samplers:
     wildcard_constraints:
         set=any_of(SETS),
     threads: 1
+    resources:
+        **needs(mem_mb=3000, minutes=480),
     params:
         call="paper.posteriors.agreement:compare_samplers",
         set_name=lambda wildcards: wildcards.set,
@@ -37,6 +39,8 @@ rule compare_subject:
     wildcard_constraints:
         subject=any_of(SUBJECTS),
     threads: 1
+    resources:
+        **needs(mem_mb=3000, minutes=240),
     params:
         call="paper.posteriors.agreement:compare_subject",
         nuts=SUBJECT_NUTS,
@@ -58,6 +62,8 @@ rule calibrate_chain:
     benchmark:
         f"{R}/benchmarks/posteriors/{{emulator}}/calibrate_chain.tsv"
     threads: 1
+    resources:
+        **needs(mem_mb=3000, minutes=240),
     params:
         call="paper.posteriors.rank_calibration:calibrate_chain",
         cases=config["trust"]["calibration_cases"],
@@ -126,6 +132,8 @@ rule sample_noise_prior:
     wildcard_constraints:
         subject=any_of(NOISE_INFERRED),
     threads: 1
+    resources:
+        **needs(mem_mb=3000, minutes=120),
     params:
         call="inference.sampling:sample_subject",
         nuts=SUBJECT_NUTS,

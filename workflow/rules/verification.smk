@@ -41,6 +41,8 @@ rule verify_convergence:
         f"{LOGS}/verification/verify_convergence.log",
     benchmark:
         f"{R}/benchmarks/verify_convergence.tsv"
+    resources:
+        **needs(mem_mb=4000, minutes=120),
     params:
         call="verification.convergence:verify_convergence",
     script:
@@ -89,6 +91,8 @@ rule observe_mesh:
         f"{LOGS}/verification/observe_mesh-{{mesh}}.log",
     benchmark:
         f"{R}/benchmarks/observe_mesh-{{mesh}}.tsv"
+    resources:
+        **needs(mem_mb=4000, minutes=120),
     params:
         call="verification.mesh_study:observe_mesh",
     script:

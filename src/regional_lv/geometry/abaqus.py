@@ -5,6 +5,7 @@ numbers and surfaces.
 """
 
 from collections import defaultdict
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -32,7 +33,7 @@ class Block(NamedTuple):
     rows: list
 
 
-def read_abaqus(path):
+def read_abaqus(path: str | Path) -> tuple[meshio.Mesh, np.ndarray, dict[str, np.ndarray]]:
     """(mesh, numbers, surfaces) of an .inp file of eight-node bricks.
 
     mesh: meshio's, with one block of cells. numbers (m,): the file's numbers of these elements.
@@ -44,12 +45,14 @@ def read_abaqus(path):
     """
     path = Path(path)
     blocks = _blocks(path)
-    points, nodes = [], defaultdict(dict)
+    points: list[list[float]] = []
+    nodes: dict[int, dict[int, int]] = defaultdict(dict)
     for scope, block in _scopes(blocks, "node"):
         for number, *place in block.rows:
             nodes[scope][int(number)] = len(points)
             points.append([_float(x) for x in [*place, "", "", ""][:3]])
-    cells, numbers, sets = [], [], defaultdict(list)
+    cells, numbers = [], []
+    sets: dict[str, list[int | str]] = defaultdict(list)
     for scope, block in _scopes(blocks, "element"):
         kind = block.options.get("type", "")
         if not kind.lower().startswith(BRICK):
@@ -74,19 +77,19 @@ def read_abaqus(path):
     for block in blocks:
         if block.keyword == "elset":
             sets[block.options.get("elset", "").lower()] += _listed(block)
-    cells, surfaces = np.array(cells), {}
+    corners, surfaces = np.array(cells), {}
     for block in blocks:
         if block.keyword != "surface" or block.options.get("type", "element").lower() != "element":
             continue
         facets = [np.zeros((0, 4), dtype=int)]
         for where, face, *_ in block.rows:
             members = [place[number] for number in _members(sets, where, path)]
-            facets.append(cells[members][:, FACE_CORNERS[int(face[1]) - 1]])
+            facets.append(corners[members][:, FACE_CORNERS[int(face[1]) - 1]])
         surfaces[block.options.get("name", "")] = np.concatenate(facets)
-    return meshio.Mesh(points, [("hexahedron", cells)]), np.array(numbers), surfaces
+    return meshio.Mesh(points, [("hexahedron", corners)]), np.array(numbers), surfaces
 
 
-def _blocks(path):
+def _blocks(path: Path) -> list[Block]:
     """The blocks of a file and of those that it includes, in their order."""
     check_file(path)
     blocks, header = [], ""
@@ -113,25 +116,25 @@ def _blocks(path):
     return blocks
 
 
-def _block(header):
+def _block(header: str) -> Block:
     keyword, *rest = _split(header[1:])
     options = dict(part.partition("=")[::2] for part in rest)
     values = {key.strip().lower(): value.strip(' "') for key, value in options.items()}
     return Block(keyword.lower(), values, [])
 
 
-def _data(path):
+def _data(path: Path) -> list[list[str]]:
     """Rows of a file that holds the data of one block."""
-    lines = without_mark(check_file(path).read_bytes()).splitlines()
-    lines = [line.decode("latin-1").strip() for line in lines]
+    content = without_mark(check_file(path).read_bytes())
+    lines = [line.decode("latin-1").strip() for line in content.splitlines()]
     return [_split(line) for line in lines if line and not line.startswith("*")]
 
 
-def _split(line):
+def _split(line: str) -> list[str]:
     return [part.strip() for part in line.split(",")]
 
 
-def _scopes(blocks, keyword):
+def _scopes(blocks: Iterable[Block], keyword: str) -> Iterator[tuple[int, Block]]:
     """(scope, block) of every block with this keyword; the scope is what its numbers belong to."""
     scope = 0
     for block in blocks:
@@ -140,16 +143,16 @@ def _scopes(blocks, keyword):
             yield scope, block
 
 
-def _float(text):
+def _float(text: str) -> float:
     """A number as Fortran writes it; nothing is 0."""
     return float(text.lower().replace("d", "e") or 0)
 
 
-def _integers(rows):
+def _integers(rows: Iterable[Sequence[str]]) -> list[int]:
     return [int(text) for row in rows for text in row if text]
 
 
-def _listed(block):
+def _listed(block: Block) -> list[int | str]:
     """Numbers of elements and names of sets that a block `*Elset` lists."""
     if "generate" not in block.options:
         return [int(text) if text.isdigit() else text for row in block.rows for text in row if text]
@@ -157,7 +160,7 @@ def _listed(block):
     return [n for first, last, *step in bounds for n in range(first, last + 1, *step)]
 
 
-def _members(sets, name, path):
+def _members(sets: Mapping[str, Sequence[int | str]], name: int | str, path: Path) -> list[int]:
     """Numbers of the elements of a set, or of one element; names may begin with an instance's."""
     name = str(name).rpartition(".")[2].strip('"').lower()
     if name.isdigit():

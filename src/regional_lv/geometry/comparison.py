@@ -6,14 +6,14 @@ from scipy.spatial import cKDTree
 
 from regional_lv.aha import SEGMENTS
 from regional_lv.geometry.elements import facet_normals, facet_points, gauss, lagrange, nodes_of
-from regional_lv.geometry.mesh import ENDOCARDIUM, EPICARDIUM, SURFACES
+from regional_lv.geometry.mesh import ENDOCARDIUM, EPICARDIUM, SURFACES, Mesh
 from regional_lv.geometry.summary import cavity_volume, cell_volumes, segment_volumes
 
 # Distance (mm) between the places at which a surface is sampled.
 SPACING_MM = 0.6
 
 
-def compare(imported, remeshed):
+def compare(imported: Mesh, remeshed: Mesh) -> pd.DataFrame:
     """Table of what differs: quantity, part, unit, imported, remeshed, difference.
 
     `distance_max` and `distance_rms` (mm) are between the surfaces, over places on either.
@@ -38,13 +38,13 @@ def compare(imported, remeshed):
     return pd.DataFrame(rows, columns=columns)
 
 
-def surface_distances(first, second, surface):
+def surface_distances(first: Mesh, second: Mesh, surface: int) -> np.ndarray:
     """Distances (mm) from places on each mesh's surface to the other mesh's surface."""
     here, there = (sample_surface(mesh, surface) for mesh in (first, second))
     return np.concatenate([normal_distances(here[0], *there), normal_distances(there[0], *here)])
 
 
-def sample_surface(mesh, surface):
+def sample_surface(mesh: Mesh, surface: int) -> tuple[np.ndarray, np.ndarray]:
     """Points and unit normals (n, 3) on a surface, about `SPACING_MM` apart."""
     corners = mesh.points[mesh.facets[mesh.surface == surface][:, :4]]
     edge = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=-1).max()
@@ -56,13 +56,13 @@ def sample_surface(mesh, surface):
     return facet_points(mesh, grid)[mine].reshape(-1, 3), normals
 
 
-def normal_distances(points, places, normals):
+def normal_distances(points: np.ndarray, places: np.ndarray, normals: np.ndarray) -> np.ndarray:
     """Distance (n,) of points (n, 3) from the nearest of the places (m, 3) along its normal."""
     _, nearest = cKDTree(places).query(points)
     return np.abs(np.einsum("nx,nx->n", points - places[nearest], normals[nearest]))
 
 
-def volume_elsewhere(imported, remeshed):
+def volume_elsewhere(imported: Mesh, remeshed: Mesh) -> np.ndarray:
     """Volume (17,) in mL of imported segments whose elements lie in another one when re-meshed."""
     shape, _ = lagrange(gauss(3, 4)[0], nodes_of(remeshed))
     places = np.einsum("qn,enx->eqx", shape, remeshed.points[remeshed.cells])

@@ -5,9 +5,12 @@ from scipy import sparse
 from scipy.sparse.linalg import splu
 
 from regional_lv.geometry.elements import gauss, jacobians, lagrange, nodes_of
+from regional_lv.geometry.mesh import Mesh
 
 
-def transmural_coordinate(mesh, endocardium, epicardium):
+def transmural_coordinate(
+    mesh: Mesh, endocardium: np.ndarray, epicardium: np.ndarray
+) -> np.ndarray:
     """Depth (n,), 0 on the endocardium's nodes and 1 on the epicardium's, as even as possible.
 
     Laplace's equation gives a first field s; its gradient is steeper where the wall's normals
@@ -24,7 +27,7 @@ def transmural_coordinate(mesh, endocardium, epicardium):
     return _solve(mesh, gradients, measure * slope, endocardium, epicardium)
 
 
-def _gradients(mesh):
+def _gradients(mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
     """Shape functions' gradients (cells, q, nodes, 3) and measures (cells, q)."""
     points, weights = gauss(3, 2)
     jacobian = jacobians(mesh, points)
@@ -33,7 +36,9 @@ def _gradients(mesh):
     return gradients, np.linalg.det(jacobian) * weights
 
 
-def _solve(mesh, gradients, weight, zeros, ones):
+def _solve(
+    mesh: Mesh, gradients: np.ndarray, weight: np.ndarray, zeros: np.ndarray, ones: np.ndarray
+) -> np.ndarray:
     """Nodal values of div(k grad t) = 0, `weight` being k times the measure."""
     cells, n = mesh.cells, len(mesh.points)
     stiffness = np.einsum("eqni,eqmi,eq->enm", gradients, gradients, weight, optimize=True)
@@ -49,7 +54,9 @@ def _solve(mesh, gradients, weight, zeros, ones):
     return t
 
 
-def longitudinal_coordinate(points, transmural, endo_apex_z_mm, epi_apex_z_mm):
+def longitudinal_coordinate(
+    points: np.ndarray, transmural: np.ndarray, endo_apex_z_mm: float, epi_apex_z_mm: float
+) -> np.ndarray:
     """Height (n,), 0 at the apex to 1 at the base plane z = 0, like the bullseye's radius.
 
     It is 1 - 2 u / pi, with the latitude u of an ellipsoid whose apex lies between the two.

@@ -5,7 +5,7 @@ not those that they were read off, so that a described ventricle is another one.
 """
 
 from collections.abc import Callable, Mapping
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -75,7 +75,7 @@ def described(endocardium: Side, epicardium: Side, sectors: pd.DataFrame) -> Des
     return Described(table, -inner, -outer)
 
 
-def _places(row, length: float) -> tuple[np.ndarray, np.ndarray]:
+def _places(row: Any, length: float) -> tuple[np.ndarray, np.ndarray]:
     """Angles and latitudes (n,) spread evenly over a segment."""
     ends = np.arcsin(np.clip(-np.array([row.z_top_mm, row.z_bottom_mm]) / length, 0, 1))
     at = (np.arange(LATITUDES) + 0.5) / LATITUDES
@@ -88,7 +88,7 @@ def _places(row, length: float) -> tuple[np.ndarray, np.ndarray]:
 class Meridians:
     """Curves of a surface in half planes at the angles phi (n,)."""
 
-    def __init__(self, side: Side, phi: np.ndarray):
+    def __init__(self, side: Side, phi: np.ndarray) -> None:
         angles, self._of = np.unique(phi, return_inverse=True)
         points = side(np.repeat(angles, len(ALONG)), np.tile(ALONG, len(angles)))
         x, y, z = points.reshape(len(angles), len(ALONG), 3).transpose(2, 0, 1)[:, :, ::-1]

@@ -1,11 +1,16 @@
 """Local directions and fibres, in the form that the simulator mirrors, and at the nodes."""
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from regional_lv.geometry.elements import jacobians, lagrange, nodes_of
+from regional_lv.geometry.mesh import Mesh
 
 
-def local_directions(gradient_of_transmural):
+def local_directions(
+    gradient_of_transmural: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Unit circumferential, radial and longitudinal directions (c, r, l) from grad t.
 
         r = grad t / |grad t|,     c = (e_z x r) / |e_z x r|,     l = r x c
@@ -22,7 +27,13 @@ def local_directions(gradient_of_transmural):
     return circumferential, radial, np.cross(radial, circumferential)
 
 
-def fibre_directions(t, circumferential, radial, longitudinal, fibres):
+def fibre_directions(
+    t: np.ndarray,
+    circumferential: np.ndarray,
+    radial: np.ndarray,
+    longitudinal: np.ndarray,
+    fibres: Mapping[str, float],
+) -> tuple[np.ndarray, np.ndarray]:
     """Unit fibre and sheet directions at transmural depth t (rule-based).
 
         h = (1 - t) helix_endo + t helix_epi          f = cos(h) c + sin(h) l
@@ -37,7 +48,7 @@ def fibre_directions(t, circumferential, radial, longitudinal, fibres):
     10.1161/01.RES.24.3.339).
     """
 
-    def angle(kind):
+    def angle(kind: str) -> np.ndarray:
         endo, epi = (np.radians(fibres[f"{kind}_{side}_deg"]) for side in ("endo", "epi"))
         return ((1 - t) * endo + t * epi)[..., None]
 
@@ -49,7 +60,7 @@ def fibre_directions(t, circumferential, radial, longitudinal, fibres):
     return fibre, np.cos(sheet) * radial + np.sin(sheet) * normal
 
 
-def nodal_transmural_gradient(mesh):
+def nodal_transmural_gradient(mesh: Mesh) -> np.ndarray:
     """grad t (n, 3) at the nodes, averaged over the elements that share a node."""
     nodes = nodes_of(mesh)
     jacobian = jacobians(mesh, nodes)
@@ -60,7 +71,7 @@ def nodal_transmural_gradient(mesh):
     return total / np.bincount(mesh.cells.ravel(), minlength=len(total))[:, None]
 
 
-def nodal_directions(mesh, fibres):
+def nodal_directions(mesh: Mesh, fibres: Mapping[str, float]) -> dict[str, np.ndarray]:
     """Direction fields (n, 3) at the nodes, for viewing; at the pole c is set to +x."""
     gradient = nodal_transmural_gradient(mesh)
     on_axis = np.hypot(mesh.points[:, 0], mesh.points[:, 1]) < 1e-6

@@ -8,7 +8,9 @@ latitude that varies with the angle, on the endocardium and on the epicardium on
 that tilt, against the base or through the wall, are followed.
 """
 
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
+from typing import Self, TypeAlias
 
 import numpy as np
 import pandas as pd
@@ -16,7 +18,7 @@ import pandas as pd
 from regional_lv.aha import LEVELS, SEGMENTS
 from regional_lv.errors import InputError
 from regional_lv.geometry.elements import facet_cells
-from regional_lv.geometry.mesh import ENDOCARDIUM, EPICARDIUM
+from regional_lv.geometry.mesh import ENDOCARDIUM, EPICARDIUM, Mesh
 from regional_lv.geometry.segment_tags import middle_angles
 from regional_lv.geometry.summary import cell_volumes
 from regional_lv.geometry.surfaces import QUARTER, bullseye, polynomials, powers
@@ -50,7 +52,7 @@ class FittedSurface:
     lines: the `WallLines`, each of which meets the surface once.
     """
 
-    def __init__(self, lines, points):
+    def __init__(self, lines: WallLines, points: np.ndarray) -> None:
         self.lines = lines
         phi, u, distance = lines.coordinates(points)
         enough = len(points) / NODES_PER_COEFFICIENT
@@ -65,13 +67,17 @@ class FittedSurface:
             rcond=None,
         )[0]
 
-    def distance(self, phi, u):
+    def distance(self, phi: np.ndarray, u: np.ndarray) -> np.ndarray:
         """D (n,) of the surface."""
         return 1 + polynomials(*bullseye(phi, u), degree=self._degree) @ self._coefficients
 
-    def __call__(self, phi, u):
+    def __call__(self, phi: np.ndarray, u: np.ndarray) -> np.ndarray:
         """Points (n, 3) of the surface."""
         return self.lines.points(phi, u, self.distance(phi, u))
+
+
+Latitude: TypeAlias = Callable[[np.ndarray, np.ndarray], np.ndarray]
+"""Of angle and radius on the bullseye (n,) in the mesher's own coordinates: latitude (n,)."""
 
 
 class FittedSurfaces:
@@ -82,17 +88,21 @@ class FittedSurfaces:
     base to apex.
     """
 
-    def __init__(self, sides, border_radii):
+    def __init__(
+        self,
+        sides: Sequence[tuple[FittedSurface, Latitude]],
+        border_radii: Sequence[float] | np.ndarray,
+    ) -> None:
         self._sides, self.border_radii = sides, np.asarray(border_radii)
         self.endo_apex = -sides[0][0].lines.length
 
     @property
-    def sides(self):
+    def sides(self) -> list[FittedSurface]:
         """Endocardium and epicardium, each a `FittedSurface`."""
         return [surface for surface, _ in self._sides]
 
     @classmethod
-    def of_mesh(cls, mesh):
+    def of_mesh(cls, mesh: Mesh) -> Self:
         """Those of a mesh with tagged segments."""
         owner, skin = facet_cells(mesh), [mesh.surface == s for s in (ENDOCARDIUM, EPICARDIUM)]
         points = [mesh.points[np.unique(mesh.facets[mine])] for mine in skin]
@@ -107,13 +117,17 @@ class FittedSurfaces:
         return cls(list(zip(surfaces, latitudes, strict=True)), radii)
 
     @classmethod
-    def of_lines(cls, endocardium, epicardium, level_ends):
+    def of_lines(
+        cls, endocardium: FittedSurface, epicardium: FittedSurface, level_ends: Sequence[float]
+    ) -> Self:
         """Those of two `FittedSurface`s on the same lines, whose levels end at these shares (3,) of
         the cavity's length."""
         ends = 1 - np.arcsin(level_ends) / QUARTER
         return cls([(surface, _same_latitude) for surface in (endocardium, epicardium)], ends)
 
-    def wall(self, phi, rho, t, _rho_border):
+    def wall(
+        self, phi: np.ndarray, rho: np.ndarray, t: np.ndarray, _rho_border: float
+    ) -> np.ndarray:
         """Points (n, 3) at angle phi, place rho on the bullseye and transmural depth t.
 
         Lines through the wall are straight, and where the latitudes of both sides are the same,
@@ -126,7 +140,7 @@ class FittedSurfaces:
 class LevelBorder:
     """Latitude (rad) of a border between levels, by angle: a Fourier series through edges."""
 
-    def __init__(self, phi, u, weight):
+    def __init__(self, phi: np.ndarray, u: np.ndarray, weight: np.ndarray) -> None:
         root = np.sqrt(weight)
         self._coefficients = np.linalg.lstsq(
             self._waves(phi) * root[:, None], u * root, rcond=None
@@ -134,19 +148,21 @@ class LevelBorder:
         self.mean = self._coefficients[0]
 
     @staticmethod
-    def _waves(phi):
+    def _waves(phi: np.ndarray) -> np.ndarray:
         order = np.arange(1, HARMONICS + 1) * np.asarray(phi)[..., None]
         return np.concatenate([np.ones_like(order[..., :1]), np.cos(order), np.sin(order)], axis=-1)
 
-    def __call__(self, phi):
+    def __call__(self, phi: np.ndarray) -> np.ndarray:
         return self._waves(phi) @ self._coefficients
 
 
-def _same_latitude(_phi, rho):
+def _same_latitude(_phi: np.ndarray, rho: np.ndarray) -> np.ndarray:
     return QUARTER * (1 - rho)
 
 
-def _latitude(borders, radii, phi, rho):
+def _latitude(
+    borders: Sequence[LevelBorder], radii: Sequence[float], phi: np.ndarray, rho: np.ndarray
+) -> np.ndarray:
     """Latitude at the bullseye's radius rho in the mesher's coordinates: it rises towards the pole
     wherever the `borders` (three `LevelBorder`s, at rho = radii) do."""
     # Below the lowest border 1 / g^2 of the gap g to the pole goes over from a cone's, which is the
@@ -165,12 +181,14 @@ def _latitude(borders, radii, phi, rho):
     return u
 
 
-def _level_of(segment):
+def _level_of(segment: int | np.ndarray) -> np.ndarray:
     """Level 0-3 from base to apex of AHA numbers."""
     return np.searchsorted([numbers[-1] for numbers in LEVELS.values()], segment)
 
 
-def _level_borders(mesh, facets, segment, lines):
+def _level_borders(
+    mesh: Mesh, facets: np.ndarray, segment: np.ndarray, lines: WallLines
+) -> list[LevelBorder]:
     """The three `LevelBorder`s of a surface, from the edges between facets of two levels."""
     level = _level_of(segment)
     edges = np.sort(facets[:, [[0, 1], [1, 2], [2, 3], [3, 0]]].reshape(-1, 2), axis=1)
@@ -202,7 +220,7 @@ def _level_borders(mesh, facets, segment, lines):
     return borders
 
 
-def sector_table(mesh, surfaces, circumferential):
+def sector_table(mesh: Mesh, surfaces: FittedSurfaces, circumferential: int) -> pd.DataFrame:
     """Segment table (17 rows) of the borders read off a mesh's tags, for `meshing.write_gmsh`.
 
     Tags lie as `segment_tags.check_segment_places` wants them, which an import has checked.
@@ -227,7 +245,7 @@ def sector_table(mesh, surfaces, circumferential):
     return _sectors(_snap(lower, SNAP * 360 / circumferential), surfaces)
 
 
-def _sectors(lower, surfaces):
+def _sectors(lower: Mapping[int, float], surfaces: FittedSurfaces) -> pd.DataFrame:
     """Segment table of the sectors' lower borders (by segment, degrees)."""
     heights = [0.0, *(surfaces.endo_apex * np.sin(QUARTER * (1 - surfaces.border_radii)))]
     heights.append(surfaces.endo_apex)
@@ -245,7 +263,7 @@ def _sectors(lower, surfaces):
     return pd.DataFrame(rows, columns=columns)
 
 
-def aha_sectors(surfaces):
+def aha_sectors(surfaces: FittedSurfaces) -> pd.DataFrame:
     """Segment table (17 rows) of the AHA's sectors, for `meshing.write_gmsh`."""
     lower = {}
     for level, (width, first) in AHA_SECTORS.items():
@@ -254,14 +272,16 @@ def aha_sectors(surfaces):
     return _sectors(lower, surfaces)
 
 
-def aha_segment_at(phi, u):
+def aha_segment_at(phi: float, u: float) -> int:
     """AHA number at an angle and a latitude (rad), as `aha_sectors` and `LEVEL_ENDS` divide."""
     level = list(LEVELS)[np.searchsorted(LEVEL_ENDS, np.sin(u), side="right")]
     width, first = AHA_SECTORS.get(level, (360, 360))
     return LEVELS[level][int((first + width - np.degrees(phi)) % 360 // width)]
 
 
-def _cut(above, above_volume, below, below_volume):
+def _cut(
+    above: np.ndarray, above_volume: np.ndarray, below: np.ndarray, below_volume: np.ndarray
+) -> float:
     """Angle with as much volume of `above` below it as of `below` above it.
 
     `above`, `below` (m, 8): angles of elements' corners, between which their volume (m,) is spread
@@ -276,12 +296,12 @@ def _cut(above, above_volume, below, below_volume):
         first, last = corners.min(axis=1), corners.max(axis=1)
         under = np.clip((cuts[:, None] - first) / (last - first), 0, 1)
         surplus += (under - wanted) @ volume
-    return np.interp(0.0, surplus, cuts)
+    return float(np.interp(0.0, surplus, cuts))
 
 
-def _snap(borders, width):
+def _snap(borders: Mapping[int, float], width: float) -> dict[int, float]:
     """Borders (by segment, degrees) of which those closer than `width` share their mean."""
-    names = sorted(borders, key=borders.get)
+    names = sorted(borders, key=borders.__getitem__)
     values = np.array([borders[s] for s in names])
     start = int(np.argmax(np.diff(values, prepend=values[-1] - 360)))
     values, names = np.roll(values, -start), names[start:] + names[:start]

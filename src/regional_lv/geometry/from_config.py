@@ -24,7 +24,7 @@ def make_heart(
     Path(files.mesh).parent.mkdir(parents=True, exist_ok=True)
     geometry, mesh, fibres = config["geometry"], config["mesh"], config["fibres"]
     zones = StiffnessInputs.from_config(config).zones
-    made = {"vtu": files.mesh, "segments": files.segments, "summary": files.summary}
+    made: dict = {"vtu": files.mesh, "segments": files.segments, "summary": files.summary}
     meshed = made | {"msh": files.gmsh, "zones": zones}
     if geometry["source"] == "segments":
         apices = geometry["endo_apex_z_mm"], geometry["epi_apex_z_mm"]

@@ -2,6 +2,7 @@
 
 import json
 import logging
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ from regional_lv.geometry.directions import nodal_directions, nodal_transmural_g
 from regional_lv.geometry.fitted import FittedSurfaces, sector_table
 from regional_lv.geometry.imported import import_mesh
 from regional_lv.geometry.make import mesh_between
-from regional_lv.geometry.mesh import read_mesh, write_mesh
+from regional_lv.geometry.mesh import Mesh, read_mesh, write_mesh
 from regional_lv.geometry.mesh_config import check_mesh_config
 from regional_lv.geometry.summary import cell_volumes, segment_volumes, summarise_mesh
 
@@ -23,7 +24,14 @@ log = logging.getLogger(__name__)
 NOTABLE_MM = 0.5
 
 
-def write_imported(mesh, unit, fibres, vtu, segments=None, zones=None):
+def write_imported(
+    mesh: str | Path,
+    unit: str,
+    fibres: Mapping[str, float],
+    vtu: str | Path,
+    segments: str | Path | None = None,
+    zones: Mapping[str, Sequence[int]] | None = None,
+) -> None:
     """Check a mesh from elsewhere and write it with surfaces, coordinates and directions (.vtu).
 
     `mesh` and `segments` are what `import_mesh` reads; `zones` as in `write_mesh`.
@@ -32,7 +40,14 @@ def write_imported(mesh, unit, fibres, vtu, segments=None, zones=None):
     write_mesh(imported, vtu, nodal_directions(imported, fibres), zones=zones)
 
 
-def keep_mesh(imported, fibres, vtu, segments, summary, zones=None):
+def keep_mesh(
+    imported: str | Path,
+    fibres: Mapping[str, float],
+    vtu: str | Path,
+    segments: str | Path,
+    summary: str | Path,
+    zones: Mapping[str, Sequence[int]] | None = None,
+) -> None:
     """Take the imported mesh (.vtu) as it is: linear hexahedra, segment table, summary."""
     mesh = read_mesh(imported)
     write_mesh(mesh, vtu, nodal_directions(mesh, fibres), zones=zones)
@@ -40,7 +55,17 @@ def keep_mesh(imported, fibres, vtu, segments, summary, zones=None):
     write_summary(summarise_mesh(mesh), summary)
 
 
-def remesh(imported, mesh, fibres, msh, vtu, segments, summary, fit, zones=None):
+def remesh(
+    imported: str | Path,
+    mesh: Mapping,
+    fibres: Mapping[str, float],
+    msh: str | Path,
+    vtu: str | Path,
+    segments: str | Path,
+    summary: str | Path,
+    fit: str | Path,
+    zones: Mapping[str, Sequence[int]] | None = None,
+) -> None:
     """Mesh the imported ventricle (.vtu) anew: quadratic hexahedra between fitted smooth surfaces.
 
     Mesh lines follow the borders of the imported segments (see `fitted`). Segment table and
@@ -98,7 +123,7 @@ def remesh(imported, mesh, fibres, msh, vtu, segments, summary, fit, zones=None)
     write_summary(numbers, summary)
 
 
-def segment_table(mesh):
+def segment_table(mesh: Mesh) -> pd.DataFrame:
     """A row per AHA segment: volume_ml, thickness_mm (mean of 1/|grad t|), number of elements."""
     gradient = np.linalg.norm(nodal_transmural_gradient(mesh), axis=1)
     thickness = (1 / gradient)[mesh.cells].mean(axis=1)
@@ -118,11 +143,11 @@ def segment_table(mesh):
     return pd.DataFrame(rows)
 
 
-def write_table(table, path):
+def write_table(table: pd.DataFrame, path: str | Path) -> None:
     """Write a table as CSV with six digits."""
     table.to_csv(path, index=False, float_format="%.6g")
 
 
-def write_summary(summary, path):
+def write_summary(summary: Mapping, path: str | Path) -> None:
     """Write a summary as JSON."""
     Path(path).write_text(json.dumps(summary, indent=2) + "\n")

@@ -1,8 +1,11 @@
 """From two triangulated surfaces to the study's mesh file, in one call."""
 
 import logging
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 
 import numpy as np
+import pyvista
 from scipy.spatial import cKDTree
 
 from regional_lv.errors import InputError
@@ -10,12 +13,12 @@ from regional_lv.geometry.comparison import normal_distances, sample_surface
 from regional_lv.geometry.fitted import FittedSurfaces, aha_sectors
 from regional_lv.geometry.from_mesh import segment_table, write_summary, write_table
 from regional_lv.geometry.make import mesh_between
-from regional_lv.geometry.mesh import ENDOCARDIUM, EPICARDIUM, SURFACES
+from regional_lv.geometry.mesh import ENDOCARDIUM, EPICARDIUM, SURFACES, Mesh
 from regional_lv.geometry.mesh_config import check_mesh_config
 from regional_lv.geometry.summary import cavity_volume, segment_volumes, summarise_mesh
 from regional_lv.geometry.surfaces import QUARTER
 from regional_lv.geometry.triangles import triangle_points
-from regional_lv.geometry.triangulated import SIDES, read_configured
+from regional_lv.geometry.triangulated import SIDES, Ventricle, read_configured
 from regional_lv.geometry.wall_checks import where
 from regional_lv.geometry.wall_lines import LEVEL_ENDS
 
@@ -28,17 +31,17 @@ NOTABLE_MM, LARGEST_MM = 1.0, 5.0
 
 
 def mesh_surfaces(
-    endocardium,
-    epicardium,
-    surfaces,
-    mesh,
-    fibres,
-    msh,
-    vtu,
-    segments,
-    summary,
-    zones=None,
-):
+    endocardium: str | Path,
+    epicardium: str | Path,
+    surfaces: Mapping,
+    mesh: Mapping,
+    fibres: Mapping[str, float],
+    msh: str | Path,
+    vtu: str | Path,
+    segments: str | Path,
+    summary: str | Path,
+    zones: Mapping[str, Sequence[int]] | None = None,
+) -> None:
     """Mesh a left ventricle through its endocardium and epicardium (STL, PLY, OBJ, VTP, VTK).
 
     Parameters
@@ -62,7 +65,8 @@ def mesh_surfaces(
     heart = read_configured(endocardium, epicardium, surfaces)
     given = {side: getattr(heart, side) for side in SIDES}
     _check_fit(paths, given, heart)
-    fitted = FittedSurfaces.of_lines(*heart.smooth.values(), LEVEL_ENDS)
+    inner, outer = heart.smooth.values()
+    fitted = FittedSurfaces.of_lines(inner, outer, LEVEL_ENDS)
     sectors = aha_sectors(fitted)
     made = mesh_between(
         sectors,
@@ -85,9 +89,7 @@ def mesh_surfaces(
     write_summary(
         summarise_mesh(made)
         | {
-            "long_axis_mm": float(
-                -heart.smooth["endocardium"](np.zeros(1), np.full(1, QUARTER))[0, 2]
-            ),
+            "long_axis_mm": float(-inner(np.zeros(1), np.full(1, QUARTER))[0, 2]),
             "segment_thickness_mm": {
                 "least": float(thickness.min()),
                 "mean": float(np.average(thickness, weights=table["volume_ml"])),
@@ -104,7 +106,9 @@ def mesh_surfaces(
     )
 
 
-def _check_fit(paths, given, heart):
+def _check_fit(
+    paths: Mapping[str, str | Path], given: Mapping[str, pyvista.PolyData], heart: Ventricle
+) -> None:
     """The smooth surfaces lie near the given ones."""
     for side, smooth in heart.smooth.items():
         points = given[side].points
@@ -120,7 +124,12 @@ def _check_fit(paths, given, heart):
             )
 
 
-def _closeness(paths, given, made, heart):
+def _closeness(
+    paths: Mapping[str, str | Path],
+    given: Mapping[str, pyvista.PolyData],
+    made: Mesh,
+    heart: Ventricle,
+) -> dict[str, float]:
     """Largest and root mean square distance (mm) of each surface from the mesh's."""
     found = {}
     for number in (ENDOCARDIUM, EPICARDIUM):

@@ -4,6 +4,7 @@ Every mistake that would show later only as a simulation that fails is an InputE
 element's number.
 """
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import meshio
@@ -35,7 +36,9 @@ FLATNESS = 1e-3
 DEGENERATE = 1e-6
 
 
-def import_mesh(mesh_path, segments_path=None, unit="mm"):
+def import_mesh(
+    mesh_path: str | Path, segments_path: str | Path | None = None, unit: str = "mm"
+) -> Mesh:
     """Linear `Mesh` from a file of eight-node hexahedra that meshio reads.
 
     mesh_path: Abaqus .inp, .vtu, .msh, ...; base in the plane z = 0, apex below, the long axis
@@ -72,7 +75,9 @@ def import_mesh(mesh_path, segments_path=None, unit="mm"):
     return mesh
 
 
-def _read(path):
+def _read(
+    path: Path,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray | None, dict[int, np.ndarray]]:
     """(points, cells, element numbers, segment or None, facets by surface) of a mesh file."""
     named = {}
     with reading(path, "give geometry.imported.file a mesh, saved as .vtu or Abaqus .inp"):
@@ -85,7 +90,9 @@ def _read(path):
         return _hexahedra(path, raw, numbers, named)
 
 
-def _hexahedra(path, raw, numbers, named):
+def _hexahedra(
+    path: Path, raw: meshio.Mesh, numbers: np.ndarray | None, named: Mapping[int, np.ndarray]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray | None, dict[int, np.ndarray]]:
     """What `_read` returns, of meshio's mesh."""
     solid = [i for i, block in enumerate(raw.cells) if block.type == "hexahedron"]
     other = {block.type for block in raw.cells if block.dim == 3} - {"hexahedron"}
@@ -112,7 +119,7 @@ def _hexahedra(path, raw, numbers, named):
     return raw.points[used], cells.reshape(-1, 8), numbers, segment, named
 
 
-def _three_surfaces(surfaces):
+def _three_surfaces(surfaces: Mapping[str, np.ndarray]) -> dict[int, np.ndarray]:
     """Facets of endocardium, epicardium and base by the first letters of their names, or none."""
     found = {}
     for number, name in SURFACES.items():
@@ -124,13 +131,13 @@ def _three_surfaces(surfaces):
     return found
 
 
-def units_that_fit(length_mm, unit):
+def units_that_fit(length_mm: float, unit: str) -> list[str]:
     """Units in which a ventricle that has this length when read in `unit` has a possible one."""
     low, high = PLAUSIBLE_LENGTH_MM
     return [u for u, mm in MM_PER.items() if low <= length_mm / MM_PER[unit] * mm <= high]
 
 
-def _check_length(path, points, unit):
+def _check_length(path: str | Path, points: np.ndarray, unit: str) -> None:
     length = np.ptp(points[:, 2])
     low, high = PLAUSIBLE_LENGTH_MM
     if low <= length <= high:
@@ -147,7 +154,7 @@ def _check_length(path, points, unit):
     )
 
 
-def _check_elements(path, mesh, numbers):
+def _check_elements(path: str | Path, mesh: Mesh, numbers: np.ndarray) -> None:
     with np.errstate(invalid="ignore"):
         quality = scaled_jacobians(mesh)
     worst = np.where(np.isfinite(quality), quality, 0.0).min(axis=1)
@@ -165,7 +172,7 @@ def _check_elements(path, mesh, numbers):
             )
 
 
-def _find_surfaces(path, mesh):
+def _find_surfaces(path: str | Path, mesh: Mesh) -> np.ndarray:
     """Surface (k,) of the exterior facets: flat top, then inner and outer by connectivity."""
     z = mesh.points[:, 2]
     height = z[mesh.facets]
@@ -188,11 +195,11 @@ def _find_surfaces(path, mesh):
     return surface
 
 
-def _named_surfaces(path, mesh, named):
+def _named_surfaces(path: str | Path, mesh: Mesh, named: Mapping[int, np.ndarray]) -> np.ndarray:
     """Surface (k,) of the exterior facets from the facets that the mesh file names."""
     number = {tuple(row): s for s, facets in named.items() for row in np.sort(facets, axis=1)}
-    surface = [number.get(tuple(row), 0) for row in np.sort(mesh.facets, axis=1)]
-    surface = np.array(surface, dtype=np.int32)
+    found = [number.get(tuple(row), 0) for row in np.sort(mesh.facets, axis=1)]
+    surface = np.array(found, dtype=np.int32)
     if (surface == 0).any() or len(number) != len(surface):
         raise InputError(
             f"{path}: its surfaces of endocardium, epicardium and base name {len(number)} facets, "
@@ -202,7 +209,7 @@ def _named_surfaces(path, mesh, named):
     return surface
 
 
-def _check_axis(path, mesh):
+def _check_axis(path: str | Path, mesh: Mesh) -> None:
     """The base in the plane z = 0, and the z axis inside the cavity."""
     length = np.ptp(mesh.points[:, 2])
     base = mesh.points[mesh.nodes_on(BASE)]

@@ -1,21 +1,33 @@
 """From the segment table to the mesh file, in one call."""
 
 import json
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+
+import pandas as pd
 
 from regional_lv.errors import InputError
 from regional_lv.geometry.directions import nodal_directions
-from regional_lv.geometry.mesh import write_mesh
+from regional_lv.geometry.mesh import Mesh, write_mesh
 from regional_lv.geometry.mesh_config import check_mesh_config
 from regional_lv.geometry.meshing import convert_mesh, write_gmsh
 from regional_lv.geometry.summary import scaled_jacobians, summarise
-from regional_lv.geometry.surfaces import Surfaces
+from regional_lv.geometry.surfaces import Surfaces, Wall
 from regional_lv.geometry.table import check_apices, read_segments
 
 
 def mesh_between(
-    table, surfaces, mesh, fibres, msh, vtu, zones, origin, remedy, lay_out=write_gmsh
-):
+    table: pd.DataFrame,
+    surfaces: Wall,
+    mesh: Mapping,
+    fibres: Mapping[str, float],
+    msh: str | Path,
+    vtu: str | Path,
+    zones: Mapping[str, Sequence[int]] | None,
+    origin: str | Path,
+    remedy: str,
+    lay_out: Callable[..., None] = write_gmsh,
+) -> Mesh:
     """Mesh between two surfaces, with the borders of a segment table, as .msh and as .vtu.
 
     `surfaces` is what `meshing.write_gmsh` takes, `mesh`, `fibres` and `zones` are as in
@@ -33,18 +45,18 @@ def mesh_between(
 
 
 def make_mesh(
-    table,
-    endo_apex_z_mm,
-    epi_apex_z_mm,
-    mesh,
-    fibres,
-    msh,
-    vtu,
-    segments,
-    summary,
-    zones=None,
-    lay_out=write_gmsh,
-):
+    table: str | Path,
+    endo_apex_z_mm: float,
+    epi_apex_z_mm: float,
+    mesh: Mapping,
+    fibres: Mapping[str, float],
+    msh: str | Path,
+    vtu: str | Path,
+    segments: str | Path,
+    summary: str | Path,
+    zones: Mapping[str, Sequence[int]] | None = None,
+    lay_out: Callable[..., None] = write_gmsh,
+) -> None:
     """Make the parametric left ventricle from a segment table (CSV).
 
     `table` is its path, or the word `volunteer`; `mesh` holds circumferential (16, 24, 32, 40 or 48

@@ -1,7 +1,9 @@
 """The mesh as the project passes it on, and its file."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import reduce
+from pathlib import Path
 
 import numpy as np
 
@@ -31,13 +33,13 @@ class Mesh:
     transmural: np.ndarray
     longitudinal: np.ndarray
 
-    def nodes_on(self, *surfaces):
+    def nodes_on(self, *surfaces: int) -> np.ndarray:
         """Sorted numbers of the nodes that lie on all of these surfaces."""
         on_each = (np.unique(self.facets[self.surface == s]) for s in surfaces)
         return reduce(np.intersect1d, on_each)
 
 
-def read_mesh(vtu_path):
+def read_mesh(vtu_path: str | Path) -> Mesh:
     """Read a mesh that `write_mesh` wrote (.vtu)."""
     import meshio  # here: the configuration is checked without it
 
@@ -61,13 +63,20 @@ def read_mesh(vtu_path):
     )
 
 
-def write_mesh(mesh, vtu_path, point_data, cell_data=None, zones=None):
+def write_mesh(
+    mesh: Mesh,
+    vtu_path: str | Path,
+    point_data: Mapping[str, np.ndarray],
+    cell_data: Mapping[str, np.ndarray] | None = None,
+    zones: Mapping[str, Sequence[int]] | None = None,
+) -> None:
     """Write a Mesh as one .vtu for ParaView.
 
     `point_data` adds fields of shape (n,) or (n, 3), `cell_data` values (m,) of the hexahedra,
     which are NaN on the facets. `zones`, AHA segments by name, adds the field `zone`, numbered from
     1 in their order.
     """
+
     import meshio
 
     solid, skin = len(mesh.cells), len(mesh.facets)
@@ -89,6 +98,6 @@ def write_mesh(mesh, vtu_path, point_data, cell_data=None, zones=None):
     ).write(vtu_path)
 
 
-def _zone_numbers(segment, zones):
+def _zone_numbers(segment: np.ndarray, zones: Mapping[str, Sequence[int]]) -> np.ndarray:
     number = {s: k for k, segments in enumerate(zones.values(), start=1) for s in segments}
     return np.array([number[s] for s in segment.tolist()], dtype=np.int32)

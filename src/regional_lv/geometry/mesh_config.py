@@ -1,12 +1,14 @@
 """The config section `mesh`: what can be meshed, and what is finer. Imports no mesher: the workflow
 reads it."""
 
+from collections.abc import Mapping
+
 from regional_lv.errors import InputError
 
 ROWS = ("basal", "mid", "apical", "apex", "transmural")
 
 
-def check_mesh_config(mesh):
+def check_mesh_config(mesh: Mapping) -> None:
     """Raise InputError for a config section `mesh` that cannot be meshed."""
     n = mesh["circumferential"]
     if n < 16 or n % 8:

@@ -1,18 +1,21 @@
 """The mesh: the bullseye meshed by gmsh, extruded, and moved onto the surfaces."""
 
 import logging
+from collections.abc import Mapping, Sequence
 from functools import cache
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import meshio
 import numpy as np
+import pandas as pd
 
 from regional_lv.aha import LEVELS, SEGMENTS
 from regional_lv.geometry import structured
 from regional_lv.geometry.elements import HEXAHEDRON_PARENTS, facet_cells, facet_normals
 from regional_lv.geometry.mesh import BASE, ENDOCARDIUM, EPICARDIUM, SURFACES, Mesh
-from regional_lv.geometry.surfaces import QUARTER
+from regional_lv.geometry.surfaces import QUARTER, Wall
 
 log = logging.getLogger(__name__)
 
@@ -26,7 +29,7 @@ SAME_LINE_DEG = 1e-3
 """Sector borders that are no further apart are one mesh line."""
 
 
-def _grid_angles(table, n):
+def _grid_angles(table: pd.DataFrame, n: int) -> np.ndarray:
     """The n angles (degrees, increasing, from -180) of the mesh lines that run base to apex.
 
     All sector borders (16 at most), and equal divisions of the gaps between them: each further
@@ -46,7 +49,9 @@ def _grid_angles(table, n):
     )
 
 
-def _rings(table, endo_apex_z_mm, mesh):
+def _rings(
+    table: pd.DataFrame, endo_apex_z_mm: float, mesh: Mapping
+) -> tuple[np.ndarray, list[str], float]:
     """(radii, levels, border) of the rings of nodes on the bullseye.
 
     radii from the patch's corners to the base (rows + 1,), the level between each two (rows,), and
@@ -68,7 +73,7 @@ def _rings(table, endo_apex_z_mm, mesh):
 PATCH_ROUNDNESS = 0.4
 
 
-def _patch_outline(angles):
+def _patch_outline(angles: np.ndarray) -> tuple[int, np.ndarray]:
     """Index of the first of the patch's four corners, and the outline's radius at each angle.
 
     The corners have radius 1; between them it lies between the chord and the arc, so that the
@@ -92,7 +97,7 @@ def _patch_outline(angles):
 
 
 @cache
-def load_gmsh():
+def load_gmsh() -> Any:
     """The library, or None where its wheel does not load: it needs X libraries, which bare machines
     lack."""
     try:
@@ -103,7 +108,14 @@ def load_gmsh():
     return gmsh
 
 
-def _build_disk(gmsh, table, angles, rings, levels, layers):
+def _build_disk(
+    gmsh: Any,
+    table: pd.DataFrame,
+    angles: np.ndarray,
+    rings: np.ndarray,
+    levels: Sequence[str],
+    layers: int,
+) -> int:
     """The bullseye in gmsh, extruded by 1 through the wall, meshed at order 2 and tagged."""
     geo = gmsh.model.geo
     n = len(angles)
@@ -119,11 +131,11 @@ def _build_disk(gmsh, table, angles, rings, levels, layers):
         points.append([geo.addPoint(x, y, 0.0) for x, y in xy])
     around = [[geo.addLine(p[i], p[(i + 1) % n]) for i in range(n)] for p in points]
     across = [[geo.addLine(a[i], b[i]) for i in range(n)] for a, b in pairwise(points)]
-    volumes = {s: [] for s in range(1, 18)}
+    volumes: dict[int, list[int]] = {s: [] for s in range(1, 18)}
     # Faces with the segment that each belongs to; the base's faces come last.
     faces, owners = [], []
 
-    def add_face(loop, corners, segment):
+    def add_face(loop: list[int], corners: list[int], segment: int) -> None:
         face = geo.addPlaneSurface([geo.addCurveLoop(loop)])
         geo.mesh.setTransfiniteSurface(face, cornerTags=corners)
         geo.mesh.setRecombine(2, face)
@@ -163,7 +175,7 @@ def _build_disk(gmsh, table, angles, rings, levels, layers):
     return volumes[17][0]
 
 
-def _node_places(gmsh, patch):
+def _node_places(gmsh: Any, patch: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """(tags, rho, phi, t) of the nodes of the straight-sided gmsh model; `patch` is its volume tag.
 
     Nodes between corners lie half-way in rho and phi outside the patch, and half-way in the plane
@@ -200,7 +212,7 @@ def _node_places(gmsh, patch):
     return tags, rho, phi, t
 
 
-def write_plain(table, surfaces, mesh, path):
+def write_plain(table: pd.DataFrame, surfaces: Wall, mesh: Mapping, path: str | Path) -> None:
     """What `write_gmsh` does, without gmsh (`structured`): the same nodes and elements."""
     angles = _grid_angles(table, mesh["circumferential"])
     rings, levels, border = _rings(table, surfaces.endo_apex, mesh)
@@ -208,7 +220,7 @@ def write_plain(table, surfaces, mesh, path):
     structured.write(table, surfaces, mesh["transmural"], lines, path)
 
 
-def write_gmsh(table, surfaces, mesh, path):
+def write_gmsh(table: pd.DataFrame, surfaces: Wall, mesh: Mapping, path: str | Path) -> None:
     """Build the mesh in gmsh, move it onto the surfaces and write it (ASCII, format 4.1).
 
     Where gmsh cannot be loaded, it is `write_plain`.
@@ -239,7 +251,7 @@ def write_gmsh(table, surfaces, mesh, path):
         gmsh.finalize()
 
 
-def convert_mesh(msh_path):
+def convert_mesh(msh_path: str | Path) -> Mesh:
     """Mesh from the gmsh file that `make_mesh` writes, read by meshio.
 
     Cells are sorted by segment. Facets are turned so that their normals point out of the wall.
@@ -247,7 +259,7 @@ def convert_mesh(msh_path):
     raw = meshio.read(msh_path)
     physical = raw.cell_data["gmsh:physical"]
 
-    def collect(kind):
+    def collect(kind: str) -> tuple[np.ndarray, np.ndarray]:
         blocks = [i for i, block in enumerate(raw.cells) if block.type == kind]
         return (
             np.concatenate([raw.cells[i].data for i in blocks]).astype(np.int64),

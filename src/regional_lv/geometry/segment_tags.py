@@ -1,6 +1,7 @@
 """The AHA segment of every element of an imported mesh, from the files that can hold it, and
 whether the segments lie where those of the AHA do."""
 
+from collections.abc import Mapping
 from itertools import pairwise
 from pathlib import Path
 
@@ -10,6 +11,7 @@ from scipy.io import loadmat
 from regional_lv import aha
 from regional_lv.csv_lines import error_at, number_in, read_lines
 from regional_lv.errors import InputError
+from regional_lv.geometry.mesh import Mesh
 from regional_lv.geometry.summary import cell_volumes
 from regional_lv.geometry.table import check_septum
 from regional_lv.input_files import reading
@@ -19,7 +21,7 @@ PUBLISHED_FIELD = "elRegions"
 """Field of the paper's .mat file with one label per element, in the published order."""
 
 
-def read_segment_tags(path, numbers):
+def read_segment_tags(path: str | Path, numbers: np.ndarray) -> np.ndarray:
     """AHA segment (m,) of the elements `numbers` (m,).
 
     `path`: a CSV with the columns `element` and `aha_segment`, or the paper's .mat file, whose
@@ -47,7 +49,7 @@ def read_segment_tags(path, numbers):
     return np.array([by_element.get(number, 0) for number in numbers.tolist()])
 
 
-def _whole(path, line, column, text):
+def _whole(path: Path, line: int, column: str, text: str) -> int:
     """A whole number that a mesh can have."""
     value = number_in(text)
     if not (abs(value) < 2**31 and value.is_integer()):
@@ -55,7 +57,7 @@ def _whole(path, line, column, text):
     return int(value)
 
 
-def check_segment_tags(segment, numbers, origin):
+def check_segment_tags(segment: np.ndarray, numbers: np.ndarray, origin: str | Path) -> None:
     """Raise InputError for elements that belong to no segment and for segments without any."""
     wrong = numbers[~np.isin(segment, range(1, 18))]
     if len(wrong):
@@ -71,7 +73,7 @@ def check_segment_tags(segment, numbers, origin):
         )
 
 
-def check_segment_places(mesh, origin):
+def check_segment_places(mesh: Mesh, origin: str | Path) -> None:
     """Raise InputError for segments that do not lie as those of the AHA do: level below level,
     clockwise seen from the base, the septum on one side."""
     volume = cell_volumes(mesh)
@@ -83,7 +85,7 @@ def check_segment_places(mesh, origin):
     check_septum(origin, middle, "correct the tags of one of the two levels")
 
 
-def _check_heights(mesh, volume, origin):
+def _check_heights(mesh: Mesh, volume: np.ndarray, origin: str | Path) -> None:
     """In each wall, every segment lies above those of the next level."""
     z = mesh.points[mesh.cells].mean(axis=1)[:, 2]
     height = {
@@ -94,7 +96,7 @@ def _check_heights(mesh, volume, origin):
         down = [*wall, *aha.LEVELS["apex"]]
         levels = [[s for s in down if s in numbers] for numbers in aha.LEVELS.values()]
         for above, below in pairwise(levels):
-            upper, lower = min(above, key=height.get), max(below, key=height.get)
+            upper, lower = min(above, key=height.__getitem__), max(below, key=height.__getitem__)
             if height[upper] <= height[lower]:
                 at = [
                     f"segment {s} ({aha.SEGMENTS[s - 1].name}) is at z = {height[s]:.0f} mm"
@@ -106,11 +108,11 @@ def _check_heights(mesh, volume, origin):
                 )
 
 
-def _check_turn(level, turn, origin):
+def _check_turn(level: str, turn: Mapping[int, float], origin: str | Path) -> None:
     """turn: angle (degrees) from a level's first segment clockwise to each, by number."""
     steps = np.diff([*turn.values(), 360])
     if not ((steps > 0) & (steps < 180)).all():
-        first, *others = sorted(turn, key=turn.get)
+        first, *others = sorted(turn, key=turn.__getitem__)
         found = ", ".join(f"{s} at {turn[s]:.0f} degrees" for s in others)
         raise InputError(
             f"{origin}: clockwise seen from the base, segment {first} of the {level} level is "
@@ -119,7 +121,7 @@ def _check_turn(level, turn, origin):
         )
 
 
-def middle_angles(mesh, volume):
+def middle_angles(mesh: Mesh, volume: np.ndarray) -> dict[int, float]:
     """Angle (degrees) about the long axis of the middle of each segment, by number.
 
     volume (m,): of the cells.
@@ -131,14 +133,14 @@ def middle_angles(mesh, volume):
     }
 
 
-def name_elements(numbers):
+def name_elements(numbers: np.ndarray) -> str:
     """The first few element numbers in words."""
     shown = ", ".join(map(str, numbers[:5]))
     more = f" and {len(numbers) - 5} more" if len(numbers) > 5 else ""
     return f"element{'s' if len(numbers) > 1 else ''} {shown}{more}"
 
 
-def _read_published(path, size):
+def _read_published(path: Path, size: int) -> np.ndarray:
     with reading(path, "give geometry.imported.segments the paper's .mat file, or a CSV instead"):
         content = loadmat(path, simplify_cells=True)
         fields = [value for value in content.values() if isinstance(value, dict)]

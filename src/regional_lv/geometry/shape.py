@@ -9,6 +9,7 @@ from collections.abc import Collection, Mapping
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from regional_lv.aha import LEVELS
 from regional_lv.errors import InputError
@@ -30,7 +31,7 @@ LEVEL_STEP = 1e-4
 figures."""
 
 
-def level_ends(table, length_mm: float) -> dict[str, float]:
+def level_ends(table: pd.DataFrame, length_mm: float) -> dict[str, float]:
     """The `LEVEL_KEYS` of a segment table."""
     bottom = -table["z_bottom_mm"].to_numpy(float) / length_mm
     return {
@@ -67,7 +68,7 @@ class NodePlaces:
     shape: the one that the mesh has.
     """
 
-    def __init__(self, mesh: Mesh, shape: Mapping):
+    def __init__(self, mesh: Mesh, shape: Mapping) -> None:
         self._points = mesh.points
         self._foot = endocardial_foot(mesh)
         self._table: Any = shape.get("table")  # of pandas, which is not typed; None without one
@@ -128,7 +129,7 @@ class NodePlaces:
         )
         return (above - below) / (2 * LEVEL_STEP)
 
-    def _surfaces(self, shape: Mapping):
+    def _surfaces(self, shape: Mapping) -> tuple[Surfaces, np.ndarray, float, tuple]:
         """The surfaces of a shape, where on the bullseye its nodes and the apical level's end are
         (rho), and the latitudes of the nodes' lines through its wall; those of the last shape are
         kept."""

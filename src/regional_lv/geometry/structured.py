@@ -4,14 +4,17 @@ The same lines as in `meshing`, the same nodes and elements to the nanometre: qu
 transfinite lines, extruded through the wall.
 """
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import meshio
 import numpy as np
+import pandas as pd
 
 from regional_lv.aha import LEVELS, SEGMENTS
 from regional_lv.geometry.elements import HEXAHEDRON_PARENTS
 from regional_lv.geometry.mesh import BASE, ENDOCARDIUM, EPICARDIUM, SURFACES
+from regional_lv.geometry.surfaces import Wall
 
 # Nodes, in VTK's order, of three faces of the 27-node hexahedron.
 INNER_FACE = [0, 1, 2, 3, 8, 9, 10, 11, 24]
@@ -19,7 +22,13 @@ OUTER_FACE = [4, 5, 6, 7, 12, 13, 14, 15, 25]
 RIM_FACE = [1, 2, 6, 5, 9, 18, 13, 17, 21]
 
 
-def write(table, surfaces, layers, lines, path):
+def write(
+    table: pd.DataFrame,
+    surfaces: Wall,
+    layers: int,
+    lines: tuple[np.ndarray, np.ndarray, list[str], float, int, np.ndarray],
+    path: str | Path,
+) -> None:
     """The mesh, moved onto the surfaces, in gmsh's format (2.2).
 
     lines: (angles, rings, levels, border, first, outline), where its lines run, as `meshing` has
@@ -64,7 +73,14 @@ def write(table, surfaces, layers, lines, path):
     )
 
 
-def _bullseye(table, angles, rings, levels, first, outline):
+def _bullseye(
+    table: pd.DataFrame,
+    angles: np.ndarray,
+    rings: np.ndarray,
+    levels: Sequence[str],
+    first: int,
+    outline: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The bullseye in the plane: nodes (n, 2), quadrilaterals (m, 4) and their segments (m,).
 
     Nodes run around the rings from the patch's outline to the base, then through the patch;
@@ -94,7 +110,7 @@ def _bullseye(table, angles, rings, levels, first, outline):
     return np.concatenate([nodes, inside]), quads, np.array(segments)
 
 
-def _patch(nodes, outline):
+def _patch(nodes: np.ndarray, outline: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(grid, inside): node numbers (k + 1, k + 1) of the patch, and places of its inner nodes.
 
     `outline` (4 k,) are the nodes around it, from a corner on. The inner nodes come from
@@ -107,7 +123,7 @@ def _patch(nodes, outline):
         side[:] = around[i * k : (i + 1) * k + 1]
     grid[1:-1, 1:-1] = len(nodes) + np.arange((k - 1) ** 2).reshape(k - 1, k - 1)
 
-    def fractions(*opposite):
+    def fractions(*opposite: np.ndarray) -> np.ndarray:
         """Places along two opposite sides, their ends left out, by the mean of their lengths."""
         steps = sum(np.linalg.norm(np.diff(nodes[side], axis=0), axis=1) for side in opposite)
         return np.cumsum(steps)[:-1] / steps.sum()
@@ -127,7 +143,7 @@ def _patch(nodes, outline):
     return grid, inside.reshape(-1, 2)
 
 
-def _quadratic(corners):
+def _quadratic(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Nodes (m, 27) of quadratic hexahedra with the given corners (m, 8), and their parents (n, 8).
 
     A node lies in the middle of its parents, which are corners, each as often as the others.
@@ -142,7 +158,9 @@ def _quadratic(corners):
     return cells.reshape(-1, 27), parents
 
 
-def _node_places(corners, inner, parents):
+def _node_places(
+    corners: np.ndarray, inner: np.ndarray, parents: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """(rho, phi) of the quadratic nodes with the given `parents` (n, 8).
 
     `corners` (c, 2) are places in the plane, of which `inner` (c,) lie inside the patch. Nodes

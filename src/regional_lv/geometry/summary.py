@@ -14,11 +14,11 @@ from regional_lv.geometry.elements import (
     jacobians,
     lagrange,
 )
-from regional_lv.geometry.mesh import ENDOCARDIUM, EPICARDIUM, SURFACES
+from regional_lv.geometry.mesh import ENDOCARDIUM, EPICARDIUM, SURFACES, Mesh
 from regional_lv.geometry.surfaces import bullseye
 
 
-def summarise(mesh, table):
+def summarise(mesh: Mesh, table: pd.DataFrame) -> tuple[pd.DataFrame, dict]:
     """(segments, summary): what was meshed, measured on the mesh, against the table.
 
     segments: a row per AHA segment with volume_ml, thickness_mm and endo_radius_mm (means over
@@ -61,7 +61,7 @@ def summarise(mesh, table):
     return segments, summary
 
 
-def summarise_mesh(mesh):
+def summarise_mesh(mesh: Mesh) -> dict:
     """Volumes (mL), counts and scaled Jacobians of any mesh."""
     quality = scaled_jacobians(mesh)
     return {
@@ -76,24 +76,24 @@ def summarise_mesh(mesh):
     }
 
 
-def cell_volumes(mesh):
+def cell_volumes(mesh: Mesh) -> np.ndarray:
     """Volume (cells,) in mL."""
     points, weights = gauss(3, 4)
     return np.linalg.det(jacobians(mesh, points)) @ weights / 1e3
 
 
-def segment_volumes(mesh):
+def segment_volumes(mesh: Mesh) -> np.ndarray:
     """Volume (17,) in mL of the AHA segments."""
     return np.bincount(mesh.segment - 1, cell_volumes(mesh), minlength=len(SEGMENTS))
 
 
-def scaled_jacobians(mesh):
+def scaled_jacobians(mesh: Mesh) -> np.ndarray:
     """Scaled Jacobians (cells, 54) at the 27 nodes and 27 Gauss points of each element."""
     jacobian = jacobians(mesh, np.concatenate([NODES, gauss(3)[0]]))
     return np.linalg.det(jacobian) / np.linalg.norm(jacobian, axis=-2).prod(axis=-1)
 
 
-def cavity_volume(mesh):
+def cavity_volume(mesh: Mesh) -> float:
     """Volume (mL) between the endocardium and the base plane, by the divergence theorem."""
     points, weights = gauss(2, 4)
     inner = mesh.surface == ENDOCARDIUM
@@ -104,7 +104,9 @@ def cavity_volume(mesh):
     return float(-np.einsum("kqx,kqx,q->", x, normal, weights) / 3e3)
 
 
-def _endocardial_samples(mesh, table):
+def _endocardial_samples(
+    mesh: Mesh, table: pd.DataFrame
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Radius, thickness and weight (facets, q) at Gauss points of the endocardial facets."""
     endo = mesh.facets[mesh.surface == ENDOCARDIUM]
     apex, epi_apex = (_apex(mesh, surface) for surface in (ENDOCARDIUM, EPICARDIUM))
@@ -126,13 +128,15 @@ def _endocardial_samples(mesh, table):
     return radius.reshape(weight.shape), thickness.reshape(weight.shape), weight
 
 
-def _apex(mesh, surface):
+def _apex(mesh: Mesh, surface: int) -> float:
     """z (mm) of the surface's node nearest the long axis."""
     points = mesh.points[mesh.facets[mesh.surface == surface]].reshape(-1, 3)
     return points[np.hypot(points[:, 0], points[:, 1]).argmin(), 2]
 
 
-def _distance_to_epicardium(mesh, origins, directions, parts=4):
+def _distance_to_epicardium(
+    mesh: Mesh, origins: np.ndarray, directions: np.ndarray, parts: int = 4
+) -> np.ndarray:
     """Distance (n,) along unit directions (n, 3) to the epicardium, NaN where they miss it.
 
     Origin and direction lie in one meridian plane. Each facet that this plane meets is cut into

@@ -7,7 +7,9 @@ the same content in the variant that they take.
 import re
 import struct
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -34,7 +36,7 @@ PLY_TYPES = {
 PLY_ORDERS = {"ascii": None, "binary_little_endian": "<", "binary_big_endian": ">"}
 
 
-def read_surface(path):
+def read_surface(path: str | Path) -> tuple[np.ndarray, np.ndarray]:
     """Points (n, 3) and triangles (m, 3) of an STL, PLY, OBJ, VTP or legacy VTK file.
 
     Text or binary; polygons, strips and six-node faces become triangles. Raises InputError for a
@@ -68,7 +70,7 @@ def read_surface(path):
     return points, triangles
 
 
-def _stl(path, content):
+def _stl(path: Path, content: bytes) -> bytes:
     announced = int.from_bytes(content[STL_HEADER - 4 : STL_HEADER], "little")
     held = (len(content) - STL_HEADER) // STL_TRIANGLE
     if held >= announced and held >= 0:
@@ -83,7 +85,7 @@ def _stl(path, content):
     return text
 
 
-def _ply(path, content):
+def _ply(path: Path, content: bytes) -> bytes:
     """Vertices and faces alone, in this order, as VTK expects them."""
     # After a mere \r, the first byte of the data may be that of \n.
     line = rb"\r" if re.match(rb"ply[ \t]*\r(?!\n)", content, re.IGNORECASE) else rb"\r?\n"
@@ -91,8 +93,9 @@ def _ply(path, content):
     if not end or content[:3].lower() != b"ply":
         raise InputError(f"{path}: its header is not that of a PLY file; export it again")
     header = content[: end.start()].lower().splitlines()
-    lines = [line.decode("latin-1").split() for line in header]
-    form, elements = "", {}
+    lines = [text.decode("latin-1").split() for text in header]
+    form = ""
+    elements: dict[str, tuple[int, list[list[str]]]] = {}
     for kind, *rest in filter(None, lines):
         if kind == "format":
             form = rest[0]
@@ -104,9 +107,8 @@ def _ply(path, content):
         raise InputError(
             f"{path}: its format `{form}` is none of {', '.join(PLY_ORDERS)}; export it again"
         )
-    order, data = PLY_ORDERS[form], content[end.end() :]
-    if order is None:
-        data = data.split()
+    order = PLY_ORDERS[form]
+    data: Any = content[end.end() :] if order else content[end.end() :].split()
     parts, at = {}, 0
     for name, (count, properties) in elements.items():
         begin = at
@@ -120,25 +122,31 @@ def _ply(path, content):
                 "damaged: export it again"
             )
         parts[name] = data[begin:at]
-    header, body = [f"ply\nformat {form} 1.0\n"], []
+    kept, body = [f"ply\nformat {form} 1.0\n"], []
     for name in ("vertex", "face"):
         if name not in parts:
             raise InputError(f"{path}: has no element `{name}`; export the surface as triangles")
         count, properties = elements[name]
-        header.append(f"element {name} {count}\n")
-        for *kind, key in properties:
+        kept.append(f"element {name} {count}\n")
+        for *words, key in properties:
             # Of coordinates that are integers in text, VTK makes others.
-            kind = ["double"] if order is None and kind[0] != "list" else kind
-            header.append(" ".join(["property", *kind, key]) + "\n")
+            words = ["double"] if order is None and words[0] != "list" else words
+            kept.append(" ".join(["property", *words, key]) + "\n")
         body.append(parts[name] if order else b"\n".join([*parts[name], b""]))
-    return "".join([*header, "end_header\n"]).encode("latin-1") + b"".join(body)
+    return "".join([*kept, "end_header\n"]).encode("latin-1") + b"".join(body)
 
 
-def _ply_end(data, at, count, properties, order):
+def _ply_end(
+    data: Any,
+    at: int,
+    count: int,
+    properties: Sequence[Sequence[str]],
+    order: str | None,
+) -> int:
     """Where `count` rows of an element end that begin at `at`: in words of text (`order` None), or
     in bytes."""
 
-    def size(kind):
+    def size(kind: str) -> int:
         return struct.calcsize(order + PLY_TYPES[kind]) if order else 1
 
     if all(words[0] != "list" for words in properties):
@@ -159,15 +167,15 @@ def _ply_end(data, at, count, properties, order):
     return at
 
 
-def _obj(path, content):
+def _obj(path: Path, content: bytes) -> bytes:
     return content.lower()
 
 
-def _vtp(path, content):
+def _vtp(path: Path, content: bytes) -> bytes:
     return content
 
 
-def _vtk(path, content):
+def _vtk(path: Path, content: bytes) -> bytes:
     """Its first line is compared letter by letter."""
     return re.sub(rb"\A\s*# vtk datafile version", b"# vtk DataFile Version", content, flags=re.I)
 

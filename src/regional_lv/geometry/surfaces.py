@@ -25,9 +25,12 @@ What the table's figures mean: `endo_radius_mm` is the endocardium's distance fr
 axis and `wall_thickness_mm` is T; both are means over the segment's range of angle and latitude.
 """
 
+from collections.abc import Callable
 from functools import cache, lru_cache
+from typing import Protocol, TypeAlias
 
 import numpy as np
+import pandas as pd
 from numpy.polynomial import chebyshev, legendre
 from scipy import sparse
 from scipy.linalg import eigh
@@ -45,31 +48,49 @@ RING = np.linspace(0, 4 * QUARTER, 90, endpoint=False)  # angles around a border
 STEP = 1e-5  # rad, of differences along the latitude
 VOLUME_NODES = 40  # along the latitude, of the volumes
 
+Changes: TypeAlias = Callable[[np.ndarray, np.ndarray], np.ndarray]
+"""Of bullseye points X, Y (n,): derivatives (n, m) of a field about m figures."""
+Latitudes: TypeAlias = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray | None]
+"""What `Surfaces.latitudes` gives."""
 
-def polynomials(x, y, dx=0, dy=0, degree=DEGREE):
+
+class Wall(Protocol):
+    """What a mesh is moved onto: `Surfaces`, or `fitted.FittedSurfaces`. endo_apex: its z (mm)."""
+
+    endo_apex: float
+
+    def wall(
+        self, phi: np.ndarray, rho: np.ndarray, t: np.ndarray, rho_border: float, /
+    ) -> np.ndarray:
+        """Points (n, 3), as of `Surfaces.wall`."""
+
+
+def polynomials(
+    x: np.ndarray, y: np.ndarray, dx: int = 0, dy: int = 0, degree: int = DEGREE
+) -> np.ndarray:
     """Chebyshev products of this total degree at (n,) points, or a derivative: (n, basis)."""
     px, py = (_chebyshev(at, order, degree) for at, order in ((x, dx), (y, dy)))
     return np.concatenate([row * py[: degree + 1 - i] for i, row in enumerate(px)]).T
 
 
-def _chebyshev(x, order, degree):
+def _chebyshev(x: np.ndarray, order: int, degree: int) -> np.ndarray:
     """Derivatives (degree + 1, n) of this order of the polynomials at (n,) points."""
     values = chebyshev.chebvander(x, degree - order).T
     return chebyshev.chebder(np.eye(degree + 1), order).T @ values if order else values
 
 
-def powers(degree):
+def powers(degree: int) -> list[tuple[int, int]]:
     """Orders (i, j) of the Chebyshev products of this total degree."""
     return [(i, j) for i in range(degree + 1) for j in range(degree + 1 - i)]
 
 
-def bullseye(phi, u):
+def bullseye(phi: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     rho = 1 - u / QUARTER
     return rho * np.cos(phi), rho * np.sin(phi)
 
 
 @cache
-def _smooth_modes():
+def _smooth_modes() -> tuple[np.ndarray, np.ndarray]:
     """(modes, energies): combinations of the polynomials, orthonormal on the disk, by roughness.
 
     The energy is that of a thin plate under tension: the integral over the unit disk of
@@ -80,7 +101,7 @@ def _smooth_modes():
     weight = np.broadcast_to(weights * (nodes + 1), radius.shape).ravel()
     x, y = (radius * np.cos(angle)).ravel(), (radius * np.sin(angle)).ravel()
 
-    def gram(*order):
+    def gram(*order: int) -> np.ndarray:
         values = polynomials(x, y, *order)
         return (values * weight[:, None]).T @ values
 
@@ -90,7 +111,7 @@ def _smooth_modes():
     return modes, np.maximum(energies, 1.0)
 
 
-def _totals(average):
+def _totals(average: sparse.csr_matrix) -> np.ndarray:
     """Sums of the rows (m,) of a sparse matrix."""
     return np.asarray(average.sum(axis=1)).ravel()
 
@@ -106,7 +127,14 @@ class Field:
     of what it still moves, long before.
     """
 
-    def __init__(self, basis, average, values, apex=None, sharp=False):
+    def __init__(
+        self,
+        basis: np.ndarray,
+        average: sparse.csr_matrix,
+        values: np.ndarray,
+        apex: float | None = None,
+        sharp: bool = False,
+    ) -> None:
         modes, energies = _smooth_modes()
         self._mean = (values / _totals(average)).mean()
         self._scale = SOFTNESS * self._mean
@@ -118,7 +146,8 @@ class Field:
             right = np.array([centre_value - self._mean, 0.0, 0.0])
         # f is sought as a deviation from the mean, so that the constant's share stays small.
         f = np.full(len(basis), self._mean)
-        coefficients, last = None, np.inf
+        coefficients = None
+        last: np.ndarray | float = np.inf
         self._problem = basis, energies, average, fixed, apex
         # Least energy under the constraints linearised about the last f, until they hold.
         for _ in range(200):
@@ -137,13 +166,13 @@ class Field:
         self.settled = bool(np.abs(gap).max() < 1e-4 * values.max())
         self._coefficients = modes @ coefficients
 
-    def _bend(self, f):
+    def _bend(self, f: np.ndarray) -> np.ndarray:
         return self._scale * np.logaddexp(0, f / self._scale)
 
-    def __call__(self, x, y):
+    def __call__(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         return self._bend(self._mean + polynomials(x, y) @ self._coefficients)
 
-    def changes(self):
+    def changes(self) -> Changes:
         """Derivatives of the field about its values (m), and about `apex` if it has one.
 
         Returns a function of bullseye points X, Y (n,) that gives them, (n, m) or (n, m + 1). They
@@ -176,7 +205,7 @@ class Field:
         matrix = np.block([[tangent, -rows.T], [rows, zeros]])
         moved = _smooth_modes()[0] @ np.linalg.solve(matrix, right)[: len(energies)]
 
-        def at(x, y):
+        def at(x: np.ndarray, y: np.ndarray) -> np.ndarray:
             basis = polynomials(x, y)
             f = self._mean + basis @ self._coefficients
             by_mean = self._slope(f) + SOFTNESS * self._by_scale(f)
@@ -184,17 +213,19 @@ class Field:
 
         return at
 
-    def _slope(self, f):
+    def _slope(self, f: np.ndarray) -> np.ndarray:
         """dF/df."""
         return 1 / (1 + np.exp(-f / self._scale))
 
-    def _by_scale(self, f):
+    def _by_scale(self, f: np.ndarray) -> np.ndarray:
         """dF/ds."""
         return self._bend(f) / self._scale - self._slope(f) * f / self._scale
 
 
 @lru_cache(maxsize=8)
-def _averages(parts):
+def _averages(
+    parts: tuple[tuple[float, float, float, float], ...],
+) -> tuple[np.ndarray, np.ndarray, sparse.csr_matrix, np.ndarray]:
     """Gauss points of segments from angle to angle and from latitude to latitude, `parts`, m of
     them: angles and latitudes (q,), weights of the averages (m, q), and the smooth modes
     (q, modes)."""
@@ -222,7 +253,9 @@ class Surfaces:
     Raises InputError if the smoothest surfaces leave no cavity or no wall somewhere.
     """
 
-    def __init__(self, table, endo_apex_z_mm, epi_apex_z_mm, sharp=False):
+    def __init__(
+        self, table: pd.DataFrame, endo_apex_z_mm: float, epi_apex_z_mm: float, sharp: bool = False
+    ) -> None:
         self.endo_apex, self.epi_apex = endo_apex_z_mm, epi_apex_z_mm
         thickness = table["wall_thickness_mm"].to_numpy(float)
         self._tilt = (endo_apex_z_mm - epi_apex_z_mm) / thickness.mean()
@@ -243,14 +276,16 @@ class Surfaces:
                     "value that differs too much from its neighbours'"
                 )
 
-    def _parts(self, table):
+    def _parts(self, table: pd.DataFrame) -> tuple[tuple[float, float, float, float], ...]:
         """Angles and latitudes of a table's segments, as `_averages` takes them."""
         angles = np.radians(table[["angle_from_deg", "angle_to_deg"]].to_numpy(float)).T.tolist()
         # Shapes of one table differ by round-off here, and share what is made of it.
         ends = (self.latitude(table[z]).round(13).tolist() for z in ("z_top_mm", "z_bottom_mm"))
         return tuple(zip(*angles, *ends, strict=True))
 
-    def figures(self, table):
+    def figures(
+        self, table: pd.DataFrame
+    ) -> tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]:
         """Means of thickness and endocardial radius (m,) over the segments of another table, and
         their derivatives about the own figures (m, own) of the same kind."""
         phi, u, average, _ = _averages(self._parts(table))
@@ -261,23 +296,23 @@ class Surfaces:
             (average @ self.radius(phi, u), average @ (cos[:, None] * radius)),
         )
 
-    def latitude(self, z):
+    def latitude(self, z: np.ndarray) -> np.ndarray:
         """Latitude of the endocardium at height z; pi/2 below its apex."""
         return np.arcsin(np.clip(z / self.endo_apex, 0, 1))
 
-    def radius(self, phi, u):
+    def radius(self, phi: np.ndarray, u: np.ndarray) -> np.ndarray:
         """Distance of the endocardium from the long axis."""
         return self._radius(*bullseye(phi, u)) * np.cos(u)
 
-    def thickness(self, phi, u):
+    def thickness(self, phi: np.ndarray, u: np.ndarray) -> np.ndarray:
         """Wall thickness T."""
         return self._thickness(*bullseye(phi, u))
 
-    def endocardium(self, phi, u):
+    def endocardium(self, phi: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(r, z) of the endocardium."""
         return self.radius(phi, u), self.endo_apex * np.sin(u)
 
-    def epicardium(self, phi, u):
+    def epicardium(self, phi: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(r, z) of the epicardium."""
         cosine, sine = np.cos(u), self._tilt * np.sin(u)
         length = np.hypot(cosine, sine)
@@ -285,7 +320,7 @@ class Surfaces:
         r, z = self.endocardium(phi, u)
         return r + thickness * cosine / length, z - thickness * sine / length
 
-    def volumes(self):
+    def volumes(self) -> tuple[float, float]:
         """Of the cavity and of the wall (mL), between the surfaces and the base plane."""
         nodes, weights = legendre.leggauss(VOLUME_NODES)
         phi, u = np.meshgrid(RING, QUARTER * (nodes + 1) / 2)
@@ -296,11 +331,11 @@ class Surfaces:
             found.append(float((weight * surface(phi, u)[0] ** 2 / 2 * along).sum()) / 1e3)
         return found[0], found[1] - found[0]
 
-    def _epicardial_height(self, phi, u):
+    def _epicardial_height(self, phi: np.ndarray, u: np.ndarray) -> np.ndarray:
         cosine, sine = np.cos(u), self._tilt * np.sin(u)
         return self.endo_apex * np.sin(u) - self.thickness(phi, u) * sine / np.hypot(cosine, sine)
 
-    def epicardial_latitude(self, phi, z):
+    def epicardial_latitude(self, phi: np.ndarray, z: np.ndarray) -> np.ndarray:
         """Latitude at which the epicardium crosses the height z, by the Illinois algorithm (Dowell
         and Jarratt 1971, doi 10.1007/BF01934364): a bracket's line, halved where one end stays."""
         low, high = np.zeros(np.shape(phi)), np.full(np.shape(phi), QUARTER)
@@ -322,7 +357,9 @@ class Surfaces:
             before = above
         return middle
 
-    def wall(self, phi, rho, t, rho_border):
+    def wall(
+        self, phi: np.ndarray, rho: np.ndarray, t: np.ndarray, rho_border: float
+    ) -> np.ndarray:
         """Points (n, 3) at angle phi, distance rho from the bullseye's centre, transmural depth t.
 
         From the base (rho = 1) to `rho_border` the lines through the wall are horizontal, so that
@@ -332,12 +369,14 @@ class Surfaces:
         r, z = (1 - t) * r0 + t * r1, (1 - t) * z0 + t * z1
         return np.stack([r * np.cos(phi), r * np.sin(phi), z], axis=-1)
 
-    def ends(self, phi, rho, rho_border):
+    def ends(
+        self, phi: np.ndarray, rho: np.ndarray, rho_border: float
+    ) -> tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]:
         """(r, z) of both ends, on endocardium and epicardium, of the lines through the wall."""
         u_endo, u_epi = self.latitudes(phi, rho, rho_border)[:2]
         return self.endocardium(phi, u_endo), self.epicardium(phi, u_epi)
 
-    def latitudes(self, phi, rho, rho_border):
+    def latitudes(self, phi: np.ndarray, rho: np.ndarray, rho_border: float) -> Latitudes:
         """Latitudes of both ends of the lines through the wall, on endocardium and epicardium, and
         those at which the epicardium meets the planes of the levels: of the lines and, if some lie
         below the last level, of 90 angles around its border."""
@@ -359,7 +398,9 @@ class Surfaces:
 
     # ------------------------------------------------------------ derivatives about the table
 
-    def changes_of_ends(self, phi, rho, rho_border, latitudes):
+    def changes_of_ends(
+        self, phi: np.ndarray, rho: np.ndarray, rho_border: float, latitudes: Latitudes
+    ) -> tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]:
         """Derivatives of what `ends` gives about the table's figures: ((r, z), (r, z)), each
         (n, 2 m + 2).
 
@@ -371,7 +412,7 @@ class Surfaces:
         u_endo, u_epi, u_plane, u_ring = latitudes
         u_border = QUARTER * (1 - rho_border)
 
-        def at_plane(phi, u, u_endo):
+        def at_plane(phi: np.ndarray, u: np.ndarray, u_endo: float | np.ndarray) -> np.ndarray:
             """Derivatives of the epicardial latitude `u` at the height of an endocardial one."""
             _, z, _, z_along = self._epicardial_changes(phi, u, radius, thickness)
             z[:, -2] += np.sin(u_endo)  # the plane goes down with the length
@@ -386,14 +427,18 @@ class Surfaces:
         outer = r + r_along[:, None] * along, z + z_along[:, None] * along
         return self._endocardial_changes(phi, u_endo, radius, outer[0].shape), outer
 
-    def _endocardial_changes(self, phi, u, radius, shape):
+    def _endocardial_changes(
+        self, phi: np.ndarray, u: np.ndarray, radius: Changes, shape: tuple[int, int]
+    ) -> tuple[np.ndarray, np.ndarray]:
         r, z = np.zeros(shape), np.zeros(shape)
         segments = shape[1] // 2 - 1
         r[:, segments:-2] = radius(*bullseye(phi, u)) * np.cos(u)[:, None]
         z[:, -2] = -np.sin(u)
         return r, z
 
-    def _epicardial_changes(self, phi, u, radius, thickness):
+    def _epicardial_changes(
+        self, phi: np.ndarray, u: np.ndarray, radius: Changes, thickness: Changes
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Derivatives of (r, z) at given latitudes about the figures, and along the latitude."""
         by_thickness = thickness(*bullseye(phi, u))
         segments = by_thickness.shape[1] - 1

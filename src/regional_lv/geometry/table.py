@@ -1,5 +1,8 @@
 """The segment table: read, checked, and in AHA order."""
 
+from collections.abc import Mapping
+from pathlib import Path
+
 import numpy as np
 import pandas as pd
 
@@ -31,7 +34,7 @@ MOST_TWIST_DEG = 50.0
 """Between the septa of two levels: one segment of 60 degrees is a mistake, twenty are a heart."""
 
 
-def read_segments(path):
+def read_segments(path: str | Path) -> pd.DataFrame:
     """Read and check a segment table (CSV); one row per AHA segment, returned in AHA order.
 
     `path` may be the word `volunteer`, the table that comes with the package. Columns: aha_segment
@@ -93,7 +96,9 @@ def read_segments(path):
     return table.reset_index()
 
 
-def check_apices(path, table, endo_apex_z_mm, epi_apex_z_mm):
+def check_apices(
+    path: str | Path, table: pd.DataFrame, endo_apex_z_mm: float, epi_apex_z_mm: float
+) -> None:
     """Raise InputError for apices (z in mm) that do not belong to the table that `read_segments`
     returned for `path`."""
     bottom = table["z_bottom_mm"].iloc[15]
@@ -112,7 +117,7 @@ def check_apices(path, table, endo_apex_z_mm, epi_apex_z_mm):
         )
 
 
-def _standard_deviations(path, cells, of):
+def _standard_deviations(path: Path, cells: pd.Series, of: str) -> pd.Series:
     """Numbers, 0 where a cell is empty; `of` is the column that they belong to."""
     numbers = cells.map(lambda cell: number_in(cell) if str(cell).strip() else 0.0)
     for line, value in numbers.items():
@@ -124,7 +129,7 @@ def _standard_deviations(path, cells, of):
     return numbers.astype(float)
 
 
-def _check_sizes(path, table):
+def _check_sizes(path: Path, table: pd.DataFrame) -> None:
     for column, (low, high) in PLAUSIBLE_MM.items():
         for unit, factor in (("cm", 10), ("m", 1000)):
             if (table[column] * factor).between(low, high).all() and table[column].median() < low:
@@ -139,7 +144,7 @@ def _check_sizes(path, table):
                 )
 
 
-def _check_levels(path, table):
+def _check_levels(path: Path, table: pd.DataFrame) -> None:
     """One z range per level, and ranges that join from the base plane z = 0 downwards."""
     above, name_above = 0.0, "the base plane"
     for level, numbers in LEVELS.items():
@@ -171,7 +176,7 @@ def _check_levels(path, table):
         )
 
 
-def _check_sectors(path, table):
+def _check_sectors(path: Path, table: pd.DataFrame) -> None:
     """Sectors that tile each level, numbered clockwise seen from the base as the AHA does."""
     width = table["angle_to_deg"] - table["angle_from_deg"]
     for line, degrees in width.items():
@@ -201,7 +206,7 @@ def _check_sectors(path, table):
             )
 
 
-def _closed(table):
+def _closed(table: pd.DataFrame) -> pd.Series:
     """`angle_to_deg` without what round-off leaves between a sector and its neighbour."""
     angle_to = table["angle_to_deg"].copy()
     for numbers in LEVELS.values():
@@ -212,7 +217,7 @@ def _closed(table):
     return angle_to
 
 
-def check_septum(path, middle, remedy):
+def check_septum(path: str | Path, middle: Mapping[int, float], remedy: str) -> None:
     """Raise InputError unless the septum is on one side at all levels.
 
     path: of the segments, and what to do about it (`remedy`), for the message. middle: angle

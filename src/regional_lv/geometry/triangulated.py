@@ -12,6 +12,7 @@ from its mirror image (an axis flipped on export); the two insertions of the rig
 """
 
 import logging
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -74,7 +75,7 @@ class Ventricle:
     base_normal: np.ndarray
 
     @cached_property
-    def lines(self):
+    def lines(self) -> WallLines:
         """The `WallLines` of this ventricle."""
         return WallLines.of(
             triangle_points(self.endocardium, APEX_MM),
@@ -82,46 +83,46 @@ class Ventricle:
         )
 
     @cached_property
-    def smooth(self):
+    def smooth(self) -> dict[str, FittedSurface]:
         """The `FittedSurface` of each side."""
         return {
             side: FittedSurface(self.lines, _points_to_fit(getattr(self, side), self.base_normal))
             for side in SIDES
         }
 
-    def turn(self, rotation):
+    def turn(self, rotation: np.ndarray) -> None:
         """Turn the project's frame: a point x of it becomes rotation (3, 3) @ x."""
         for surface in (self.endocardium, self.epicardium):
             surface.points = surface.points @ rotation.T
         self.rotation = rotation @ self.rotation
         self.base_normal = rotation @ self.base_normal
 
-    def in_file(self, points):
+    def in_file(self, points: np.ndarray) -> np.ndarray:
         """Points (..., 3) of the project's frame in the files' coordinates."""
         return (self.origin + points @ self.rotation) / self.mm_per_unit
 
-    def in_file_words(self, point):
+    def in_file_words(self, point: np.ndarray) -> str:
         """A point (3,) of the project's frame as text in the files' coordinates."""
         return _place(self.in_file(point))
 
     @property
-    def cavity_volume_ml(self):
+    def cavity_volume_ml(self) -> float:
         return enclosed_volume(self.endocardium)
 
     @property
-    def wall_volume_ml(self):
+    def wall_volume_ml(self) -> float:
         return enclosed_volume(self.epicardium) - self.cavity_volume_ml
 
 
 def read_ventricle(
-    endocardium,
-    epicardium,
-    unit="mm",
-    base=None,
-    septum=None,
-    insertions=None,
-    long_axis="apex",
-):
+    endocardium: str | Path,
+    epicardium: str | Path,
+    unit: str = "mm",
+    base: Mapping | None = None,
+    septum: Sequence[float] | None = None,
+    insertions: Mapping | None = None,
+    long_axis: str = "apex",
+) -> Ventricle:
     """`Ventricle` from two files of triangles (STL, PLY, OBJ, VTP or legacy VTK).
 
     Parameters
@@ -151,7 +152,7 @@ def read_ventricle(
     across = np.eye(3)[np.abs(normal).argmin()]
     rotation = _axes(normal, across - across @ normal * normal, 0.0)
 
-    def placed(point):
+    def placed(point: np.ndarray) -> Ventricle:
         return _placed(paths, given, point, rotation, mm, septum, insertions, long_axis)
 
     heart = placed(point)
@@ -167,7 +168,9 @@ def read_ventricle(
     return heart
 
 
-def read_configured(endocardium, epicardium, surfaces):
+def read_configured(
+    endocardium: str | Path, epicardium: str | Path, surfaces: Mapping
+) -> Ventricle:
     """`read_ventricle` of two paths with what the section `geometry.surfaces` says of them; other
     keys of it are not used."""
     wanted = ("unit", "base", "septum", "insertions", "long_axis")
@@ -175,10 +178,19 @@ def read_configured(endocardium, epicardium, surfaces):
     return read_ventricle(endocardium, epicardium, **said)
 
 
-def _placed(paths, given, point, rotation, mm, septum, insertions, long_axis):
+def _placed(
+    paths: Mapping[str, Path],
+    given: Mapping[str, pyvista.PolyData],
+    point: np.ndarray,
+    rotation: np.ndarray,
+    mm: float,
+    septum: Sequence[float] | None,
+    insertions: Mapping | None,
+    long_axis: str,
+) -> Ventricle:
     """`Ventricle` below the base plane through a point (3,), `rotation` having its normal as z."""
-    cut, origin = _cut_at_base(paths, given, point, rotation, mm)
-    heart = Ventricle(*cut, rotation, origin, mm, np.array([0.0, 0.0, 1.0]))
+    (inner, outer), origin = _cut_at_base(paths, given, point, rotation, mm)
+    heart = Ventricle(inner, outer, rotation, origin, mm, np.array([0.0, 0.0, 1.0]))
     _check_inside(paths, heart)
     apex = _apex(heart)
     _check_tilt(heart, apex)
@@ -192,7 +204,7 @@ def _placed(paths, given, point, rotation, mm, septum, insertions, long_axis):
     return heart
 
 
-def _points_to_fit(surface, base_normal):
+def _points_to_fit(surface: pyvista.PolyData, base_normal: np.ndarray) -> np.ndarray:
     """Corners of the triangles, in large ones points between them, in dense places fewer."""
     points = np.concatenate([surface.points, triangle_points(surface, GAP_MM)])
     # Of each cell of a fine grid one point; those in the base plane have cells of their own.
@@ -204,7 +216,7 @@ def _points_to_fit(surface, base_normal):
 # ---------------------------------------------------------------------------- files
 
 
-def _read(path):
+def _read(path: Path) -> pyvista.PolyData:
     points, triangles = read_surface(path)
     if not np.isfinite(points).all():
         raise InputError(f"{path}: holds points that are no numbers (NaN); export it again")
@@ -222,12 +234,12 @@ def _read(path):
     return surface
 
 
-def _edges(surface, **wanted):
+def _edges(surface: pyvista.PolyData, **wanted: bool) -> pyvista.PolyData:
     kinds = ("boundary_edges", "non_manifold_edges", "feature_edges", "manifold_edges")
     return surface.extract_feature_edges(**{kind: wanted.get(kind, False) for kind in kinds})
 
 
-def _loops(surface):
+def _loops(surface: pyvista.PolyData) -> list[np.ndarray]:
     """Points (n, 3) of every closed line that bounds the surface, the longest line first."""
     edges = _edges(surface, boundary_edges=True)
     if edges.n_cells == 0:
@@ -236,11 +248,11 @@ def _loops(surface):
     return [piece.points for piece in sorted(pieces, key=lambda piece: -piece.length)]
 
 
-def _place(point):
+def _place(point: np.ndarray) -> str:
     return "({})".format(", ".join(f"{x:.4g}" for x in point))
 
 
-def _length(surface):
+def _length(surface: pyvista.PolyData) -> float:
     """Extent along the surface's own longest direction."""
     points = surface.points.astype(float)
     size = np.abs(points).max() or 1.0  # squares of damaged coordinates overflow otherwise
@@ -249,7 +261,9 @@ def _length(surface):
     return size * np.ptp(points @ np.linalg.svd(points.T @ points)[0][:, 0])
 
 
-def _check_lengths(paths, given, unit):
+def _check_lengths(
+    paths: Mapping[str, Path], given: Mapping[str, pyvista.PolyData], unit: str
+) -> None:
     low, high = PLAUSIBLE_LENGTH_MM
     lengths = {side: _length(surface) for side, surface in given.items()}
     unusual = [side for side, length in lengths.items() if not low <= length <= high]
@@ -273,7 +287,9 @@ def _check_lengths(paths, given, unit):
     raise InputError(f"{says}; between {low:g} and {high:g} are possible: check {KEY}.unit")
 
 
-def _check_together(paths, given, mm):
+def _check_together(
+    paths: Mapping[str, Path], given: Mapping[str, pyvista.PolyData], mm: float
+) -> None:
     """Both surfaces in one frame: their boxes overlap."""
     low, high = (
         np.array([function(surface.points, axis=0) for surface in given.values()])
@@ -290,12 +306,14 @@ def _check_together(paths, given, mm):
 # ---------------------------------------------------------------------------- base
 
 
-def _base_plane(paths, given, base, mm):
+def _base_plane(
+    paths: Mapping[str, Path], given: Mapping[str, pyvista.PolyData], base: Mapping, mm: float
+) -> tuple[np.ndarray, np.ndarray]:
     """(point, unit normal away from the apex) in mm: what the user says, or from the rims."""
     point, normal = (base.get(key) for key in ("point", "normal"))
     if (point is None) != (normal is None):
         raise InputError(f"{KEY}.base: give point and normal, or neither")
-    if point is not None:
+    if point is not None and normal is not None:
         size = np.linalg.norm(normal)
         if size == 0:
             raise InputError(f"{KEY}.base.normal: has no length; give the direction from the apex")
@@ -317,7 +335,7 @@ def _base_plane(paths, given, base, mm):
     return point, -np.sign(side) * normal
 
 
-def _centroid(loop):
+def _centroid(loop: np.ndarray) -> np.ndarray:
     """Middle of the closed line that passes through points (n, 3) on a plane, or nearly so.
 
     It is the centroid of the area; the points are put in order by their angle about their mean.
@@ -332,7 +350,7 @@ def _centroid(loop):
     return centre + moments[0] * first + moments[1] * second
 
 
-def _axes(normal, towards, degrees):
+def _axes(normal: np.ndarray, towards: np.ndarray, degrees: float) -> np.ndarray:
     """Rotation (3, 3), rows x, y and z, with z along `normal` and `towards`, which is perpendicular
     to it, at this angle, counter-clockwise seen from the end of z."""
     towards = towards / np.linalg.norm(towards)
@@ -342,7 +360,13 @@ def _axes(normal, towards, degrees):
     return np.stack([x, np.cross(normal, x), normal])
 
 
-def _cut_at_base(paths, given, point, rotation, mm):
+def _cut_at_base(
+    paths: Mapping[str, Path],
+    given: Mapping[str, pyvista.PolyData],
+    point: np.ndarray,
+    rotation: np.ndarray,
+    mm: float,
+) -> tuple[list[pyvista.PolyData], np.ndarray]:
     """([endocardium, epicardium] below z = 0, origin): cut, with the axis in the rim's middle."""
     local, depth = [], 0.0
     for side, surface in given.items():
@@ -366,7 +390,7 @@ def _cut_at_base(paths, given, point, rotation, mm):
     return cut, point + middle @ rotation
 
 
-def _check_crossing_of_base(path, surface, rotation):
+def _check_crossing_of_base(path: Path, surface: pyvista.PolyData, rotation: np.ndarray) -> None:
     z = surface.points[:, 2]
     near = FLATNESS * np.ptp(z)
     if z.min() > -near or (z.max() < -near and not _loops(surface)):
@@ -385,7 +409,14 @@ def _check_crossing_of_base(path, surface, rotation):
         )
 
 
-def _depth_of_rim(path, side, surface, point, rotation, mm):
+def _depth_of_rim(
+    path: Path,
+    side: str,
+    surface: pyvista.PolyData,
+    point: np.ndarray,
+    rotation: np.ndarray,
+    mm: float,
+) -> float:
     """How far (mm) below z = 0 the surface's opening begins; other holes are an error."""
     near = FLATNESS * np.ptp(surface.points[:, 2])
     for k, loop in enumerate(_loops(surface)):
@@ -408,7 +439,9 @@ def _depth_of_rim(path, side, surface, point, rotation, mm):
     return 0.0
 
 
-def _below_base(path, side, surface, in_file):
+def _below_base(
+    path: Path, side: str, surface: pyvista.PolyData, in_file: Callable[[np.ndarray], np.ndarray]
+) -> pyvista.PolyData:
     """The part below z = 0: one piece with one opening, its triangles turned alike."""
     z = surface.points[:, 2]
     z[np.abs(z) < FLATNESS * np.ptp(z)] = 0.0
@@ -447,7 +480,7 @@ def _below_base(path, side, surface, in_file):
 # ---------------------------------------------------------------------------- both together
 
 
-def _check_inside(paths, heart):
+def _check_inside(paths: Mapping[str, Path], heart: Ventricle) -> None:
     """The endocardium inside the epicardium, by their volumes and rims."""
     if heart.wall_volume_ml <= 0:
         cavity, outside = heart.cavity_volume_ml, enclosed_volume(heart.epicardium)
@@ -464,7 +497,7 @@ def _check_inside(paths, heart):
         )
 
 
-def _apex(heart):
+def _apex(heart: Ventricle) -> np.ndarray:
     """Endocardial apex (3,) in the base's frame: the middle of what lies farthest from the base's
     middle. In a round ventricle that is much, so that one triangle does not turn the axis."""
     places, area = middles(heart.endocardium), areas(heart.endocardium)
@@ -475,7 +508,7 @@ def _apex(heart):
     return np.average(places[far], axis=0, weights=area[far])
 
 
-def _check_tilt(heart, apex):
+def _check_tilt(heart: Ventricle, apex: np.ndarray) -> None:
     tilt = np.degrees(np.arctan2(np.hypot(apex[0], apex[1]), -apex[2]))
     says = (
         f"the apex, at {heart.in_file_words(apex)}, lies {tilt:.0f} degrees off the normal of "
@@ -487,7 +520,9 @@ def _check_tilt(heart, apex):
         log.warning("%s%s", says[0].upper(), says[1:])
 
 
-def _septum(direction, insertions, heart):
+def _septum(
+    direction: Sequence[float] | None, insertions: Mapping | None, heart: Ventricle
+) -> np.ndarray:
     """Horizontal vector (3,) towards the septum's middle in the ventricle's frame."""
     points = {name: point for name, point in (insertions or {}).items() if point is not None}
     if (direction is None) == (not points):
@@ -507,7 +542,7 @@ def _septum(direction, insertions, heart):
     return towards * [1, 1, 0]
 
 
-def _between_insertions(points, heart):
+def _between_insertions(points: Mapping, heart: Ventricle) -> np.ndarray:
     if set(points) != {"anterior", "inferior"}:
         raise InputError(f"{KEY}.insertions: give both points, anterior and inferior")
     angle = {}

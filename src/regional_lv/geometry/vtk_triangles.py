@@ -8,16 +8,17 @@ and writes its arrays (NPZ) to the standard output.
 import io
 import subprocess
 import sys
+from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 # Share of an edge's length within which a face's further point counts as in the edge's middle.
 MIDDLE = 0.25
-NAMES = ("points", "triangles", "share")
 
 
-def read_triangles(path):
+def read_triangles(path: str | Path) -> tuple[np.ndarray, np.ndarray, float]:
     """Points (n, 3), triangles (m, 3) of a file .stl, .ply, .obj, .vtp or .vtk, and how many of the
     triangles that its polygons should make these are (a share).
 
@@ -32,10 +33,10 @@ def read_triangles(path):
     if done.returncode:
         raise ValueError("it announces more than it holds, or is damaged")
     arrays = np.load(io.BytesIO(done.stdout))
-    return tuple(arrays[name] for name in NAMES)
+    return arrays["points"], arrays["triangles"], float(arrays["share"])
 
 
-def _read(path):
+def _read(path: str) -> Any:
     """The file's data set in VTK's types, one of surfaces; None if there is none in it."""
     from vtkmodules.vtkCommonDataModel import vtkPolyData, vtkUnstructuredGrid
     from vtkmodules.vtkFiltersGeometry import vtkDataSetSurfaceFilter
@@ -44,7 +45,7 @@ def _read(path):
     from vtkmodules.vtkIOPLY import vtkPLYReader
     from vtkmodules.vtkIOXML import vtkXMLPolyDataReader
 
-    readers = {
+    readers: dict[str, Any] = {
         ".obj": vtkOBJReader,
         ".ply": vtkPLYReader,
         ".stl": vtkSTLReader,
@@ -66,7 +67,7 @@ def _read(path):
     return data if isinstance(data, vtkPolyData) and data.GetNumberOfPoints() else None
 
 
-def _polygons(cells):
+def _polygons(cells: Any) -> Iterator[np.ndarray]:
     """Point numbers (k, n) of the polygons that have n points, for every n."""
     from vtkmodules.util.numpy_support import vtk_to_numpy
 
@@ -78,7 +79,7 @@ def _polygons(cells):
         yield point[start[:-1][size == n][:, None] + np.arange(n)]
 
 
-def _with_middles(points, faces):
+def _with_middles(points: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """Which of the faces (k, n) have a point in the middle of each edge after their corners."""
     corners = faces.shape[1] // 2
     if corners not in (3, 4):
@@ -89,7 +90,7 @@ def _with_middles(points, faces):
     return (off <= MIDDLE * np.linalg.norm(following - ends, axis=2)).all(axis=1)
 
 
-def _pieces(faces):
+def _pieces(faces: np.ndarray) -> np.ndarray:
     """Triangles (m, 3) of such faces: one at each corner, and the rest between the middles."""
     corners = faces.shape[1] // 2
     edges = faces[:, corners : 2 * corners]
@@ -99,7 +100,7 @@ def _pieces(faces):
     return np.concatenate(found)
 
 
-def _triangulated(points, faces, strips):
+def _triangulated(points: np.ndarray, faces: Sequence[np.ndarray], strips: Any) -> np.ndarray:
     """Triangles (m, 3), by VTK, of faces (a list of (k, n)) and VTK's strips."""
     from vtkmodules.util.numpy_support import numpy_to_vtk, vtk_to_numpy
     from vtkmodules.vtkCommonCore import vtkPoints
@@ -125,13 +126,13 @@ def _triangulated(points, faces, strips):
 _NONE = np.zeros((0, 3), dtype=np.int64)
 
 
-def _expected(points, faces):
+def _expected(points: np.ndarray, faces: np.ndarray) -> int:
     """How many triangles faces (k, n) make; points that coincide with the one before count once."""
     apart = (points[faces] != points[np.roll(faces, 1, axis=1)]).any(axis=2)
     return np.maximum(apart.sum(axis=1) - 2, 0).sum()
 
 
-def triangles_of(path):
+def triangles_of(path: str | Path) -> tuple[np.ndarray, np.ndarray, float]:
     """What `read_triangles` returns, in this process."""
     from vtkmodules.util.numpy_support import vtk_to_numpy
     from vtkmodules.vtkCommonDataModel import vtkCellArray
@@ -154,5 +155,6 @@ def triangles_of(path):
 
 if __name__ == "__main__":
     stream = io.BytesIO()
-    np.savez(stream, **dict(zip(NAMES, triangles_of(sys.argv[1]), strict=True)))
+    points, triangles, share = triangles_of(sys.argv[1])
+    np.savez(stream, points=points, triangles=triangles, share=share)
     sys.stdout.buffer.write(stream.getvalue())

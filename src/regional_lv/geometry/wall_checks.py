@@ -4,6 +4,10 @@ Each check takes the paths of the two surfaces by side and the `triangulated.Ven
 InputError with the place, the AHA segment there, and the remedy.
 """
 
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING
+
 import numpy as np
 import pandas as pd
 from scipy.spatial import cKDTree
@@ -14,6 +18,9 @@ from regional_lv.geometry.fitted import aha_segment_at
 from regional_lv.geometry.surfaces import QUARTER
 from regional_lv.geometry.triangles import areas, cones, middles, triangle_points
 from regional_lv.geometry.wall_lines import FAN
+
+if TYPE_CHECKING:
+    from regional_lv.geometry.triangulated import Ventricle  # which imports this module
 
 # Distance (mm) between the places at which the wall is looked at.
 SPACING_MM = 2.5
@@ -31,7 +38,7 @@ PLACES = (121, 61)
 SECTORS = 12
 
 
-def check_one_ventricle(paths, heart):
+def check_one_ventricle(paths: Mapping[str, Path], heart: "Ventricle") -> None:
     """The epicardium is that of the left ventricle alone."""
     inner, outer = (
         triangle_points(surface, SPACING_MM) for surface in (heart.endocardium, heart.epicardium)
@@ -50,7 +57,7 @@ def check_one_ventricle(paths, heart):
         )
 
 
-def check_lines(paths, heart):
+def check_lines(paths: Mapping[str, Path], heart: "Ventricle") -> None:
     """Every line through the wall meets each surface once, but for small folds."""
     for side, path in paths.items():
         surface = getattr(heart, side)
@@ -72,14 +79,14 @@ def check_lines(paths, heart):
             )
 
 
-def where(heart, point):
+def where(heart: "Ventricle", point: np.ndarray) -> str:
     """A point (3,) in the files' coordinates and in words: its AHA segment."""
     phi, u, _ = heart.lines.coordinates(point[None])
     segment = SEGMENTS[aha_segment_at(phi[0], u[0]) - 1]
     return f"{heart.in_file_words(point)} (segment {segment.number}, {segment.name})"
 
 
-def depth_of_crossing(heart, deepest):
+def depth_of_crossing(heart: "Ventricle", deepest: float) -> float:
     """How far (mm) below the base the surfaces cross or nearly do, if no deeper than `deepest`;
     otherwise 0."""
     inner, thickness = _wall(heart)
@@ -91,7 +98,7 @@ def depth_of_crossing(heart, deepest):
     return depth.reshape(PLACES[::-1])[np.flatnonzero(rows)[-1] // PLACES[0] + 1].max()
 
 
-def check_thickness(paths, heart):
+def check_thickness(paths: Mapping[str, Path], heart: "Ventricle") -> None:
     """There is a wall between the smooth surfaces through the endocardium and the epicardium."""
     inner, thickness = _wall(heart)
     least = thickness.argmin()
@@ -113,7 +120,7 @@ def check_thickness(paths, heart):
     )
 
 
-def _wall(heart):
+def _wall(heart: "Ventricle") -> tuple[np.ndarray, np.ndarray]:
     """Places (n, 3) all over the endocardium, and the wall's thickness (n,) in mm along the lines
     there; less than 0 where the epicardium lies inside."""
     angles, latitudes = np.linspace(-np.pi, np.pi, PLACES[0]), np.linspace(0, QUARTER, PLACES[1])

@@ -18,6 +18,8 @@ wall between two surfaces of one D for each line is meshed without folds if and 
 epicardium's D is the larger one everywhere, whatever the shapes.
 """
 
+from typing import Self
+
 import numpy as np
 
 from regional_lv.geometry.surfaces import QUARTER
@@ -40,11 +42,15 @@ class WallLines:
     passes through the origin.
     """
 
-    def __init__(self, length, radius, slope=(0.0, 0.0)):
+    def __init__(
+        self, length: float, radius: float, slope: tuple[float, float] | np.ndarray = (0.0, 0.0)
+    ) -> None:
         self.length, self.radius, self.slope = length, radius, np.asarray(slope, dtype=float)
 
     @classmethod
-    def of(cls, endocardium, slope=(0.0, 0.0)):
+    def of(
+        cls, endocardium: np.ndarray, slope: tuple[float, float] | np.ndarray = (0.0, 0.0)
+    ) -> Self:
         """Lines whose half ellipsoid has the apex of the endocardium's points (n, 3), and lies
         close to those below the mid level."""
         r = np.hypot(endocardium[:, 0], endocardium[:, 1])
@@ -53,7 +59,7 @@ class WallLines:
         radius = np.sqrt((r[apical] ** 2).sum() / (1 - share[apical] ** 2).sum())
         return cls(-endocardium[r.argmin(), 2], radius, slope)
 
-    def _line(self, phi, u):
+    def _line(self, phi: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """(foot, r, z): height (n,) of D = 0 and the step (n,), (n,) from there to D = 1."""
         s, across = np.sin(u), self.radius * np.cos(u)
         fan = np.maximum(s - FAN, 0) ** 2 / (2 * (1 - FAN))
@@ -61,17 +67,17 @@ class WallLines:
         along = -self.length * fan + slope * (1 - s) * across
         return -self.length * (s - fan), across, along
 
-    def points(self, phi, u, distance):
+    def points(self, phi: np.ndarray, u: np.ndarray, distance: np.ndarray) -> np.ndarray:
         """Points (n, 3) of the lines at D = distance (n,)."""
         foot, across, along = self._line(phi, u)
         r = distance * across
         return np.stack([r * np.cos(phi), r * np.sin(phi), foot + distance * along], axis=-1)
 
-    def directions(self, phi, u):
+    def directions(self, phi: np.ndarray, u: np.ndarray) -> np.ndarray:
         """Steps (n, 3) in mm along the lines from the axis to D = 1."""
         return self.points(phi, u, np.ones_like(u)) - self.points(phi, u, np.zeros_like(u))
 
-    def coordinates(self, points):
+    def coordinates(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """(phi, u, D) of points (n, 3) below the base plane; above it u is 0."""
         x, y, z = points.T
         phi, r = np.arctan2(y, x), np.hypot(x, y)

@@ -12,6 +12,9 @@ from regional_lv.hearts.prevalence import SOME
 from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.plots import style
 
+GOLDEN = (5**0.5 - 1) / 2
+"""Its multiples, modulo 1, are spread evenly however many there are."""
+
 
 @style.context
 def draw_stiffness(
@@ -33,12 +36,15 @@ def draw_stiffness(
     axes = fig.subplots(len(parameters.factors), 1, sharex=True, squeeze=False)[:, 0]
     for ax, factor in zip(axes, parameters.factors, strict=True):
         own = table[table["factor"] == factor]
-        how = {"x": "zone", "y": "mean", "hue": "zone", "order": zones, "hue_order": zones}
+        how = {"x": "zone", "y": "mean", "hue": "zone", "hue_order": zones}
         boxes = style.BOXES | {"boxprops": {"alpha": 0.35}}
         options = {"showfliers": False, "width": 0.55, "legend": False}
-        seaborn.boxplot(own, **how, palette=colours, ax=ax, **options, **boxes)
-        points = {"size": 3.5, "linewidth": 0.4, "edgecolor": style.BLACK, "jitter": 0.16}
-        seaborn.stripplot(own, **how, palette=colours, ax=ax, legend=False, **points)
+        seaborn.boxplot(own, **how, order=zones, palette=colours, ax=ax, **options, **boxes)
+        # seaborn's own jitter is another one each time.
+        jitter = 0.32 * (own.groupby("zone").cumcount() * GOLDEN % 1 - 0.5)
+        points = {"s": 14, "linewidth": 0.4, "edgecolor": style.BLACK, "zorder": 3}
+        how["x"] = own["zone"].map(zones.index) + jitter
+        seaborn.scatterplot(own, **how, palette=colours, ax=ax, legend=False, **points)
         for x, zone in enumerate(parameters.zones):
             row = known[known["parameter"] == f"{factor}_{zone}"]
             if len(row):

@@ -10,6 +10,7 @@ import seaborn
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
+from matplotlib.ticker import MaxNLocator
 
 from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.plots import heart, style
@@ -40,31 +41,34 @@ def draw(
     directions = [name for name in QUANTITIES if QUANTITIES[name].is_strain and name in table]
     zones, per_zone = parameters.zones, len(directions)
     (lines, across), _ = style.zone_places(len(zones), per_zone)
-    fig = style.figure(1.9 * max(across, 3) + 3.0, 2.3 * lines)
-    ratios = [1, 0.6 * max(across, 3)]
+    fig = style.figure(1.6 * max(across, 3) + 2.4, 2.3 * lines + 0.6)
+    ratios = [1, 0.66 * max(across, 3)]
     left, right = fig.subfigures(1, 2, squeeze=False, width_ratios=ratios)[0]
     measure = f"{seth_hill.measure_name(strain_exponent)} strain"
     _pictures(left, vtu, table, directions, measure)
     rows = []
     axes = style.zone_panels(right, len(zones), per_zone)
     for line, direction in zip(axes, directions, strict=True):
-        for ax, (zone, segments) in zip(line, zones.items(), strict=True):
-            rows += _densities(ax, table, zone, segments, direction)
         for ax in line[1:]:
             ax.sharex(line[0])
+        for ax, (zone, segments) in zip(line, zones.items(), strict=True):
+            rows += _densities(ax, table, zone, segments, direction)
         for ax in line[:: style.ZONES_PER_ROW]:
             ax.set_ylabel(f"{direction}\ndensity")
     for ax, (zone, segments) in zip(axes[0], zones.items(), strict=True):
-        ax.set_title(style.zone_label(zone))
         many = len(segments) > len(COLOURS)
         ax.legend(
-            title="AHA",
-            loc="upper right",
+            title=f"{style.zone_label(zone)}, AHA",
+            title_fontproperties={"size": 9, "weight": "bold"},
+            loc="lower center",
+            bbox_to_anchor=(0.5, 1.0),
             handlelength=1.6,
+            columnspacing=0.8,
             labelspacing=0.2,
-            ncols=3 if many else 1,
+            ncols=5 if many else 3,
             fontsize=6 if many else None,
         )
+        ax.spines["top"].set(visible=True, color=parameters.colours[zone], linewidth=4)
     for ax in axes[-1]:
         ax.set_xlabel(measure)
     style.suptitle(fig, r"Strains at end diastole, all factors 1 ($\theta = 1$)")
@@ -123,7 +127,7 @@ def _densities(
         ax.axvline(median, ymax=0.12, color=colour, linewidth=1.6)
     ax.set_ylim(bottom=0)
     ax.set(yticks=[], ylabel="")
-    ax.axvline(0, color=style.LIGHT, linewidth=0.8, zorder=0)
+    ax.xaxis.set_major_locator(MaxNLocator(3))
     return rows
 
 

@@ -35,21 +35,21 @@ def draw(
     summary = found.summary()
     names = list(found.draws)
     fig = style.figure(10.5, 1.15 * len(names) + 1.2)
-    axes = fig.subplots(len(names), 3, width_ratios=[2.4, 1.2, 1.0], squeeze=False)
-    _share(axes, len(found.parameters))
+    axes = fig.subplots(len(names), 3, width_ratios=[2.4, 0.8, 1.2], squeeze=False)
+    _share(axes)
     rows: list[tuple] = []
     for (trace, marginal, memory), name in zip(axes, names, strict=True):
         draws = found.draws[name]
         row = summary.loc[name]
         trace_panel(trace, name, draws, rows)
-        marginal_panel(marginal, name, draws, rows)
+        marginal_panel(marginal, trace, name, draws, rows)
         _autocorrelation(memory, name, draws, rows)
         for item in summary.columns:
             rows.append((name, item, None, row[item], None))
         if name in found.truth:
             rows.append((name, "truth", None, found.truth[name], None))
         mark(trace, marginal, row, found.truth.get(name))
-    titles = {"Trace": "draw", "Posterior": "value", "Autocorrelation": "lag"}
+    titles = {"Trace": "draw", "Posterior": "", "Autocorrelation": "lag"}
     for (title, label), column in zip(titles.items(), axes.T, strict=True):
         column[0].set_title(title)
         column[-1].set_xlabel(label)
@@ -66,12 +66,12 @@ def draw(
     style.save(fig, table, png, csv)
 
 
-def _share(axes: np.ndarray, parameters: int) -> None:
-    """One axis of draws, one of lags, one of values for the parameters; noise scales apart."""
-    for column, rows in ((0, len(axes)), (1, parameters), (2, len(axes))):
-        for ax in axes[1:rows, column]:
-            ax.sharex(axes[0, column])
-        for ax in axes[: rows - 1, column]:
+def _share(axes: np.ndarray) -> None:
+    """One axis of draws, and one of lags."""
+    for column in axes.T[[0, 2]]:
+        for ax in column[1:]:
+            ax.sharex(column[0])
+        for ax in column[:-1]:
             ax.tick_params(labelbottom=False)
 
 
@@ -118,19 +118,22 @@ def density(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return az.kde(values, grid_len=128, bound_correction=True)
 
 
-def marginal_panel(ax, name: str, draws: np.ndarray, rows: list) -> None:
-    """Draw histogram and density of one parameter into `ax`; append the density to `rows`.
+def marginal_panel(ax, trace, name: str, draws: np.ndarray, rows: list) -> None:
+    """Draw histogram and density of one parameter into `ax`, beside its `trace`, with whose axis of
+    values; append the density to `rows`.
 
     The density is ArviZ's, which holds at the prior's bounds, where that of seaborn would fall.
     """
     seaborn.histplot(
-        x=draws.ravel(), bins=40, stat="density", color=style.LIGHT, alpha=1, linewidth=0, ax=ax
+        y=draws.ravel(), bins=40, stat="density", color=style.LIGHT, alpha=1, linewidth=0, ax=ax
     )
     values, heights = density(draws)
-    seaborn.lineplot(x=values, y=heights, color=style.BLUE, ax=ax)
+    seaborn.lineplot(x=heights, y=values, orient="y", color=style.BLUE, ax=ax)
     rows += [(name, "density", None, v, h) for v, h in zip(values, heights, strict=True)]
-    ax.set(yticks=[], ylabel="")
-    ax.spines["left"].set_visible(False)
+    ax.sharey(trace)
+    ax.tick_params(labelleft=False, length=0)
+    ax.set(xticks=[], xlabel="", ylabel="")
+    ax.spines["bottom"].set_visible(False)
 
 
 def _autocorrelation(ax, name: str, draws: np.ndarray, rows: list) -> None:
@@ -145,13 +148,12 @@ def _autocorrelation(ax, name: str, draws: np.ndarray, rows: list) -> None:
 
 def mark(trace, marginal, row: pd.Series, truth: float | None) -> None:
     """Draw median and 95 % HPD interval of `row`, and the truth if it is known."""
-    marginal.axvline(row["median"], color=style.BLACK, linewidth=0.9)
-    for limit in (row["lower95"], row["upper95"]):
-        trace.axhline(limit, color=style.VERMILLION, linestyle=":", linewidth=1)
-        marginal.axvline(limit, color=style.VERMILLION, linestyle=":", linewidth=1.2)
-    if truth is not None:
-        trace.axhline(truth, color=style.GREEN, linestyle="--", linewidth=1.4, zorder=4)
-        marginal.axvline(truth, color=style.GREEN, linestyle="--", linewidth=1.4)
+    marginal.axhline(row["median"], color=style.BLACK, linewidth=0.9)
+    for ax in (trace, marginal):
+        for limit in (row["lower95"], row["upper95"]):
+            ax.axhline(limit, color=style.VERMILLION, linestyle=":", linewidth=1.2)
+        if truth is not None:
+            ax.axhline(truth, color=style.GREEN, linestyle="--", linewidth=1.4, zorder=4)
 
 
 def legend(fig, ax, chains: int, has_truth: bool) -> None:

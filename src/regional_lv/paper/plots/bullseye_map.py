@@ -1,6 +1,7 @@
 """Truth against MAP of stiffened or baseline zones on the bullseye (the paper's Figures 6-8)."""
 
 from collections.abc import Sequence
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -25,7 +26,7 @@ def draw(
     png: Path,
     csv: Path,
 ) -> None:
-    """Draw the mean truth above the mean MAP, the factors of each set side by side.
+    """Draw the mean truth beside the mean MAP, for one factor after the other, a row for each set.
 
     recoveries: `recovery.csv` of the sets called `labels`. zones: `stiffened` or `baseline`: which
     zones of a case count. The numbers under a MAP are its root mean square error. The table: set,
@@ -35,32 +36,37 @@ def draw(
     chosen = table[table["stiffened"] == (zones == "stiffened")]
     summary = summarise(chosen)
     norm = Normalize(*_limits(summary))
-    columns = [(label, factor) for label in labels for factor in parameters.factors]
-    side = 2.7 if len(parameters.zones) <= bullseye.FEW_ZONES else 3.6
-    fig = style.figure(max(8.0, side * len(columns) + 1.3), 2 * side + 1.0)
-    axes = scenarios.panels(fig, 2, len(columns))
-    for pair, (label, factor) in zip(axes.T, columns, strict=True):
+    factors = parameters.factors
+    side = 2.5 if len(parameters.zones) <= bullseye.FEW_ZONES else 3.6
+    fig = style.figure(max(8.0, 2 * side * len(factors) + 1.2), side * len(labels) + 0.8)
+    axes = scenarios.panels(fig, len(labels), 2 * len(factors))
+    places = axes.reshape(len(labels), len(factors), 2)
+    for at, (label, factor) in zip(
+        np.ndindex(places.shape[:2]), product(labels, factors), strict=True
+    ):
         part = summary[(summary["set"] == label) & (summary["quantity"] == factor)]
         part = part.set_index("zone").reindex(parameters.zone_names)
         truth = [f"{value:.2f}" for value in part["truth"]]
         # As many digits as a zone has room for.
         error = part["rmse"].map(lambda e: f"{e:.2f}" if e >= 0.01 else f"{e:.1g}")
         found = [f"{value:.2f}\n±{e}" for value, e in zip(part["map"], error, strict=True)]
-        bullseye.paint_zones(pair[0], part["truth"], norm, "viridis", truth, parameters)
-        scale = bullseye.paint_zones(pair[1], part["map"], norm, "viridis", found, parameters)
-        pair[0].set_title(f"{label}\n{style.factor_label(factor)}")
-    for ax, what in zip(axes[:, 0], ("truth", "MAP"), strict=True):
-        ax.text(-0.08, 0.5, what, transform=ax.transAxes, rotation=90, ha="center", va="center")
+        for ax, what, text in zip(places[at], ("truth", "map"), (truth, found), strict=True):
+            scale = bullseye.paint_zones(ax, part[what], norm, "viridis", text, parameters)
+    for pair, factor in zip(places[0], factors, strict=True):
+        for ax, what in zip(pair, ("truth", "MAP"), strict=True):
+            ax.set_title(f"{style.factor_label(factor)}, {what}")
+    for ax, label in zip(axes[:, 0], labels, strict=True):
+        ax.text(-0.06, 0.5, label, transform=ax.transAxes, rotation=90, ha="center", va="center")
     fig.colorbar(scale, ax=list(axes.ravel()), label="mean stiffness factor", shrink=0.8)
     head = f"{title}, {ZONES_SHOWN[zones]}: mean over cases, ± RMSE of the MAP"
     style.suptitle(fig, head, verdicts.warning_of_sets(table))
     style.save(fig, summary, png, csv)
 
 
-def summarise(table: pd.DataFrame) -> pd.DataFrame:
-    """Means of truth and MAP and the MAP's RMSE per set, quantity and zone."""
+def summarise(table: pd.DataFrame, by: Sequence[str] = ()) -> pd.DataFrame:
+    """Means of truth and MAP and the MAP's RMSE per set, quantity and zone, and `by` columns."""
     squared = table.assign(squared=(table["map"] - table["truth"]) ** 2)
-    summary = squared.groupby(["set", "quantity", "of"], sort=False).agg(
+    summary = squared.groupby([*by, "set", "quantity", "of"], sort=False).agg(
         cases=("case", "nunique"),
         truth=("truth", "mean"),
         map=("map", "mean"),

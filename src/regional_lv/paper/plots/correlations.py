@@ -1,4 +1,5 @@
-"""Posterior correlations, averaged over the cases of a set (the paper's Figures S2-S5)."""
+"""Posterior correlations of parameters or of zones, averaged over the cases of a set (the paper's
+Figures 10 and S2-S5)."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -10,42 +11,53 @@ from matplotlib.axes import Axes
 from matplotlib.collections import Collection
 
 from regional_lv.inputs.stiffness import StiffnessInputs
+from regional_lv.paper.plots import scenarios
 from regional_lv.paper.posteriors import verdicts
 from regional_lv.plots import style
 
 SCALE = {"vmin": -1, "vmax": 1, "cmap": "PuOr"}
 """Orange-brown negative, purple positive, as in the paper."""
 
+FEW = 12
+"""Up to so many names, numbers have letters of seven points."""
+
 
 @style.context
 def draw(
-    correlations: Path,
-    recovery: Path,
-    label: str,
+    correlations: Sequence[Path],
+    recoveries: Sequence[Path],
+    labels: Sequence[str],
+    title: str,
     parameters: StiffnessInputs,
     png: Path,
     csv: Path,
 ) -> None:
-    """Draw the correlations of all parameters in one set, mean and standard error over its cases.
+    """Draw the correlations in each set, mean and standard error over its cases.
 
-    correlations: `correlations.csv` (parameter_1, parameter_2, mean, se, cases); recovery:
-    `recovery.csv`, for verdicts. Black lines are the borders of the zones.
+    correlations: `correlations.csv` (parameter_1, parameter_2, mean, se, cases) of the sets
+    `labels`, or their `zone_correlations.csv` (zone_1, zone_2, ...: of the zones' first principal
+    components); recoveries: `recovery.csv` of the same, for verdicts. Black lines between
+    parameters are the borders of the zones. The table: set and the columns above.
     """
-    joined = read([correlations], [label])
-    count, factors = len(parameters), len(parameters.factors)
-    side = max(8.0, 0.52 * count) if count > 4 else 4.5
-    fig = style.figure(side + 1.2, side)
-    ax = fig.subplots()
-    image = matrix(ax, joined, "parameter", parameters.names, style.label)
-    for border in np.arange(factors, count, factors) if factors > 1 else ():
-        ax.axhline(border, color=style.BLACK, linewidth=0.8)
-        ax.axvline(border, color=style.BLACK, linewidth=0.8)
-    fig.colorbar(image, ax=ax, label="posterior correlation", shrink=0.8)
-    cases = joined["cases"].max()
-    warning = verdicts.warning_of_sets(verdicts.read_sets([recovery], [label], parameters))
-    style.suptitle(
-        fig, f"Posterior correlations, {label}: mean ± standard error, {cases} cases", warning
-    )
+    joined = read(correlations, labels)
+    of_zones = "zone_1" in joined
+    names = parameters.zone_names if of_zones else parameters.names
+    side = max(3.1, (0.62 if len(names) <= FEW else 0.5) * len(names))
+    fig = style.figure(max(side * len(labels) + 1, 6.0), side + 0.7)
+    axes = scenarios.panels(fig, 1, len(labels))[0]
+    factors = len(names) // len(parameters.zones)
+    for ax, (label, part) in zip(axes, joined.groupby("set", sort=False), strict=True):
+        label_of = style.zone_label if of_zones else style.label
+        image = matrix(ax, part, "zone" if of_zones else "parameter", names, label_of)
+        for border in np.arange(factors, len(names), factors) if factors > 1 else ():
+            ax.axhline(border, color=style.BLACK, linewidth=0.8)
+            ax.axvline(border, color=style.BLACK, linewidth=0.8)
+        ax.set_title(f"{label} ({part['cases'].max()} cases)")
+    for ax in axes[1:]:
+        ax.set_yticklabels([])
+    fig.colorbar(image, ax=list(axes), label="posterior correlation", shrink=0.75)
+    warning = verdicts.warning_of_sets(verdicts.read_sets(recoveries, labels, parameters))
+    style.suptitle(fig, title, warning)
     style.save(fig, joined, png, csv)
 
 
@@ -77,7 +89,7 @@ def matrix(
     )
     np.fill_diagonal(mean, np.nan)
     text = np.vectorize(lambda m, e: f"{m:z.2f}" + (f"\n±{e:.3f}" if np.isfinite(e) else ""))
-    size = 7 if len(names) <= 12 else 5.5
+    size = 7 if len(names) <= FEW else 5.5
     labels = [label(name) for name in names]
     seaborn.heatmap(
         mean,

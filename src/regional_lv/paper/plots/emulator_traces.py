@@ -25,7 +25,8 @@ def draw(
     png: Path,
     csv: Path,
 ) -> None:
-    """Draw trace and marginal posterior of the parameters `shown`, two columns for each emulator.
+    """Draw trace and marginal posterior of the parameters `shown`, two columns for each emulator,
+    and how wide the 95 % HPD interval is.
 
     errors: `map_mse.csv` (case, crps) that chooses the case; posteriors: files of test posteriors
     (`posteriors/<emulator>/test/<batch>.nc`), and diagnostics: the `diagnostics.csv` beside them,
@@ -38,19 +39,15 @@ def draw(
         emulator: read(_holding(paths, case), checks[emulator][0], case=case)
         for emulator, paths in by_emulator(posteriors).items()
     }
-    fig = style.figure(2.9 * len(found) + 0.6, 1.15 * len(shown) + 1.5)
-    axes = fig.subplots(
-        len(shown), 2 * len(found), squeeze=False, sharey=False, width_ratios=[2, 1] * len(found)
-    )
+    fig = style.figure(2.0 * len(found) + 0.8, 1.25 * len(shown) + 1.3)
+    axes = fig.subplots(len(shown), 2 * len(found), squeeze=False, width_ratios=[2, 1] * len(found))
     tables = []
     for at, (emulator, posterior) in enumerate(found.items()):
         columns = axes[:, 2 * at : 2 * at + 2]
         tables.append(_columns(columns, posterior, shown, named=at == 0))
         tables[-1].insert(0, "emulator", emulator)
         tables[-1]["verdict"] = posterior.verdict
-        columns[0, 0].set_title(label_of(emulator))
-    for row in axes:
-        _common(row[1::2])
+        columns[0, 0].set_title(label_of(emulator), fontweight="bold")
     fig.align_ylabels(axes[:, 0])
     first = next(iter(found.values()))
     legend(fig, axes[0, 0], len(first.draws[shown[0]]), bool(first.truth))
@@ -81,32 +78,16 @@ def _columns(axes, posterior: CasePosterior, shown: Sequence[str], named: bool) 
     rows: list[tuple] = []
     for (trace, marginal), name in zip(axes, shown, strict=True):
         trace_panel(trace, name, posterior.draws[name], rows)
-        marginal_panel(marginal, name, posterior.draws[name], rows)
-        mark(trace, marginal, summary.loc[name], posterior.truth.get(name))
+        marginal_panel(marginal, trace, name, posterior.draws[name], rows)
+        row = summary.loc[name]
+        mark(trace, marginal, row, posterior.truth.get(name))
+        marginal.set_title(f"width {row['upper95'] - row['lower95']:.2g}", fontsize=8)
         if not named:
             trace.set_ylabel("")
-        rows += [(name, item, None, summary.loc[name, item], None) for item in summary.columns]
+        rows += [(name, item, None, row[item], None) for item in summary.columns]
         if name in posterior.truth:
             rows.append((name, "truth", None, posterior.truth[name], None))
     for ax in axes[:-1, 0]:
         ax.tick_params(labelbottom=False)
     axes[-1, 0].set_xlabel("draw")
-    axes[-1, 1].set_xlabel("value")
     return pd.DataFrame(rows, columns=["parameter", "item", "chain", "x", "y"])
-
-
-def _common(axes) -> None:
-    """Give the marginals of one parameter the same limits, so that widths can be compared.
-
-    Traces keep their own: mixing is to be seen, and of a narrow posterior it would not be.
-    """
-    limits = [ax.get_xlim() for ax in axes]
-    lower, upper = min(a for a, _ in limits), max(b for _, b in limits)
-    ticks = [
-        tick
-        for tick in axes[0].xaxis.get_major_locator().tick_values(lower, upper)
-        if lower <= tick <= upper
-    ]
-    for ax in axes:
-        # The outer ones: three labels would run into each other in so narrow a panel.
-        ax.set(xlim=(lower, upper), xticks=[ticks[0], ticks[-1]])

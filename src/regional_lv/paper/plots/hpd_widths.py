@@ -24,7 +24,6 @@ STATISTICS = ("cases", "q05", "q25", "median", "q75", "q95", "mean")
 @style.context
 def draw(
     recoveries: Sequence[Path],
-    noisy: Sequence[Path],
     labels: Sequence[str],
     parameters: StiffnessInputs,
     png: Path,
@@ -32,18 +31,16 @@ def draw(
 ) -> None:
     """Draw boxes (quartiles) with whiskers (5 and 95 %) of the HPD widths of all cases.
 
-    recoveries, noisy: `recovery.csv` of the sets `labels` and of their noisy twins. The
-    table: noise, set, parameters (which), then STATISTICS.
+    recoveries: `recovery.csv` of the sets `labels` and then of their noisy twins. The table:
+    noise, set, parameters (which), then STATISTICS.
     """
-    tables, warnings = [], []
+    table = verdicts.read_sets(recoveries, labels, parameters)
+    groups = _groups(table)
     fig = style.figure(11.0, 4.8)
     axes = scenarios.panels(fig, 1, 2)[0]  # noise widens the intervals by two decades
-    for ax, noise, paths in zip(axes, scenarios.NOISE, (recoveries, noisy), strict=True):
-        table = verdicts.read_sets(paths, labels, parameters)
-        warnings.append(verdicts.warning_of_sets(table))
-        tables.append(_groups(table).assign(noise=noise))
+    for ax, (noise, part) in zip(axes, groups.groupby("noise", sort=False), strict=True):
         seaborn.boxplot(
-            tables[-1],
+            part,
             x="set",
             y="hpd_width95",
             hue="parameters",
@@ -66,9 +63,9 @@ def draw(
     style.suptitle(
         fig,
         f"Widths of the 95 % HPD intervals (of the prior: {_prior_width(parameters)})",
-        " / ".join(filter(None, warnings)),
+        verdicts.warning_of_sets(table),
     )
-    style.save(fig, _statistics(pd.concat(tables)), png, csv)
+    style.save(fig, _statistics(groups), png, csv)
 
 
 def _prior_width(parameters: StiffnessInputs) -> str:

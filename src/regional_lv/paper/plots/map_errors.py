@@ -18,7 +18,6 @@ from regional_lv.plots import bullseye, style
 @style.context
 def draw(
     recoveries: Sequence[Path],
-    noisy: Sequence[Path],
     labels: Sequence[str],
     parameters: StiffnessInputs,
     png: Path,
@@ -27,24 +26,17 @@ def draw(
     """Draw the MAP's root mean square error; a row for each factor, with measurement noise on the
     right.
 
-    recoveries, noisy: `recovery.csv` of the sets `labels` and of their noisy twins. The table:
-    noise, stiffened, set, quantity, zone, cases, truth, map, rmse, failed.
+    recoveries: `recovery.csv` of the sets `labels` and then of their noisy twins. The table: noise,
+    stiffened, set, quantity, zone, cases, truth, map, rmse, failed.
     """
-    parts, warnings = [], []
-    for noise, paths in zip(scenarios.NOISE, (recoveries, noisy), strict=True):
-        table = verdicts.read_sets(paths, labels, parameters)
-        warnings.append(verdicts.warning_of_sets(table))
-        for stiffened, group in table.groupby("stiffened"):
-            parts.append(summarise(group).assign(noise=noise, stiffened=stiffened))
-    summary = pd.concat(parts, ignore_index=True)
-    summary = summary[["noise", "stiffened", *summary.columns[:-2]]]
-
+    table = verdicts.read_sets(recoveries, labels, parameters)
+    summary = summarise(table, ["noise", "stiffened"])
     factors = parameters.factors
     many = len(parameters.zones) > bullseye.FEW_ZONES
     # Without noise errors are some 1,000 times smaller: each column has its own axis.
     fig = style.figure(18.0 if many else 10.5, 2.6 * len(factors) + 1.2)
     axes = scenarios.panels(fig, len(factors), 2, sharex=True, sharey="col")
-    for column, noise in zip(axes.T, scenarios.NOISE, strict=True):
+    for column, noise in zip(axes.T, verdicts.NOISE, strict=True):
         column[0].set_title(noise)
         for ax, factor in zip(column, factors, strict=True):
             chosen = (summary["noise"] == noise) & (summary["quantity"] == factor)
@@ -55,7 +47,7 @@ def draw(
         ax.tick_params(axis="x", rotation=60)
     fig.legend(handles=_legend(labels), loc="outside lower center", ncols=len(labels) + 2)
     title = "Error of the MAP by zone and severity (axes differ between columns)"
-    style.suptitle(fig, title, " / ".join(filter(None, warnings)))
+    style.suptitle(fig, title, verdicts.warning_of_sets(table))
     style.save(fig, summary, png, csv)
 
 
@@ -91,17 +83,9 @@ def _panel(ax, part: pd.DataFrame, labels: Sequence[str], zones: Sequence[str]) 
 
 
 def _legend(labels: Sequence[str]) -> list[Line2D]:
-    def mark(marker, colour, face, label):
-        return Line2D(
-            [], [], linestyle="", marker=marker, color=colour, markerfacecolor=face, label=label
-        )
-
-    sets = []
-    for at, label in enumerate(labels):
-        colour, marker = scenarios.look(at)
-        sets.append(mark(marker, colour, colour, label))
-    kinds = [
-        mark("o", style.GREY, style.GREY, "stiffened zone"),
-        mark("o", style.GREY, "white", "other zones"),
+    looks = {label: (*scenarios.look(at), "") for at, label in enumerate(labels)}
+    looks |= {"stiffened zone": (style.GREY, "o", ""), "other zones": (style.GREY, "o", "white")}
+    return [
+        Line2D([], [], ls="", marker=marker, color=colour, mfc=face or colour, label=label)
+        for label, (colour, marker, face) in looks.items()
     ]
-    return sets + kinds

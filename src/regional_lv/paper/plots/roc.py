@@ -1,7 +1,7 @@
 """How well a stiffened zone is told from a zone at baseline: receiver operating characteristics."""
 
 from collections.abc import Sequence
-from itertools import cycle
+from itertools import cycle, product
 from pathlib import Path
 
 import pandas as pd
@@ -36,15 +36,11 @@ def draw(
     """
     fig = style.figure(3.3 * len(labels) + 0.4, 6.8)
     axes = scenarios.panels(fig, 2, len(labels), sharex=True, sharey=True)
-    places = [
-        (noise, label, row, column)
-        for row, noise in enumerate(scenarios.NOISE)
-        for column, label in enumerate(labels)
-    ]
     parts = []
-    for (noise, label, row, column), curve, area in zip(places, curves, areas, strict=True):
+    for ax, (noise, label), curve, area in zip(
+        axes.ravel(), product(verdicts.NOISE, labels), curves, areas, strict=True
+    ):
         table = pd.read_csv(curve).merge(pd.read_csv(area), on=["quantity", "zone"])
-        ax = axes[row, column]
         _panel(ax, table[table["zone"] == "all"], parameters.factors)
         ax.set_title(f"{label}\n{noise}")
         table.insert(0, "noise", noise)
@@ -54,7 +50,7 @@ def draw(
         ax.set_xlabel("false positive rate\n(baseline zones called stiff)")
     for ax in axes[:, 0]:
         ax.set_ylabel("true positive rate\n(stiffened zones called stiff)")
-    warning = verdicts.warning_of_sets(verdicts.read_sets(recoveries, 2 * list(labels), parameters))
+    warning = verdicts.warning_of_sets(verdicts.read_sets(recoveries, labels, parameters))
     style.suptitle(fig, "Classification of stiffened zones by posterior probability", warning)
     style.save(fig, pd.concat(parts, ignore_index=True), png, csv)
 

@@ -7,7 +7,6 @@ from regional_lv.plots import style
 
 COLOURS = (style.SKY, style.BLUE, style.BLACK, style.ORANGE, style.GREEN, style.PINK)
 MARKERS = ("o", "s", "^", "D", "v", "P")
-NOISE = ("without measurement noise", "with measurement noise")
 
 
 def look(at: int) -> tuple[str, str]:

@@ -3,11 +3,14 @@ passed the convergence check, and what a figure says of those that did not."""
 
 import json
 from collections.abc import Sequence
+from itertools import product
 from pathlib import Path
 
 import pandas as pd
 
 from regional_lv.inputs.stiffness import StiffnessInputs
+
+NOISE = ("without measurement noise", "with measurement noise")
 
 
 def failed_cases(diagnostics: Path) -> set[str]:
@@ -56,14 +59,19 @@ def read_sets(
 ) -> pd.DataFrame:
     """The rows of several `recovery.csv` (cases x parameters) with what scenarios add to them.
 
-    Added columns: set (its label), quantity (the factor), of (zone of the parameter), stiffened
-    (whether that zone is the stiffened one; of global stiffening every zone is), failed.
+    recoveries: of the sets `labels`, and then, if there are more, of their noisy twins.
+
+    Added columns: noise (one of NOISE), set (its label), quantity (the factor), of (zone of the
+    parameter), stiffened (whether that zone is the stiffened one; of global stiffening every zone
+    is), failed.
     """
     factor, zone = ({p.name: getattr(p, what) for p in parameters} for what in ("factor", "zone"))
     tables = []
-    for path, label in zip(recoveries, labels, strict=True):
+    of_sets = product(NOISE[: len(recoveries) // len(labels)], labels)
+    for path, (noise, label) in zip(recoveries, of_sets, strict=True):
         table = pd.read_csv(path, dtype={"case": str})
         table.insert(0, "set", label)
+        table.insert(0, "noise", noise)
         table.insert(0, "file", str(path))
         table["quantity"] = table["parameter"].map(factor)
         table["of"] = table["parameter"].map(zone)
