@@ -66,7 +66,8 @@ def main(study: Path, splits: int) -> None:
             for kind in CALIBRATIONS:
                 emulator = create("exact_gp", {"calibration": kind})
                 emulator.fit(
-                    *(theta[half], y[half]),
+                    theta[half],
+                    y[half],
                     parameters=final.parameters,
                     outputs=final.outputs,
                     seed=split,

@@ -65,9 +65,14 @@ def measure(arguments: argparse.Namespace, folder: Path) -> None:
     timed(
         "fit",
         training.train_emulator,
-        *(name, study["emulators"][name], arguments.train),
-        *(StiffnessInputs.from_config(study), Channels.from_config(study)),
-        *(seed, file, folder / "fit.json"),
+        name,
+        study["emulators"][name],
+        arguments.train,
+        StiffnessInputs.from_config(study),
+        Channels.from_config(study),
+        seed,
+        file,
+        folder / "fit.json",
     )
     local = name.startswith(LOCAL)
     emulator = emulators.load(file)
@@ -87,8 +92,18 @@ def measure(arguments: argparse.Namespace, folder: Path) -> None:
         timed(
             "posteriors",
             sample_set_batch,
-            *(file, arguments.test, "test", 0, 1, count, None),
-            *(study["test_posteriors"]["sampler"], study["nuts"], study["map"], seed, posteriors),
+            file,
+            arguments.test,
+            "test",
+            0,
+            1,
+            count,
+            None,
+            study["test_posteriors"]["sampler"],
+            study["nuts"],
+            study["map"],
+            seed,
+            posteriors,
         )
         summarise_posteriors([posteriors], list(tables.values()))
         covered = pd.read_csv(tables["coverage"]).set_index("parameter").loc["all"]
@@ -137,7 +152,8 @@ def ratio(before: np.ndarray, after: np.ndarray) -> str:
     if np.allclose(*pair, rtol=1e-3):
         return "1"
     interval = stats.bootstrap(
-        *(pair, lambda a, b, axis: a.mean(axis) / b.mean(axis)),
+        pair,
+        lambda a, b, axis: a.mean(axis) / b.mean(axis),
         paired=True,
         vectorized=True,
         rng=np.random.default_rng(0),

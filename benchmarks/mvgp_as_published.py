@@ -204,7 +204,8 @@ def errors(emulator: PublishedMVGP, theta: np.ndarray, y: np.ndarray, study: dic
     """Errors of a test set (natural units) as the table has them."""
     at, observed = torch.as_tensor(theta), torch.as_tensor(y)
     estimate, _ = find_least_squares(
-        *(emulator, observed),
+        emulator,
+        observed,
         **study["map"],
         adam_steps=study["estimates"]["adam_steps"],
         hops=study["estimates"]["hops"],

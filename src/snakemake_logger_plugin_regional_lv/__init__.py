@@ -31,8 +31,16 @@ SHORTEST = 2.0
 """Seconds between two lines, at least, unless a run begins or ends."""
 
 UNINTERESTING = (
-    *("Assuming unrestricted", "host:", "Building DAG", "Using shell", "Select jobs", "Execute "),
-    *("Conda environments", "Group jobs", "Singularity containers", "Workflow runtime"),
+    "Assuming unrestricted",
+    "host:",
+    "Building DAG",
+    "Using shell",
+    "Select jobs",
+    "Execute ",
+    "Conda environments",
+    "Group jobs",
+    "Singularity containers",
+    "Workflow runtime",
 )
 """How messages begin that are for those who debug Snakemake."""
 

@@ -37,7 +37,8 @@ def study(tmp_path_factory):
     table = simulate(train)
     # The toy mixes all parameters alike: no zones.
     emulator = ExactGP(iterations=60, kernel="rq").fit(
-        *(train, table[list(CHANNELS.names)].to_numpy()),
+        train,
+        table[list(CHANNELS.names)].to_numpy(),
         parameters=PARAMETERS,
         outputs=CHANNELS.names,
     )

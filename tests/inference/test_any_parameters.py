@@ -97,8 +97,18 @@ def test_posteriors_and_their_tables(study):
     parameters, folder = study
     path = folder / "p.nc"
     sets.sample_set_batch(
-        *(folder / "e.pt", folder / "scenario.parquet", "local", "0000", 1, 2, None),
-        *("importance", NUTS, POINT, 1, path),
+        folder / "e.pt",
+        folder / "scenario.parquet",
+        "local",
+        "0000",
+        1,
+        2,
+        None,
+        "importance",
+        NUTS,
+        POINT,
+        1,
+        path,
     )
     data = load(path)
     assert [one.parameters for one in cases_of(data)] == 2 * [parameters]

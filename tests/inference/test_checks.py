@@ -30,8 +30,18 @@ def posteriors(study):
     table.to_parquet(study / "scenario.parquet")
     path = study / "checks.nc"
     sets.sample_set_batch(
-        *(study / "emulator.pt", study / "scenario.parquet", "test", 0, 1, 4, None),
-        *("importance", FEW, POINT, 1, path),
+        study / "emulator.pt",
+        study / "scenario.parquet",
+        "test",
+        0,
+        1,
+        4,
+        None,
+        "importance",
+        FEW,
+        POINT,
+        1,
+        path,
     )
     return path
 
@@ -112,17 +122,15 @@ def test_posterior_draws_go_through_the_simulator(study, posteriors):
 def test_noise_priors_are_compared(study):
     files = study / "prior.nc", study / "prior.csv"
     sampling.sample_subject(
-        *(
-            study / "emulator.pt",
-            study / "subject.csv",
-            "someone",
-            "importance",
-            FEW,
-            POINT,
-            0.2,
-            1,
-            *files,
-        )
+        study / "emulator.pt",
+        study / "subject.csv",
+        "someone",
+        "importance",
+        FEW,
+        POINT,
+        0.2,
+        1,
+        *files,
     )
     # The same with draws of known distributions: exponential ones, of the mean 1, 2, ...
     data = load(files[0])

@@ -170,9 +170,7 @@ def test_what_is_observed():
         6,
     ]
     assert observed.names[0] == "s0: volume_ml" and "s0: radial_01" not in observed.names
-    for name, channel, heart in zip(
-        *(observed.names, observed.channels, observed.heart), strict=True
-    ):
+    for name, channel, heart in zip(observed.names, observed.channels, observed.heart, strict=True):
         assert name == f"{observed.hearts[heart]}: {channel.name}"
     torch.testing.assert_close(observed.join(observed.split(blocks.y)), blocks.y)
     names = blocks.inputs.names

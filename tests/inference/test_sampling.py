@@ -29,8 +29,18 @@ POINT = {"starts": 2, "iterations": 60}
 
 def sample(study, path, batch, batches, cases=4, noise=None, sampler="importance", nuts=NUTS):
     sets.sample_set_batch(
-        *(study / "emulator.pt", study / "test.parquet", "test", batch, batches, cases, noise),
-        *(sampler, nuts, POINT, 1, path),
+        study / "emulator.pt",
+        study / "test.parquet",
+        "test",
+        batch,
+        batches,
+        cases,
+        noise,
+        sampler,
+        nuts,
+        POINT,
+        1,
+        path,
     )
 
 
@@ -80,8 +90,18 @@ def test_noisy_scenario(study):
     test = pd.read_parquet(study / "test.parquet")
     test.assign(zone="septal").to_parquet(study / "scenario.parquet")
     sets.sample_set_batch(
-        *(study / "emulator.pt", study / "scenario.parquet", "some-noisy", 0, 1, 2, noise),
-        *("importance", FEW, POINT, 1, study / "noisy.nc"),
+        study / "emulator.pt",
+        study / "scenario.parquet",
+        "some-noisy",
+        0,
+        1,
+        2,
+        noise,
+        "importance",
+        FEW,
+        POINT,
+        1,
+        study / "noisy.nc",
     )
     data = load(study / "noisy.nc")
     assert data.constant_data["zone"].to_numpy().tolist() == ["septal"] * 2

@@ -131,7 +131,9 @@ def test_local_emulators_take_their_observations_one_by_one(folder):
 def test_table_of_estimates(folder, name, tmp_path):
     test = folder / "test.parquet"
     estimate_parameters(
-        *(folder / f"{name}.pt", test, {"starts": 2, "iterations": 30}),
+        folder / f"{name}.pt",
+        test,
+        {"starts": 2, "iterations": 30},
         adam_steps=5,
         hops=2,
         seed=1,
@@ -188,8 +190,16 @@ def test_error_falls_with_the_number_of_simulations(folder, tmp_path):
     files = folder / "train.parquet", folder / "test.parquet"
     for name in ("exact_gp", "gradient_gp"):
         measure_efficiency(
-            *(name, "log", {"iterations": 20}, PARAMETERS, CHANNELS, *files),
-            *([30, 20, 5000], 30, POINT, 1),
+            name,
+            "log",
+            {"iterations": 20},
+            PARAMETERS,
+            CHANNELS,
+            *files,
+            [30, 20, 5000],
+            30,
+            POINT,
+            1,
             tmp_path / f"{name}.csv",
         )
     plain, taught = (pd.read_csv(tmp_path / f"{n}.csv") for n in ("exact_gp", "gradient_gp"))

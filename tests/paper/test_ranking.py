@@ -56,7 +56,8 @@ def test_holm_by_hand(monkeypatch):
     def holm(p_values: list[float]) -> pd.DataFrame:
         results = iter(2 * p_values)  # the same for both estimators
         monkeypatch.setattr(
-            *(ranking.stats, "wilcoxon"),
+            ranking.stats,
+            "wilcoxon",
             lambda a, b: SimpleNamespace(statistic=1.0, pvalue=next(results)),
         )
         table = ranking.compare_pairs(tables)
@@ -176,8 +177,14 @@ def rank(study, size: int, estimator: str = "weighted"):
             for file in ("test.parquet", "checked.parquet", "cost.json")
         ),
         *([path / file for path in fits] for file in ("fit.json", "test_predictions.parquet")),
-        *(CHANNELS, study / "train.parquet", study / "test.parquet", size, estimator),
-        *(study / "ranking.csv", study / "pairs.csv", study / "shortlist.json"),
+        CHANNELS,
+        study / "train.parquet",
+        study / "test.parquet",
+        size,
+        estimator,
+        study / "ranking.csv",
+        study / "pairs.csv",
+        study / "shortlist.json",
     )
     return pd.read_csv(study / "ranking.csv"), json.loads((study / "shortlist.json").read_text())
 
@@ -207,7 +214,9 @@ def test_tables_and_box_plots(study):
     per_sample_mse.draw(
         names,
         [study / "estimates" / n / "test.parquet" for n in names],
-        *(study / "shortlist.json", study / "box.png", study / "box.csv"),
+        study / "shortlist.json",
+        study / "box.png",
+        study / "box.csv",
     )
     data = pd.read_csv(study / "box.csv")
     assert len(data) == 3 * 2 * CASES
@@ -247,7 +256,9 @@ def test_transforms_compare_an_emulator_with_itself(study):
         files,
         [study / "estimates" / name / "test.parquet" for name in files],
         [study / "emulators" / name / "test_predictions.parquet" for name in files],
-        *(CHANNELS, study / "train.parquet", study / "transforms.csv"),
+        CHANNELS,
+        study / "train.parquet",
+        study / "transforms.csv",
     )
     table = pd.read_csv(study / "transforms.csv").set_index("emulator")
     for quantity in ("param_mse_least_squares", "param_mse_weighted"):

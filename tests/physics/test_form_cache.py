@@ -45,7 +45,9 @@ def run(program, environment, given=b""):
     """What a process of its own prints."""
     done = subprocess.run(
         [sys.executable, "-c", program],
-        **{"input": given, "capture_output": True, "env": {**os.environ, **environment}},
+        input=given,
+        capture_output=True,
+        env={**os.environ, **environment},
     )
     assert done.returncode == 0, done.stderr.decode()
     return done.stdout.decode()
@@ -114,7 +116,9 @@ def test_who_waits_for_another_process_says_so(tmp_path):
         fcntl.flock(lock, fcntl.LOCK_EX)
         waiting = subprocess.Popen(
             [sys.executable, "-c", f"import sys; {program}{INTEGRAL}"],
-            **{"env": environment, "stdout": subprocess.PIPE, "text": True},
+            env=environment,
+            stdout=subprocess.PIPE,
+            text=True,
         )
         assert str(tmp_path / "regional_lv" / "lock") in waiting.stdout.readline()
     assert float(waiting.communicate()[0].splitlines()[-1]) == pytest.approx(1 / 8)

@@ -66,7 +66,9 @@ def test_every_reader_of_tables_takes_them(tmp_path):
     measured = written(
         "measured.csv",
         "quantity,segment,value,unit,sd,load_fraction",
-        *("volume,,180,mL,2,1", "radial,\uff13,40,%,5,1", "circumferential,1,-1.16e1,%,2,1"),
+        "volume,,180,mL,2,1",
+        "radial,\uff13,40,%,5,1",
+        "circumferential,1,-1.16e1,%,2,1",
     )
     table = read_measured(measured)
     assert table["output"].tolist() == ["volume_ml", "radial_03", "circumferential_01"]

@@ -792,7 +792,8 @@ AS_17 = pytest.mark.test_all("what one zone asks of them they are asked by 17")
     ("name", "parameters"),
     [
         pytest.param(
-            *(name, parameters),
+            name,
+            parameters,
             marks=AS_17 if parameters is ONE_ZONE and name not in ("exact_gp", "dnn") else [],
             id=f"{name}-{len(parameters.zones)}",
         )

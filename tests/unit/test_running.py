@@ -37,8 +37,12 @@ def process(folder, call="running.begin('mine')"):
     source = str(Path(__file__).parents[2] / "src")
     with subprocess.Popen(
         [sys.executable, "-c", PROGRAM.format(call=call)],
-        **{"cwd": folder, "env": os.environ | {"PYTHONPATH": source}, "text": True},
-        **{"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE},
+        cwd=folder,
+        env=os.environ | {"PYTHONPATH": source},
+        text=True,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
     ) as started:
         try:
             yield started

@@ -26,7 +26,10 @@ def started(program, environment, folder):
     here |= {"PATH": os.environ["PATH"]}
     return subprocess.run(
         [sys.executable, "-c", program],
-        **{"cwd": folder, "env": here | environment, "capture_output": True, "text": True},
+        cwd=folder,
+        env=here | environment,
+        capture_output=True,
+        text=True,
     )
 
 

@@ -80,7 +80,9 @@ def test_rules_see_numbers_as_they_are_written(root, tmp_path, pressure, warmup,
     done = listed(
         tmp_path,
         f'include: "{root}/Snakefile"\nprint("SEES", {", ".join(seen)}, config["seed"])\n',
-        *("--configfile", *files, *given),
+        "--configfile",
+        *files,
+        *given,
     )
     assert all(text in done.stdout + done.stderr for text in expected), done
     assert "Traceback" not in done.stdout + done.stderr

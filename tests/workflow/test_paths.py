@@ -39,7 +39,10 @@ def test_any_folder_can_hold_hearts_and_the_project(inside, root, tmp_path):
         called[called.index("--configfile") + 1 : called.index("--configfile") + 2] = files
         return subprocess.run(
             [called[0], "-P", *called[1:]],
-            **{"cwd": folder, "capture_output": True, "text": True, "timeout": 600},
+            cwd=folder,
+            capture_output=True,
+            text=True,
+            timeout=600,
             env=os.environ | {"PYTHONPATH": str(project / "src")},
         )
 

@@ -19,16 +19,37 @@ from regional_lv.measured import synthetic_subject
 from regional_lv.study.progress import Progress
 
 OF_HEART = (
-    *("named", "groups", "acts_like", "explained", "trusted", "best", "base_probability"),
-    *("unlisted_probability", "stiffness", "ess"),
+    "named",
+    "groups",
+    "acts_like",
+    "explained",
+    "trusted",
+    "best",
+    "base_probability",
+    "unlisted_probability",
+    "stiffness",
+    "ess",
 )
 OF_CAUSE = (
-    *("name", "component", "probability", "component_probability", "estimate", "interval95"),
-    *("at_bound", "identifiable", "z", "p_value"),
+    "name",
+    "component",
+    "probability",
+    "component_probability",
+    "estimate",
+    "interval95",
+    "at_bound",
+    "identifiable",
+    "z",
+    "p_value",
 )
 OF_CONFIRMATION = (
-    *("simulations", "simulations_of_best", "failed", "emulator_error_sd", "largest_error_sd"),
-    *("agrees", "probability_not_simulated"),
+    "simulations",
+    "simulations_of_best",
+    "failed",
+    "emulator_error_sd",
+    "largest_error_sd",
+    "agrees",
+    "probability_not_simulated",
 )
 """What is kept of `contract.Findings`, `Cause` and `Confirmation`."""
 

@@ -36,8 +36,16 @@ BINS = (0.0, 0.01, 0.05, 0.2, 0.5, 0.8, 0.95, 0.99, 1.0)
 """Ends of the bins of probabilities in the table of reliability."""
 
 OF_TRUE_MODEL = [
-    *("subject", "input", "role", "cause", "place", "value"),
-    *("expected_z", "low", "high", "p_value"),
+    "subject",
+    "input",
+    "role",
+    "cause",
+    "place",
+    "value",
+    "expected_z",
+    "low",
+    "high",
+    "p_value",
 ]
 """Columns of the table of true models."""
 

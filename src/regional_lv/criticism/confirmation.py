@@ -138,7 +138,9 @@ def conditioned(
         emulator = knowing(emulator, good)
         log.info(
             "round %d: %d simulations; simulated minus emulated, in stated sds: %.2f",
-            *(len(found), len(good), found[-1].size),
+            len(found),
+            len(good),
+            found[-1].size,
         )
     return emulator, found
 

@@ -83,9 +83,18 @@ class LinearModel:
                 error, noise = _weighted(error, noise, weight.rsqrt())
             free[potential.tails] = False
         model = cls(
-            *(potential.inputs, observed, potential.y, (mean + moved)[0], slopes[0]),
-            *(error, noise, fitted.x[0], free),
-            *(potential.low[:count], potential.high[:count], fitted.x[0, count:]),
+            inputs=potential.inputs,
+            observed=observed,
+            y=potential.y,
+            mean=(mean + moved)[0],
+            by_input=slopes[0],
+            error=error,
+            noise=noise,
+            x=fitted.x[0],
+            free=free,
+            lower=potential.low[:count],
+            upper=potential.high[:count],
+            log_sigma=fitted.x[0, count:],
         )
         return replace(model, log_sigma=model.fit(model.y[None]).log_sigma[0])
 

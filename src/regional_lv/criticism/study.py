@@ -145,10 +145,15 @@ class Critic:
             averaged, self._examine(averaged), self.settings.level, confirmed
         ).conclude()
         context = Context(
-            *(self.name, self.tables, EmulatedInputs(emulator, self.inputs), found),
-            *(self._outputs, self._noise_sd),
-            *(self.settings.bootstrap, self.settings.load_fractions),
-            self.settings.strain_exponent,
+            subject=self.name,
+            tables=self.tables,
+            emulated=EmulatedInputs(emulator, self.inputs),
+            rounds=found,
+            outputs=self._outputs,
+            noise_sd=self._noise_sd,
+            bootstrap=self.settings.bootstrap,
+            load_fractions=self.settings.load_fractions,
+            strain_exponent=self.settings.strain_exponent,
         )
         return Concluded(verdict, findings_of(verdict, context), rounds)
 

@@ -119,7 +119,12 @@ class ExactGP(Emulator):
         self.model = fit_hyperparameters(
             training.x[rows],
             training.y[rows],
-            *(s["kernel"], s["nugget"], s["iterations"], RESTARTS, seed, self.parameters.blocks),
+            s["kernel"],
+            s["nugget"],
+            s["iterations"],
+            RESTARTS,
+            seed,
+            self.parameters.blocks,
         )
         self.nugget = self.model.nugget
         likelihood = -self.model.loss().item()

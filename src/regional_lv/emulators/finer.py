@@ -49,7 +49,9 @@ def corrected(
     )
     settings = {"input_transform": emulator.settings["input_transform"], "calibration": CALIBRATION}
     difference = GradientGP(**settings).fit(
-        *(theta, (finer_v - v).numpy(), (finer_slopes - slopes).numpy()),
+        theta,
+        (finer_v - v).numpy(),
+        (finer_slopes - slopes).numpy(),
         parameters=emulator.parameters,
         outputs=emulator.outputs,
         seed=seed,

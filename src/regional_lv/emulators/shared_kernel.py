@@ -129,7 +129,10 @@ def fit_hyperparameters(
         loss = fit(model.named_parameters(), model.loss, BOUNDS, iterations)
         log.debug(
             "%s kernel: start %d of %d, negative log likelihood %.2f",
-            *(kernel, start + 1, restarts, loss),
+            kernel,
+            start + 1,
+            restarts,
+            loss,
         )
         if best is None or loss < least:
             best, least = model, loss
@@ -164,7 +167,8 @@ def choose_kernel(x: torch.Tensor, y: torch.Tensor, nugget: float, seed: int) ->
     best = min(errors, key=errors.__getitem__)
     log.info(
         "kernel %s: cross-validated errors %s",
-        *(best, ", ".join(f"{name} {error:.4f}" for name, error in errors.items())),
+        best,
+        ", ".join(f"{name} {error:.4f}" for name, error in errors.items()),
     )
     return best, errors
 

@@ -105,10 +105,15 @@ def train_emulator(
     if slopes is None and len(theta) < few:
         log.warning(
             "%s: %d simulations for %d parameters: its intervals are too narrow; simulate %d",
-            *(name, len(theta), len(parameters), few),
+            name,
+            len(theta),
+            len(parameters),
+            few,
         )
     emulator.fit(
-        *(theta, y, slopes),
+        theta,
+        y,
+        slopes,
         parameters=parameters,
         outputs=channels.names,
         seed=derive(seed, "emulators", name),
@@ -185,5 +190,7 @@ def predict_test_set(
     pd.concat([table, pd.DataFrame([total])], ignore_index=True).to_csv(errors, index=False)
     log.info(
         "%s: standardised root-mean-square error %.4f on %d simulations",
-        *(emulator.name, total["rmse_standardised"], len(samples)),
+        emulator.name,
+        total["rmse_standardised"],
+        len(samples),
     )

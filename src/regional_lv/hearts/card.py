@@ -136,8 +136,11 @@ def document(any_heart: AnyHeart) -> str:
     }
     errors = [
         [
-            *(row["quantity"], row[HEART], row["simulations"]),
-            *(f"{row['median_error']:.2g}", f"{row['rms_error']:.2g}"),
+            row["quantity"],
+            row[HEART],
+            row["simulations"],
+            f"{row['median_error']:.2g}",
+            f"{row['rms_error']:.2g}",
             f"{100 * row['coverage95']:.0f} %",
         ]
         for row in card["errors"]

@@ -25,12 +25,28 @@ from regional_lv.study.layout import AnswerFiles, BatchFiles
 log = logging.getLogger(__name__)
 
 POPULATION = [
-    *("parameter", "mean", "mean_lower95", "mean_upper95", "sd", "sd_lower95", "sd_upper95"),
-    *("hearts_lower95", "hearts_upper95", "shrinkage", "hearts", "rhat"),
+    "parameter",
+    "mean",
+    "mean_lower95",
+    "mean_upper95",
+    "sd",
+    "sd_lower95",
+    "sd_upper95",
+    "hearts_lower95",
+    "hearts_upper95",
+    "shrinkage",
+    "hearts",
+    "rhat",
 ]
 CAUSES = [
-    *("cause", "hearts", "present", "share", "share_lower95", "share_upper95"),
-    *("log_bayes_factor", "probability_any"),
+    "cause",
+    "hearts",
+    "present",
+    "share",
+    "share_lower95",
+    "share_upper95",
+    "log_bayes_factor",
+    "probability_any",
 ]
 
 
@@ -190,9 +206,12 @@ def _prevalences(
         columns[f"{cause}_pooled_probability"] = pd.Series(found.probability, searched.index)
         rows.append(
             {
-                **{"cause": cause, "hearts": len(searched)},
+                "cause": cause,
+                "hearts": len(searched),
                 "present": int((found.probability > 0.5).sum()),
-                **{"share": middle, "share_lower95": low, "share_upper95": high},
+                "share": middle,
+                "share_lower95": low,
+                "share_upper95": high,
                 "log_bayes_factor": found.log_bayes_factor,
                 "probability_any": found.probability_any,
             }

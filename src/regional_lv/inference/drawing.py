@@ -96,7 +96,10 @@ def sample(potential: Potential, fitted: Fits, draws: int, seed: int) -> Drawn:
 
     found = importance.sample(
         lambda v: torch.cat([log_density(part) for part in v.split(potential.chunk)]),
-        *(coordinates.mean, SPREAD * coordinates.covariance, draws, generator),
+        coordinates.mean,
+        SPREAD * coordinates.covariance,
+        draws,
+        generator,
         rounds=ROUNDS,
         most_rounds=MOST_ROUNDS,
         least_ess=EFFICIENCY * draws,

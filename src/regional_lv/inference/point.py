@@ -152,7 +152,11 @@ def climb(likelihood, y, position, low, high, iterations, least=LEAST_GAIN):
     found, values, left = maximise(
         lambda rows, at: _density(likelihood, y[rows], at),
         lambda rows, at: _derivatives(likelihood, y[rows], at),
-        *(position, low, high, iterations, least),
+        position,
+        low,
+        high,
+        iterations,
+        least,
     )
     if len(left):
         log.info("maximum: %d of %d starts had iterations left to do", len(left), len(position))

@@ -105,8 +105,13 @@ def fit_base(potential: Potential, seed: int) -> Fits:
     free = potential.free().expand_as(x)
     for _ in range(2):  # the second time with the covariance where the first one ended
         fits = fit(
-            *(potential, free, zero.expand(len(x)), x, error),
-            *(3 * ITERATIONS, LEAST_GAIN),
+            potential,
+            free,
+            zero.expand(len(x)),
+            x,
+            error,
+            3 * ITERATIONS,
+            LEAST_GAIN,
         )
         best = fits.row(int(fits.log_evidence.argmax()))
         x, error, free = best.x, best.error, free[:1]
@@ -205,8 +210,13 @@ class _Search:
         amplitude = torch.tensor(AMPLITUDES, dtype=base.x.dtype)
         x = base.x.repeat(len(amplitude), 1)
         fits = fit(
-            *(self.potential, base.free.expand_as(x), amplitude, x),
-            *(self.potential.settle(x, amplitude), ITERATIONS, LEAST_GAIN),
+            self.potential,
+            base.free.expand_as(x),
+            amplitude,
+            x,
+            self.potential.settle(x, amplitude),
+            ITERATIONS,
+            LEAST_GAIN,
         )
         prior = self.prior(()) - math.log(len(amplitude))
         return [

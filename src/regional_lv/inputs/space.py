@@ -260,7 +260,9 @@ def _meant(word: str, asked: dict, every: Sequence[Input], model: Mapping) -> li
         if kind == "measured" and (kind_of := INPUTS.get(word)) and kind_of.why_not(model):
             log.warning(
                 "%s.%s: %s, so that its shape counts as exact",
-                *(SECTION, word, kind_of.why_not(model)),
+                SECTION,
+                word,
+                kind_of.why_not(model),
             )
             return []
         raise InputError(f"{SECTION}.{word}: {why_unknown(word, every, model)}")

@@ -85,13 +85,16 @@ def _row(row: Mapping, parameters: StiffnessInputs) -> dict:
         pooled = row.get(f"{p.name}_pooled", np.nan)
         factors.append(
             {
-                **{"mean": row[p.name], "sd": row[f"{p.name}_sd"]},
+                "mean": row[p.name],
+                "sd": row[f"{p.name}_sd"],
                 "pooled": None if pd.isna(pooled) else pooled,
                 "shrinkage": row.get(f"{p.name}_shrinkage"),
             }
         )
     return {
         **{key: row[key] for key in ("heart", "page", "trusted", "pressure_mmhg", "causes")},
-        **{"certainty": row["certainty"], "p": row["misfit_p_value"], "flags": flags},
+        "certainty": row["certainty"],
+        "p": row["misfit_p_value"],
+        "flags": flags,
         "factors": factors,
     }

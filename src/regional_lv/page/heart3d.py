@@ -94,7 +94,10 @@ def draw(
             {
                 "type": "buttons",
                 "direction": "right",
-                **{"x": 0.5, "xanchor": "center", "y": 1.0, "yanchor": "bottom"},
+                "x": 0.5,
+                "xanchor": "center",
+                "y": 1.0,
+                "yanchor": "bottom",
                 "buttons": [_button(way, colours, walls) for way, colours in ways.items()],
             }
         ],

@@ -324,7 +324,9 @@ def stiffness_of(drawn: CasePosterior, parameters: StiffnessInputs) -> list[dict
         prior = stats.loguniform(p.low, p.high) if stated else stats.uniform(p.low, p.high - p.low)
         rows.append(
             {
-                **{"name": p.name, "zone": p.zone, "factor": p.factor},
+                "name": p.name,
+                "zone": p.zone,
+                "factor": p.factor,
                 "segments": parameters.zones[p.zone],
                 **row,
                 "middle": row[drawn.middle],

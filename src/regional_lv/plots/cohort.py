@@ -86,9 +86,17 @@ def draw_pooling(hearts: Path, parameters: StiffnessInputs, png: Path, csv: Path
             continue
         seaborn.scatterplot(
             own,
-            **{"x": "mean", "y": "pooled", "hue": "zone", "size": "shrinkage"},
-            **{"hue_order": zones, "palette": colours, "size_norm": (0, 1), "sizes": (8, 90)},
-            **{"edgecolor": style.BLACK, "linewidth": 0.3, "alpha": 0.8},
+            x="mean",
+            y="pooled",
+            hue="zone",
+            size="shrinkage",
+            hue_order=zones,
+            palette=colours,
+            size_norm=(0, 1),
+            sizes=(8, 90),
+            edgecolor=style.BLACK,
+            linewidth=0.3,
+            alpha=0.8,
             ax=ax,
             legend="brief" if ax is axes[-1] else False,
         )

@@ -109,8 +109,16 @@ def draw_causes(findings: Findings, png: Path, csv: Path) -> None:
                 **{
                     k: h[k]
                     for k in (
-                        *("name", "component", "z", "p_value", "p_value_single", "probability"),
-                        *("identifiable", "absorbed", "estimate", "at_bound"),
+                        "name",
+                        "component",
+                        "z",
+                        "p_value",
+                        "p_value_single",
+                        "probability",
+                        "identifiable",
+                        "absorbed",
+                        "estimate",
+                        "at_bound",
                     )
                 },
                 **dict(zip(("lower95", "upper95"), h["interval95"], strict=True)),

@@ -137,7 +137,11 @@ def _draw_power(ax: Axes, power: pd.DataFrame) -> None:
     names = {a: f"{a}-{b}" if b < EDGES[-1] else f"> {a}" for a, b in bins}
     shown = power.assign(bin=power["lower"].map(names))
     style.intervals(
-        *(ax, shown, "bin", "share", ("low", "high")),
+        ax,
+        shown,
+        "bin",
+        "share",
+        ("low", "high"),
         order=names.values(),
         hue="group",
         palette=OF_GROUPS,
@@ -152,7 +156,11 @@ def _draw_power(ax: Axes, power: pd.DataFrame) -> None:
 
 def _draw_coverage(ax: Axes, coverage: pd.DataFrame) -> None:
     style.intervals(
-        *(ax, coverage, "group", "share", ("low", "high")),
+        ax,
+        coverage,
+        "group",
+        "share",
+        ("low", "high"),
         hue="model",
         palette=OF_MODELS,
         dodge=0.3,

@@ -34,7 +34,10 @@ def further_points(
     return np.concatenate(
         [
             sobol(
-                *(n, parameters.lower, parameters.upper, scale),
+                n,
+                parameters.lower,
+                parameters.upper,
+                scale,
                 derive(seed, "design", purpose, scale),
             )
             for n, scale in ((natural, "natural"), (log_scale, "log"))

@@ -20,8 +20,19 @@ PACKAGES = {
     **{
         name: (name,)
         for name in (
-            *("numpy", "scipy", "pandas", "pyarrow", "scikit-learn", "gmsh", "matplotlib"),
-            *("torch", "gpytorch", "linear-operator", "pyro-ppl", "arviz", "snakemake"),
+            "numpy",
+            "scipy",
+            "pandas",
+            "pyarrow",
+            "scikit-learn",
+            "gmsh",
+            "matplotlib",
+            "torch",
+            "gpytorch",
+            "linear-operator",
+            "pyro-ppl",
+            "arviz",
+            "snakemake",
         )
     },
     "regional-lv": ("regional-lv",),
@@ -29,8 +40,13 @@ PACKAGES = {
 """What numbers and figures depend on, and the names under which it may be installed."""
 
 HOLD_TIMES = (
-    *("screening/*.parquet", "emulators/*.pt", "posteriors/*.nc", "posteriors/*/diagnostics.csv"),
-    *("tables/ranking.*", "tables/paper_comparison.*", "tables/sample_efficiency.*"),
+    "screening/*.parquet",
+    "emulators/*.pt",
+    "posteriors/*.nc",
+    "posteriors/*/diagnostics.csv",
+    "tables/ranking.*",
+    "tables/paper_comparison.*",
+    "tables/sample_efficiency.*",
     "figures/sample_efficiency.csv",
 )
 """Files that also hold wall or CPU seconds, and differ from run to run in these alone."""

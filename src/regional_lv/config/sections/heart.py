@@ -99,8 +99,10 @@ class OfSegments(Geometry):
 
             mistakes = complaints(read_segments, self.segments) or complaints(
                 check_apices,
-                *(self.segments, read_segments(self.segments)),
-                *(self.endo_apex_z_mm, self.epi_apex_z_mm),
+                self.segments,
+                read_segments(self.segments),
+                self.endo_apex_z_mm,
+                self.epi_apex_z_mm,
             )
             yield from (f"{key}.segments: {mistake}" for mistake in mistakes)
 

@@ -230,7 +230,7 @@ class LocalGP(ReducedEmulator):
         rows = subset(len(x), START_ROWS, seed)
         x, z = x[rows], z[rows]
         h = fit_hyperparameters(
-            *(x, z, self.kernel, LEAST_NUGGET, START_ITERATIONS, 1, seed, self.parameters.blocks)
+            x, z, self.kernel, LEAST_NUGGET, START_ITERATIONS, 1, seed, self.parameters.blocks
         )
         model = self._model(joint=True)
         model.covar_module, model.likelihood = h.covar_module, h.likelihood

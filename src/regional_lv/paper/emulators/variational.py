@@ -290,7 +290,11 @@ class VariationalGP(ReducedEmulator):
         """Inducing points by k-means, length scales of an exact GP, mixing by one score each."""
         rows = subset(len(x), START_ROWS, derive(seed, "start"))
         exact = fit_hyperparameters(
-            *(x[rows], z[rows], self.kernel, JITTER, START_ITERATIONS),
+            x[rows],
+            z[rows],
+            self.kernel,
+            JITTER,
+            START_ITERATIONS,
             restarts=1,
             seed=seed,
             blocks=self.parameters.blocks,

@@ -96,7 +96,11 @@ def estimate_parameters(
     for estimator, part in table.groupby("estimator"):
         log.info(
             "%s, %s: parameter MSE %.5f over %d cases, %d estimates outside the design",
-            *(name, estimator, part["mse"].mean(), len(part), part["outside"].sum()),
+            name,
+            estimator,
+            part["mse"].mean(),
+            len(part),
+            part["outside"].sum(),
         )
 
 

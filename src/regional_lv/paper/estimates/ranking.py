@@ -53,7 +53,7 @@ def rank_emulators(
     truth = truth.assign(sample=truth["sample"].astype(str)).set_index("sample")
     rows, estimated = [], {}
     for name, own, back, cost, report, predicted in zip(
-        *(names, estimates, checked, costs, fits, predictions), strict=True
+        names, estimates, checked, costs, fits, predictions, strict=True
     ):
         estimated[name], fit = pd.read_parquet(own), json.loads(Path(report).read_text())
         rows.append(

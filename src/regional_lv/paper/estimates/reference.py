@@ -35,7 +35,8 @@ def fit_reference(
     theta, y = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
     emulator = emulators.create("exact_gp", {"input_transform": "log", "calibration": "none"})
     emulator.fit(
-        *(theta, y),
+        theta,
+        y,
         parameters=parameters,
         outputs=channels.names,
         seed=derive(seed, "estimates", "reference"),

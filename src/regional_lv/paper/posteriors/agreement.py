@@ -83,8 +83,17 @@ def _compare(how: Sampling, posteriors: Sequence[Posterior], reference: Sampled)
 
 
 COLUMNS = (
-    *("set", "case", "parameter", "mean_fast", "mean_nuts", "sd_fast", "sd_nuts"),
-    *("mean_difference_in_sd", "monte_carlo_error", "sd_ratio", "agrees"),
+    "set",
+    "case",
+    "parameter",
+    "mean_fast",
+    "mean_nuts",
+    "sd_fast",
+    "sd_nuts",
+    "mean_difference_in_sd",
+    "monte_carlo_error",
+    "sd_ratio",
+    "agrees",
 )
 
 

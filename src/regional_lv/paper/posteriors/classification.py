@@ -54,7 +54,9 @@ def classify_zones(
             )
             for z, zone in enumerate(parameters.zones):
                 common = {
-                    **{"case": one.case, "stiff_zone": stiff, "zone": zone},
+                    "case": one.case,
+                    "stiff_zone": stiff,
+                    "zone": zone,
                     "stiffened": stiff in (zone, "all"),
                 }
                 for q, quantity in enumerate((*parameters.factors, BOTH)):

@@ -46,8 +46,13 @@ def hpd_widths(table: pd.DataFrame, parameters: StiffnessInputs) -> pd.DataFrame
 
 
 TABLES = (
-    *("diagnostics", "recovery", "coverage", "map_mse", "hpd"),
-    *("correlations", "zone_correlations"),
+    "diagnostics",
+    "recovery",
+    "coverage",
+    "map_mse",
+    "hpd",
+    "correlations",
+    "zone_correlations",
 )
 """Tables of a set of posteriors, in the order in which `summarise_posteriors` writes them."""
 
@@ -71,8 +76,13 @@ def summarise_posteriors(posteriors: Sequence[str | Path], tables: Sequence[str 
     parameters = cases[0].parameters
     between, zones = correlate(np.stack(draws), parameters)
     made = (
-        *(pd.concat(checks, ignore_index=True), table, coverage(table), map_errors(table)),
-        *(hpd_widths(table, parameters), between, zones),
+        pd.concat(checks, ignore_index=True),
+        table,
+        coverage(table),
+        map_errors(table),
+        hpd_widths(table, parameters),
+        between,
+        zones,
     )
     for path, content in zip(tables, made, strict=True):
         content.to_csv(path, index=False)

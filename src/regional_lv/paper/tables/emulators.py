@@ -9,8 +9,11 @@ from regional_lv.emulators import architecture_of, label_of
 from regional_lv.tables.writing import written
 
 HOLDOUT_COLUMNS = (
-    *("param_mse_least_squares", "param_mse_weighted", "output_mse"),
-    *("predictive_mse", "predictive_coverage95"),
+    "param_mse_least_squares",
+    "param_mse_weighted",
+    "output_mse",
+    "predictive_mse",
+    "predictive_coverage95",
 )
 """Errors of a ranking that are shown for a second test set, too."""
 
