@@ -34,7 +34,7 @@ _registries: list["Registry"] = []
 
 
 @dataclass(frozen=True)
-class Later:
+class Lazy:
     """In place of a thing of the package: imported when it is first asked for.
 
     where: `<module>:<attribute>`.
@@ -60,7 +60,7 @@ class Registry(Mapping):
     ----------
     kind: what they are, for messages ("material law").
     key: key of the configuration that chooses among them, for messages.
-    items: those of the package, in order; `Later` for what takes seconds to import.
+    items: those of the package, in order; `Lazy` for what takes seconds to import.
     listed_in: `<module>:<attribute>`, more of the package in a room that nothing imports; read when
         the registry is first looked into.
 
@@ -90,7 +90,7 @@ class Registry(Mapping):
 
     def __getitem__(self, name: str):
         item = self.entry(name)
-        return item.thing() if isinstance(item, Later) else item
+        return item.thing() if isinstance(item, Lazy) else item
 
     def entry(self, name: str):
         """What is registered: the thing, or what stands for it until it is asked for."""

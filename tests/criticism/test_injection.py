@@ -10,9 +10,15 @@ import pytest
 from scipy import stats
 
 from regional_lv.criticism import injection
+from regional_lv.criticism.discrepancies import DISCREPANCIES
 from regional_lv.criticism.groups import EFFECTS
-from regional_lv.criticism.injection import Heart, Injection, draw_values, inject, plan_hearts
-from regional_lv.criticism.unlisted import UNLISTED
+from regional_lv.criticism.injection import (
+    Injection,
+    PlannedHeart,
+    draw_values,
+    inject,
+    plan_hearts,
+)
 from regional_lv.errors import InputError
 from regional_lv.inputs.space import Inputs, sections_of
 from regional_lv.simulation.ventricles import Ventricles
@@ -60,9 +66,9 @@ def test_every_cause_has_its_turn_and_the_order_tells_nothing(hearts, inputs):
             assert len(set(heart.causes)) == EFFECTS[heart.group] and not heart.left_out
         # What changes the noise stands alone.
         assert "heavy_tails" not in heart.causes or heart.group == "singles"
-    ways = Counter(heart.unlisted for heart in hearts if heart.group == "unlisted")
-    assert ways == dict.fromkeys((*UNLISTED, "left_out"), 5)
-    scar = next(h for h in hearts if h.unlisted == "left_out" and h.causes == ("focal_scar",))
+    ways = Counter(heart.discrepancy for heart in hearts if heart.group == "unlisted")
+    assert ways == dict.fromkeys((*DISCREPANCIES, "left_out"), 5)
+    scar = next(h for h in hearts if h.discrepancy == "left_out" and h.causes == ("focal_scar",))
     assert scar.left_out == tuple(f"focal_scar_{s}" for s in range(1, 18))
     nulls = np.flatnonzero([heart.group == "nulls" for heart in hearts])
     assert nulls.min() < 20 and nulls.max() > len(hearts) - 20
@@ -92,7 +98,7 @@ def test_values_come_from_what_the_roles_say(hearts, inputs):
 def test_a_misread_table_is_wrong_in_all_segments(inputs):
     """Of the radii, too, which this study holds fixed."""
     whole = injection.with_table(inputs)
-    heart = Heart("a", "misread", (), "", (), 1)
+    heart = PlannedHeart("a", "misread", (), "", (), 1)
     values = drawn([heart] * 100, whole)
     for stem, sd in (("wall_thickness_", 0.1), ("endo_radius_", 0.03)):
         of_stem = [name.startswith(stem) for name in whole.names]
@@ -136,7 +142,7 @@ def no_mesh(monkeypatch):
 
 @pytest.mark.usefixtures("no_mesh")
 def test_subjects_and_truth_lie_apart(hearts, inputs):
-    some = [heart for heart in hearts if heart.unlisted in ("", "left_out", "smooth_bias")][:80]
+    some = [heart for heart in hearts if heart.discrepancy in ("", "left_out", "smooth_bias")][:80]
     subjects, truth = inject(Injection(Formula(inputs), NOISE), some, "test")
     assert subjects["subject"].tolist() == truth["subject"].tolist()
     assert set(subjects) - {"subject", "left_out"} == {

@@ -75,7 +75,7 @@ def test_effects_are_named():
 def test_nothing_is_named_where_nothing_is_detected():
     found = judged(seed=3)
     assert not found.detected and found.best is None and found.trusted
-    assert not found.named and not found.groups and not found.acts_like
+    assert not found.named and not found.groups and not found.proxies
 
 
 def test_nothing_is_named_that_is_not_confirmed():
@@ -98,7 +98,7 @@ def test_no_stiffness_is_trusted_where_no_model_fits():
 
 def test_an_estimate_at_the_end_of_its_range_is_not_named():
     found = judged(half=0.3, c1=0.9)
-    assert "c1" not in found.named and found.acts_like == ["c1"]
+    assert "c1" not in found.named and found.proxies == ["c1"]
 
 
 def test_how_far_beyond_the_end():

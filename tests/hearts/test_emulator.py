@@ -10,7 +10,7 @@ from regional_lv.channels import Channels
 from regional_lv.emulators.joint_gp import JointGP
 from regional_lv.errors import InputError
 from regional_lv.hearts.card import document
-from regional_lv.hearts.emulator import HeartEmulator, LookedUp
+from regional_lv.hearts.emulator import HeartEmulator, InputMap
 from regional_lv.hearts.file import read
 from regional_lv.inputs.space import Inputs, sections_of
 from tests.hearts.conftest import outputs_of
@@ -45,7 +45,7 @@ def near(inputs, n, seed=0):
 
 def test_values_go_with_size_and_pressure(any_heart, inputs):
     x = near(inputs, 3)
-    there = LookedUp(any_heart.known, inputs)(x)
+    there = InputMap(any_heart.known, inputs)(x)
     size, load = x[:, inputs.names.index("length")] / 74.4, 12 / 8
     powers = {
         "C_a_septal": 1 / load,
@@ -80,7 +80,7 @@ def test_derivatives(emulator, inputs):
 
 def test_outputs_and_errors_are_in_the_units_of_the_heart(any_heart, emulator, inputs):
     x = near(inputs, 3)
-    there = LookedUp(any_heart.known, inputs)(x)
+    there = InputMap(any_heart.known, inputs)(x)
     found, known = emulator.predict(x), any_heart.emulator.predict(there)
     volume = torch.as_tensor(Channels.parse(emulator.outputs).of_quantity("volume"))
     cube = (x[:, inputs.names.index("length")] / 74.4) ** 3
@@ -95,7 +95,7 @@ def test_outputs_and_errors_are_in_the_units_of_the_heart(any_heart, emulator, i
 
 def test_its_own_simulations_make_it_local(any_heart, emulator, inputs):
     """Of a heart that is simulated as well: values are met, and errors beside them get small."""
-    there = LookedUp(any_heart.known, inputs)
+    there = InputMap(any_heart.known, inputs)
     truth = outputs_of(any_heart.known, any_heart.emulator.channels)
     volume = torch.as_tensor(any_heart.emulator.channels.of_quantity("volume")).double()
 

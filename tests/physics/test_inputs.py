@@ -118,10 +118,10 @@ def test_changes_of_the_residual_are_those_of_differences(solver, given):
     w = 0.01 * rng.normal(size=problem.size)
     problem.set(at, PRESSURE)
     w = problem.retract(w)
-    told = problem._told(at)
+    perturbation = problem._perturbation(at)
     problem._place(w)
-    exact = problem._resisted(problem._changes(told))
-    exact[:, problem._base_dofs] += problem._changes_at_base(w, told)
+    exact = problem._resisted(problem._changes(perturbation))
+    exact[:, problem._base_dofs] += problem._changes_at_base(w, perturbation)
     for k, each in enumerate(inputs):
         if each.changes == "observables":
             assert not exact[k].any()

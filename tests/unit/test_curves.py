@@ -8,7 +8,7 @@ from regional_lv.channels import Channels
 from regional_lv.errors import InputError
 from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.measured import import_curves, read_curve_subject, read_measured
-from regional_lv.measured.curves import LookingBack, spikes
+from regional_lv.measured.curves import Unloading, spikes
 
 FRAMES = 20
 END_SYSTOLE = 7
@@ -114,7 +114,7 @@ def test_earliest_diastole_is_the_first_frame_that_fills(write, reference):
 )
 def test_a_frame_of_a_muscle_at_work_is_doubted(unloaded, doubt):
     share = CONTRACTION[unloaded]
-    back = LookingBack(STRETCHES[unloaded], unloaded, 0, END_SYSTOLE, share)
+    back = Unloading(STRETCHES[unloaded], unloaded, 0, END_SYSTOLE, share)
     found = back.doubts(range(FRAMES))
     assert bool(found) == bool(doubt) and doubt in " ".join(found)
 
@@ -138,8 +138,8 @@ def test_a_spike_is_named(write):
         read_curve_subject(write(change=change) | {"frame": "earliest_diastole"})
         for change in (with_noise, with_a_spike)
     )
-    assert smooth.back.unloaded == FIRST_FILLING and spikes(smooth.curves) == []
-    assert spiky.back.unloaded == FIRST_FILLING + 1
+    assert smooth.unloading.unloaded == FIRST_FILLING and spikes(smooth.curves) == []
+    assert spiky.unloading.unloaded == FIRST_FILLING + 1
     (line,) = spikes(spiky.curves)
     assert line.startswith("circumferential_09 is -50.0 % in frame 11, and ")
     assert " by the frames beside it; correct the value, or remove the column" in line

@@ -745,25 +745,25 @@ def test_tables_that_cannot_be_used(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["exact_gp", "gradient_gp"])
-def test_rough_emulator_has_nearly_the_same_mean(name, monkeypatch):
-    monkeypatch.setattr(exact_gp, "ROUGH_ROWS", 60)
+def test_sparse_emulator_has_nearly_the_same_mean(name, monkeypatch):
+    monkeypatch.setattr(exact_gp, "SPARSE_ROWS", 60)
     emulator, theta = fit(name), torch.as_tensor(points(200, 31))
-    rough = emulator.rough
-    assert rough is emulator.rough and len(rough.inputs) == 60
+    sparse = emulator.sparse
+    assert sparse is emulator.sparse and len(sparse.inputs) == 60
     with torch.no_grad():
-        exact, near = emulator.predict(theta), rough.predict(theta)
+        exact, near = emulator.predict(theta), sparse.predict(theta)
     error = (near.mean - exact.mean) / emulator.output_sd
     assert 0 < error.square().mean().sqrt() < 0.2
     # Its variance is that of knowing less.
     assert (near.variance > exact.variance).all()
     some = ("radial_02", "volume_ml")
-    part = emulator.select(some).rough.predict(theta).mean
+    part = emulator.select(some).sparse.predict(theta).mean
     torch.testing.assert_close(part, near.mean[:, [3, 0]])
 
 
-def test_rough_emulator_is_itself_where_rows_are_few():
+def test_sparse_emulator_is_itself_where_rows_are_few():
     emulator = fit("exact_gp")
-    assert emulator.rough is emulator
+    assert emulator.sparse is emulator
 
 
 # ------------------------------------------------------------- other parameters, other emulators

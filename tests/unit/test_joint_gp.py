@@ -12,7 +12,12 @@ from regional_lv.channels import Channels
 from regional_lv.emulators import create, exact_gp, load
 from regional_lv.emulators.finer import corrected, train_finer
 from regional_lv.emulators.kernels import BlockRQKernel
-from regional_lv.emulators.observed_derivatives import Seen, Weighted, covariance, crossed
+from regional_lv.emulators.observed_derivatives import (
+    ObservedDerivatives,
+    Weighted,
+    covariance,
+    crossed,
+)
 from regional_lv.emulators.output_scale import OutputScale
 from regional_lv.emulators.shared_kernel import condition
 from regional_lv.errors import InputError
@@ -118,14 +123,14 @@ def test_coordinates_are_kept():
 
 def test_derivatives_are_chosen_by_their_weight():
     weight = torch.tensor([1.0, 1.0, 0.01, 1.0, 0.2]).double()
-    seen = Seen.some(400, 5, 800, seed=1, weight=weight)
+    seen = ObservedDerivatives.some(400, 5, 800, seed=1, weight=weight)
     counts = torch.bincount(seen.along, minlength=5)
     assert counts[2] < 0.1 * counts[0] and counts[2] < counts[4] < 0.7 * counts[0]
 
 
 @pytest.mark.parametrize("most", [0, 7, 15, 30])
 def test_as_many_derivatives_as_fit(most):
-    seen = Seen.some(6, 5, most, seed=1)
+    seen = ObservedDerivatives.some(6, 5, most, seed=1)
     assert len(seen.at) == most
     pairs = set(zip(seen.at.tolist(), seen.along.tolist(), strict=True))
     counts = np.bincount(seen.at, minlength=6)
@@ -139,7 +144,7 @@ def test_covariances_of_what_is_seen(most):
     x, y = (torch.as_tensor(rng.normal(size=(n, 5))) for n in (6, 4))
     kernel = BlockRQKernel(COORDINATES.blocks).double()
     kernel.initialize(lengthscale=torch.as_tensor(rng.uniform(0.5, 2, (1, 5))), alpha=0.7)
-    seen, scales = Seen.some(6, 5, most, seed=2), kernel.lengthscale[0].detach()
+    seen, scales = ObservedDerivatives.some(6, 5, most, seed=2), kernel.lengthscale[0].detach()
     with torch.no_grad():
         found = covariance(kernel, x, seen)
         beside = crossed(kernel, y, x, seen)
@@ -283,7 +288,7 @@ def test_loading_factorises_what_the_variance_needs_alone(rough, tmp_path, monke
 def process_of(like, theta, seen):
     """The process of `like`, of these values and derivatives, factorised at once."""
     made, here = copy.copy(like), torch.as_tensor(theta)
-    made._forget()
+    made._clear_cached()
     made.inputs, made.nugget = made.standardise(here), 1e-5
     made.seen = made.variance_seen = seen
     y, by_theta = (torch.as_tensor(each) for each in simulated(theta))
@@ -295,7 +300,10 @@ def process_of(like, theta, seen):
 
 def test_conditioning_is_the_process_of_all_observations(emulator):
     like, theta, at = emulator.processes[0], points(26, 11), torch.as_tensor(points(30, 12))
-    first, second = Seen.some(20, 5, 60, seed=5), Seen.of_all(torch.arange(20, 26), torch.arange(5))
+    first, second = (
+        ObservedDerivatives.some(20, 5, 60, seed=5),
+        ObservedDerivatives.of_all(torch.arange(20, 26), torch.arange(5)),
+    )
     whole = process_of(like, theta, first.joined(second))
     found = process_of(like, theta[:20], first)
     for part in (slice(20, 23), slice(23, 26)):

@@ -159,13 +159,13 @@ def explain_unknown(section: type[Section], key: str, name: str) -> str:
         kinds = " or ".join(f"`{section.tag}: {tag}`" for tag in section.all_tags(name))
         return f"{path}: only {kinds} has it; write that, or remove it"
     here = list(dict.fromkeys([*section.model_fields, *(section.added() if section.added else ())]))
-    elsewhere = {each.path.rsplit(".", 1)[-1]: each.path for each in describe()}
-    if name in elsewhere:
-        return f"{path}: unknown key here; did you mean `{elsewhere[name]}`?"
+    path_of = {each.path.rsplit(".", 1)[-1]: each.path for each in describe()}
+    if name in path_of:
+        return f"{path}: unknown key here; did you mean `{path_of[name]}`?"
     if close := closest(name, here, cutoff=0.5):
         return f"{path}: unknown key; did you mean `{key_path(key, close)}`?"
-    close = closest(name, elsewhere, cutoff=0.75)
-    hint = f"did you mean `{elsewhere[close]}`? " if close else ""
+    close = closest(name, path_of, cutoff=0.75)
+    hint = f"did you mean `{path_of[close]}`? " if close else ""
     return f"{path}: unknown key; {hint}allowed here: {', '.join(here)}"
 
 

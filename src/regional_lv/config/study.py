@@ -71,8 +71,8 @@ class Configuration(Section):
         AfterValidator(_loaded),
         Note(reruns="everything that depends on the library; so does an edit of such a file"),
     ] = []
-    """Python files that register a quantity, a material law, a support, a load, an emulator or a
-    hypothesis of yours."""
+    """Python files that register a quantity, a material law, a support, a load, an emulator or an
+    input of yours."""
     parameters: heart.Parameters = heart.Parameters()
     geometry: heart.AnyGeometry = heart.OfSegments(source="segments")
     mesh: heart.Mesh = heart.Mesh()

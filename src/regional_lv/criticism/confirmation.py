@@ -17,7 +17,7 @@ import torch
 from regional_lv.criticism.verdict import LEAST_PROBABILITY
 from regional_lv.inference import importance
 from regional_lv.inference.averaging import Averaged
-from regional_lv.inference.emulated import OfInputs
+from regional_lv.inference.emulated import InputEmulator
 from regional_lv.seeds import derive
 
 log = logging.getLogger(__name__)
@@ -93,7 +93,7 @@ class Round:
         return self.size <= LARGEST_ERROR or float(beside) <= NEGLIGIBLE
 
 
-class Learning(OfInputs, Protocol):
+class Conditionable(InputEmulator, Protocol):
     """An emulator that further simulations join (`JointGP`)."""
 
     @property
@@ -104,10 +104,10 @@ class Learning(OfInputs, Protocol):
     ) -> Self: ...
 
 
-AnEmulator = TypeVar("AnEmulator", bound=Learning)
+EmulatorT = TypeVar("EmulatorT", bound=Conditionable)
 
 
-def knowing(emulator: AnEmulator, simulations: pd.DataFrame) -> AnEmulator:
+def condition_on(emulator: EmulatorT, simulations: pd.DataFrame) -> EmulatorT:
     """The emulator that has learnt from simulations (`simulations.tabulate`) as well."""
     theta, y = (
         torch.as_tensor(simulations[list(columns)].to_numpy(float))
@@ -118,8 +118,8 @@ def knowing(emulator: AnEmulator, simulations: pd.DataFrame) -> AnEmulator:
 
 
 def conditioned(
-    emulator: AnEmulator, rounds: Sequence[pd.DataFrame], outputs: Sequence[str]
-) -> tuple[AnEmulator, list[Round]]:
+    emulator: EmulatorT, rounds: Sequence[pd.DataFrame], outputs: Sequence[str]
+) -> tuple[EmulatorT, list[Round]]:
     """The emulator that knows the simulations of all rounds, and what each round says of the
     emulator that knew those before it, about the measured `outputs`, on the study's mesh."""
     found, names = [], list(emulator.coordinates.names)
@@ -135,7 +135,7 @@ def conditioned(
         own = emulator.of_study_mesh.select(outputs)
         errors = (y - own.predict_mean(theta)).numpy()
         found.append(Round(good, len(table) - len(good), errors, own.errors_of(theta, y).numpy()))
-        emulator = knowing(emulator, good)
+        emulator = condition_on(emulator, good)
         log.info(
             "round %d: %d simulations; simulated minus emulated, in stated sds: %.2f",
             len(found),

@@ -69,7 +69,7 @@ def findings_of(verdict: Verdict, context: Context) -> Findings:
         "unlisted_probability": averaged.departure_probability,
         "named": verdict.named,
         "groups": verdict.groups,
-        "acts_like": verdict.acts_like,
+        "acts_like": verdict.proxies,
         "explained": verdict.explained,
         "trusted": verdict.trusted,
         "outliers": verdict.final.no_outliers,

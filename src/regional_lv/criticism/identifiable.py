@@ -39,7 +39,7 @@ class Identified:
     why: str
 
 
-def imitated(linear: LinearModel) -> list[int]:
+def absorbed_inputs(linear: LinearModel) -> list[int]:
     """Places of the suspected inputs whose effect the parameters take up as a whole: no measurement
     tells of them, and a model in which one is free is as good as that without it."""
     here = linear.fit(linear.y[None])
@@ -68,7 +68,7 @@ def identify(linear: LinearModel, found: LinearFit, at: int) -> Identified:
         return Identified(True, slope * sd, absorbed, why)
     if absorbed > ABSORBED:
         why = f"the stiffness absorbs {100 * absorbed:.1f} % of its effect"
-        where, likeness = _hiding_place(linear, found, signature)
+        where, likeness = _most_similar(linear, found, signature)
         if likeness > LIKE:
             why += f": it acts like a change of {where} (correlation {likeness:.3f})"
         why += ", so that the data cannot tell the two apart"
@@ -95,7 +95,7 @@ def _information(linear: LinearModel, found: LinearFit, signature: torch.Tensor)
     return float(found.whole(signature) - taken.mT @ torch.linalg.solve(known, taken))
 
 
-def _hiding_place(
+def _most_similar(
     linear: LinearModel, found: LinearFit, signature: torch.Tensor
 ) -> tuple[str, float]:
     """The parameter, or one factor of the material in all zones together, whose effect is most like

@@ -12,8 +12,8 @@ import pandas as pd
 from scipy import special
 
 from regional_lv.channels import Channels
+from regional_lv.criticism.discrepancies import DISCREPANCIES
 from regional_lv.criticism.groups import EFFECTS
-from regional_lv.criticism.unlisted import UNLISTED
 from regional_lv.errors import InputError
 from regional_lv.inputs.base import Input
 from regional_lv.inputs.closed_forms import HeavyTails
@@ -28,7 +28,7 @@ from regional_lv.study.progress import Progress
 log = logging.getLogger(__name__)
 
 LEFT_OUT = "left_out"
-"""Unlisted hearts with a cause of the catalogue that their criticism does not search."""
+"""The discrepancy of hearts with a cause of the catalogue that their criticism does not search."""
 
 PHYSIOLOGICAL = (0.5, 2.0)
 """Where hearts have their stiffness, as far as its range allows."""
@@ -44,17 +44,17 @@ ATTEMPTS = 5
 
 
 @dataclass(frozen=True)
-class Heart:
+class PlannedHeart:
     """What a heart is, before its values are drawn.
 
-    causes: whose inputs are not at their nominal values. unlisted: a name of `UNLISTED`, `LEFT_OUT`
-    or nothing. left_out: names of inputs that its criticism may not know.
+    causes: whose inputs are not at their nominal values. discrepancy: a name of `DISCREPANCIES`,
+    `LEFT_OUT` or nothing. left_out: names of inputs that its criticism may not know.
     """
 
     subject: str
     group: str
     causes: tuple[str, ...]
-    unlisted: str
+    discrepancy: str
     left_out: tuple[str, ...]
     seed: int
 
@@ -62,12 +62,12 @@ class Heart:
 # ------------------------------------------------------------------------------------- drawing
 
 
-def plan_hearts(counts: Mapping[str, int], inputs: Inputs, seed: int) -> list[Heart]:
+def plan_hearts(counts: Mapping[str, int], inputs: Inputs, seed: int) -> list[PlannedHeart]:
     """Hearts of all groups, in an order that tells nothing.
 
     counts: how many of each of `EFFECTS`. Of hearts with one cause each cause takes its turn after
-    a shuffle, and so do the ways of `UNLISTED` with `LEFT_OUT`; of several causes all combinations
-    are equally likely. What changes the noise stands alone. Raises InputError if the study suspects
+    a shuffle, and so do the `DISCREPANCIES` with `LEFT_OUT`; of several causes all combinations are
+    equally likely. What changes the noise stands alone. Raises InputError if the study suspects
     fewer causes than a heart has, or if a group does not fit it.
     """
     rng = np.random.default_rng(derive(seed, "benchmark"))
@@ -80,20 +80,23 @@ def plan_hearts(counts: Mapping[str, int], inputs: Inputs, seed: int) -> list[He
         count = counts[group]
         if group == "unlisted":
             hidden = _in_turn(physical, count, rng)
-            ways = _in_turn([*UNLISTED, *[LEFT_OUT] * bool(physical)], count, rng)
-            causes = [(c,) if way == LEFT_OUT else () for c, way in zip(hidden, ways, strict=False)]
-            drawn += [(group, *each) for each in zip(causes or [()] * count, ways, strict=True)]
+            discrepancies = _in_turn([*DISCREPANCIES, *[LEFT_OUT] * bool(physical)], count, rng)
+            causes = [
+                (c,) if d == LEFT_OUT else () for c, d in zip(hidden, discrepancies, strict=False)
+            ]
+            pairs = zip(causes or [()] * count, discrepancies, strict=True)
+            drawn += [(group, *pair) for pair in pairs]
         elif size == 1:
             drawn += [(group, (cause,), "") for cause in _in_turn(every, count, rng)]
         else:
             drawn += [(group, tuple(_shuffled(physical, rng)[:size]), "") for _ in range(count)]
     hearts = []
     for number, place in enumerate(rng.permutation(len(drawn))):
-        group, causes, way = drawn[place]
-        left_out = [e.name for e in suspected if way == LEFT_OUT and e.cause in causes]
+        group, causes, discrepancy = drawn[place]
+        left_out = [e.name for e in suspected if discrepancy == LEFT_OUT and e.cause in causes]
         own = derive(seed, "benchmark", number)
         name = f"subject-{number:04d}"
-        hearts.append(Heart(name, group, causes, way, tuple(left_out), own))
+        hearts.append(PlannedHeart(name, group, causes, discrepancy, tuple(left_out), own))
     return hearts
 
 
@@ -124,7 +127,7 @@ def _in_turn(names: Sequence[str], count: int, rng: np.random.Generator) -> list
     return turns[:count]
 
 
-def draw_values(heart: Heart, inputs: Inputs, rng: np.random.Generator) -> np.ndarray:
+def draw_values(heart: PlannedHeart, inputs: Inputs, rng: np.random.Generator) -> np.ndarray:
     """Values (K,) of the inputs of one heart.
 
     Inferred ones are uniform over their ranges, stiffness as far as it is `PHYSIOLOGICAL`; measured
@@ -175,7 +178,7 @@ def _effect(each: Input, nominal: float, rng: np.random.Generator) -> float:
 @dataclass(frozen=True)
 class Simulated:
     """A heart with its values by input, whether these are the study's inferred ones, its outputs
-    (D,) without noise, and what is unlisted of it, in words."""
+    (D,) without noise, and its discrepancy in words."""
 
     values: dict[str, float]
     has_stiffness: bool
@@ -195,7 +198,7 @@ class Injection:
         self.ventricles, self.noise = ventricles, noise
         self.misread = ventricles.altered(with_table(ventricles.inputs))
 
-    def simulate(self, heart: Heart) -> Simulated:
+    def simulate(self, heart: PlannedHeart) -> Simulated:
         """The heart as its values are drawn; drawn again if it cannot be inflated.
 
         Raises ArithmeticError, with the last reason, after `ATTEMPTS` draws.
@@ -209,18 +212,18 @@ class Injection:
                 reason = error
         raise reason
 
-    def _simulated(self, heart: Heart, rng: np.random.Generator) -> Simulated:
+    def _simulated(self, heart: PlannedHeart, rng: np.random.Generator) -> Simulated:
         ventricles = self.misread if heart.group == "misread" else self.ventricles
         x = draw_values(heart, ventricles.inputs, rng)
         values = dict(zip(ventricles.inputs.names, x.tolist(), strict=True))
-        if heart.unlisted not in UNLISTED:
+        if heart.discrepancy not in DISCREPANCIES:
             return Simulated(values, True, ventricles.outputs(x), " ".join(heart.left_out))
-        way = UNLISTED[heart.unlisted]
-        outputs, detail = way.outputs(ventricles, x, rng)
+        discrepancy = DISCREPANCIES[heart.discrepancy]
+        outputs, detail = discrepancy.outputs(ventricles, x, rng)
         release_unused()  # of a simulator of its own
-        return Simulated(values, way.has_stiffness, outputs, detail)
+        return Simulated(values, discrepancy.has_stiffness, outputs, detail)
 
-    def measure(self, heart: Heart, found: Simulated) -> pd.DataFrame:
+    def measure(self, heart: PlannedHeart, found: Simulated) -> pd.DataFrame:
         """Its measured table (`measured.synthetic_subject`)."""
         channels = self.ventricles.channels
         rng = np.random.default_rng(derive(heart.seed, "noise"))
@@ -277,7 +280,7 @@ def inject_batch(
 
 
 def inject(
-    injection: Injection, hearts: Sequence[Heart], name: str
+    injection: Injection, hearts: Sequence[PlannedHeart], name: str
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Subjects and truth of some hearts, as `inject_batch` writes them."""
     progress, subjects, truths = Progress(name, len(hearts)), [], []
@@ -285,7 +288,7 @@ def inject(
         truth: dict[str, object] = {
             "subject": heart.subject,
             "group": heart.group,
-            "unlisted": heart.unlisted,
+            "unlisted": heart.discrepancy,
         }
         truth |= {"causes": json.dumps(heart.causes), "status": "converged", "reason": ""}
         truth |= {"detail": "", "has_stiffness": False, "values": "{}"}

@@ -51,7 +51,7 @@ def why_not(z: torch.Tensor, observed: Observed) -> str:
         if bool(far[torch.as_tensor(quantities == quantity)].all()):
             return f"all of the {quantity} is off, which is no outlier"
     for at in hearts_of(observed):
-        company = _company(z[at], channels[at])
+        company = _pair_of_outliers(z[at], channels[at])
         if company:
             return f"{company[0]} and {company[1]} are off together"
     return _together(z, channels)
@@ -73,7 +73,7 @@ def _together(z: torch.Tensor, channels: Sequence[Channel]) -> str:
     return ""
 
 
-def _company(z: torch.Tensor, channels: Sequence[Channel]) -> tuple[str, str] | None:
+def _pair_of_outliers(z: torch.Tensor, channels: Sequence[Channel]) -> tuple[str, str] | None:
     """Names of an outlier and of a channel beside it that is off as well; z (D,) of one heart."""
     for far in torch.nonzero(z.abs() > FAR)[:, 0].tolist():
         for other in torch.nonzero(z.abs() > BESIDE)[:, 0].tolist():

@@ -10,10 +10,10 @@ import numpy as np
 import pandas as pd
 
 from regional_lv.criticism import confirmation, outliers
-from regional_lv.criticism.confirmation import Learning, Round, conditioned
+from regional_lv.criticism.confirmation import Conditionable, Round, conditioned
 from regional_lv.criticism.contract import Findings
 from regional_lv.criticism.findings import Context, findings_of, write_findings
-from regional_lv.criticism.identifiable import imitated
+from regional_lv.criticism.identifiable import absorbed_inputs
 from regional_lv.criticism.left_out import left_out
 from regional_lv.criticism.linear_model import LinearModel
 from regional_lv.criticism.misfit import test
@@ -91,7 +91,7 @@ class Critic:
         self,
         name: str,
         tables: Mapping[str, pd.DataFrame],
-        emulator: Learning,
+        emulator: Conditionable,
         physics: Mapping,
         settings: Settings,
         seed: int,
@@ -102,7 +102,7 @@ class Critic:
         self.settings, self.known_theta = settings, known_theta
         self.seed = derive(seed, "criticism", name)
 
-    def potential(self, emulator: Learning) -> Potential:
+    def potential(self, emulator: Conditionable) -> Potential:
         """The posterior of all models, by an emulator."""
         return potential_of_tables(
             emulator, self.inputs, self.tables, self.settings.noise_prior_scale, self.known_theta
@@ -160,8 +160,8 @@ class Critic:
     def _average(self, potential: Potential, draws: int) -> Averaged:
         """Over what the data can tell of."""
         base = fit_base(potential, self.seed)
-        told = potential.without(imitated(LinearModel.of(potential, base)))
-        return average(told, self.settings.largest_set, self.seed, draws, base)
+        identifiable = potential.without(absorbed_inputs(LinearModel.of(potential, base)))
+        return average(identifiable, self.settings.largest_set, self.seed, draws, base)
 
     def _examine(self, averaged: Averaged) -> dict[int, Examined]:
         """The model as it is, and the most probable others."""
@@ -242,7 +242,7 @@ def read_critic(
 
 
 def critic_of(
-    emulator: Learning,
+    emulator: Conditionable,
     subject: str,
     subjects: Sequence[str],
     measured: Sequence[str | Path],

@@ -65,7 +65,7 @@ class Verdict:
     best: int | None = None
     named: list[str] = field(default_factory=list)
     groups: list[list[str]] = field(default_factory=list)
-    acts_like: list[str] = field(default_factory=list)
+    proxies: list[str] = field(default_factory=list)
 
     @property
     def potential(self) -> Potential:
@@ -149,7 +149,7 @@ class Verdict:
             if self.at_bound(self.best, k):
                 # Of all listed causes this one comes nearest, or it is not worth a word.
                 if probability >= PROBABILITY * (1 - rest):
-                    self.acts_like.append(cause)
+                    self.proxies.append(cause)
             elif not self.adequate:
                 continue
             elif probability >= PROBABILITY:

@@ -60,13 +60,13 @@ def p_value(p: float) -> str:
     return f"p = {p:.3f}" if p >= 0.0095 else f"p = {p:.2g}"
 
 
-def estimate(hypothesis: Cause) -> str:
+def estimate(cause: Cause) -> str:
     """Estimate with its interval and unit."""
-    unit = "" if hypothesis["unit"] == "1" else f" {hypothesis['unit']}"
-    low, high = hypothesis["interval95"]
+    unit = "" if cause["unit"] == "1" else f" {cause['unit']}"
+    low, high = cause["interval95"]
     return (
-        f"{number(hypothesis['estimate'])}{unit} (95 % interval {number(low)} to "
-        f"{number(high)}{unit}; the model assumes {number(hypothesis['base'])})"
+        f"{number(cause['estimate'])}{unit} (95 % interval {number(low)} to "
+        f"{number(high)}{unit}; the model assumes {number(cause['base'])})"
     )
 
 
@@ -220,12 +220,14 @@ def verdict(content: Findings) -> list[str]:
         sentences += _explained(content)
     else:
         sentences += _not_explained(content)
-    sentences += _acts_like(content)
+    sentences += _proxies(content)
     told = {*content["named"], *content["acts_like"], *(content["best"] or ())}
     told = told.union(*content["groups"])
-    for h in content["hypotheses"]:
-        if not h["identifiable"] and h["name"] not in told:
-            sentences.append(f"Nothing can be concluded about {cause(h['name'])}: {h['why']}.")
+    for found in content["hypotheses"]:
+        if not found["identifiable"] and found["name"] not in told:
+            sentences.append(
+                f"Nothing can be concluded about {cause(found['name'])}: {found['why']}."
+            )
     return [sentence for sentence in sentences if sentence]
 
 
@@ -249,7 +251,7 @@ def causes(content: Findings, names: Sequence[str]) -> str:
 
 
 def _cause_of(content: Findings, name: str) -> Cause:
-    return next(h for h in content["hypotheses"] if h["name"] == name)
+    return next(found for found in content["hypotheses"] if found["name"] == name)
 
 
 def _called(content: Findings, names: Sequence[str]) -> list[str]:
@@ -257,8 +259,8 @@ def _called(content: Findings, names: Sequence[str]) -> list[str]:
 
 
 def _estimated(content: Findings, name: str) -> str:
-    h = _cause_of(content, name)
-    return f"{cause(name, h['component'])}, {h['parameter']} {estimate(h)}"
+    found = _cause_of(content, name)
+    return f"{cause(name, found['component'])}, {found['parameter']} {estimate(found)}"
 
 
 def _explained(content: Findings) -> list[str]:
@@ -291,15 +293,15 @@ def _explained(content: Findings) -> list[str]:
 
 
 def _named(content: Findings, name: str) -> str:
-    h = _cause_of(content, name)
+    found = _cause_of(content, name)
     text = (
         f"{certainty(content)}: {_estimated(content, name)}; probability "
-        f"{percent(h['probability'])} among all sets of the {len(content['hypotheses'])} causes "
-        "searched"
+        f"{percent(found['probability'])} among all sets of the {len(content['hypotheses'])} "
+        "causes searched"
     )
-    if h["component_probability"] < content["least_probability"]:
-        kind = "segment" if (h["component"] or "").isdigit() else "kind"
-        text += f", {percent(h['component_probability'])} of that for this {kind}"
+    if found["component_probability"] < content["least_probability"]:
+        kind = "segment" if (found["component"] or "").isdigit() else "kind"
+        text += f", {percent(found['component_probability'])} of that for this {kind}"
     return f"{text}."
 
 
@@ -338,7 +340,7 @@ def _why_not(content: Findings) -> str:
     return ": several sets do as well, and have too little in common"
 
 
-def _acts_like(content: Findings) -> list[str]:
+def _proxies(content: Findings) -> list[str]:
     much = "but the data require more than its plausible range: it is not named."
     if content["explained"]:
         how = "Something else acts like {}, {}"

@@ -11,14 +11,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from regional_lv.emulators.architecture import Architecture
-from regional_lv.registry import Later, Registry
+from regional_lv.registry import Lazy, Registry
 
 if TYPE_CHECKING:
     from regional_lv.emulators.base import Emulator
 
 
 @dataclass(frozen=True)
-class Listed(Later):
+class Listed(Lazy):
     """An emulator of the package, and what it is."""
 
     architecture: Architecture

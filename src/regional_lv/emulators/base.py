@@ -235,9 +235,9 @@ class Emulator(ABC):
         return self
 
     @property
-    def rough(self) -> "Emulator":
-        """An emulator that is nearly this one and cheaper, for what the exact one corrects; itself
-        where there is none."""
+    def sparse(self) -> "Emulator":
+        """A cheaper, sparse approximation, for what this emulator corrects afterwards; itself where
+        there is none."""
         return self
 
     def outside(self, theta: torch.Tensor) -> torch.Tensor:

@@ -39,8 +39,8 @@ evaluation and a dozen numbers are well determined long before."""
 
 RESTARTS = 2
 
-ROUGH_ROWS, ROUGH_PENALTY = 1000, 1e-10
-"""Simulations of the rough emulator, and what keeps its weights small. On the paper's 5,541 its
+SPARSE_ROWS, SPARSE_PENALTY = 1000, 1e-10
+"""Simulations of the sparse emulator, and what keeps its weights small. On the paper's 5,541 its
 mean costs a twentieth of the exact one, and differs from it by half the noise of MRI: chi2 of 0.6
 over all outputs at half of the points of the box."""
 
@@ -94,7 +94,7 @@ class ExactGP(Emulator):
 
     def _fit(self, training: TrainingSet, seed: int) -> None:
         started = time.monotonic()
-        self._forget()
+        self._clear_cached()
         learnt = self._learn_hyperparameters(training, seed)
         self.model.requires_grad_(False)
         targets = self._targets(training)
@@ -146,9 +146,9 @@ class ExactGP(Emulator):
         known, self.nugget = Factorised.of(*self._training_covariance(), self.nugget, self.name)
         return known
 
-    def _forget(self, *names: str) -> None:
+    def _clear_cached(self, *names: str) -> None:
         """What is made when first asked for, all of it or these properties, is made anew."""
-        for name in names or _MADE_LATER:
+        for name in names or _CACHED:
             self.__dict__.pop(name, None)
 
     def _correlations(self, x: torch.Tensor) -> torch.Tensor:
@@ -214,25 +214,25 @@ class ExactGP(Emulator):
         return self._separable(mean, self.calibration.scale(self._stiffness(theta)) * variance)
 
     @cached_property
-    def rough(self) -> Emulator:
-        """As in the base class: the correlations with `ROUGH_ROWS` simulations, weighted so that
+    def sparse(self) -> Emulator:
+        """As in the base class: the correlations with `SPARSE_ROWS` simulations, weighted so that
         the mean is nearly the same at all of them; the variance is that of knowing these alone."""
-        if len(self.inputs) < 2 * ROUGH_ROWS:
+        if len(self.inputs) < 2 * SPARSE_ROWS:
             return self
-        rows = subset(len(self.inputs), ROUGH_ROWS, derive(0, "rough"))
-        rough = object.__new__(ExactGP)  # also of emulators that learn from more than values
-        rough.__dict__.update(self.__dict__)
-        rough.inputs = self.inputs[rows]
-        rough._forget()
+        rows = subset(len(self.inputs), SPARSE_ROWS, derive(0, "rough"))  # the word only seeds
+        sparse = object.__new__(ExactGP)  # also of emulators that learn from more than values
+        sparse.__dict__.update(self.__dict__)
+        sparse.inputs = self.inputs[rows]
+        sparse._clear_cached()
         theta = self._unstandardise(self.inputs)
         mean = torch.cat([self.predict_mean(part) for part in theta.split(ROWS_AT_ONCE)])
         target = (mean - self.output_mean) / self.output_sd - self.mean
         # A penalty keeps the weights small: further equations, whose right side is zero.
-        penalty = ROUGH_PENALTY**0.5 * torch.eye(len(rows), dtype=mean.dtype)
-        left = torch.cat([rough._correlations_by_parts(self.inputs), penalty])
+        penalty = SPARSE_PENALTY**0.5 * torch.eye(len(rows), dtype=mean.dtype)
+        left = torch.cat([sparse._correlations_by_parts(self.inputs), penalty])
         right = torch.cat([target, torch.zeros_like(target[: len(rows)])])
-        rough.weights = torch.linalg.lstsq(left, right).solution
-        return rough
+        sparse.weights = torch.linalg.lstsq(left, right).solution
+        return sparse
 
     def _separable(self, mean, variance) -> SeparablePrediction:
         return SeparablePrediction(mean, variance, self.output_covariance, self.calibration.freedom)
@@ -285,7 +285,7 @@ class ExactGP(Emulator):
     def _select(self, index: torch.Tensor) -> None:
         self.mean, self.weights = self.mean[index], self.weights[:, index].contiguous()
         self.output_b = self.output_b[index][:, index]
-        self._forget("rough")
+        self._clear_cached("sparse")
         self._set_output_covariance()
 
     def _state(self) -> dict:
@@ -313,7 +313,7 @@ class ExactGP(Emulator):
 
 _STATE = ("nugget", "mean", "weights", "output_b")
 
-_MADE_LATER = ("rough", "_known", "_few", "_by_simulation")
+_CACHED = ("sparse", "_known", "_few", "_by_simulation")
 """Properties that are made when first asked for, those of subclasses among them."""
 
 

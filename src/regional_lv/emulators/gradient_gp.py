@@ -14,7 +14,12 @@ from gpytorch.constraints import GreaterThan
 from regional_lv.emulators.base import TrainingSet
 from regional_lv.emulators.exact_gp import ExactGP, Factorised, stated_variance
 from regional_lv.emulators.kernels import BlockRQKernel, Blocks
-from regional_lv.emulators.observed_derivatives import Seen, Weighted, covariance, crossed
+from regional_lv.emulators.observed_derivatives import (
+    ObservedDerivatives,
+    Weighted,
+    covariance,
+    crossed,
+)
 from regional_lv.emulators.optimise import fit
 from regional_lv.emulators.shared_kernel import condition, projected_precision, subset
 from regional_lv.seeds import derive
@@ -44,7 +49,7 @@ class GradientModel(gpytorch.models.ExactGP):
     `loss`.
     """
 
-    def __init__(self, blocks: Blocks, x=None, seen: Seen | None = None, y=None):
+    def __init__(self, blocks: Blocks, x=None, seen: ObservedDerivatives | None = None, y=None):
         noise = GreaterThan(LEAST_NUGGET, transform=torch.exp, inv_transform=torch.log)
         super().__init__(x, y, gpytorch.likelihoods.GaussianLikelihood(noise_constraint=noise))
         self.mean_module = gpytorch.means.ZeroMean()
@@ -142,9 +147,9 @@ class GradientGP(ExactGP):
             "derivatives": len(self.seen),
         }
 
-    def _choose(self, n: int, most: int, seed: int, weight=None) -> Seen:
+    def _choose(self, n: int, most: int, seed: int, weight=None) -> ObservedDerivatives:
         """Derivatives of n simulations, `most` observations in all."""
-        return Seen.some(n, len(self.parameters), most - n, seed, weight)
+        return ObservedDerivatives.some(n, len(self.parameters), most - n, seed, weight)
 
     def _make_model(self) -> GradientModel:
         return GradientModel(self.parameters.blocks)
@@ -152,7 +157,7 @@ class GradientGP(ExactGP):
     def _targets(self, training):
         return self._observed(training.y, training.slopes, self.seen)
 
-    def _observed(self, values, slopes, seen: Seen) -> torch.Tensor:
+    def _observed(self, values, slopes, seen: ObservedDerivatives) -> torch.Tensor:
         """`_observations`, derivatives about inputs in units of their length scales."""
         found = _observations(values, slopes, seen)
         found[len(values) :] *= self.model.length_scales[seen.along, None]
@@ -161,7 +166,7 @@ class GradientGP(ExactGP):
     def _training_covariance(self):
         return self._covariance_of(self.seen)
 
-    def _covariance_of(self, seen: Seen) -> tuple[torch.Tensor, torch.Tensor]:
+    def _covariance_of(self, seen: ObservedDerivatives) -> tuple[torch.Tensor, torch.Tensor]:
         n = len(self.inputs)
         matrix = covariance(self.model.of_values, self.inputs, seen)
         noise = (self.model.gradient_noise - self.nugget).clamp(min=0.0).detach()
@@ -191,7 +196,7 @@ class GradientGP(ExactGP):
         """This emulator for points at which the parameters of a mask (P,) are those of theta (P,):
         its mean and derivatives cost less, the latter 0 about these."""
         given = copy.copy(self)
-        given._forget("_by_simulation")
+        given._clear_cached("_by_simulation")
         given.fixed = theta, mask
         return given
 
@@ -235,11 +240,11 @@ class GradientGP(ExactGP):
         slopes = self._standardise_slopes(slopes - by_theta, theta)
         n, m = len(self.inputs), len(theta)
         given = copy.copy(self)
-        given._forget()
+        given._clear_cached()
         given.inputs = torch.cat([self.inputs, self.standardise(theta)])
         known = torch.arange(theta.shape[1]) if about is None else torch.as_tensor(about)
-        new = Seen.of_all(torch.arange(m), known)
-        given.variance_seen = self.variance_seen.joined(Seen(n + new.at, new.along))
+        new = ObservedDerivatives.of_all(torch.arange(m), known)
+        given.variance_seen = self.variance_seen.joined(ObservedDerivatives(n + new.at, new.along))
         few = given._few
         found = error.new_zeros(len(few.cholesky), error.shape[1])
         observed = self._observed(error, slopes, new)
@@ -259,7 +264,7 @@ class GradientGP(ExactGP):
             _, variances = self._left_out(few, torch.zeros_like(few[:, :1]), self.variance_seen)
         return errors, variances
 
-    def _left_out(self, precision, targets, seen: Seen):
+    def _left_out(self, precision, targets, seen: ObservedDerivatives):
         """Blocks of the projected precision: the errors of a block are Q_ii^-1 [Q y]_i, their
         covariance Q_ii^-1."""
         n, at = len(self.inputs), seen.at
@@ -277,7 +282,7 @@ class GradientGP(ExactGP):
 
     def _select(self, index):
         super()._select(index)
-        self._forget("_by_simulation")
+        self._clear_cached("_by_simulation")
 
     def _state(self):
         return super()._state() | {
@@ -286,11 +291,13 @@ class GradientGP(ExactGP):
         }
 
     def _restore(self, state):
-        self.seen = Seen(**state["seen"])
-        self.variance_seen = Seen(**state["variance_seen"])
+        self.seen = ObservedDerivatives(**state["seen"])
+        self.variance_seen = ObservedDerivatives(**state["variance_seen"])
         super()._restore(state)
 
 
-def _observations(values: torch.Tensor, slopes: torch.Tensor, seen: Seen) -> torch.Tensor:
+def _observations(
+    values: torch.Tensor, slopes: torch.Tensor, seen: ObservedDerivatives
+) -> torch.Tensor:
     """Values (N, D) and those of the derivatives (N, D, P) that are seen: (N + M, D)."""
     return torch.cat([values, slopes[seen.at, :, seen.along]])

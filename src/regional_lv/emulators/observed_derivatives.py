@@ -26,7 +26,7 @@ POINTS_AT_ONCE = 16
 
 
 @dataclass(frozen=True)
-class Seen:
+class ObservedDerivatives:
     """Derivatives that are seen: points `at` (M,) and inputs `along` (M,)."""
 
     at: torch.Tensor
@@ -35,7 +35,7 @@ class Seen:
     @classmethod
     def some(
         cls, points: int, inputs: int, most: int, seed: int, weight: torch.Tensor | None = None
-    ) -> "Seen":
+    ) -> "ObservedDerivatives":
         """At most `most` of all derivatives, input by input: as many at every point, or one more,
         chosen at random with probabilities as `weight` (P,), all alike by default (Efraimidis and
         Spirakis 2006, doi 10.1016/j.ipl.2005.11.003)."""
@@ -49,13 +49,15 @@ class Seen:
         return cls(at, along)
 
     @classmethod
-    def of_all(cls, points: torch.Tensor, inputs: torch.Tensor) -> "Seen":
+    def of_all(cls, points: torch.Tensor, inputs: torch.Tensor) -> "ObservedDerivatives":
         """All derivatives about some `inputs` (k,) at these `points` (m,)."""
         return cls(points.repeat(len(inputs)), inputs.repeat_interleave(len(points)))
 
-    def joined(self, other: "Seen") -> "Seen":
+    def joined(self, other: "ObservedDerivatives") -> "ObservedDerivatives":
         """These, then the others."""
-        return Seen(torch.cat([self.at, other.at]), torch.cat([self.along, other.along]))
+        return ObservedDerivatives(
+            torch.cat([self.at, other.at]), torch.cat([self.along, other.along])
+        )
 
     def __len__(self) -> int:
         return len(self.at)
@@ -66,7 +68,7 @@ def block_numbers(blocks: Sequence[slice]) -> torch.Tensor:
     return torch.cat([torch.full((b.stop - b.start,), i) for i, b in enumerate(blocks)])
 
 
-def covariance(kernel: BlockRQKernel, x: torch.Tensor, seen: Seen) -> torch.Tensor:
+def covariance(kernel: BlockRQKernel, x: torch.Tensor, seen: ObservedDerivatives) -> torch.Tensor:
     """Covariance (n + M, n + M) of the values at x (n, P) and the derivatives about u."""
     bases = torch.stack(kernel.bases(x, x))
     k, inverse = kernel.of_bases(list(bases)), 1 / bases
@@ -87,7 +89,9 @@ def covariance(kernel: BlockRQKernel, x: torch.Tensor, seen: Seen) -> torch.Tens
     return torch.cat([upper, torch.cat([crossed.T, torch.cat(rows)], 1)]) if rows else upper
 
 
-def crossed(kernel: BlockRQKernel, x: torch.Tensor, y: torch.Tensor, seen: Seen) -> torch.Tensor:
+def crossed(
+    kernel: BlockRQKernel, x: torch.Tensor, y: torch.Tensor, seen: ObservedDerivatives
+) -> torch.Tensor:
     """Covariance (m, n + M) of the values at x (m, P) with what is seen at y (n, P)."""
     bases = torch.stack(kernel.bases(x, y))
     k, scale = kernel.of_bases(list(bases)), kernel.lengthscale[0]
@@ -111,7 +115,7 @@ class Weighted:
         self,
         kernel: BlockRQKernel,
         y: torch.Tensor,
-        seen: Seen,
+        seen: ObservedDerivatives,
         weights: torch.Tensor,
         fixed: tuple[torch.Tensor, torch.Tensor] | None = None,
     ):

@@ -31,7 +31,7 @@ def compare(imported: Mesh, remeshed: Mesh) -> pd.DataFrame:
     parts = {"cavity": [cavity_volume(m) for m in pair], "wall": [v.sum() for v in volumes]}
     parts |= {f"segment_{s.number:02d}": [v[s.number - 1] for v in volumes] for s in SEGMENTS}
     rows += [("volume", part, "mL", a, b, b - a) for part, (a, b) in parts.items()]
-    for segment, volume in zip(SEGMENTS, volume_elsewhere(imported, remeshed), strict=True):
+    for segment, volume in zip(SEGMENTS, volume_in_other_segments(imported, remeshed), strict=True):
         part = f"segment_{segment.number:02d}"
         rows.append(("volume_elsewhere", part, "mL", np.nan, np.nan, volume))
     columns = ["quantity", "part", "unit", "imported", "remeshed", "difference"]
@@ -62,7 +62,7 @@ def normal_distances(points: np.ndarray, places: np.ndarray, normals: np.ndarray
     return np.abs(np.einsum("nx,nx->n", points - places[nearest], normals[nearest]))
 
 
-def volume_elsewhere(imported: Mesh, remeshed: Mesh) -> np.ndarray:
+def volume_in_other_segments(imported: Mesh, remeshed: Mesh) -> np.ndarray:
     """Volume (17,) in mL of imported segments whose elements lie in another one when re-meshed."""
     shape, _ = lagrange(gauss(3, 4)[0], nodes_of(remeshed))
     places = np.einsum("qn,enx->eqx", shape, remeshed.points[remeshed.cells])

@@ -58,12 +58,12 @@ class FittedSurface:
         enough = len(points) / NODES_PER_COEFFICIENT
         self._degree = max(d for d in range(HIGHEST_DEGREE + 1) if len(powers(d)) <= enough)
         basis = polynomials(*bullseye(phi, u), degree=self._degree)
-        rough = SMOOTHING * np.diag([(i + j) ** 2.0 for i, j in powers(self._degree)])
+        roughness = SMOOTHING * np.diag([(i + j) ** 2.0 for i, j in powers(self._degree)])
         # The deviation from a half ellipsoid is fitted, so that smoothing pulls towards that.
         misfit = (distance - 1) / np.sqrt(len(points))
         self._coefficients = np.linalg.lstsq(
-            np.concatenate([basis / np.sqrt(len(points)), rough]),
-            np.concatenate([misfit, np.zeros(len(rough))]),
+            np.concatenate([basis / np.sqrt(len(points)), roughness]),
+            np.concatenate([misfit, np.zeros(len(roughness))]),
             rcond=None,
         )[0]
 

@@ -1,4 +1,4 @@
-"""How a shape moves the nodes of a mesh: other figures of the segment table, or another thickness.
+"""How a shape moves the nodes of a mesh: other values of the segment table, or another thickness.
 
 Meshes of one layout have the same nodes for every shape. A node of a mesh from a segment table is
 named by its place on the bullseye and its depth, which no figure of the table changes but for the
@@ -23,12 +23,12 @@ SIZES = ("wall_thickness_mm", "endo_radius_mm", "length_mm", "apex_mm")
 LEVEL_KEYS = ("basal_end", "mid_end", "apical_end")
 """Keys of a shape: where its levels end, in shares of the length from the base plane."""
 
-FIGURES = (*SIZES, *LEVEL_KEYS)
+SHAPE_KEYS = (*SIZES, *LEVEL_KEYS)
 """All numbers of a shape beside the scale of its wall's thickness."""
 
 LEVEL_STEP = 1e-4
 """In which differences about the levels' ends are taken: surfaces are found to 1e-11 of their
-figures."""
+values."""
 
 
 def level_ends(table: pd.DataFrame, length_mm: float) -> dict[str, float]:
@@ -60,7 +60,7 @@ class NodePlaces:
     """Places of a mesh's nodes under any shape.
 
     A shape is the section `geometry` of a model (`inputs.model`): `wall_thickness_scale`, and of a
-    heart from a segment table the table, whose angles it has, and the `FIGURES`.
+    heart from a segment table the table, whose angles it has, and the `SHAPE_KEYS`.
 
     Parameters
     ----------
@@ -133,9 +133,9 @@ class NodePlaces:
         """The surfaces of a shape, where on the bullseye its nodes and the apical level's end are
         (rho), and the latitudes of the nodes' lines through its wall; those of the last shape are
         kept."""
-        figures = [np.array(shape[name]) for name in FIGURES]
+        values = [np.array(shape[name]) for name in SHAPE_KEYS]
         known = self._known
-        if known and all(map(np.array_equal, known[0], figures)):
+        if known and all(map(np.array_equal, known[0], values)):
             return known[1:]
         columns = {name: shape[name] for name in SIZES[:2]}
         apex = -shape["length_mm"]
@@ -144,7 +144,7 @@ class NodePlaces:
         borders = _borders(shape)
         rho = np.interp(self._row, np.arange(len(borders)), borders)
         latitudes = surfaces.latitudes(self._phi, rho, borders[1])
-        self._known = figures, surfaces, rho, borders[1], latitudes
+        self._known = values, surfaces, rho, borders[1], latitudes
         return self._known[1:]
 
     def _wall(self, shape: Mapping) -> np.ndarray:

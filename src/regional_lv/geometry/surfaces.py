@@ -283,7 +283,7 @@ class Surfaces:
         ends = (self.latitude(table[z]).round(13).tolist() for z in ("z_top_mm", "z_bottom_mm"))
         return tuple(zip(*angles, *ends, strict=True))
 
-    def figures(
+    def segment_means(
         self, table: pd.DataFrame
     ) -> tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]:
         """Means of thickness and endocardial radius (m,) over the segments of another table, and

@@ -37,7 +37,7 @@ def inputs_of(model: Mapping, known: Inputs) -> list[Input | None]:
     return [here.get(name) for name in known.names]
 
 
-class LookedUp:
+class InputMap:
     """Values of the emulator's E inputs, at values of the k simulated inputs of one heart's study.
 
     Attributes: factor (E,), what values in the study's units are multiplied by, at its nominal
@@ -66,7 +66,7 @@ class LookedUp:
         self._nominal_length = _length(inputs)
         self.length_powers = torch.tensor([length_power(each) for each in known]).double()
         self.sectors = Sectors.between(known.base, inputs.base)
-        self._figures = {
+        self._shape_places = {
             column: torch.tensor([places[name] for name in names])
             for column, names in SHAPE.items()
             if names[0] in places
@@ -86,7 +86,7 @@ class LookedUp:
         moved = torch.tensor([each.name in moves for each in self._here])
         moved[self.direct[0]] = True
         if self.sectors is not None:
-            for at in self._figures.values():
+            for at in self._shape_places.values():
                 moved[at] = moved[at].any()
         return moved if self.length is None else moved | (self.length_powers != 0)
 
@@ -110,8 +110,8 @@ class LookedUp:
         for k, direction in self._directions:
             carry(direction, k, x, self._here, there, by_x)
         if self.sectors is not None:
-            for column, at in self._figures.items():
-                over = self.sectors.figures[column]
+            for column, at in self._shape_places.items():
+                over = self.sectors.means[column]
                 there[:, at] = over(there[:, at])
                 if by_x is not None:
                     by_x[:, at] = over.slopes @ by_x[:, at]
@@ -146,7 +146,7 @@ class HeartEmulator:
 
     def __init__(self, emulator: JointGP, known: Inputs, inputs: Inputs, described: bool = False):
         simulated = inputs.simulated
-        self._there = LookedUp(known, simulated)
+        self._there = InputMap(known, simulated)
         nominal = self._there(torch.as_tensor(simulated.nominal)[None])[0]
         self.emulator = emulator.at_fixed(nominal, ~self._there.moved)
         self._scale = _length(simulated) / _length(known)

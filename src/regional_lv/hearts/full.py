@@ -7,7 +7,7 @@ from pathlib import Path
 import pandas as pd
 
 from regional_lv.channels import Channels
-from regional_lv.criticism.confirmation import knowing
+from regional_lv.criticism.confirmation import condition_on
 from regional_lv.criticism.study import Critic, critic_of, write_criticism
 from regional_lv.hearts.file import read
 from regional_lv.study.jobs import passes_on
@@ -30,7 +30,7 @@ def read_critic(
     emulator_file: of any heart. own: screened simulations of this one (Parquet), on the mesh of
     those. channels: what the study observes.
     """
-    emulator = knowing(read(emulator_file).of_heart(physics, channels), pd.read_parquet(own))
+    emulator = condition_on(read(emulator_file).of_heart(physics, channels), pd.read_parquet(own))
     return critic_of(emulator, subject, subjects, measured, physics, settings, seed, known_theta)
 
 

@@ -10,7 +10,7 @@ from regional_lv.aha import LEVELS
 from regional_lv.channels import Channels
 from regional_lv.emulators.joint_gp import JointGP
 from regional_lv.errors import InputError
-from regional_lv.hearts.emulator import LookedUp, inputs_of
+from regional_lv.hearts.emulator import InputMap, inputs_of
 from regional_lv.hearts.population import COLUMNS
 from regional_lv.hearts.sectors import SAME_DEG, turn_deg
 from regional_lv.inputs.base import Input
@@ -18,13 +18,13 @@ from regional_lv.inputs.shape import Length
 from regional_lv.inputs.space import SECTION, Inputs, Role, sd_key, sections_of
 from regional_lv.inputs.stiffness import StiffnessInputs
 
-LONG_WAY = "simulate this heart (regional-lv run --own)"
+REMEDY = "simulate this heart (regional-lv run --own)"
 """What to do about a heart that the emulator does not know."""
 
 COMPARED = ("material", "fibres", "loading", "supports", "observables", "factors")
 """Sections of a model that have to be the emulator's, once the inputs act that it has."""
 
-ELSEWHERE = {
+NOT_COMPARED = {
     ("material", "bulk_modulus_kpa"),
     ("material", "segment_factors"),
     ("loading", "pressure_mmhg"),
@@ -55,13 +55,13 @@ def within(
     unknown = set(Channels.from_config(config).names) - set(emulator.outputs)
     if unknown:
         _refuse(f"observables: {min(unknown)} is nothing that the emulator predicts")
-    looked_up = LookedUp(known, inputs)
-    _check_shape(config, emulator, known, inputs, looked_up)
-    return _cut(config, known, inputs, looked_up)
+    input_map = InputMap(known, inputs)
+    _check_shape(config, emulator, known, inputs, input_map)
+    return _cut(config, known, inputs, input_map)
 
 
 def _refuse(why: str) -> None:
-    raise OutOfReach(f"{why}; {LONG_WAY}")
+    raise OutOfReach(f"{why}; {REMEDY}")
 
 
 def _check_model(config: Mapping, known: Inputs) -> None:
@@ -91,7 +91,7 @@ def _check_model(config: Mapping, known: Inputs) -> None:
 
 def _differing(one, other, path: tuple[str, ...]) -> Iterator[tuple[str, ...]]:
     """Paths at which two sections of a model differ."""
-    if path in ELSEWHERE:
+    if path in NOT_COMPARED:
         return
     if isinstance(one, Mapping) and isinstance(other, Mapping):
         for key in dict.fromkeys((*one, *other)):
@@ -121,7 +121,7 @@ def _check_borders(config: Mapping, known: Inputs, inputs: Inputs, every: bool) 
 
 
 def _check_shape(
-    config: Mapping, emulator: JointGP, known: Inputs, inputs: Inputs, looked_up: LookedUp
+    config: Mapping, emulator: JointGP, known: Inputs, inputs: Inputs, input_map: InputMap
 ) -> None:
     """Raise OutOfReach for a shape that is unlike all that the emulator has learnt from: a figure
     beyond their range, or all of them farther from their middle, in the normal distribution of
@@ -129,7 +129,7 @@ def _check_shape(
     would have it."""
     places = [known.names.index(name) for name in COLUMNS]
     learnt = np.log(emulator.learnt_from[:, places].numpy())
-    here = looked_up(torch.as_tensor(inputs.nominal)[None])[0, places].log().numpy()
+    here = input_map(torch.as_tensor(inputs.nominal)[None])[0, places].log().numpy()
     low, high = learnt.min(axis=0), learnt.max(axis=0)
     middle, precision = learnt.mean(axis=0), np.linalg.pinv(np.cov(learnt.T), hermitian=True)
     off, spread = here - middle, learnt - middle
@@ -139,7 +139,7 @@ def _check_shape(
         return
     alone = np.abs(precision @ off) / np.sqrt(precision.diagonal())
     worst = int((beyond if beyond.max() > 0 else alone).argmax())
-    factor = float(looked_up.factor[places[worst]])
+    factor = float(input_map.factor[places[worst]])
     value, least, most = (np.exp(each[worst]) / factor for each in (here, low, high))
     _refuse(
         f"{config['geometry']['segments']}: {COLUMNS[worst]} is {value:.3g}; in hearts of this "
@@ -149,10 +149,10 @@ def _check_shape(
 
 
 def _cut(
-    config: Mapping, known: Inputs, inputs: Inputs, looked_up: LookedUp
+    config: Mapping, known: Inputs, inputs: Inputs, input_map: InputMap
 ) -> tuple[dict, list[str]]:
     """Ranges of the study's inputs cut to the emulator's."""
-    factor = looked_up.factor.numpy()
+    factor = input_map.factor.numpy()
     places = {name: e for e, name in enumerate(known.names)}
     changed = copy.deepcopy(dict(config))
     bounds, notes = changed["parameters"]["bounds"], {}

@@ -95,8 +95,8 @@ def _means(ends: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class Figures:
-    """Means of one kind of figure over the emulator's segments, of a heart's own figures x (M, 17):
+class SegmentMeans:
+    """Means of thickness or radius over the emulator's segments, of a heart's own x (M, 17):
     `means` at `own`, both (17,), and their derivatives `slopes` (17, 17)."""
 
     own: torch.Tensor
@@ -108,9 +108,9 @@ class Figures:
 
 
 class Sectors:
-    """What other sectors make of the figures and outputs of a heart.
+    """What other sectors make of the shape and outputs of a heart.
 
-    Attributes: figures, by column of the segment table; weights (17, 17) of the strains.
+    Attributes: means, by column of the segment table; weights (17, 17) of the strains.
 
     Parameters
     ----------
@@ -123,9 +123,9 @@ class Sectors:
         turn, _ = turn_deg(table, other)
         there = table.assign(**(other[["angle_from_deg", "angle_to_deg"]] + turn))
         surfaces = Surfaces(table, apex, apex - shape["apex_mm"], sharp=True)
-        self.figures = {
-            column: Figures(*map(torch.as_tensor, (table[column].to_numpy(float), *found)))
-            for column, found in zip(SHAPE, surfaces.figures(there), strict=True)
+        self.means = {
+            column: SegmentMeans(*map(torch.as_tensor, (table[column].to_numpy(float), *found)))
+            for column, found in zip(SHAPE, surfaces.segment_means(there), strict=True)
         }
         zone_of = StiffnessInputs.from_spec(model["parameters"]).zone_of
         self.weights = weights(there, table, [zone_of(s.number) for s in SEGMENTS])
@@ -137,7 +137,7 @@ class Sectors:
         return cls(known, model) if np.abs(turn_deg(*tables)[1]).max() > SAME_DEG else None
 
 
-def _kin(channel: Channel) -> tuple:
+def _level_of_channel(channel: Channel) -> tuple:
     """What channels of segments have in common that are all around the axis."""
     level = next(name for name, at in LEVELS.items() if channel.segment in at)
     return channel.quantity, channel.load_fraction, level
@@ -170,7 +170,11 @@ class Mixing:
         for d, one in enumerate(channels):
             described[int(one.kind.is_positive), d] = known[one.quantity]
             for e, other in enumerate(channels):
-                if one.segment and other.segment and _kin(one) == _kin(other):
+                if (
+                    one.segment
+                    and other.segment
+                    and _level_of_channel(one) == _level_of_channel(other)
+                ):
                     weights[d, e] = mixed[one.segment - 1, other.segment - 1]
                     beside[d, e] = UNKNOWN**2
         beside /= (beside > 0).sum(dim=1, keepdim=True).clamp(min=1)

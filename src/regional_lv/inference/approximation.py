@@ -138,4 +138,4 @@ def _explore(target: Target, places: torch.Tensor, generator: torch.Generator) -
 def _spread(u: torch.Tensor, weight: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
     """Mean (S,) of weighted positions (N, S), and M with covariance M M'."""
     mean, covariance = importance.moments(u, weight)
-    return mean, torch.linalg.cholesky(importance.tame(covariance, math.inf))
+    return mean, torch.linalg.cholesky(importance.limited(covariance, math.inf))

@@ -15,7 +15,7 @@ import torch
 import xarray as xr
 
 from regional_lv.inference import importance
-from regional_lv.inference.drawing import Drawn, approximate, fit_to_the_end, sample
+from regional_lv.inference.drawing import WeightedDraws, approximate, fit_to_the_end, sample
 from regional_lv.inference.evidence import Fits
 from regional_lv.inference.potential import Potential
 from regional_lv.inference.sets import Candidate, Prior, fit_base, search
@@ -50,7 +50,7 @@ class Averaged:
         return _probabilities(self.models)
 
     @cached_property
-    def drawn(self) -> dict[int, Drawn]:
+    def drawn(self) -> dict[int, WeightedDraws]:
         """Draws of the models that have some, by their number."""
         return {n: m.drawn for n, m in enumerate(self.models) if m.drawn is not None}
 

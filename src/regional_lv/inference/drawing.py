@@ -38,7 +38,7 @@ ITERATIONS, LEAST_GAIN = 60, 1e-5
 
 
 @dataclass(frozen=True)
-class Drawn:
+class WeightedDraws:
     """Weighted draws of one model: coordinates x (N, P), normalised Pareto-smoothed `weight` (N,);
     log evidence and its standard error, effective sample size, and shape of the weights' tail (NaN
     where these are even). Draws of an approximation have an infinite error."""
@@ -63,7 +63,7 @@ def fit_to_the_end(potential: Potential, start: Fits) -> Fits:
     return fit(potential, *models, ITERATIONS, LEAST_GAIN)
 
 
-def approximate(potential: Potential, fitted: Fits, draws: int, seed: int) -> Drawn:
+def approximate(potential: Potential, fitted: Fits, draws: int, seed: int) -> WeightedDraws:
     """Draws of the normal distribution that resembles a model (M = 1), cut at its ranges."""
     generator = torch.Generator().manual_seed(seed)
     free, x = fitted.free[0], fitted.x.repeat(draws, 1)
@@ -72,10 +72,10 @@ def approximate(potential: Potential, fitted: Fits, draws: int, seed: int) -> Dr
     x[:, free] = fitted.mean[0, free] + deviates @ factor.mT
     x = torch.minimum(torch.maximum(x, potential.low), potential.high)
     weight = torch.full((draws,), 1 / draws, dtype=x.dtype)
-    return Drawn(x, weight, float(fitted.log_evidence), np.inf, float(draws), np.nan)
+    return WeightedDraws(x, weight, float(fitted.log_evidence), np.inf, float(draws), np.nan)
 
 
-def sample(potential: Potential, fitted: Fits, draws: int, seed: int) -> Drawn:
+def sample(potential: Potential, fitted: Fits, draws: int, seed: int) -> WeightedDraws:
     """Sample one model (M = 1) by importance, `draws` a round.
 
     They are proposed for the emulator's covariance at the fit, and weighted with that at every
@@ -111,12 +111,12 @@ def sample(potential: Potential, fitted: Fits, draws: int, seed: int) -> Drawn:
     return weighted if weighted.reliable else _drawn(x, found)
 
 
-def _drawn(x: torch.Tensor, found: importance.Weighted) -> Drawn:
+def _drawn(x: torch.Tensor, found: importance.Weighted) -> WeightedDraws:
     """Draws x (N, P), their weights smoothed."""
     log_weight, k = importance.smooth(found.log_weight)
     weight = torch.softmax(log_weight, 0)
     ess = importance.effective(weight)
-    return Drawn(x, weight, found.log_evidence, found.evidence_error, ess, k)
+    return WeightedDraws(x, weight, found.log_evidence, found.evidence_error, ess, k)
 
 
 class Standardised:

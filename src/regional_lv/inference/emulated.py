@@ -12,7 +12,7 @@ from regional_lv.inputs.evaluation import AllInputs
 from regional_lv.inputs.space import Inputs
 
 
-class OfInputs(Protocol):
+class InputEmulator(Protocol):
     """An emulator of D outputs over the k simulated inputs of a study, as an `Emulator` is:
     `JointGP`, or the one of any heart in the coordinates of one."""
 
@@ -37,7 +37,7 @@ class EmulatedInputs:
     emulator: of the simulated inputs and the observed channels. inputs: all K.
     """
 
-    def __init__(self, emulator: OfInputs, inputs: Inputs):
+    def __init__(self, emulator: InputEmulator, inputs: Inputs):
         self.emulator, self.coordinates = emulator, inputs.coordinates
         self._outputs = AllInputs(inputs, emulator.channels)
 

@@ -22,7 +22,7 @@ import torch
 
 from regional_lv.errors import InputError
 from regional_lv.inference.departure import departure_covariance
-from regional_lv.inference.emulated import EmulatedInputs, OfInputs
+from regional_lv.inference.emulated import EmulatedInputs, InputEmulator
 from regional_lv.inference.likelihood import Noise
 from regional_lv.inference.observed import Observed
 from regional_lv.inference.potential import Emulated, Potential
@@ -117,12 +117,12 @@ def _common(inputs: Inputs, known: pd.DataFrame) -> Iterator[Column]:
 
 
 def _own(inputs: Inputs, hearts: Sequence[str], is_known: bool) -> Iterator[Column]:
-    elsewhere = set(_common_to_all(inputs))
+    shared = set(_common_to_all(inputs))
     if is_known:
-        elsewhere |= set(stiffness_of(inputs))
+        shared |= set(stiffness_of(inputs))
     for s, heart in enumerate(hearts):
         for k in range(len(inputs)):
-            if k not in elsewhere:
+            if k not in shared:
                 each = copy.copy(inputs[k])
                 each.name = f"{heart}: {each.name}" if len(hearts) > 1 else each.name
                 yield each, inputs.roles[k], (s, k)
@@ -202,7 +202,7 @@ class Hearts:
 
 
 def potential_of_tables(
-    emulator: OfInputs,
+    emulator: InputEmulator,
     inputs: Inputs,
     tables: Mapping[str, pd.DataFrame],
     noise_prior_scale: float,
@@ -234,7 +234,7 @@ def potential_of_tables(
     return Potential(hearts, layout.inputs, y, noise, departures, observed)
 
 
-def _noise(emulator: OfInputs, tables: Sequence[pd.DataFrame], prior_scale: float) -> Noise:
+def _noise(emulator: InputEmulator, tables: Sequence[pd.DataFrame], prior_scale: float) -> Noise:
     """Of the outputs of all hearts, with one unknown scale for each quantity."""
     parts = []
     for table in tables:

@@ -84,24 +84,24 @@ def sample(
     one distribution; further ones are of mixtures, `most_rounds` in all (None: `rounds`). Ends when
     the effective sample size reaches `least_ess`. largest_sd: of a proposal.
     """
-    proposal: Student | Mixture = Student(mean, tame(covariance, largest_sd))
+    proposal: Student | Mixture = Student(mean, limited(covariance, largest_sd))
     proposals, us, targets = [], [], []
-    for turn in range(most_rounds or rounds):
+    for number in range(most_rounds or rounds):
         u = proposal.draw(draws, generator)
         proposals.append(proposal)
         us.append(u)
         targets.append(torch.nan_to_num(log_density(u), nan=-math.inf, posinf=-math.inf))
         # The first rounds only show the way.
-        recent = slice(turn // 2, None)
+        recent = slice(number // 2, None)
         u = torch.cat(us[recent])
         log_weight = torch.cat(targets[recent])
         found = Weighted(u, log_weight - Mixture.equal(proposals[recent]).log_density(u))
         if found.ess >= least_ess:
             break
         tempered = found.tempered()
-        if turn < rounds - 1:
+        if number < rounds - 1:
             mean, spread = moments(u, tempered)
-            proposal = Student(mean, tame(1.2 * spread, largest_sd))
+            proposal = Student(mean, limited(1.2 * spread, largest_sd))
         else:
             if not isinstance(proposal, Mixture):
                 proposal = Mixture.split(u, tempered, largest_sd)
@@ -155,7 +155,7 @@ def temper(log_weight: torch.Tensor, least: float) -> torch.Tensor:
     return weight
 
 
-def tame(covariance: torch.Tensor, largest_sd: Limit) -> torch.Tensor:
+def limited(covariance: torch.Tensor, largest_sd: Limit) -> torch.Tensor:
     """The covariance with no coordinate's sd above `largest_sd`, and safely positive."""
     sd = covariance.diagonal().sqrt()
     factor = (largest_sd / sd).clamp(max=1.0)
@@ -210,14 +210,14 @@ class Mixture:
         from sklearn.cluster import KMeans  # slow to load, and few posteriors need a mixture
 
         mean, spread = moments(u, weight)
-        factor = torch.linalg.cholesky(tame(spread, largest_sd))
+        factor = torch.linalg.cholesky(limited(spread, largest_sd))
         z = torch.linalg.solve_triangular(factor, (u - mean).mT, upper=False).mT
         means = KMeans(PARTS, n_init=1, random_state=0)
         means.fit(z.numpy(), sample_weight=weight.numpy())
         centres = torch.as_tensor(means.cluster_centers_)
         labels = torch.as_tensor(means.labels_).long()
         _, within = moments(z - centres[labels], weight)
-        spread = tame(factor @ within @ factor.mT, largest_sd)
+        spread = limited(factor @ within @ factor.mT, largest_sd)
         return cls.equal([Student(mean + factor @ centre, spread) for centre in centres])
 
     def adapted(self, u: torch.Tensor, weight: torch.Tensor, largest_sd: Limit) -> "Mixture":
@@ -232,7 +232,7 @@ class Mixture:
                 continue
             pulled = own * (FREEDOM + u.shape[1]) / (FREEDOM + part.distance(u))
             mean, spread = moments(u, pulled / pulled.sum())
-            parts.append(Student(mean, tame(1.2 * spread * pulled.sum() / total, largest_sd)))
+            parts.append(Student(mean, limited(1.2 * spread * pulled.sum() / total, largest_sd)))
             shares.append(total)
         return Mixture(parts, torch.stack(shares) / sum(shares)) if parts else self
 

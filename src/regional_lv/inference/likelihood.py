@@ -11,7 +11,7 @@ from regional_lv.emulators.base import Emulator, Prediction, SeparablePrediction
 from regional_lv.emulators.gaussian import LOG_2PI
 from regional_lv.emulators.reduction import VOLUME
 from regional_lv.errors import InputError
-from regional_lv.inference.emulated import OfInputs
+from regional_lv.inference.emulated import InputEmulator
 from regional_lv.measured.tables import VOLUME_SHARE
 
 
@@ -42,7 +42,7 @@ class Noise:
 
     @classmethod
     def of_subject(
-        cls, emulator: OfInputs, y: np.ndarray, sd: np.ndarray, prior_scale: float
+        cls, emulator: InputEmulator, y: np.ndarray, sd: np.ndarray, prior_scale: float
     ) -> "Noise":
         """Of measured values `y` (D,) whose `sd` (D,), in natural units, is NaN where not given.
 
@@ -175,13 +175,13 @@ class Likelihood:
         return other
 
     @property
-    def rough(self) -> "Likelihood":
-        """That of the rough emulator; itself if there is none."""
-        rough = self.emulator.rough
-        if rough is self.emulator:
+    def sparse(self) -> "Likelihood":
+        """That of the sparse emulator; itself if there is none."""
+        sparse = self.emulator.sparse
+        if sparse is self.emulator:
             return self
         other = self.at(self.y)
-        other.emulator = rough
+        other.emulator = sparse
         return other
 
     def near(self, theta: torch.Tensor) -> "Likelihood":

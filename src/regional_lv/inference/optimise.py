@@ -6,7 +6,7 @@ from collections.abc import Callable
 import torch
 
 FIRST_DAMPING, LARGEST_DAMPING = 1e-2, 1e8
-EASED, RAISED = 5, 4
+DAMPING_DECREASE, DAMPING_INCREASE = 5, 4
 """What damping is divided by after a step that gained, and multiplied by after another."""
 
 LONGEST = 1.0
@@ -65,8 +65,8 @@ def maximise(
         if onwards.any():
             at = active[onwards]
             gradient[at], curvature[at] = derivatives(at, trial[onwards])
-        damping[rising] = (damping[rising] / EASED).clamp(min=1e-9)
-        damping[active[~better]] *= RAISED
+        damping[rising] = (damping[rising] / DAMPING_DECREASE).clamp(min=1e-9)
+        damping[active[~better]] *= DAMPING_INCREASE
         ended = last | (better & (gain < least_gain) & (damping[active] < 1.0))
         ended = ended | (moved < least_move)
         active = active[~(ended | (damping[active] > LARGEST_DAMPING))]

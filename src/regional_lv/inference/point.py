@@ -26,12 +26,12 @@ SCREENED_PER_START = 64
 TEMPERING = (0.3, 0.03)
 """Noise (in training sd) added in the first passes: without it the accurate emulator's likelihood
 is a narrow curved ridge, and three starts in four end on the bounds of the box far from it. In the
-first pass the rough emulator will do; in the second it led two hearts of 120 astray."""
+first pass the sparse emulator will do; in the second it led two hearts of 120 astray."""
 
 FOLLOWED = 6
 """Starts per case that are followed to the end: most have met by then."""
 
-MET = 0.01
+MERGE_DISTANCE = 0.01
 """Distance in log theta and log sigma below which starts of a case go on as one."""
 
 LEAST_GAIN, ENOUGH = 1e-9, 1e-6
@@ -114,9 +114,9 @@ def find_map(
     for level in (*TEMPERING, 0.0):
         stage = likelihood.tempered(level) if level else likelihood
         if level == TEMPERING[0]:
-            stage = stage.rough
+            stage = stage.sparse
         least = ENOUGH if level else LEAST_GAIN
-        first, met = _meet(owner, flat)
+        first, met = _merge(owner, flat)
         found = climb(stage, y[owner[first]], flat[first], low, high, iterations, least)
         flat, values = (part[met] for part in found)
         if level == TEMPERING[-1]:
@@ -139,9 +139,9 @@ def find_map(
     )
 
 
-def _meet(owner: torch.Tensor, position: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+def _merge(owner: torch.Tensor, position: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
     """One row number for each place where starts of a case are, and every row's place."""
-    place = torch.cat([owner[:, None], (position / MET).round()], dim=1)
+    place = torch.cat([owner[:, None], (position / MERGE_DISTANCE).round()], dim=1)
     _, met = torch.unique(place, dim=0, return_inverse=True)
     first = torch.full((int(met.max()) + 1,), len(met))
     return first.scatter_reduce(0, met, torch.arange(len(met)), "amin"), met

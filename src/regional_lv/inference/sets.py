@@ -23,7 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from regional_lv.inference.drawing import Drawn
+from regional_lv.inference.drawing import WeightedDraws
 from regional_lv.inference.evidence import WEAK, Fits, cut, fit, held_at_ends
 from regional_lv.inference.potential import Potential
 from regional_lv.seeds import derive
@@ -43,7 +43,7 @@ BEAM = 10
 ROUNDS = 3
 """Of growing and taking away, for each size, while that finds further sets to grow."""
 
-HOPELESS = 15.0
+LARGEST_DEFICIT = 15.0
 """Log posterior probability behind the best set, at which the best one of a size beyond
 `EXHAUSTIVE` ends the search."""
 
@@ -76,7 +76,7 @@ class Candidate:
     log_evidence: float
     fit: Fits | None = None
     amplitude: float = 0.0
-    drawn: Drawn | None = None
+    drawn: WeightedDraws | None = None
 
     @property
     def log_posterior(self) -> float:
@@ -184,7 +184,10 @@ class _Search:
                 self._enlarge(parents, most)
                 self._shrink(size)
             best = max(map(self._log_posterior, self.found))
-            if size > EXHAUSTIVE and self._log_posterior(self._best(size)[0]) < best - HOPELESS:
+            if (
+                size > EXHAUSTIVE
+                and self._log_posterior(self._best(size)[0]) < best - LARGEST_DEFICIT
+            ):
                 break
         departures = self._departures() if self.potential.departure is not None else []
         sets = [

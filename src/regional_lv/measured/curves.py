@@ -38,8 +38,8 @@ DIRECTIONS = ("circumferential", "radial", "longitudinal")
 CLOCKS = ("frame", "time", "time_ms", "time_s")
 """Names that the column of the frames, or of their times, may have."""
 
-HOW = ("reference", "measure", "frame", "end_diastole_frame")
-"""Keys of a subject that say how `look_back` takes its curves, in the order of its arguments."""
+READING_KEYS = ("reference", "measure", "frame", "end_diastole_frame")
+"""Keys of a subject, in the order in which `find_unloading` takes them."""
 
 EARLIEST_DIASTOLE: Final = "earliest_diastole"
 """The word for the first frame in which the ventricle fills."""
@@ -79,7 +79,7 @@ STILL_CONTRACTED = 0.95
 """Share of the greatest contraction, above which the muscle may not be relaxed yet."""
 
 
-class LookingBack(NamedTuple):
+class Unloading(NamedTuple):
     """Stretches (D,) l = length(unloaded) / length(end diastole), the rows of both frames and of
     the greatest contraction, the share of this contraction that is left when unloaded, and the row
     of the largest ventricle with the share by which it is beyond end diastole."""
@@ -258,14 +258,14 @@ def spikes(curves: Curves) -> list[str]:
     return found
 
 
-def look_back(
+def find_unloading(
     path: str | Path,
     curves: Curves,
     reference: str,
     measure: str,
     frame: int | Literal["earliest_diastole"],
     end_diastole_frame: int | None = None,
-) -> LookingBack:
+) -> Unloading:
     """Stretches from end diastole back to the unloaded frame.
 
     Parameters
@@ -346,7 +346,7 @@ def look_back(
             f"contraction: choose one there, or {EARLIEST_DIASTOLE}",
         )
     rows = (unloaded, end_diastole, end_systole)
-    return LookingBack(stretches[unloaded], *rows, float(left), largest, float(-beyond))
+    return Unloading(stretches[unloaded], *rows, float(left), largest, float(-beyond))
 
 
 def _zero_row(strains: np.ndarray, contraction: np.ndarray) -> int:
@@ -412,7 +412,7 @@ class CurveSubject(NamedTuple):
     `read_measured`) that they give."""
 
     curves: Curves
-    back: LookingBack
+    unloading: Unloading
     table: pd.DataFrame
 
 
@@ -431,8 +431,8 @@ def read_curve_subject(
     path = subject["curves"]
     segments = subject.get("segments", 17)
     curves = read_curves(path, subject["unit"], segments)
-    back = look_back(path, curves, *(subject[key] for key in HOW))
-    table = make_table(curves.channels, back.stretches)
+    unloading = find_unloading(path, curves, *(subject[key] for key in READING_KEYS))
+    table = make_table(curves.channels, unloading.stretches)
     table["sd"] = np.nan if subject["sd"]["strain"] is None else subject["sd"]["strain"]
     # Of stretches from end diastole, so that curves of either reference have the same mean.
     table = to_aha(path, table, segments)
@@ -445,13 +445,13 @@ def read_curve_subject(
                 f"{name} is no channel that the study observes; add it to "
                 "observables.quantities (observables.places), or remove the column",
             )
-    check_values(path, table, curves.lines[back.unloaded], strain_exponent)
+    check_values(path, table, curves.lines[unloading.unloaded], strain_exponent)
     if subject["volume_ml"] is not None:
         volume = make_table([Channel("volume")], np.array([subject["volume_ml"]]))
         volume["sd"] = np.nan if subject["sd"]["volume"] is None else subject["sd"]["volume"]
         table = pd.concat([volume, table], ignore_index=True)
-    table["source"] = f"{Path(path).name}, frame {curves.frames[back.unloaded]}"
-    return CurveSubject(curves, back, table)
+    table["source"] = f"{Path(path).name}, frame {curves.frames[unloading.unloaded]}"
+    return CurveSubject(curves, unloading, table)
 
 
 def import_curves(

@@ -27,7 +27,7 @@ from regional_lv.geometry.elements import (
     lagrange,
 )
 from regional_lv.geometry.mesh import BASE, Mesh
-from regional_lv.geometry.shape import FIGURES, NodePlaces
+from regional_lv.geometry.shape import SHAPE_KEYS, NodePlaces
 from regional_lv.geometry.thickness import thickened
 from regional_lv.inputs.space import Inputs
 from regional_lv.mechanics import dolfinx_api as api
@@ -59,8 +59,8 @@ class Linearised:
 
 
 @dataclass(frozen=True)
-class Told:
-    """Changes of what a problem is told per unit of the scaled coordinates of k inputs.
+class Perturbation:
+    """Changes of what a problem is made of per unit of the scaled coordinates of k inputs.
 
     factors (k, factors, 17): logarithms of the law's factors; constants: of the forms, by name
     (k,); shares (k, 3) of the base's compliance; which (K,): inputs that move the unloaded nodes,
@@ -257,27 +257,27 @@ class Problem(Simulator):
         w = state.w
         self.set(state.theta, state.pressure)
         self._place(w)
-        told = self._told(state.theta)
-        changes = self._resisted(self._changes(told))
-        changes[:, self._base_dofs] += self._changes_at_base(w, told)
+        perturbation = self._perturbation(state.theta)
+        changes = self._resisted(self._changes(perturbation))
+        changes[:, self._base_dofs] += self._changes_at_base(w, perturbation)
         fields, moving = np.zeros_like(changes), changes.any(axis=1)
         if moving.any():
             fields[moving] = -self.solve(changes[moving])
-        nodes = dict(zip(told.which, told.moves, strict=True))
-        return Linearised(state, fields, nodes, told.constants["compressibility"])
+        nodes = dict(zip(perturbation.which, perturbation.moves, strict=True))
+        return Linearised(state, fields, nodes, perturbation.constants["compressibility"])
 
-    def _told(self, theta: np.ndarray) -> "Told":
+    def _perturbation(self, theta: np.ndarray) -> Perturbation:
         """What the inputs' scaled coordinates change of the numbers of the problem, at values
         theta."""
         model, k = self.model, len(self.inputs)
         factors, shares = np.zeros((k, len(self._factors), len(SEGMENTS))), np.zeros((k, 3))
         names = list(self._constants(model))
-        numbers, figures = np.zeros((k, len(names))), {}
+        numbers, shapes = np.zeros((k, len(names))), {}
         acting = [i for i, each in enumerate(self.inputs) if each.changes != "observables"]
         for i, beside in self.inputs.beside(theta, acting):
             section = self.inputs[i].changes
             if section == "geometry":
-                figures[i] = _slope(_figures, model, beside)
+                shapes[i] = _slope(_shape_values, model, beside)
             elif section == "factors":
                 factors[i] = _slope(self._logs, model, beside)
             else:
@@ -286,35 +286,35 @@ class Problem(Simulator):
                     lambda model: np.array(list(self._constants(model).values())), model, beside
                 )
         constants = dict(zip(names, numbers.T, strict=True)) | {"valves": np.zeros(k)}
-        which, moves = np.array(list(figures), dtype=int), np.zeros((0, *self.mesh.points.shape))
-        if figures:
-            told = np.array(list(figures.values()))
-            about = {name for name, at in _figure_places(model).items() if told[:, at].any()}
-            of_figures = self._places.moves(model["geometry"], about).values()
-            each = np.concatenate([move.reshape(-1, *moves.shape[1:]) for move in of_figures])
-            moves = np.tensordot(told, each, 1)
+        which, moves = np.array(list(shapes), dtype=int), np.zeros((0, *self.mesh.points.shape))
+        if shapes:
+            by_input = np.array(list(shapes.values()))
+            about = {name for name, at in _shape_places(model).items() if by_input[:, at].any()}
+            by_value = self._places.moves(model["geometry"], about).values()
+            each = np.concatenate([move.reshape(-1, *moves.shape[1:]) for move in by_value])
+            moves = np.tensordot(by_input, each, 1)
             constants["valves"][which] = valve_plane_share_changes(self.mesh, moves)
-        return Told(factors, constants, shares, which, moves)
+        return Perturbation(factors, constants, shares, which, moves)
 
     def _logs(self, model: Mapping) -> np.ndarray:
         """Logarithms (factors, 17) of the law's factors."""
         return np.log([model["factors"][name] for name in self._factors])
 
-    def _changes(self, told: "Told") -> np.ndarray:
+    def _changes(self, perturbation: Perturbation) -> np.ndarray:
         """Changes (k, size) of the residual in place, in x, y and nothing held."""
-        changes = np.zeros((len(told.factors), self.size))
-        if told.factors.any():
-            which = np.flatnonzero(told.factors.any(axis=(1, 2)))
-            changes[which] += self._factor_forces(told.factors[which][..., self.segment])
-        constants = {name: each for name, each in told.constants.items() if each.any()}
+        changes = np.zeros((len(perturbation.factors), self.size))
+        if perturbation.factors.any():
+            which = np.flatnonzero(perturbation.factors.any(axis=(1, 2)))
+            changes[which] += self._factor_forces(perturbation.factors[which][..., self.segment])
+        constants = {name: each for name, each in perturbation.constants.items() if each.any()}
         if constants:
             changes += np.stack(list(constants.values()), axis=1) @ self._forces_of(constants)
-        if len(told.which):
+        if len(perturbation.which):
             if self._by_nodes is None:
                 order = api.element_order(self.mesh.cells)
                 self._by_nodes = ByNode(self.domain, self._forms, self.mesh.points, order)
             acting = [0, *(1 + i for i, term in enumerate(self._terms) if term.acts)]
-            changes[told.which] += self._by_nodes.along(told.moves, acting)
+            changes[perturbation.which] += self._by_nodes.along(perturbation.moves, acting)
         return changes
 
     @cached_property
@@ -329,7 +329,7 @@ class Problem(Simulator):
         each = np.eye(len(known))[[known.index(name) for name in names], None]
         return self._by_constants.along(np.repeat(each, len(self.segment), axis=1))
 
-    def _changes_at_base(self, w: np.ndarray, told: "Told") -> np.ndarray:
+    def _changes_at_base(self, w: np.ndarray, perturbation: Perturbation) -> np.ndarray:
         """Changes (k, b, 3) of the residual at the base's nodes under fixed forces: of the share of
         compliance, and of the nodes' places, with their coordinates and springs."""
         share, stiffness, stretch = self._share, self._stiffness, self._stretch
@@ -337,11 +337,11 @@ class Problem(Simulator):
         x, y, axial = forces.T
         radial, around = self._cos * x + self._sin * y, self._cos * y - self._sin * x
         turned = np.stack([radial, stretch * around, axial], axis=1)
-        changes = told.shares[:, None] * (turned - stiffness * displacement)
-        if not len(told.which):
+        changes = perturbation.shares[:, None] * (turned - stiffness * displacement)
+        if not len(perturbation.which):
             return changes
         # In polar coordinates, of the nodes in the unloaded and in the loaded state.
-        move = told.moves[:, self._ring]
+        move = perturbation.moves[:, self._ring]
         (radius, angle), (there, direction) = (self._radius, self._angle), self._polar(w)
         wider, turn = _polar_changes(move, radius, angle)
         wider_there, turn_there = _polar_changes(move, there, direction)
@@ -365,10 +365,12 @@ class Problem(Simulator):
         base, (points, _) = self._base_of(self.mesh), gauss(2)
         normal = facet_normals(base, points)
         normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
-        larger = np.einsum("kfqx,fqx->kfq", facet_normal_changes(base, points, told.moves), normal)
+        larger = np.einsum(
+            "kfqx,fqx->kfq", facet_normal_changes(base, points, perturbation.moves), normal
+        )
         stiffening = self._to_nodes(larger)[..., None] / HALF_WAY
-        changes[told.which] += share * of_forces
-        changes[told.which] += (1 - share) * (
+        changes[perturbation.which] += share * of_forces
+        changes[perturbation.which] += (1 - share) * (
             stiffening * displacement + stiffness * of_displacement
         )
         return changes
@@ -539,16 +541,16 @@ def _slope(number: Callable, model: Mapping, beside) -> np.ndarray:
     return sum(weight * (number(other) - here) for other, weight in beside)
 
 
-def _figures(model: Mapping) -> np.ndarray:
+def _shape_values(model: Mapping) -> np.ndarray:
     """Numbers of the shape, one after the other, as `NodePlaces.moves` has them."""
     shape = model["geometry"]
-    return np.concatenate([np.ravel(shape[name]) for name in _figure_places(model)])
+    return np.concatenate([np.ravel(shape[name]) for name in _shape_places(model)])
 
 
-def _figure_places(model: Mapping) -> dict[str, slice]:
-    """Where `_figures` has each key of the shape."""
+def _shape_places(model: Mapping) -> dict[str, slice]:
+    """Where `_shape_values` has each key of the shape."""
     shape, places, first = model["geometry"], {}, 0
-    for name in ("wall_thickness_scale", *FIGURES):
+    for name in ("wall_thickness_scale", *SHAPE_KEYS):
         if name in shape:
             places[name] = slice(first, first + np.size(shape[name]))
             first = places[name].stop

@@ -105,9 +105,9 @@ def draw_causes(findings: Findings, png: Path, csv: Path) -> None:
     table = pd.DataFrame(
         [
             {
-                "cause": words.cause(h["name"], h["component"]),
+                "cause": words.cause(cause["name"], cause["component"]),
                 **{
-                    k: h[k]
+                    k: cause[k]
                     for k in (
                         "name",
                         "component",
@@ -121,9 +121,9 @@ def draw_causes(findings: Findings, png: Path, csv: Path) -> None:
                         "at_bound",
                     )
                 },
-                **dict(zip(("lower95", "upper95"), h["interval95"], strict=True)),
+                **dict(zip(("lower95", "upper95"), cause["interval95"], strict=True)),
             }
-            for h in findings["hypotheses"]
+            for cause in findings["hypotheses"]
         ]
     )
     if table.empty:
@@ -179,37 +179,42 @@ def draw_causes(findings: Findings, png: Path, csv: Path) -> None:
 def draw_effects(findings: Findings, png: Path, csv: Path) -> None:
     """Posterior densities of the parameters of the most probable causes, given that they are
     present."""
-    likely = sorted(findings["hypotheses"], key=lambda h: -h["probability"])
-    fitted = [(h, h["posterior"]) for h in likely if h["posterior"]][:SHOWN_CAUSES]
+    likely = sorted(findings["hypotheses"], key=lambda cause: -cause["probability"])
+    fitted = [(cause, cause["posterior"]) for cause in likely if cause["posterior"]][:SHOWN_CAUSES]
     if not fitted:
         _draw_nothing("no model with a cause was sampled", png, csv)
         return
     fig = style.figure(max(2.6 * len(fitted) + 0.4, 6.0), 3.1)
     axes = fig.subplots(1, len(fitted), squeeze=False)[0]
     rows, labels = [], {}
-    for ax, (h, posterior) in zip(axes, fitted, strict=True):
+    for ax, (cause, posterior) in zip(axes, fitted, strict=True):
         edges, density = np.array(posterior["edges"]), np.array(posterior["density"])
         ax.stairs(density, edges, fill=True, color=style.SKY)
-        for bound in h["interval95"]:
+        for bound in cause["interval95"]:
             labels["95 % interval"] = ax.axvline(
                 bound, color=style.BLUE, linewidth=0.8, linestyle=":"
             )
         near = 0.5 * (edges[-1] - edges[0])
-        if edges[0] - near <= h["base"] <= edges[-1] + near:
-            labels["assumed by the model"] = ax.axvline(h["base"], color=style.VERMILLION, zorder=3)
-        for end in h["range"]:
+        if edges[0] - near <= cause["base"] <= edges[-1] + near:
+            labels["assumed by the model"] = ax.axvline(
+                cause["base"], color=style.VERMILLION, zorder=3
+            )
+        for end in cause["range"]:
             if edges[0] - near / 5 <= end <= edges[-1] + near / 5:
                 labels["end of the plausible range"] = ax.axvline(
                     end, color=style.BLACK, linewidth=2.5
                 )
-        unit = "" if h["unit"] == "1" else f" ({h['unit']})"
-        title = words.cause(h["name"], h["component"])
-        title += ", at the end of its range" if h["at_bound"] else ""
+        unit = "" if cause["unit"] == "1" else f" ({cause['unit']})"
+        title = words.cause(cause["name"], cause["component"])
+        title += ", at the end of its range" if cause["at_bound"] else ""
         ax.set_title(textwrap.fill(title, 28), fontsize=8.5)
-        ax.set_xlabel(textwrap.fill(f"{h['parameter']}{unit}", 28))
+        ax.set_xlabel(textwrap.fill(f"{cause['parameter']}{unit}", 28))
         ax.set_yticks([])
         centres = (edges[1:] + edges[:-1]) / 2
-        rows += [(h["name"], h["component"], *pair) for pair in zip(centres, density, strict=True)]
+        rows += [
+            (cause["name"], cause["component"], *pair)
+            for pair in zip(centres, density, strict=True)
+        ]
     axes[0].set_ylabel("posterior density")
     fig.legend(labels.values(), labels.keys(), loc="outside lower center", ncols=len(labels))
     table = pd.DataFrame(rows, columns=["name", "component", "value", "density"])

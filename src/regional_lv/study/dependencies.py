@@ -1,5 +1,5 @@
 """What a step depends on, read off the library's source without importing it: files, by import
-statements and what a registry imports later (`registry.Later`); values, by a function's signature.
+statements and what a registry imports later (`registry.Lazy`); values, by a function's signature.
 """
 
 import ast
@@ -15,7 +15,7 @@ from regional_lv.study.manifest import checksum
 
 PACKAGE = "regional_lv"
 
-_LATER = re.compile(rf"([\"']){PACKAGE}\.([\w.]+):\w+\1")
+_LAZY = re.compile(rf"([\"']){PACKAGE}\.([\w.]+):\w+\1")
 
 _checksum = cache(checksum)  # most rules share most files
 
@@ -77,7 +77,7 @@ def _existing(source: Path, name: str) -> Path:
 def _read(source: Path, name: str) -> _Module:
     text = _existing(source, name).read_text()
     tree = ast.parse(text)
-    found = {later[2] for later in _LATER.finditer(text)}
+    found = {later[2] for later in _LAZY.finditer(text)}
     for node in _statements(tree):
         if not isinstance(node, ast.ImportFrom):
             continue

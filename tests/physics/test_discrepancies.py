@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import ufl
 
-from regional_lv.criticism.unlisted import UNLISTED, HydrostaticPressure, changed
+from regional_lv.criticism.discrepancies import DISCREPANCIES, HydrostaticPressure, changed
 from regional_lv.geometry.mesh import ENDOCARDIUM, read_mesh
 from regional_lv.inputs.space import Inputs, sections_of
 from regional_lv.mechanics import dolfinx_api as api
@@ -41,7 +41,7 @@ def test_closed_forms_are_simulated_exactly(ventricles, plain):
 
 
 def test_another_law_has_the_volume_and_other_strains(ventricles, plain):
-    outputs, law = UNLISTED["other_law"].outputs(
+    outputs, law = DISCREPANCIES["other_law"].outputs(
         ventricles, ventricles.inputs.reference, np.random.default_rng(0)
     )
     assert law == "guccione" and outputs[0] == pytest.approx(plain[0], abs=0.2)
@@ -49,7 +49,7 @@ def test_another_law_has_the_volume_and_other_strains(ventricles, plain):
 
 
 def test_fibres_differ_in_the_septum_most(ventricles, plain):
-    outputs, _ = UNLISTED["septal_fibres"].outputs(
+    outputs, _ = DISCREPANCIES["septal_fibres"].outputs(
         ventricles, ventricles.inputs.reference, np.random.default_rng(0)
     )
     change = np.abs(outputs[1:] - plain[1:]).reshape(3, 17)

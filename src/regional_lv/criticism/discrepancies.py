@@ -1,5 +1,6 @@
-"""Ways in which a ventricle, or its measurement, differs from the study's model that no catalogue
-of inputs lists. The benchmark hides them; whoever criticises must not take them for something else.
+"""Model discrepancies: ways in which a ventricle, or its measurement, differs from the study's
+model and that no catalogue of inputs lists. The benchmark hides them; whoever criticises must not
+take them for something else.
 """
 
 from abc import ABC, abstractmethod
@@ -30,8 +31,8 @@ MOST_STEPS = 12
 """Of the search for that stiffness."""
 
 
-class Unlisted(ABC):
-    """One such way. A new one is one class and one entry in `UNLISTED`.
+class Discrepancy(ABC):
+    """One discrepancy. A new one is one class and one entry in `DISCREPANCIES`.
 
     Attributes: name; has_stiffness, whether its ventricles have the study's inferred inputs, so
     that an interval of them can be right.
@@ -51,7 +52,7 @@ class Unlisted(ABC):
         """
 
 
-class OtherLaw(Unlisted):
+class OtherLaw(Discrepancy):
     """Another material law: Guccione's for a study with another one, else that of Holzapfel and
     Ogden. Each zone is as many times stiffer than the others as before, and the wall as a whole so
     stiff that the end-diastolic volume is the same."""
@@ -111,7 +112,7 @@ class OtherLaw(Unlisted):
         return np.array(start), np.array(stress)
 
 
-class SeptalFibres(Unlisted):
+class SeptalFibres(Discrepancy):
     """A septum with other fibres: helix angles there are 20 degrees larger, or smaller, at all
     depths (a tenth of what they change by through the wall)."""
 
@@ -147,7 +148,7 @@ class HydrostaticPressure(Load):
         return integral * normal[2] * surroundings.ds(ENDOCARDIUM)
 
 
-class PressureGradient(Unlisted):
+class PressureGradient(Discrepancy):
     """A cavity pressure that differs from base to apex: by that of a column of blood as long as the
     ventricle, with the apex below or above."""
 
@@ -162,7 +163,7 @@ class PressureGradient(Unlisted):
         return other.outputs(x), f"{size:+g} mmHg from base to apex"
 
 
-class SmoothBias(Unlisted):
+class SmoothBias(Discrepancy):
     """A bias of the measurement which is smooth over the wall: of one direction of strain, once up
     and down around the ventricle, larger at one end of it than at the other."""
 
@@ -208,9 +209,9 @@ def changed(inputs: Inputs, section: str, more: Mapping) -> Inputs:
     return Inputs(base, inputs, dict(zip(inputs.names, inputs.roles, strict=True)))
 
 
-UNLISTED = Registry(
-    "unlisted difference",
+DISCREPANCIES = Registry(
+    "model discrepancy",
     "criticism.benchmark",
     (OtherLaw(), SeptalFibres(), PressureGradient(), SmoothBias()),
 )
-"""Name -> way in which a ventricle differs."""
+"""By name."""
