@@ -57,6 +57,17 @@ def number_in(text: str) -> float:
     return value if math.isfinite(value) else math.nan
 
 
+def number_at(path: str | Path, line: int, column: str, text: str) -> float:
+    """The number that a field holds. Raises InputError if it holds none."""
+    value = number_in(text)
+    if math.isnan(value):
+        remedy = "write decimals with a point" if "," in text else "give a number"
+        if text.lower().lstrip("+-") in ("", "nan", "inf", "infinity"):
+            remedy = "give a number, or remove the row if nothing was measured"
+        raise error_at(path, line, f"column `{column}`: `{text}` is not a number; {remedy}")
+    return value
+
+
 def _without_empty_ends(parsed: list[tuple[int, list[str]]]) -> list[tuple[int, list[str]]]:
     """Rows without the columns at their end that are empty in all of them: spreadsheets save
     these as commas."""
@@ -67,11 +78,14 @@ def _without_empty_ends(parsed: list[tuple[int, list[str]]]) -> list[tuple[int, 
     return [(number, fields[:filled]) for number, fields in parsed]
 
 
-def read_lines(path: str | Path, required: Sequence[str] = ()) -> CsvLines:
+def read_lines(
+    path: str | Path, required: Sequence[str] = (), optional: Sequence[str] | None = None
+) -> CsvLines:
     """Read a table; names and fields are without spaces around them.
 
     Raises InputError for a file that cannot be read, a column of `required` that it lacks, one that
-    occurs twice, and rows that do not have a field for each column.
+    is neither of these nor `optional` (None: any may be), one that occurs twice, and rows that do
+    not have a field for each column.
     """
     text = read_text(path)
     numbered = [
@@ -87,7 +101,11 @@ def read_lines(path: str | Path, required: Sequence[str] = ()) -> CsvLines:
         if name not in columns:
             remedy = _column_remedy(name, columns, required)
             raise error_at(path, header, f"no column `{name}`; {remedy}")
+    known = [*required, *(columns if optional is None else optional)]
     for name in columns:
+        if name not in known:
+            remedy = f"remove it, or rename it to one of {', '.join(known)}"
+            raise error_at(path, header, f"column `{name}` is not known; {remedy}")
         if columns.count(name) > 1:
             raise error_at(path, header, f"column `{name}` occurs twice; remove one of the two")
     for number, fields in rows:

@@ -7,10 +7,12 @@ import pytest
 
 from regional_lv import data
 from regional_lv.csv_lines import number_in
+from regional_lv.errors import InputError
 from regional_lv.geometry.segment_tags import read_segment_tags
 from regional_lv.geometry.table import read_segments
 from regional_lv.measured import read_measured
 from regional_lv.measured.curves import read_curves
+from regional_lv.typed_tables import Column, read_table
 
 MINUS = "\u2212\u2010\u2011\u2012\u2013\ufe63\uff0d"
 SPACES = "\u00a0\u202f\u2009\u2007\u200a\u3000"
@@ -82,3 +84,22 @@ def test_every_reader_of_tables_takes_them(tmp_path):
         np.testing.assert_array_equal(own[column], example[column])
     tags = written("tags.csv", "element,aha_segment", "1\u202f234,\uff13")
     assert read_segment_tags(tags, np.array([1234])).tolist() == [3]
+
+
+def test_columns_hold_what_is_declared(tmp_path):
+    path = tmp_path / "table.csv"
+    columns = ["name", Column("count", whole=True), Column("sd", "mm", least=0, empty=0.0)]
+    path.write_text("# a comment\nname,count,sd\na,2,\nb,3,0.5\n")
+    table = read_table(path, columns)
+    assert table.index.tolist() == [3, 4] and table["name"].tolist() == ["a", "b"]
+    assert table["count"].tolist() == [2, 3] and table["sd"].tolist() == [0.0, 0.5]
+    path.write_text("name,count\na,2\n")
+    assert list(read_table(path, columns)) == ["name", "count"]
+    for cells, complaint in (
+        ("a,1.5,", "count is 1.5; give a whole number"),
+        ("a,,", "count is empty; give a whole number"),
+        ("a,1,-2", "sd is -2; give a number of 0 or more mm, or leave it empty"),
+    ):
+        path.write_text(f"name,count,sd\n{cells}\n")
+        with pytest.raises(InputError, match=f"table.csv, line 2: {complaint}"):
+            read_table(path, columns)

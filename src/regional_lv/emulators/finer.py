@@ -21,7 +21,7 @@ from regional_lv.emulators import load
 from regional_lv.emulators.base import least_simulations
 from regional_lv.emulators.gradient_gp import GradientGP
 from regional_lv.emulators.joint_gp import JointGP
-from regional_lv.emulators.training import sensitivities_of, simulations_of
+from regional_lv.emulators.training import read_sensitivities, read_simulations
 from regional_lv.errors import InputError
 from regional_lv.inputs.coordinates import Coordinates
 from regional_lv.seeds import derive
@@ -115,9 +115,9 @@ def train_finer(
 
 def _simulated(rows: pd.DataFrame, path: str | Path, parameters, channels):
     """Theta (n, P), outputs (n, D) and sensitivities (n, D, P) of a table read from `path`."""
-    columns = rows, path, parameters, channels.names
-    theta, y, _ = simulations_of(*columns)
-    return theta, y, sensitivities_of(*columns)
+    columns = path, parameters, channels.names, rows
+    theta, y, _ = read_simulations(*columns)
+    return theta, y, read_sensitivities(*columns)
 
 
 def _sizes(emulator: JointGP) -> dict:

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-import pyarrow.parquet as pq
 import torch
 
 from regional_lv.channels import Channels
@@ -19,6 +18,7 @@ from regional_lv.emulators.gaussian import Z95
 from regional_lv.errors import InputError
 from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.seeds import derive
+from regional_lv.typed_tables import require_columns
 
 log = logging.getLogger(__name__)
 
@@ -28,50 +28,36 @@ are too narrow: of exact_gp with ten parameters they cover 88 % with 40 and 40 %
 
 
 def read_simulations(
-    path: str | Path, parameters: StiffnessInputs, outputs: Sequence[str]
+    path: str | Path,
+    parameters: StiffnessInputs,
+    outputs: Sequence[str],
+    table: pd.DataFrame | None = None,
 ) -> tuple[np.ndarray, np.ndarray, pd.Index]:
     """Theta (N, P), outputs (N, D) and sample names of a screened table of simulations.
 
-    Raises InputError if a column is missing.
+    table: what was read from `path` before. Raises InputError if a column is missing.
     """
-    return simulations_of(pd.read_parquet(path), path, parameters, outputs)
-
-
-def simulations_of(
-    table: pd.DataFrame, path: str | Path, parameters: StiffnessInputs, outputs: Sequence[str]
-) -> tuple[np.ndarray, np.ndarray, pd.Index]:
-    """`read_simulations` of a table that was read from `path`, which errors name."""
-    wanted = ["sample", *parameters.names, *outputs]
-    missing = [name for name in wanted if name not in table]
-    if missing:
-        raise InputError(
-            f"{path}: no column {', '.join(missing[:5])}; give a screened table of simulations"
-        )
+    table = pd.read_parquet(path) if table is None else table
+    names = ["sample", *parameters.names, *outputs]
+    require_columns(path, table, names, "give a screened table of simulations")
     theta, y = (table[list(names)].to_numpy(float) for names in (parameters.names, outputs))
     return theta, y, pd.Index(table["sample"].astype(str))
 
 
 def read_sensitivities(
-    path: str | Path, parameters: StiffnessInputs, outputs: Sequence[str]
+    path: str | Path,
+    parameters: StiffnessInputs,
+    outputs: Sequence[str],
+    table: pd.DataFrame | None = None,
 ) -> np.ndarray:
     """d(outputs)/d(theta) (N, D, P) of a screened table of simulations, in its order.
 
-    outputs: all those of the table, at all loads. Raises InputError if there are none, or if a row
-    has another number of them.
+    outputs: all those of the table, at all loads. table: as of `read_simulations`. Raises
+    InputError if there are none, or if a row has another number of them.
     """
-    there = {"sensitivity"}.intersection(pq.read_schema(path).names)
-    return sensitivities_of(pd.read_parquet(path, columns=[*there]), path, parameters, outputs)
-
-
-def sensitivities_of(
-    table: pd.DataFrame, path: str | Path, parameters: StiffnessInputs, outputs: Sequence[str]
-) -> np.ndarray:
-    """`read_sensitivities` of a table that was read from `path`, which errors name."""
-    if "sensitivity" not in table:
-        raise InputError(
-            f"{path}: no column sensitivity, which the emulator learns from; simulate with "
-            "dolfinx, or choose an emulator that does without"
-        )
+    table = pd.read_parquet(path) if table is None else table
+    remedy = "simulate with dolfinx, or choose an emulator that learns from values alone"
+    require_columns(path, table, ["sensitivity"], remedy)
     shape, rows = (len(outputs), len(parameters)), table["sensitivity"]
     for i, row in enumerate(rows):
         if np.size(row) != shape[0] * shape[1]:

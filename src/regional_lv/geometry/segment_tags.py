@@ -9,14 +9,15 @@ import numpy as np
 from scipy.io import loadmat
 
 from regional_lv import aha
-from regional_lv.csv_lines import error_at, number_in, read_lines
+from regional_lv.csv_lines import error_at
 from regional_lv.errors import InputError
 from regional_lv.geometry.mesh import Mesh
 from regional_lv.geometry.summary import cell_volumes
 from regional_lv.geometry.table import check_septum
 from regional_lv.input_files import reading
+from regional_lv.typed_tables import Column, read_table
 
-COLUMNS = ["element", "aha_segment"]
+COLUMNS = [Column("element", whole=True), Column("aha_segment", whole=True)]
 PUBLISHED_FIELD = "elRegions"
 """Field of the paper's .mat file with one label per element, in the published order."""
 
@@ -31,8 +32,10 @@ def read_segment_tags(path: str | Path, numbers: np.ndarray) -> np.ndarray:
     if path.suffix.lower() == ".mat":
         return _read_published(path, len(numbers))
     known, by_element = set(numbers.tolist()), {}
-    for line, fields in read_lines(path, COLUMNS).rows:
-        element, segment = (_whole(path, line, column, fields[column]) for column in COLUMNS)
+    table = read_table(path, COLUMNS)
+    for line, element, segment in zip(
+        table.index, table["element"], table["aha_segment"], strict=True
+    ):
         if element in by_element:
             raise error_at(
                 path, line, f"element {element} was given before; keep one row per element"
@@ -47,14 +50,6 @@ def read_segment_tags(path: str | Path, numbers: np.ndarray) -> np.ndarray:
         by_element[element] = segment
     # Elements without a row get 0, which is no segment.
     return np.array([by_element.get(number, 0) for number in numbers.tolist()])
-
-
-def _whole(path: Path, line: int, column: str, text: str) -> int:
-    """A whole number that a mesh can have."""
-    value = number_in(text)
-    if not (abs(value) < 2**31 and value.is_integer()):
-        raise error_at(path, line, f"{column} is {text}; give a whole number")
-    return int(value)
 
 
 def check_segment_tags(segment: np.ndarray, numbers: np.ndarray, origin: str | Path) -> None:

@@ -7,9 +7,9 @@ import numpy as np
 import pandas as pd
 
 from regional_lv.aha import LEVELS, SEGMENTS, WALLS
-from regional_lv.csv_lines import number_in, read_lines
 from regional_lv.data import segment_table
 from regional_lv.errors import InputError
+from regional_lv.typed_tables import Column, read_table
 
 COLUMNS = (
     "aha_segment",
@@ -45,20 +45,9 @@ def read_segments(path: str | Path) -> pd.DataFrame:
     InputError that names the file, the row and the remedy.
     """
     path = segment_table(path)
-    _, columns, lines = read_lines(path, COLUMNS)
-    # A row is named by its line in the file.
-    table = pd.DataFrame([row for _, row in lines], [n for n, _ in lines], columns)
-    for column in [c for c in COLUMNS if c != "name"]:
-        numbers = table[column].map(number_in)
-        for line in table.index[numbers.isna()]:
-            raise InputError(
-                f"{path}, line {line}: {column} is {table.at[line, column] or 'empty'}; give a "
-                "finite number"
-            )
-        table[column] = numbers.astype(float)
-    for column, sd in SD_COLUMNS.items():
-        if sd in table:
-            table[sd] = _standard_deviations(path, table[sd], column)
+    sizes = [Column(column) for column in COLUMNS if column != "name"]
+    sds = [Column(column, "mm", least=0, empty=0.0) for column in SD_COLUMNS.values()]
+    table = read_table(path, ["name", *sizes, *sds])
     for line, number in table["aha_segment"].items():
         if number not in range(1, 18):
             raise InputError(
@@ -115,18 +104,6 @@ def check_apices(
             f"the apex (geometry.endo_apex_z_mm {endo_apex_z_mm:g}, geometry.epi_apex_z_mm "
             f"{epi_apex_z_mm:g}); correct one of them"
         )
-
-
-def _standard_deviations(path: Path, cells: pd.Series, of: str) -> pd.Series:
-    """Numbers, 0 where a cell is empty; `of` is the column that they belong to."""
-    numbers = cells.map(lambda cell: number_in(cell) if str(cell).strip() else 0.0)
-    for line, value in numbers.items():
-        if not 0 <= value < np.inf:
-            raise InputError(
-                f"{path}, line {line}: {SD_COLUMNS[of]} is {cells[line]}; give a number of 0 or "
-                "more in mm, or leave it empty"
-            )
-    return numbers.astype(float)
 
 
 def _check_sizes(path: Path, table: pd.DataFrame) -> None:

@@ -115,18 +115,8 @@ def _twice(values: Mapping[str, str], what: str) -> Iterator[str]:
 
 
 def _rows(path: Path) -> list[Listed]:
-    required = ("heart", *COLUMNS)
-    table = read_lines(path, required)
-    for column in table.columns:
-        if column not in (*required, *SDS):
-            raise error_at(
-                path,
-                table.header,
-                f"column `{column}` is not known; remove it, or rename it to one of "
-                f"{', '.join((*required, *SDS))}",
-            )
     hearts = []
-    for line, fields in table.rows:
+    for line, fields in read_lines(path, ("heart", *COLUMNS), tuple(SDS)).rows:
         name = fields["heart"]
         if not name.isprintable() or not name.strip(".") or "/" in name:
             raise error_at(

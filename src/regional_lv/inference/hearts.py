@@ -31,6 +31,7 @@ from regional_lv.inputs.base import Input
 from regional_lv.inputs.closed_forms import HeavyTails
 from regional_lv.inputs.space import Inputs, Role
 from regional_lv.inputs.stiffness import Stiffness
+from regional_lv.typed_tables import require_columns
 
 LARGEST_FACTOR = 3.0
 """By which the reference values of two materials differ: published sets for one law do."""
@@ -260,9 +261,7 @@ def read_known_theta(
     for path in paths:
         with reading(path, "check the path, and save it as CSV in UTF-8"):
             table = pd.read_csv(path, dtype={"subject": str})
-        missing = [column for column in ("subject", *names) if column not in table]
-        if missing:
-            raise InputError(f"{path}: no column {', '.join(missing)}; add what is missing")
+        require_columns(path, table, ("subject", *names), "add what is missing")
         tables.append(table.set_index("subject")[list(names)])
     values = pd.concat(tables)
     where = ", ".join(map(str, paths[:3]))

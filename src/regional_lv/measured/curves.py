@@ -22,7 +22,7 @@ import numpy as np
 import pandas as pd
 
 from regional_lv.channels import Channel, Channels
-from regional_lv.csv_lines import error_at, number_in, read_lines
+from regional_lv.csv_lines import error_at, number_at, read_lines
 from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.measured.segment_models import check_segment, to_aha
 from regional_lv.measured.tables import (
@@ -146,7 +146,7 @@ def read_curves(path: str | Path, unit: str, segments: int = 17) -> Curves:
         raise error_at(path, None, f"{len(rows)} frames are no curve; export the whole cycle")
     for name in named:
         _check_length(path, name, rows)
-    strains = np.array([[_number(path, n, name, row[name]) for name in named] for n, row in rows])
+    strains = np.array([[number_at(path, n, name, row[name]) for name in named] for n, row in rows])
     lines = [line for line, _ in rows]
     frames = _frames(path, clocks[0], rows)
     factor = _check_unit(path, strains, unit)
@@ -183,17 +183,10 @@ def _check_length(path: str | Path, name: str, rows: list[tuple[int, dict]]) -> 
         )
 
 
-def _number(path: str | Path, line: int, name: str, text: str) -> float:
-    value = number_in(text)
-    if np.isnan(value):
-        raise error_at(path, line, f"column `{name}`: `{text}` is not a number; give one")
-    return value
-
-
 def _frames(path: str | Path, clock: str, rows: list[tuple[int, dict]]) -> list[int]:
     """Numbers of the frames: those of the column `frame`, or counted from 1. Numbers of a cine may
     go on from its last frame to its first."""
-    times = [_number(path, line, clock, row[clock]) for line, row in rows]
+    times = [number_at(path, line, clock, row[clock]) for line, row in rows]
     pairs = zip(rows[1:], times, times[1:], strict=False)
     back = [(line, before, after) for (line, _), before, after in pairs if after <= before]
     around = clock.lower() == "frame" and len(back) == 1 and times[-1] < times[0]

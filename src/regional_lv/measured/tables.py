@@ -20,7 +20,7 @@ import pandas as pd
 
 from regional_lv import aha
 from regional_lv.channels import Channel, Channels
-from regional_lv.csv_lines import CsvLines, error_at, number_in, read_lines
+from regional_lv.csv_lines import CsvLines, error_at, number_at, number_in, read_lines
 from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.measured.segment_models import check_segment, to_aha
 from regional_lv.quantities import NOWHERE, QUANTITIES, SEGMENT_PLACES, Quantity, seth_hill
@@ -149,15 +149,7 @@ def shortcomings(measured: pd.DataFrame, parameters: int = 0) -> list[str]:
 
 def _read_columns(path: str | Path) -> CsvLines:
     """The lines of a measured file, with the columns that it has to have and no others."""
-    table = read_lines(path, REQUIRED)
-    for name in table.columns:
-        if name not in REQUIRED + OPTIONAL:
-            raise error_at(
-                path,
-                table.header,
-                f"column `{name}` is not known; remove it, or rename it to one of "
-                f"{', '.join(REQUIRED + OPTIONAL)}",
-            )
+    table = read_lines(path, REQUIRED, OPTIONAL)
     if all(name in table.columns for name in LOADS):
         raise error_at(
             path, table.header, f"columns {' and '.join(LOADS)} say the same; keep one of them"
@@ -194,8 +186,8 @@ def _read_row(
         _place(path, number, kind, fields["segment"], segments),
         _load_fraction(path, number, fields, pressure, loads),
     )
-    raw = _number(path, number, "value", fields["value"])
-    sd = _number(path, number, "sd", fields["sd"]) if fields.get("sd") else math.nan
+    raw = number_at(path, number, "value", fields["value"])
+    sd = number_at(path, number, "sd", fields["sd"]) if fields.get("sd") else math.nan
     if sd <= 0:
         raise error_at(path, number, f"sd {sd:g} is not positive; correct it, or leave it empty")
     return fields | {
@@ -240,7 +232,7 @@ def _load_fraction(
     column = next((name for name in LOADS if fields.get(name)), None)
     if column is None:
         return 1.0
-    value = _number(path, number, column, fields[column])
+    value = number_at(path, number, column, fields[column])
     whole, unit = 1.0, ""
     if column == "pressure_mmhg":
         if pressure is None:
@@ -261,17 +253,6 @@ def _load_fraction(
         )
     nearest = min((1.0, *loads), key=lambda load: abs(load - fraction))
     return nearest if abs(nearest - fraction) < SAME_LOAD else round(fraction, 6)
-
-
-def _number(path: str | Path, number: int, column: str, text: str) -> float:
-    value = number_in(text)
-    if math.isnan(value):
-        if text.lower().lstrip("+-") in ("", "nan", "inf", "infinity"):
-            remedy = "give a number, or remove the row if the channel was not measured"
-        else:
-            remedy = "write decimals with a point" if "," in text else "give a number"
-        raise error_at(path, number, f"{column} `{text}` is not a number; {remedy}")
-    return value
 
 
 # ---------------------------------------------------------------------------------- checks

@@ -20,6 +20,7 @@ from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.paper import KEYS
 from regional_lv.paper.page import QUANTITIES, write_page
 from regional_lv.paper.posteriors.verdicts import by_emulator, chosen
+from regional_lv.typed_tables import require_columns
 
 COLUMNS = ("place", *KEYS, "relation", "value", "unit")
 PAPERS_CHOICE = "mvgp"
@@ -87,9 +88,7 @@ def compare(numbers: Path, reasons: Path, ours: pd.DataFrame) -> pd.DataFrame:
 
 def _read(path: Path, columns: Sequence[str]) -> pd.DataFrame:
     table = pd.read_csv(path, dtype=str, keep_default_na=False)
-    missing = [name for name in columns if name not in table]
-    if missing:
-        raise InputError(f"{path}: no column {', '.join(missing)}; it needs {', '.join(columns)}")
+    require_columns(path, table, columns, f"it needs {', '.join(columns)}")
     return table
 
 

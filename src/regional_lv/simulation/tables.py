@@ -13,6 +13,7 @@ from regional_lv.errors import InputError
 from regional_lv.input_files import reading
 from regional_lv.inputs.stiffness import StiffnessInputs, repeated
 from regional_lv.seeds import derive
+from regional_lv.typed_tables import require_columns
 
 log = logging.getLogger(__name__)
 
@@ -91,13 +92,10 @@ def _read(path: str | Path, names: tuple[str, ...], published: bool) -> pd.DataF
     table = _load(Path(path))
     outputs = names == Channels.of().names
     if all(isinstance(name, str) for name in table.columns):
-        missing = [name for name in names if name not in table]
-        if missing:
-            raise InputError(
-                f"{path}: no column {', '.join(missing[:5])} ({len(missing)} missing); name the "
-                f"columns {', '.join(names[:2])}, ..."
-                + (", or give CSV without a header in the published order" if published else "")
-            )
+        remedy = f"name the columns {', '.join(names[:2])}, ..." + (
+            ", or give CSV without a header in the published order" if published else ""
+        )
+        require_columns(path, table, names, remedy)
         values = table[list(names)]
     elif not published:
         raise InputError(
