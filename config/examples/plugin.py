@@ -110,7 +110,9 @@ class Quadratic(Emulator):
         eye = torch.eye(features.shape[1], dtype=features.dtype)
         gram = features.T @ features + self.settings["ridge"] * eye
         self.weights = torch.linalg.solve(gram, features.T @ training.y)
-        residual = training.y - features @ self.weights
+        # Residuals of each simulation when the others alone are fitted: those of the fit are small.
+        leverage = (features * torch.linalg.solve(gram, features.T).T).sum(1, keepdim=True)
+        residual = (training.y - features @ self.weights) / (1 - leverage)
         self.spread = residual.T @ residual / len(residual) + 1e-9 * torch.eye(
             residual.shape[1], dtype=features.dtype
         )

@@ -11,7 +11,9 @@ from regional_lv.geometry.mesh import read_mesh
 from regional_lv.mechanics.observables.motion import DIRECTIONS, PointMotion
 from regional_lv.mechanics.observables.observer import Observer
 from regional_lv.mechanics.observables.strain_measure import StrainMeasure
+from regional_lv.quantities import QUANTITIES
 from regional_lv.simulation.strain_field import cell_means, strain_field
+from regional_lv.testing import QuantityContract
 
 CHANNELS = Channels.of()
 
@@ -35,6 +37,18 @@ def observe(mesh, moved, physics):
         return Observer(mesh, physics["observables"] | changed).values(CHANNELS, moved, 1.0)
 
     return observe
+
+
+class TestRegistered(QuantityContract):
+    @pytest.fixture(scope="class", params=QUANTITIES)
+    @classmethod
+    def kind(cls, request):
+        return QUANTITIES[request.param]
+
+    @pytest.fixture(scope="class")
+    @classmethod
+    def mesh(cls, small_mesh):
+        return read_mesh(small_mesh)
 
 
 def symmetric(count, seed=0):

@@ -1,7 +1,5 @@
 """The catalogue of inputs, their roles in a configuration, and closed forms."""
 
-import copy
-
 import numpy as np
 import pandas as pd
 import pytest
@@ -17,6 +15,8 @@ from regional_lv.inputs.evaluation import AllInputs
 from regional_lv.inputs.model import model_of
 from regional_lv.inputs.space import Inputs, catalogue, stencil
 from regional_lv.registry import temporary
+from regional_lv.testing import InputContract
+from regional_lv.testing.inputs import same
 
 
 def loaded(**sections):
@@ -33,16 +33,11 @@ def every(model):
     return Inputs(model, catalogue(model))
 
 
-def same(one, other):
-    """Whether two models are equal, to round-off."""
-    if isinstance(one, dict):
-        return one.keys() == other.keys() and all(same(one[k], other[k]) for k in one)
-    if isinstance(one, float | tuple | list | np.ndarray) and not isinstance(one, str):
-        try:
-            return np.allclose(one, other, rtol=1e-12, atol=1e-13)
-        except TypeError:
-            pass
-    return one is other or one == other
+class TestRegistered(InputContract):
+    @pytest.fixture(scope="class", params=INPUTS)
+    @classmethod
+    def kind(cls, request):
+        return INPUTS[request.param]
 
 
 def test_causes_are_what_a_criticism_doubts():
@@ -105,22 +100,6 @@ def test_nominal_values_are_the_model_as_it_is(model, every):
     )
     for section in ("factors", "material", "fibres", "loading", "supports", "observables"):
         assert same(found[section], {**model[section]}), section
-
-
-def test_values_and_scaled_coordinates(every):
-    for values in (every.lower, every.nominal, every.upper):
-        z = every.coordinates.scaled(values)
-        np.testing.assert_allclose(every.coordinates.natural(z), values, rtol=1e-9, atol=1e-12)
-    assert (every.lower <= every.nominal).all() and (every.nominal <= every.upper).all()
-
-
-def test_no_model_is_changed_in_place(every):
-    before = copy.deepcopy(every.base)
-    every.model((every.lower + every.upper) / 2)
-    assert same(
-        {k: v for k, v in before.items() if k != "geometry"},
-        {k: v for k, v in every.base.items() if k != "geometry"},
-    )
 
 
 @pytest.mark.parametrize(
@@ -247,10 +226,16 @@ def test_an_input_of_a_plugin():
             low, high = -10.0, 10.0
             description = source = "of a test"
 
+        class Absent(Rotation):
+            name, path = "of_a_support", ("supports", "of_a_plugin")
+
+        INPUTS.add(Absent)
         inputs = Inputs.from_config(loaded(inputs={"rotation_of_fibres": "suspected"}))
         assert inputs.names[-1] == "rotation_of_fibres"
         x = np.append(np.ones(10), 4.0)
         assert inputs.model(x)["fibres"]["rotation_deg"] == 4.0
+        with pytest.raises(InputError, match=r"no supports\.of_a_plugin"):
+            loaded(inputs={"of_a_support": "suspected"})
 
 
 @pytest.mark.parametrize("here", [0.0, 0.5, 1.0])

@@ -198,6 +198,14 @@ class KeyInput(Input):
         if "path" in vars(cls):
             cls.changes = cls.path[0]
 
+    @classmethod
+    def why_not(cls, model):
+        try:
+            value_at(model, cls.path)
+        except KeyError:
+            return f"its configuration has no {'.'.join(cls.path)}"
+        return ""
+
     def value_in(self, model):
         return float(value_at(model, self.path))
 
