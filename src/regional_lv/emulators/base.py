@@ -22,7 +22,7 @@ from regional_lv.inputs.stiffness import StiffnessInputs, from_spec, repeated
 FORMAT = 5
 """Of emulator files: raised when what they hold changes."""
 
-LEAST_TAUGHT = 10
+LEAST_WITH_SENSITIVITIES = 10
 """Simulations with sensitivities that an emulator of any number of parameters can learn from: they
 say what each parameter does, and enough of them are left out to tell the error."""
 
@@ -204,8 +204,8 @@ class Emulator(ABC):
         an output that does not vary, or sensitivities that are needed and missing.
         """
         theta, y = np.asarray(theta, dtype=float), np.asarray(y, dtype=float)
-        taught = self.learns_from_sensitivities and sensitivities is not None
-        check_training_set(theta, y, parameters, outputs, taught)
+        with_sensitivities = self.learns_from_sensitivities and sensitivities is not None
+        check_training_set(theta, y, parameters, outputs, with_sensitivities)
         self.parameters, self.outputs = parameters, tuple(outputs)
         theta, y = torch.as_tensor(theta), torch.as_tensor(y)
         self.output_mean, self.output_sd = y.mean(0), y.std(0)
@@ -438,9 +438,10 @@ def _check_sensitivities(name: str, sensitivities, shape: tuple[int, ...]) -> to
     return torch.as_tensor(sensitivities)
 
 
-def least_simulations(inputs: int, taught: bool) -> int:
-    """Simulations that an emulator of so many parameters needs; taught: with sensitivities."""
-    return min(inputs + 2, LEAST_TAUGHT) if taught else inputs + 2
+def least_simulations(inputs: int, with_sensitivities: bool) -> int:
+    """Simulations that an emulator of so many parameters needs; with_sensitivities: whether it
+    learns from them, too."""
+    return min(inputs + 2, LEAST_WITH_SENSITIVITIES) if with_sensitivities else inputs + 2
 
 
 def _check_rows(theta: np.ndarray, y: np.ndarray, inputs: int, outputs: int) -> None:
@@ -463,15 +464,15 @@ def check_training_set(
     y: np.ndarray,
     parameters: StiffnessInputs | Coordinates,
     outputs: Sequence[str],
-    taught: bool = False,
+    with_sensitivities: bool = False,
 ) -> None:
     """Raise InputError for what no emulator can learn from; arguments as for `Emulator.fit`.
 
-    taught: whether there are sensitivities, which tell of what does not vary, too.
+    with_sensitivities: whether there are any, which tell of what does not vary, too.
     """
     inputs = len(parameters)
     _check_rows(theta, y, inputs, len(outputs))
-    needed = least_simulations(inputs, taught)
+    needed = least_simulations(inputs, with_sensitivities)
     if len(theta) < needed:
         raise InputError(
             f"training set: {len(theta)} simulations are too few for an emulator of {inputs} "
@@ -489,7 +490,7 @@ def check_training_set(
     fixed = [
         name for name, column in zip(parameters.names, theta.T, strict=True) if np.ptp(column) == 0
     ]
-    if fixed and not taught:
+    if fixed and not with_sensitivities:
         raise InputError(
             f"training set: {', '.join(fixed)} has one and the same value in every simulation; "
             "leave the factor out (parameters.factors), give its segments to another zone "

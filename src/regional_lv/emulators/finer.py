@@ -89,7 +89,7 @@ def train_finer(
         )
     tables = [_converged(paths) for paths in (coarse, finer)]
     samples = tables[0].index.intersection(tables[1].index).sort_values()
-    needed = least_simulations(len(parameters), taught=True)
+    needed = least_simulations(len(parameters), with_sensitivities=True)
     if len(samples) < needed:
         raise InputError(
             f"{finer[0]}: {len(samples)} simulations converged on both meshes, too few to learn "

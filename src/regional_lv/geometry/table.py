@@ -45,9 +45,9 @@ def read_segments(path: str | Path) -> pd.DataFrame:
     InputError that names the file, the row and the remedy.
     """
     path = segment_table(path)
-    sizes = [Column(column) for column in COLUMNS if column != "name"]
+    columns = [column if column == "name" else Column(column) for column in COLUMNS]
     sds = [Column(column, "mm", least=0, empty=0.0) for column in SD_COLUMNS.values()]
-    table = read_table(path, ["name", *sizes, *sds])
+    table = read_table(path, [*columns, *sds])
     for line, number in table["aha_segment"].items():
         if number not in range(1, 18):
             raise InputError(

@@ -88,7 +88,7 @@ def sample(potential: Potential, fitted: Fits, draws: int, seed: int) -> Weighte
     made = []
 
     def log_density(v):
-        x, slope = coordinates.open(v)
+        x, slope = coordinates.constrain_with_log_det(v)
         mean, own = potential.predict(x, fitted.amplitude)
         value, by_own = (potential.log_density(mean, x, error) for error in (fitted.error, own))
         made.append((x, (by_own - value).nan_to_num(-torch.inf)))
@@ -165,13 +165,16 @@ class Standardised:
         self._root = observed.split(weights[0].sqrt(), absent=1.0)[..., None]
         self._at_fit = self._root * whitening[0]
 
-    def open(self, v: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+    def constrain_with_log_det(self, v: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Coordinates x (N, P) of the model, and log |dx / dv| (N,)."""
         n, x = len(self._pull), self._fitted.x.repeat(len(v), 1)
         centre, factor, log_density = self._normal(v[:, n:])
         away = torch.linalg.solve_triangular(factor.mT, v[:, :n, None], upper=True)[..., 0]
         u = self._fitted.x[0, self._free] + centre + away
-        x[:, self._free], x[:, len(self._potential.inputs) :] = self._transform.inside(u), v[:, n:]
+        x[:, self._free], x[:, len(self._potential.inputs) :] = (
+            self._transform.constrain(u),
+            v[:, n:],
+        )
         stretch = self._transform.log_slope(u).sum(-1)
         stretch = stretch - factor.diagonal(dim1=-2, dim2=-1).log().sum(-1)
         return x, torch.where(log_density.isneginf(), log_density, stretch)

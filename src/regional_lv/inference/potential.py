@@ -76,7 +76,7 @@ class Measured:
 
     def log_density(self, x: torch.Tensor) -> torch.Tensor:
         """(M,) of the scaled coordinates together, at x (M, P)."""
-        value, slope = self._open(x)
+        value, slope = self._value_and_slope(x)
         square = ((value - self.mean) / self.sd).square()
         each = slope.log() - 0.5 * (square + LOG_2PI) - self.sd.log() - self.log_mass
         return each.sum(-1)
@@ -88,9 +88,9 @@ class Measured:
 
     def precision(self, x: torch.Tensor) -> torch.Tensor:
         """(M, m)."""
-        return (self._open(x)[1] / self.sd).square()
+        return (self._value_and_slope(x)[1] / self.sd).square()
 
-    def _open(self, x):
+    def _value_and_slope(self, x):
         value = self._scales.natural(x[:, self.at])
         return value, self._scales.slope(value)
 

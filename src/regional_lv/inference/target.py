@@ -34,11 +34,11 @@ class Target:
 
     def unconstrain(self, theta: torch.Tensor, log_sigma: torch.Tensor) -> torch.Tensor:
         """Position (..., P + G)."""
-        return torch.cat([self.transform.position(theta), log_sigma], dim=-1)
+        return torch.cat([self.transform.unconstrain(theta), log_sigma], dim=-1)
 
     def constrain(self, position: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Theta (..., P) and log sigma (..., G)."""
-        return self.transform.theta(position[..., : self.inputs]), position[..., self.inputs :]
+        return self.transform.constrain(position[..., : self.inputs]), position[..., self.inputs :]
 
     def potential(
         self, position: torch.Tensor, variance: torch.Tensor | None = None
@@ -59,7 +59,7 @@ class Target:
 
     def _value(self, position, predict) -> tuple[torch.Tensor, Prediction]:
         log_sigma = position[..., self.inputs :]
-        theta, jacobian = self.transform.open(position[..., : self.inputs])
+        theta, jacobian = self.transform.constrain_with_log_det(position[..., : self.inputs])
         prediction = predict(theta)
         if log_sigma.shape[-1]:
             jacobian = jacobian + log_sigma.sum(-1) + self.likelihood.noise.log_prior(log_sigma)
@@ -72,10 +72,10 @@ class Target:
         with covariance M M', from the expected information and the curvature of the soft bounds."""
         position, p = self.unconstrain(theta, log_sigma), self.inputs
         bounds = -torch.autograd.functional.hessian(
-            lambda v: self.transform.open(v[:p])[1], position
+            lambda v: self.transform.constrain_with_log_det(v[:p])[1], position
         )
         slope = torch.autograd.functional.jacobian(
-            lambda v: torch.cat([torch.log(self.transform.theta(v[:p])), v[p:]]), position
+            lambda v: torch.cat([torch.log(self.transform.constrain(v[:p])), v[p:]]), position
         )
         precision = slope.T @ self.likelihood.information(theta, log_sigma) @ slope
         precision = precision + torch.diag(bounds.diagonal().clamp(min=0))

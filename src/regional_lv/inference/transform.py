@@ -36,7 +36,7 @@ class BoundedTransform:
         self.low, self.high = low, high
         self.width = torch.minimum(width, WIDEST * (high - low))
 
-    def inside(self, v: torch.Tensor) -> torch.Tensor:
+    def constrain(self, v: torch.Tensor) -> torch.Tensor:
         """s (..., P), within the bounds."""
         # From the nearer bound, so that nothing is lost to round-off there.
         w, middle = self.width, 0.5 * (self.low + self.high)
@@ -51,12 +51,12 @@ class BoundedTransform:
         first, second = torch.special.log_ndtr(near), torch.special.log_ndtr(far)
         return first + torch.log1p(-torch.exp(second - first))
 
-    def outside(self, s: torch.Tensor) -> torch.Tensor:
+    def unconstrain(self, s: torch.Tensor) -> torch.Tensor:
         """v (..., P) of `s`; on a bound, the place `BEYOND` widths beyond it."""
         left, right = self.low - BEYOND * self.width, self.high + BEYOND * self.width
         for _ in range(_ROUNDS):  # bisection: the map rises
             middle = 0.5 * (left + right)
-            below = self.inside(middle) < s
+            below = self.constrain(middle) < s
             left, right = torch.where(below, middle, left), torch.where(below, right, middle)
         return 0.5 * (left + right)
 
@@ -78,22 +78,22 @@ class ThetaTransform:
         spread = (weight @ (scaled - weight @ scaled).square()).sqrt()
         return cls(emulator.lower, emulator.upper, spread)
 
-    def theta(self, v: torch.Tensor) -> torch.Tensor:
+    def constrain(self, v: torch.Tensor) -> torch.Tensor:
         """Theta (..., P), within the bounds."""
         return torch.exp(self._log_theta(v)).clamp(self.lower, self.upper)
 
     def _log_theta(self, v: torch.Tensor) -> torch.Tensor:
-        return torch.log1p(POWER * self.bounded.inside(v)) / POWER
+        return torch.log1p(POWER * self.bounded.constrain(v)) / POWER
 
-    def open(self, v: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+    def constrain_with_log_det(self, v: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Theta (..., P), and log |d theta / dv| (...), summed over the parameters."""
         log_theta = self._log_theta(v)
         theta = torch.exp(log_theta).clamp(self.lower, self.upper)
         return theta, (self.bounded.log_slope(v) + (1 - POWER) * log_theta).sum(-1)
 
-    def position(self, theta: torch.Tensor) -> torch.Tensor:
+    def unconstrain(self, theta: torch.Tensor) -> torch.Tensor:
         """v (..., P) of `theta`."""
-        return self.bounded.outside(_scaled(theta))
+        return self.bounded.unconstrain(_scaled(theta))
 
 
 def _scaled(theta: torch.Tensor) -> torch.Tensor:
