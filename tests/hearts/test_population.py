@@ -9,7 +9,7 @@ from regional_lv.data import VOLUNTEER
 from regional_lv.geometry.shape import LEVEL_KEYS
 from regional_lv.geometry.table import read_segments
 from regional_lv.hearts import population
-from regional_lv.hearts.population import COLUMNS, HEART, KINDS, Layout, draw, is_smooth
+from regional_lv.hearts.population import COLUMNS, HEART, KINDS, SegmentAngles, draw, is_smooth
 
 LENGTH = 74.4
 
@@ -60,17 +60,17 @@ def test_figures_of_a_level_go_together(drawn):
 
 
 def test_shapes_without_a_smooth_surface_are_left_out(table, drawn, monkeypatch):
-    layout = Layout(table, LENGTH)
+    angles = SegmentAngles(table, LENGTH)
     shapes = drawn[list(COLUMNS)].to_numpy(float)
-    assert all(is_smooth(layout, shape) for shape in shapes[:8])
+    assert all(is_smooth(angles, shape) for shape in shapes[:8])
     spoiled = shapes[0].copy()
     spoiled[6] = 0.5  # between walls of a centimetre
-    assert not is_smooth(layout, spoiled)
+    assert not is_smooth(angles, spoiled)
     kept = [shape for shape in shapes[:16] if shape[0] > 12]
     monkeypatch.setattr(
         population,
         "is_smooth",
-        lambda layout, shape: is_smooth(layout, shape) and shape[0] > 12,
+        lambda angles, shape: is_smooth(angles, shape) and shape[0] > 12,
     )
     found = draw(table, LENGTH, len(kept), seed=1)[list(COLUMNS)].to_numpy(float)
     np.testing.assert_array_equal(found, kept)

@@ -11,7 +11,7 @@ from regional_lv.emulators.base import row_jacobian
 from regional_lv.errors import InputError
 from regional_lv.inference.averaging import average
 from regional_lv.inference.evidence import fit
-from regional_lv.inference.hearts import Layout, potential_of_tables, read_known_theta
+from regional_lv.inference.hearts import JointInputs, potential_of_tables, read_known_theta
 from regional_lv.inference.potential import Potential
 from regional_lv.inference.sources import sources_of_variance
 from regional_lv.inputs.closed_forms import HeavyTails
@@ -254,7 +254,7 @@ def test_common_factors_of_known_stiffness(hearts):
     truth = potential.nominal.clone()
     truth[:2] = torch.log(torch.tensor([1.3, 0.8]))
     truth[-2] = 0.5
-    natural = inputs.coordinates.natural(potential.emulated.layout.of_each(truth[None])[0])
+    natural = inputs.coordinates.natural(potential.emulated.joint.of_each(truth[None])[0])
     np.testing.assert_allclose(natural, values)
     table = average(potential, 2, 0, draws=600).table()
     if hearts > 1:
@@ -267,12 +267,12 @@ def test_range_of_a_common_factor():
     inputs = inputs_of()
     values = np.ones((2, len(inputs)))
     values[1, inputs.names.index("C_a_apical")] = 4.0
-    layout = Layout.of(inputs, ["s0", "s1"], known_of(inputs, values))
-    np.testing.assert_allclose(layout.inputs.upper[:2], np.log([5 / 4, 3.0]))
-    np.testing.assert_allclose(layout.inputs.lower[:2], -np.log([3.0, 3.0]))
+    joint = JointInputs.of(inputs, ["s0", "s1"], known_of(inputs, values))
+    np.testing.assert_allclose(joint.inputs.upper[:2], np.log([5 / 4, 3.0]))
+    np.testing.assert_allclose(joint.inputs.lower[:2], -np.log([3.0, 3.0]))
     values[1, inputs.names.index("C_b_apical")] = 0.105
     with pytest.raises(InputError, match=r"s1: C_b_apical = 0.105.* 0.1, .*leave this heart out"):
-        Layout.of(inputs, ["s0", "s1"], known_of(inputs, values))
+        JointInputs.of(inputs, ["s0", "s1"], known_of(inputs, values))
 
 
 def test_known_stiffness_of_some_subjects(tmp_path):

@@ -2,6 +2,7 @@
 
 import runpy
 from pathlib import Path
+from types import SimpleNamespace
 from typing import ClassVar
 
 import pytest
@@ -12,7 +13,7 @@ from regional_lv.testing import EmulatorContract, InputContract, MaterialContrac
 PATH = Path(__file__).parents[2] / "config" / "examples" / "plugin.py"
 
 with temporary():
-    EXAMPLE = runpy.run_path(str(PATH))
+    example = SimpleNamespace(**runpy.run_path(str(PATH)))
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -23,21 +24,21 @@ def _registered():
 
 
 class TestQuadratic(EmulatorContract):
-    plugin = EXAMPLE["Quadratic"]
+    plugin = example.Quadratic
 
 
 class TestDemiray(MaterialContract):
-    plugin = EXAMPLE["Demiray"]
+    plugin = example.Demiray
 
 
 class TestSphericity(QuantityContract):
-    plugin = EXAMPLE["Sphericity"]
+    plugin = example.Sphericity
 
 
 class TestSheetAtEpicardium(InputContract):
-    plugin = EXAMPLE["SheetAtEpicardium"]
+    plugin = example.SheetAtEpicardium
 
 
 class TestApicalTether(InputContract):
-    plugin = EXAMPLE["ApicalTether"]
+    plugin = example.ApicalTether
     study: ClassVar = {"supports": {"apical_spring_kpa_per_mm": 0.01}}

@@ -127,10 +127,14 @@ def test_the_page_on_extensions_shows_the_plugin():
     """Every line of its code, but for docstrings and what is left out (...), is run somewhere."""
     root = EXAMPLES.parents[1]
     page = (root / "docs" / "extending.md").read_text()
-    sources = EXAMPLES / "plugin.py", root / "tests" / "unit" / "test_emulators.py"
+    tests = (
+        root / "tests" / name
+        for name in ("unit/test_emulators.py", "physics/test_example_plugin.py")
+    )
+    sources = EXAMPLES / "plugin.py", *tests
     plugin = {line.strip() for path in sources for line in path.read_text().splitlines()}
     blocks = re.findall(r"```python\n(.*?)```", page, flags=re.DOTALL)
     lines = [line.strip() for block in blocks for line in block.splitlines() if "..." not in line]
     shown = [line for line in lines if not line.startswith('"""')]
-    assert len(blocks) == 6 and len(shown) > 50
+    assert len(blocks) == 7 and len(shown) > 50
     assert [line for line in shown if line not in plugin] == []

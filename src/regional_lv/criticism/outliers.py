@@ -17,7 +17,7 @@ from regional_lv.inference.potential import Potential
 FAR = 3.0
 """Standard deviations from which a channel counts as an outlier."""
 
-BESIDE = 2.0
+NEIGHBOUR_FAR = 2.0
 """Standard deviations from which a channel beside an outlier is off as well: of the same segment in
 another direction, or of a neighbouring segment in the same one."""
 
@@ -51,9 +51,9 @@ def why_not(z: torch.Tensor, observed: Observed) -> str:
         if bool(far[torch.as_tensor(quantities == quantity)].all()):
             return f"all of the {quantity} is off, which is no outlier"
     for at in hearts_of(observed):
-        company = _pair_of_outliers(z[at], channels[at])
-        if company:
-            return f"{company[0]} and {company[1]} are off together"
+        pair = _pair_of_outliers(z[at], channels[at])
+        if pair:
+            return f"{pair[0]} and {pair[1]} are off together"
     return _together(z, channels)
 
 
@@ -76,7 +76,7 @@ def _together(z: torch.Tensor, channels: Sequence[Channel]) -> str:
 def _pair_of_outliers(z: torch.Tensor, channels: Sequence[Channel]) -> tuple[str, str] | None:
     """Names of an outlier and of a channel beside it that is off as well; z (D,) of one heart."""
     for far in torch.nonzero(z.abs() > FAR)[:, 0].tolist():
-        for other in torch.nonzero(z.abs() > BESIDE)[:, 0].tolist():
+        for other in torch.nonzero(z.abs() > NEIGHBOUR_FAR)[:, 0].tolist():
             one, two = channels[far], channels[other]
             if far == other or not (one.segment and two.segment):
                 continue

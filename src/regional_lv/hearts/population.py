@@ -97,7 +97,7 @@ WAVING = [level for level in LEVELS if len(LEVELS[level]) > 1]
 DIMENSIONS = 1 + 2 * (1 + 3 + 2 + 2 * len(WAVING) + len(SEGMENTS)) + 2 + 1 + 4 + 3
 
 
-class Layout:
+class SegmentAngles:
     """Angles of a segment table, which all shapes share.
 
     Attributes: table; length (mm); angle (17,), of the segments' middles (rad); nearest (17, 17),
@@ -126,9 +126,9 @@ class Layout:
 
     def table_of(self, shape: np.ndarray) -> pd.DataFrame:
         """The segment table of a shape, in the order of `COLUMNS`."""
-        figures = dict(zip(COLUMNS, shape, strict=True))
-        columns = {column: [figures[name] for name in names] for column, names in SHAPE.items()}
-        ends = {name: figures[name] for name in LEVEL_KEYS}
+        values = dict(zip(COLUMNS, shape, strict=True))
+        columns = {column: [values[name] for name in names] for column, names in SHAPE.items()}
+        ends = {name: values[name] for name in LEVEL_KEYS}
         return self.table.assign(**columns, **heights({**ends, "length_mm": self.length}))
 
 
@@ -139,21 +139,21 @@ def draw(table: pd.DataFrame, length_mm: float, n: int, seed: int) -> pd.DataFra
     are the same. Shapes through which no smooth surfaces go, or whose wall gets too thin between
     its segments' means, are left out, and later ones of the sequence move up.
     """
-    layout = Layout(table, length_mm)
+    angles = SegmentAngles(table, length_mm)
     found: list[tuple] = []
-    for kind, shape in _candidates(layout, n, seed):
+    for kind, shape in _candidates(angles, n, seed):
         if len(found) == n:
             break
-        if is_smooth(layout, shape):
+        if is_smooth(angles, shape):
             found.append((kind, *shape))
     return pd.DataFrame(found, columns=[HEART, *COLUMNS])
 
 
-def is_smooth(layout: Layout, shape: np.ndarray) -> bool:
+def is_smooth(angles: SegmentAngles, shape: np.ndarray) -> bool:
     """Whether smooth surfaces go through a shape, with a wall between them everywhere."""
-    end, at_apex = -layout.length, shape[COLUMNS.index(ApexThickness.name)]
+    end, at_apex = -angles.length, shape[COLUMNS.index(ApexThickness.name)]
     try:
-        surfaces = Surfaces(layout.table_of(shape), end, end - at_apex, sharp=True)
+        surfaces = Surfaces(angles.table_of(shape), end, end - at_apex, sharp=True)
     except InputError:
         return False
     phi, u = (each.ravel() for each in np.meshgrid(np.arange(72) / 36 * np.pi, _LATITUDES))
@@ -164,17 +164,17 @@ def is_smooth(layout: Layout, shape: np.ndarray) -> bool:
 _LATITUDES = np.linspace(0, QUARTER, 25)
 
 
-def _candidates(layout: Layout, n: int, seed: int) -> Iterator[tuple[str, np.ndarray]]:
+def _candidates(angles: SegmentAngles, n: int, seed: int) -> Iterator[tuple[str, np.ndarray]]:
     """Kind and shape of one ventricle after the other."""
     first, count = 0, max(n, 1)
     while True:
         points = sobol(first + count, np.zeros(DIMENSIONS), np.ones(DIMENSIONS), "natural", seed)
         for u in points[first:]:
-            yield _shape(layout, u)
+            yield _shape(angles, u)
         first, count = first + count, first + count
 
 
-def _shape(layout: Layout, u: np.ndarray) -> tuple[str, np.ndarray]:
+def _shape(angles: SegmentAngles, u: np.ndarray) -> tuple[str, np.ndarray]:
     """Kind and shape of uniform numbers (DIMENSIONS,)."""
     numbers = iter(u)
     shares = np.cumsum([share for share, *_ in KINDS.values()])
@@ -186,13 +186,13 @@ def _shape(layout: Layout, u: np.ndarray) -> tuple[str, np.ndarray]:
             log[[s - 1 for s in LEVELS[level]]] += _between(effect, next(numbers))
         for waves, amplitude in enumerate(AROUND[what], start=1):
             cosine, sine = (_between((-amplitude, amplitude), next(numbers)) for _ in "cs")
-            angle = waves * layout.angle[:-1]
+            angle = waves * angles.angle[:-1]
             log[:-1] += cosine * np.cos(angle) + sine * np.sin(angle)
         own = AROUND_A_LEVEL[what]
         for level in WAVING:
             segments = [s - 1 for s in LEVELS[level]]
             cosine, sine = (_between((-own, own), next(numbers)) for _ in "cs")
-            angle = layout.angle[segments]
+            angle = angles.angle[segments]
             log[segments] += cosine * np.cos(angle) + sine * np.sin(angle)
         single = norm.ppf([next(numbers) for _ in SEGMENTS])
         log += SINGLE_SD[what] * np.clip(single, -MOST_SD, MOST_SD)
@@ -205,7 +205,7 @@ def _shape(layout: Layout, u: np.ndarray) -> tuple[str, np.ndarray]:
     thickness, radius = np.exp(logs["wall_thickness"]), np.exp(logs["endo_radius"])
     if kind in MOST_NEIGHBOURS:
         count = 1 + int(many * MOST_NEIGHBOURS[kind])
-        near = layout.nearest[int(where * len(SEGMENTS))][:count]
+        near = angles.nearest[int(where * len(SEGMENTS))][:count]
         if kind == "infarct":
             thickness[near] = np.minimum(thickness[near], _between(INFARCT, size))
             radius[near] *= np.exp(_between((0.0, BULGE), bulge))
@@ -213,8 +213,8 @@ def _shape(layout: Layout, u: np.ndarray) -> tuple[str, np.ndarray]:
             thickness[near] *= _between(THICKENED, size)
     thickness, radius = np.clip(thickness, *THICKNESS), np.clip(radius, *RADIUS)
     at_apex = np.clip(thickness[-1] * np.exp(_between(APEX, apex)), *THICKNESS)
-    sizes = np.concatenate([thickness, layout.cosine(ends) * radius, [at_apex]])
-    return kind, np.concatenate([layout.length * sizes, [ends[name] for name in LEVEL_KEYS]])
+    sizes = np.concatenate([thickness, angles.cosine(ends) * radius, [at_apex]])
+    return kind, np.concatenate([angles.length * sizes, [ends[name] for name in LEVEL_KEYS]])
 
 
 def _between(ends: Sequence[float], share: float) -> float:

@@ -63,7 +63,7 @@ def stiffness_of(inputs: Inputs) -> dict[int, Stiffness]:
 
 
 @dataclass(frozen=True)
-class Layout:
+class JointInputs:
     """Where the inputs of S hearts come from.
 
     inputs: K', of all hearts together. offset (S, K), moves (S, K, K').
@@ -76,7 +76,7 @@ class Layout:
     @classmethod
     def of(
         cls, inputs: Inputs, hearts: Sequence[str], known: pd.DataFrame | None = None
-    ) -> "Layout":
+    ) -> "JointInputs":
         """Of `hearts` with K `inputs` each.
 
         known: values of all of `stiffness_of`, a row for each heart; None: they are inferred.
@@ -166,8 +166,8 @@ class Hearts:
     emulated: of the U channels of all hearts, at a heart's K inputs. present (S, U).
     """
 
-    def __init__(self, emulated: Emulated, layout: Layout, present: torch.Tensor):
-        self.emulated, self.layout, self.present = emulated, layout, present
+    def __init__(self, emulated: Emulated, joint: JointInputs, present: torch.Tensor):
+        self.emulated, self.joint, self.present = emulated, joint, present
         self.both = present[:, :, None] & present[:, None, :]
 
     def mean(self, x: torch.Tensor) -> torch.Tensor:
@@ -177,7 +177,7 @@ class Hearts:
     def linearise(self, x: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Mean (M, D) and its derivatives (M, D, K') about the scaled coordinates."""
         mean, slopes = map(self._by_heart, self.emulated.linearise(self._points(x)))
-        slopes = torch.einsum("msuk,skj->msuj", slopes, self.layout.moves)
+        slopes = torch.einsum("msuk,skj->msuj", slopes, self.joint.moves)
         return mean[:, self.present], slopes[:, self.present]
 
     @property
@@ -196,7 +196,7 @@ class Hearts:
         return self._by_heart(mean)[:, self.present], torch.where(self.both, blocks, 0.0)
 
     def _points(self, x):
-        return self.layout.of_each(x).flatten(0, 1)
+        return self.joint.of_each(x).flatten(0, 1)
 
     def _by_heart(self, values):
         return values.unflatten(0, (-1, len(self.present)))
@@ -213,9 +213,9 @@ def potential_of_tables(
 
     emulator: of the simulated ones of the K `inputs` of a heart. tables: of each heart, as
     `read_measured` returns them. noise_prior_scale: of the half-normal prior of an unknown noise,
-    in sds of an output over the training data. known: as for `Layout.of`.
+    in sds of an output over the training data. known: as for `JointInputs.of`.
 
-    Raises InputError as `Noise.of_subject` and `Layout.of`.
+    Raises InputError as `Noise.of_subject` and `JointInputs.of`.
     """
     tables = {heart: table.set_index("output") for heart, table in tables.items()}
     names = [n for n in emulator.outputs if any(n in table.index for table in tables.values())]
@@ -228,11 +228,11 @@ def potential_of_tables(
     one = EmulatedInputs(emulator, inputs)
     if len(tables) == 1 and known is None:
         return Potential(one, inputs, y, noise, departure, Observed.one(emulator.channels))
-    layout = Layout.of(inputs, [*tables], known)
+    joint = JointInputs.of(inputs, [*tables], known)
     observed = Observed.several(own, emulator.channels)
-    hearts = Hearts(one, layout, observed.present)
+    hearts = Hearts(one, joint, observed.present)
     departures = torch.where(hearts.both, departure, 0.0)
-    return Potential(hearts, layout.inputs, y, noise, departures, observed)
+    return Potential(hearts, joint.inputs, y, noise, departures, observed)
 
 
 def _noise(emulator: InputEmulator, tables: Sequence[pd.DataFrame], prior_scale: float) -> Noise:
