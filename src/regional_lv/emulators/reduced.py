@@ -1,7 +1,7 @@
 """What emulators of the reduced outputs share: the paper's outputs are scores, not strains."""
 
 from abc import abstractmethod
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import torch
@@ -29,7 +29,7 @@ class ReducedEmulator(Emulator):
 
     defaults: ClassVar[dict] = {"explained_variance": 0.999, "kernel": "auto"}
     _KEYS: tuple[str, ...] = ()
-    model: torch.nn.Module | None = None
+    model: Any = None
 
     @abstractmethod
     def _fit_scores(self, x: torch.Tensor, z: torch.Tensor, seed: int) -> None:

@@ -192,7 +192,7 @@ class InputSequence(Sequence[Member]):
 class KeyInput(Input):
     """The value of one key of the model, at `path`."""
 
-    path: ClassVar[tuple[str, ...]]
+    path: tuple[str, ...]
 
     def __init_subclass__(cls):
         if "path" in vars(cls):

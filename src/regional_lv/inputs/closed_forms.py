@@ -64,6 +64,7 @@ class LoadForm(ClosedForm):
 
 class EndDiastolicPressure(LoadForm):
     name = "end_diastolic_pressure"
+    nominal: float
     family = "loads"
     parameter = "end-diastolic pressure"
     unit = "mmHg"

@@ -66,7 +66,7 @@ class Emulators(
     def _with_those_of_plugins(self):
         for name in self.names:
             if name in REGISTRY and name not in type(self).model_fields:
-                self.model_extra.setdefault(name, OfPlugin())
+                self.__pydantic_extra__.setdefault(name, OfPlugin())
         return self
 
     def check(self, key, study) -> Iterator[str]:
