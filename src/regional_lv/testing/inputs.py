@@ -1,8 +1,10 @@
 """What every input does."""
 
+import copy
 from typing import ClassVar
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from regional_lv import config
@@ -21,7 +23,7 @@ def same(one, other) -> bool:
             return np.allclose(one, other, rtol=1e-12, atol=1e-13)
         except TypeError:
             pass
-    return one is other or bool(np.all(one == other))
+    return one.equals(other) if isinstance(one, pd.DataFrame) else one is other or one == other
 
 
 class InputContract(Contract):
@@ -75,16 +77,10 @@ class InputContract(Contract):
             if not each.is_simulated:
                 continue
             before = each.act(model, each.low)
-            kept = _copied(before[each.changes])
+            kept = copy.deepcopy(before[each.changes])
             other = each.act(model, each.high)
             assert not same(before[each.changes], other[each.changes])
             assert same(before[each.changes], kept)
             assert all(
                 other[section] is model[section] for section in model.keys() - {each.changes}
             )
-
-
-def _copied(part):
-    if isinstance(part, dict):
-        return {key: _copied(each) for key, each in part.items()}
-    return part.copy() if hasattr(part, "copy") else part
