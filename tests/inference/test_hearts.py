@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from regional_lv.channels import Channels
-from regional_lv.emulators.base import row_jacobian
+from regional_lv.emulators.base import Prediction, row_jacobian
 from regional_lv.errors import InputError
 from regional_lv.inference.averaging import average
 from regional_lv.inference.evidence import fit
@@ -74,7 +74,7 @@ class OfChannels:
         d = len(self.kept)
         size = ERROR**2 * (1 + theta[:, :1, None])
         covariance = size * (torch.eye(d) + 0.5).double()
-        return type("Prediction", (), {"covariance": covariance})
+        return Prediction(self.predict_mean(theta), covariance)
 
 
 def tables_of(inputs, values, sd=0.05, seed=0, missing=()) -> dict[str, pd.DataFrame]:
