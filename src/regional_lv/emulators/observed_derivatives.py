@@ -188,7 +188,7 @@ class Weighted:
         mean = x.new_empty(len(x), self.of_values.shape[1])
         found = x.new_zeros(*x.shape, mean.shape[1])
         for free, rate, weights in zip(self._free, inverse, self._side_by_side, strict=True):
-            own = ((k * rate) @ weights).reshape(len(x), len(free) + 1, -1)
+            own = ((k * rate) @ weights).reshape(len(x), len(free) + 1, mean.shape[1])
             found[:, free] = own[:, :-1]
         for first in range(0, len(x), POINTS_AT_ONCE):
             some = slice(first, first + POINTS_AT_ONCE)
