@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import pyarrow.parquet as pq
 import torch
 
 from regional_lv.channels import Channels
@@ -55,7 +56,9 @@ def read_sensitivities(
     outputs: all those of the table, at all loads. table: as of `read_simulations`. Raises
     InputError if there are none, or if a row has another number of them.
     """
-    table = pd.read_parquet(path) if table is None else table
+    if table is None:
+        there = {"sensitivity"}.intersection(pq.read_schema(path).names)
+        table = pd.read_parquet(path, columns=[*there])
     remedy = "simulate with dolfinx, or choose an emulator that learns from values alone"
     require_columns(path, table, ["sensitivity"], remedy)
     shape, rows = (len(outputs), len(parameters)), table["sensitivity"]

@@ -61,7 +61,8 @@ class EmulatedInputs:
     @torch.no_grad()
     def predict(self, x: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Mean (M, D) and the covariance (M, D, D) of its errors."""
-        return self._outputs.predict(self._predict, self.coordinates.natural(x))
+        values = self.coordinates.natural(x)
+        return self._outputs.predict(self._predict, self.emulator.predict_mean, values)
 
     def _predict(self, at: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         found = self.emulator.predict(at)

@@ -28,9 +28,12 @@ def sources_of_variance(averaged: Averaged) -> pd.DataFrame:
     weight = averaged.probability[[*averaged.drawn]]
     weight = weight / weight.sum()
     means = np.array([d.weight @ d.x[:, inferred] for d in averaged.drawn.values()])
-    fitted = Fits.join([fit for n in averaged.drawn if (fit := averaged.models[n].fit) is not None])
-    within = _within(potential, fitted)[:, :, inferred].numpy()
-    parts = np.tensordot(weight, within, axes=1)
+    fits = [fit for n in averaged.drawn if (fit := averaged.models[n].fit) is not None]
+    starts = range(0, len(fits), potential.chunk)
+    within = torch.cat(
+        [_within(potential, Fits.join(fits[i : i + potential.chunk])) for i in starts]
+    )
+    parts = np.tensordot(weight, within[:, :, inferred].numpy(), axes=1)
     between = weight @ (means - weight @ means) ** 2
     columns = [NOISE, EMULATOR, *(_measured(potential)), RANGES, MODELS]
     table = pd.DataFrame(

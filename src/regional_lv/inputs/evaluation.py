@@ -16,7 +16,10 @@ from regional_lv.inputs.space import Inputs
 
 Evaluate = Callable[[torch.Tensor], tuple[torch.Tensor, torch.Tensor]]
 """From values (M, k) of the simulated inputs to outputs (M, D) and their derivatives (M, D, k)
-about these values, as `Emulator.linearise`."""
+about these values, as `Emulator.linearise`, or the covariance (M, D, D) of their errors."""
+
+Mean = Callable[[torch.Tensor], torch.Tensor]
+"""The outputs alone, as `Emulator.predict_mean`."""
 
 
 def carry(
@@ -36,6 +39,10 @@ def carry(
             if by_x is not None:
                 by_x[:, k] *= by_own[:, None]
                 by_x[:, k, at] += by_it
+
+
+def _alone(mean: Mean) -> Callable[[torch.Tensor], tuple[torch.Tensor]]:
+    return lambda at: (mean(at),)
 
 
 class AllInputs:
@@ -91,7 +98,7 @@ class AllInputs:
             self.looked_up(x, pattern, change)
             for (pattern, _), change in zip(self._patterns, by_x, strict=True)
         ]
-        found = self._evaluated(evaluate, looked_up)
+        found = self._evaluated(evaluate, evaluate, looked_up)
         for (_, rows), change, (value, gradient) in zip(self._patterns, by_x, found, strict=True):
             values[:, rows] = value[:, rows]
             slopes[:, rows] = gradient[:, rows] @ change[:, self.simulated]
@@ -101,38 +108,43 @@ class AllInputs:
             slopes[:, :, j] += values * power / x[:, j, None]
         return values, slopes * self.inputs.coordinates.slope(x)[:, None]
 
-    def values(self, evaluate: Callable[[torch.Tensor], torch.Tensor], x: torch.Tensor):
+    def values(self, mean: Mean, x: torch.Tensor) -> torch.Tensor:
         """Outputs (M, D) alone at values x (M, K), from those (M, D) of the simulated inputs."""
-        return self._values(lambda at: (evaluate(at),), x)[0]
+        alone = _alone(mean)
+        return self._values(alone, alone, x)[0]
 
-    def predict(self, evaluate: Evaluate, x: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+    def predict(
+        self, evaluate: Evaluate, mean: Mean, x: torch.Tensor
+    ) -> tuple[torch.Tensor, torch.Tensor]:
         """The same and the covariance (M, D, D) of their errors, from both of the simulated inputs.
-        All errors are those where most of the channels are looked up."""
-        values, ((_, covariance), *_) = self._values(evaluate, x)
+        All errors are those where most of the channels are looked up: elsewhere the `mean` will do.
+        """
+        values, ((_, covariance), *_) = self._values(evaluate, _alone(mean), x)
         factor = self.factor(x)
         return values, factor[:, :, None] * covariance * factor[:, None]
 
-    def _values(self, evaluate, x):
-        """Outputs (M, D), and what `evaluate` returns by pattern, outputs first."""
+    def _values(self, evaluate, again, x):
+        """Outputs (M, D), and what `_evaluated` returns, outputs first."""
         values = x.new_empty(len(x), len(self.channels))
-        found = self._evaluated(
-            evaluate, [self.looked_up(x, pattern) for pattern, _ in self._patterns]
-        )
+        looked_up = [self.looked_up(x, pattern) for pattern, _ in self._patterns]
+        found = self._evaluated(evaluate, again, looked_up)
         for (_, rows), (value, *_) in zip(self._patterns, found, strict=True):
             values[:, rows] = value[:, rows]
         return values * self.factor(x), found
 
-    def _evaluated(self, evaluate, looked_up: Sequence[torch.Tensor]) -> list:
-        """What `evaluate` returns at the values (M, K) of each pattern. A point is evaluated again
-        only where a closed form is at work, which in most models is nowhere."""
+    def _evaluated(self, evaluate, again, looked_up: Sequence[torch.Tensor]) -> list:
+        """What `evaluate` returns at the values (M, K) of the first pattern, and of each other one
+        what `again` does, the first of the same. A point is evaluated again only where a closed
+        form is at work, which in most models is nowhere."""
         first, *others = looked_up
         found = [evaluate(first[:, self.simulated])]
         for there in others:
             moved, own = (there != first).any(dim=1), found[0]
             if moved.any():
-                again = evaluate(there[moved][:, self.simulated])
+                changed = again(there[moved][:, self.simulated])
                 own = tuple(
-                    old.index_put((moved,), new) for old, new in zip(own, again, strict=True)
+                    old.index_put((moved,), new)
+                    for old, new in zip(own[: len(changed)], changed, strict=True)
                 )
             found.append(own)
         return found
