@@ -8,7 +8,6 @@ import re
 import subprocess
 import sys
 import threading
-import time
 
 import pytest
 
@@ -24,12 +23,8 @@ NAME = "measured/case.csv"
 
 @pytest.fixture(autouse=True)
 def clean_surroundings(monkeypatch, tmp_path):
-    """No mirror, no answer remembered, no copy, and one published file whose content is known."""
-    for variable in (
-        published.MIRROR_VARIABLE,
-        published.NETWORK_VARIABLE,
-        "REGIONAL_LV_VOLUNTEER_NOTICE",
-    ):
+    """No mirror, no notice given, no copy, and one published file whose content is known."""
+    for variable in (published.MIRROR_VARIABLE, published.NOTICE_VARIABLE):
         # setenv first, so that what the tested code sets is taken back as well.
         monkeypatch.setenv(variable, "")
         monkeypatch.delenv(variable)
@@ -54,14 +49,11 @@ def repository(monkeypatch):
     requests = []
 
     class Handler(http.server.BaseHTTPRequestHandler):
-        def answer(self):
+        def do_GET(self):
             requests.append(self.command)
             self.send_response(200)
             self.end_headers()
-            if self.command == "GET":
-                self.wfile.write(CONTENT)
-
-        do_GET = do_HEAD = answer
+            self.wfile.write(CONTENT)
 
         def log_message(self, *_):
             """Keep the output of the tests clean."""
@@ -161,48 +153,37 @@ def test_unreachable_file_names_the_remedy(tmp_path, silence, download):
     assert published.MIRROR_VARIABLE in str(error.value)
 
 
-def test_volunteer_is_available_from_a_mirror_without_asking(mirror, repository):
-    assert published.volunteer_available(study(mirror))
+@pytest.mark.parametrize("name", [NAME, published.VOLUNTEER])
+def test_a_study_can_do_without_the_volunteer_and_nothing_else(tmp_path, silence, name):
+    with pytest.raises(InputError) as error:
+        published.fetch_published(name, None, True, tmp_path / "c.csv")
+    without = "do without the volunteer (resources.download: false)"
+    assert (without in str(error.value)) == (name == published.VOLUNTEER)
+
+
+def test_volunteer_is_available_from_a_mirror(mirror):
+    assert published.volunteer_available(study(mirror, download=False))
+
+
+def test_volunteer_is_available_from_the_repository_without_asking(repository):
+    assert published.volunteer_available(study())
     assert repository == []
 
 
-def test_volunteer_is_available_when_the_repository_answers_and_that_is_asked_once(repository):
-    assert published.volunteer_available(study())
-    assert published.volunteer_available(study())
-    assert repository == ["HEAD"]
-
-
-def test_volunteer_once_fetched_stays_available(silence, tmp_path):
+def test_volunteer_once_fetched_stays_available(tmp_path):
     copy = tmp_path / Layout.of("mine").published(published.VOLUNTEER)
     copy.parent.mkdir(parents=True)
     copy.write_bytes(CONTENT)
     assert published.volunteer_available(study(download=False))
 
 
-def test_volunteer_is_left_out_with_one_notice(silence, caplog):
-    assert not published.volunteer_available(study())
-    assert not published.volunteer_available(study())
-    assert len(caplog.records) == 1
-    assert "left out: neither a mirror nor the public repository" in caplog.text
-    assert "resources.published_mirror" in caplog.text
-
-
-def test_no_download_asks_nobody(repository, caplog):
+def test_volunteer_is_left_out_with_one_notice(repository, caplog):
     assert not published.volunteer_available(study(download=False))
+    assert not published.volunteer_available(study(download=False))
+    assert len(caplog.records) == 1
+    assert "left out: resources.download is false" in caplog.text
+    assert "resources.published_mirror" in caplog.text
     assert repository == []
-    assert "resources.download is false" in caplog.text
-
-
-def test_repository_that_hangs_is_given_up(monkeypatch):
-
-    def slow(*_, **__):
-        time.sleep(5)
-        raise TimeoutError("no answer")
-
-    monkeypatch.setattr(published.urllib.request, "urlopen", slow)
-    start = time.monotonic()
-    assert not published.volunteer_available(study(), timeout=0.2)
-    assert time.monotonic() - start < 1
 
 
 CLONE = {

@@ -9,7 +9,30 @@ from pathlib import Path
 
 import pytest
 
+from regional_lv.data.published import MIRROR_VARIABLE
+
 PARTS = ("Snakefile", "workflow", "config", "src", "envs", "profiles")
+
+WITHOUT_NETWORK = """
+import os
+import sys
+
+ASKING = {"connect", "getaddrinfo", "gethostbyaddr", "gethostbyname", "sendmsg", "sendto"}
+
+
+def refuse(event, arguments):
+    if event.removeprefix("socket.") in ASKING:
+        os.write(2, f"the network is asked: {event}{arguments}\\n".encode())
+        os._exit(3)
+
+
+sys.addaudithook(refuse)
+
+from snakemake.cli import main
+
+main(sys.argv[1:])
+"""
+"""Snakemake that ends, with exit code 3, at the first use of the network."""
 
 
 def copy_project(root: Path, target: Path) -> Path:
@@ -26,6 +49,17 @@ def copy_project(root: Path, target: Path) -> Path:
 
 def command(*arguments: str) -> list[str]:
     return [sys.executable, "-m", "snakemake", "--configfile", "config/smoke.yaml", *arguments]
+
+
+def planned(*arguments: str | Path) -> subprocess.CompletedProcess:
+    """A dry run that may not use the network, without a mirror of published files."""
+    return subprocess.run(
+        [sys.executable, "-c", WITHOUT_NETWORK, "--dry-run", *arguments],
+        capture_output=True,
+        text=True,
+        timeout=300,
+        env={name: value for name, value in os.environ.items() if name != MIRROR_VARIABLE},
+    )
 
 
 def environment(project: Path) -> dict[str, str]:

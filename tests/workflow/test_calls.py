@@ -3,10 +3,8 @@ layout of a study names; and the numbers that rules see are those of the configu
 
 import inspect
 import json
-import os
 import re
 import subprocess
-import sys
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
@@ -16,6 +14,7 @@ import pytest
 from regional_lv.study.jobs import NOT_PASSED, arguments_of, function_of
 from regional_lv.study.layout import Layout
 from tests.hearts.folders import write_cohort
+from tests.workflow.project import planned
 
 LISTED = """
 include: "{root}/Snakefile"
@@ -44,17 +43,8 @@ for step in workflow.rules:
 def listed(tmp_path, snakefile: str, *arguments) -> subprocess.CompletedProcess:
     """Snakemake that lists the rules of `snakefile`, which may print."""
     (tmp_path / "Snakefile").write_text(snakefile)
-    return subprocess.run(
-        [
-            *(sys.executable, "-m", "snakemake", "--dry-run", "--list-rules"),
-            *("--snakefile", tmp_path / "Snakefile", "--directory", tmp_path, *arguments),
-        ],
-        capture_output=True,
-        text=True,
-        timeout=300,
-        # Spares asking the network for the published volunteer.
-        env=os.environ | {"REGIONAL_LV_REPOSITORY_ANSWERS": "yes"},
-    )
+    places = "--snakefile", tmp_path / "Snakefile", "--directory", tmp_path
+    return planned("--list-rules", *places, *arguments)
 
 
 @pytest.mark.parametrize(
@@ -142,6 +132,39 @@ def test_rules_and_functions_agree(listing, study):
     # Scripts of their own are for what a function cannot take from its rule.
     assert [name for name, (calls, *_) in rules.items() if not calls] == ["fetch_published"]
     assert disagreements(rules) == []
+
+
+VOLUNTEERS = {
+    "config": 1,
+    "smoke": 0,  # it downloads nothing
+    "heart_emulator": 0,
+    "hidden_effects several_effects": 0,
+    "hidden_effects volunteer_frames": 9,
+    "paper_1500": 1,
+    "published": 1,
+    "published_criticism": 0,
+    "published_faithful": 1,
+    "published_heart": 1,
+    "quick": 0,
+    "sample_efficiency": 1,
+    "study": 1,
+}
+"""Subjects of the repository's studies that are the published volunteer, without a mirror."""
+
+DEEP = pytest.mark.test_all("`make test` lists the rules of five more studies without the network")
+
+
+@pytest.mark.parametrize(
+    "study",
+    [pytest.param(s, marks=[] if s in ("config", "smoke") else DEEP) for s in VOLUNTEERS],
+)
+def test_planning_does_not_use_the_network(root, tmp_path, study):
+    files = [root / "config" / f"{name}.yaml" for name in study.split()]
+    places = "--snakefile", root / "Snakefile", "--directory", tmp_path
+    done = planned(*places, "--quiet", "host", "--configfile", *files)
+    assert done.returncode == 0, done.stdout + done.stderr
+    imported = re.search(r"^import_volunteer +(\d+)$", done.stdout, flags=re.MULTILINE)
+    assert int(imported[1] if imported else 0) == VOLUNTEERS[study]
 
 
 def test_rules_of_a_cohort_and_their_functions_agree(listing):

@@ -51,7 +51,8 @@ class Resources(Section, reruns="the volunteer appears or disappears"):
     """Folder with the published files; the environment variable `REGIONAL_LV_PUBLISHED` takes
     precedence."""
     download: bool = True
-    """Fetch from the paper's public repository what the mirror does not have."""
+    """Fetch from the paper's public repository what the mirror does not have. With false, a study
+    leaves the volunteer out that no mirror has."""
 
 
 class Configuration(Section):

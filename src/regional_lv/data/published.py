@@ -8,7 +8,6 @@ import hashlib
 import http.client
 import logging
 import os
-import threading
 import urllib.request
 from pathlib import Path
 from typing import NamedTuple
@@ -21,8 +20,8 @@ log = logging.getLogger(__name__)
 REPOSITORY = "Aether-Ren/MultiR_FixedG_JRSSC"
 COMMIT = "76d81bc30478414e6ee7d841398ba4b83d463b8c"
 MIRROR_VARIABLE = "REGIONAL_LV_PUBLISHED"
-NETWORK_VARIABLE = "REGIONAL_LV_REPOSITORY_ANSWERS"
-"""Set by the first process that asked; the jobs it starts inherit the answer."""
+NOTICE_VARIABLE = "REGIONAL_LV_VOLUNTEER_NOTICE"
+"""Set once a run has said that it leaves the volunteer out."""
 
 VOLUNTEER = "measured/ACase.csv"
 VOLUNTEER_SLICES = tuple(f"measured/slice{number}.csv" for number in range(1, 6))
@@ -139,7 +138,14 @@ def fetch_published(
             with urllib.request.urlopen(origin, timeout=30) as answer:
                 content = answer.read()
         except (OSError, http.client.HTTPException) as error:
-            raise InputError(f"{origin}: cannot be fetched ({error}); {remedy()}") from error
+            without = (
+                ", or do without the volunteer (resources.download: false)"
+                if relative_path in (VOLUNTEER, *VOLUNTEER_SLICES)
+                else ""
+            )
+            raise InputError(
+                f"{origin}: cannot be fetched ({error}); {remedy()}{without}"
+            ) from error
     else:
         raise InputError(f"{relative_path}: the mirror does not have it; {remedy()}")
     content = _checked(content, FILES[relative_path], origin)
@@ -189,53 +195,24 @@ def remedy() -> str:
     )
 
 
-def volunteer_available(config: dict, timeout: float = 2.5) -> bool:
-    """Whether the published volunteer can be had, so that a study without it still completes.
+def volunteer_available(config: dict) -> bool:
+    """Whether a study has the published volunteer, so that one that cannot fetch completes without.
 
-    Cheap enough for every parsing of the workflow: the study's own copy and the mirror are looked
-    at first. The repository is asked once per run, for at most `timeout` seconds; a copy that was
-    fetched once keeps the answer the same from then on.
+    Called whenever the workflow is parsed: it looks for the study's own copy and into the mirror;
+    the repository is asked only by the job that fetches.
     """
     resources = config["resources"]
-    if Path(Layout.of(config["study"]).published(VOLUNTEER)).is_file():
-        return True
-    if find_in_mirror(VOLUNTEER, resources["published_mirror"]):
-        return True
-    if not resources["download"]:
-        _notice_once("resources.download is false and there is no mirror that has the file")
-        return False
-    if NETWORK_VARIABLE not in os.environ:
-        answers = _answers(repository_url(VOLUNTEER), timeout)
-        os.environ[NETWORK_VARIABLE] = "yes" if answers else "no"
-        if not answers:
-            _notice_once("neither a mirror nor the public repository can be reached")
-    return os.environ[NETWORK_VARIABLE] == "yes"
-
-
-def _notice_once(reason: str) -> None:
-    """Say it in the process that starts a run, not in each of its jobs again."""
-    variable = "REGIONAL_LV_VOLUNTEER_NOTICE"
-    if variable not in os.environ:
-        os.environ[variable] = "given"
-        log.warning("The published volunteer is left out: %s. To have it, %s.", reason, remedy())
-
-
-def _answers(url: str, timeout: float) -> bool:
-    """Whether `url` answers a HEAD request with 200 in time.
-
-    In a thread of its own, because looking up a host's name knows no timeout.
-    """
-    statuses = []
-
-    def ask() -> None:
-        try:
-            request = urllib.request.Request(url, method="HEAD")
-            with urllib.request.urlopen(request, timeout=timeout) as answer:
-                statuses.append(answer.status)
-        except (OSError, http.client.HTTPException) as error:
-            log.debug("%s: %s", url, error)
-
-    thread = threading.Thread(target=ask, daemon=True)
-    thread.start()
-    thread.join(timeout)
-    return statuses == [200]
+    available = (
+        resources["download"]
+        or Path(Layout.of(config["study"]).published(VOLUNTEER)).is_file()
+        or find_in_mirror(VOLUNTEER, resources["published_mirror"]) is not None
+    )
+    # Said by the process that starts a run, and not by each of its jobs again.
+    if not available and NOTICE_VARIABLE not in os.environ:
+        os.environ[NOTICE_VARIABLE] = "given"
+        log.warning(
+            "The published volunteer is left out: resources.download is false and there is no "
+            "mirror that has the file. To have it, %s.",
+            remedy(),
+        )
+    return available
