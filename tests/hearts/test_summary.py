@@ -23,6 +23,14 @@ from tests.hearts.folders import PARAMETERS, answer_as_known
 NAMES = (*folders.NAMES, "gina", "hugo", "ines", "jack")
 
 
+@pytest.fixture(scope="module", autouse=True)
+def short_chains():
+    """What is made of a population's posterior does not depend on how many draws there are."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(hierarchy, "DRAWS", 800)
+        yield
+
+
 @pytest.fixture(scope="module")
 def group(tmp_path_factory):
     """Ten hearts in two batches: gina has a damaged file, emil and fred fail, dora cannot be

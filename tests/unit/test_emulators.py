@@ -55,7 +55,7 @@ from regional_lv.testing.emulators import (
 CHANNELS = Channels.of()
 SMALL = {
     **{"neighbours": 60, "inducing": 60, "epochs": 150, "hidden": [32], "iterations": 40},
-    "nugget": 1e-6,
+    **{"hyperparameter_rows": 75, "max_observations": 1200, "nugget": 3e-6},
 }
 """Settings for a small training set, where an emulator has them. The toy is so smooth that with a
 smaller nugget the differences of predictions are those of rounding."""
@@ -605,7 +605,8 @@ def test_any_zones_factors_bounds_and_channels(name, parameters, tmp_path):
     rng = np.random.default_rng(33)
     theta, at = rng.uniform(parameters.lower, parameters.upper, (2, 90, len(parameters)))
     slopes = torch.func.vmap(torch.func.jacrev(at_loads))(torch.as_tensor(theta)).numpy()
-    emulator = create(name).fit(
+    few = {"hyperparameter_rows": 40} if name == "gradient_gp" else {}
+    emulator = create(name, **few).fit(
         theta, at_loads(theta), slopes, parameters=parameters, outputs=LOADS.names, seed=3
     )
     emulator.save(tmp_path / "e.pt")
@@ -667,7 +668,7 @@ def test_an_emulator_from_outside_says_its_settings_itself(from_outside, tmp_pat
 
 
 class OffTheShelf(ReducedEmulator):
-    """BoTorch's default model of each score, as anybody would take it."""
+    """BoTorch's default model of each score, as anybody would take it; its search is short."""
 
     name = "off_the_shelf"
     architecture = Architecture("BoTorch", "GP", "global", "single-output")
@@ -677,7 +678,8 @@ class OffTheShelf(ReducedEmulator):
     def _fit_scores(self, x, z, seed):
         self.x, self.z = x, z
         self.model = SingleTaskGP(x, z)
-        fit_gpytorch_mll(ExactMarginalLogLikelihood(self.model.likelihood, self.model))
+        likelihood = ExactMarginalLogLikelihood(self.model.likelihood, self.model)
+        fit_gpytorch_mll(likelihood, optimizer_kwargs={"options": {"maxiter": 20}})
 
     def _build(self, weights):
         return SingleTaskGP(self.x, self.z)

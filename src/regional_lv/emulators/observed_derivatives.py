@@ -78,15 +78,17 @@ def covariance(kernel: BlockRQKernel, x: torch.Tensor, seen: ObservedDerivatives
     slope = (u[:, along] - u[at, along]) * inverse[block[along], :, at].T
     crossed = k[:, at] * slope
     between = slope[at]
-    rows = []
+    n = len(x)
+    # Filled part by part: no second matrix of this size is made.
+    matrix = k.new_empty(n + len(at), n + len(at))
+    matrix[:n, :n], matrix[:n, n:], matrix[n:, :n] = k, crossed, crossed.T
     for part in torch.arange(len(at)).split(ROWS_AT_ONCE):
         here, mine = at[part], along[part]
         product = between[part] * between[:, part].T
         product = product * (1 + (block[mine][:, None] == block[along]) / kernel.alpha)
         twice = (mine[:, None] == along) * inverse[block[mine], here][:, at]
-        rows.append(k[here][:, at] * (product + twice))
-    upper = torch.cat([k, crossed], 1)
-    return torch.cat([upper, torch.cat([crossed.T, torch.cat(rows)], 1)]) if rows else upper
+        matrix[n + part, n:] = k[here][:, at] * (product + twice)
+    return matrix
 
 
 def crossed(

@@ -74,7 +74,7 @@ class JointGP(GradientGP):
     """The same process over all inputs that are not fixed (`inputs`), on the scale of log volume
     and log stretch."""
 
-    max_observations: Observations = 10000
+    max_observations: Observations = 16000
     variance_observations: Observations | None = 2000
     hyperparameter_rows: Rows = 100
 
