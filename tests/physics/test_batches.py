@@ -8,7 +8,13 @@ from regional_lv.channels import Channels
 from regional_lv.errors import InputError
 from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.mechanics.predictor import fit_predictor
-from regional_lv.simulation.batches import simulate_batch, solve_anchors, solve_baseline
+from regional_lv.simulation.batches import (
+    make_runner,
+    run_all,
+    simulate_batch,
+    solve_anchors,
+    solve_baseline,
+)
 from regional_lv.simulation.sobol import make_design
 
 SIZES = {"natural": 4, "log": 3, "test": 1, "lower": 0.5, "upper": 2.0}
@@ -69,3 +75,21 @@ def test_an_equilibrium_does_not_depend_on_the_way_to_it(made):
     difference = np.abs(slopes[0] - slopes[1])
     assert difference[:, channels.of_quantity("volume")].max() < 2e-3  # mL, of up to 80
     assert difference[:, channels.is_strain].max() < 1e-4  # of up to 0.84
+
+
+def test_a_shape_whose_neighbour_is_none_fails_alone(made, small_mesh, physics, monkeypatch):
+    """Derivatives are taken at shapes beside it, which may have no smooth wall."""
+    runner = make_runner(small_mesh, physics, made / "predictor.npz")
+    differentiated = runner.solver.simulator.differentiated
+
+    def sometimes(state, fraction):
+        if state.theta[0] == 1.5:
+            raise InputError("segment table: no smooth surface")
+        return differentiated(state, fraction)
+
+    monkeypatch.setattr(runner.solver.simulator, "differentiated", sometimes)
+    thetas = np.ones((3, 10))
+    thetas[1, 0] = 1.5
+    results = run_all(runner, thetas, "three")
+    assert [r.status for r in results] == ["converged", "failed", "converged"]
+    assert "no smooth surface" in results[1].reason and results[1].sensitivity is None

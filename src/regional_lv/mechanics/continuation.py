@@ -298,10 +298,10 @@ class Runner:
             for fraction in self.channels.load_fractions:
                 state = self._reach(theta, fraction, effort, result.solutions)
                 result.solutions[fraction] = self._observe(state, fraction, result)
-        except NotConverged as error:
+        except (NotConverged, InputError) as error:  # a shape next to one that is none, too
             result.status = "failed"
             result.reason = str(error) if not result.solutions else f"load {fraction:g}: {error}"
-            result.last_pressure = error.last_pressure
+            result.last_pressure = getattr(error, "last_pressure", 0.0)
             result.sensitivity = None
         else:
             result.last_pressure = pressure

@@ -485,7 +485,9 @@ class Problem(Simulator):
         """Forces (..., size) in the base's coordinates times the share of compliance, what pins it
         zero, in place."""
         forces = self._rotate(forces)
-        forces[..., self._base_dofs] *= self._share
+        # A step that went too far has infinite forces, and is shortened.
+        with np.errstate(invalid="ignore"):
+            forces[..., self._base_dofs] *= self._share
         if self._share[1] == 1:
             forces[..., self._y[0]] = 0.0
         return forces

@@ -51,12 +51,16 @@ def screen(
         )
     excluded = table.loc[
         ~kept, ["sample", "scale", "reason", "last_pressure_mmhg", "newton_steps", "cpu_s"]
-    ].copy()
+    ]
     lost, space = table.loc[~kept, list(parameters.names)].to_numpy(float), parameters.coordinates
     low, high = space.scaled(space.lower), space.scaled(space.upper)
     place = (space.scaled(lost) - low) / (high - low)
-    for name, value, share in zip(space.names, lost.T, place.T, strict=True):
-        excluded[name], excluded[f"place_{name}"] = value, share
+    places = {
+        column: values
+        for name, value, share in zip(space.names, lost.T, place.T, strict=True)
+        for column, values in ((name, value), (f"place_{name}", share))
+    }
+    excluded = excluded.assign(**places)
     cost = table["cpu_s"]
     summary = {
         "simulations": len(table),
