@@ -50,6 +50,15 @@ def test_only_the_score_reads_a_truth(jobs):
     assert readers == ALLOWED
 
 
+def test_hearts_are_simulated_on_a_finer_mesh_than_they_are_criticised_on(jobs):
+    """Or the criticism would rest on errors of discretisation that both share."""
+    meshes = {
+        rule: {f for name, inputs, _ in jobs if name == rule for f in inputs if "mesh" in f}
+        for rule in ("inject_hearts", "criticise_hearts")
+    }
+    assert all(meshes.values()) and not set.intersection(*meshes.values()), meshes
+
+
 def test_nothing_upstream_of_findings_reads_a_truth(jobs):
     made_by = {f: (name, inputs) for name, inputs, outputs in jobs for f in outputs}
     waiting = [f for f in made_by if "findings" in f]

@@ -153,6 +153,8 @@ def test_subjects_and_truth_lie_apart(hearts, inputs):
     ordinary = ~truth["causes"].str.contains("heavy") & (truth["unlisted"] != "smooth_bias")
     errors = (subjects[strains].to_numpy() - septal[:, None])[ordinary]
     assert errors.std() == pytest.approx(0.01, rel=0.05)
+    # The noise of each heart is its own.
+    assert np.abs(np.corrcoef(errors)[0, 1:]).max() < 0.7
     biased = truth["unlisted"] == "smooth_bias"
     for row, quantity in zip(subjects[biased].index, truth.loc[biased, "detail"], strict=True):
         error = subjects.loc[row, strains].astype(float) - septal[row]

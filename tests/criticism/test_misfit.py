@@ -10,12 +10,14 @@ from scipy import stats
 
 from regional_lv.channels import Channels
 from regional_lv.criticism import misfit
+from regional_lv.criticism.identifiable import identify
 from regional_lv.criticism.left_out import gain, gains, left_out
 from regional_lv.criticism.outliers import why_not
 from regional_lv.criticism.patterns import contrasts, groups_of, hearts_of
 from regional_lv.inference.likelihood import Noise
 from regional_lv.inference.observed import Observed
 from regional_lv.inputs.closed_forms import HeavyTails
+from regional_lv.inputs.scales import Logarithmic
 from tests.criticism.linear_toys import (
     FEW,
     HEART,
@@ -175,6 +177,19 @@ def test_what_parameters_absorb_is_not_identifiable():
     assert known["c1"].identifiable and 0 < known["c1"].absorbed < 1
     assert {t.name for t in tested.causes[-2:]} == {"c2", "c4"}
     assert all(t.p_value == t.p_single == 1.0 for t in tested.causes[-2:])
+
+
+def test_what_data_know_of_an_input_is_in_its_unit():
+    """A coordinate may be a logarithm: its sd is a share of the value."""
+    study = Study(heart_inputs())
+    linear = study.model(study.data(truth_of(study.inputs), 1, 3)[0])
+    found, place = linear.fit(linear.y[None]), study.inputs.names.index("c1")
+    plain = identify(linear, found, place)
+    x = linear.x.clone()
+    x[place] = math.log(8.0)
+    linear.inputs[place].scale = Logarithmic()
+    assert identify(replace(linear, x=x), found, place).sd == pytest.approx(8.0 * plain.sd)
+    assert plain.identifiable
 
 
 def test_departures_show_in_their_family():

@@ -73,6 +73,12 @@ def test_of_other_sectors_nothing_is_learnt(heart, any_heart):
         within(heart(free_wall_divided_elsewhere), *known, learns=True)
 
 
+THICKER = {
+    **{"segments": "segments.csv", "wall_thickness_scale": 1.1},
+    **{"endo_apex_z_mm": -1.2 * 74.4, "epi_apex_z_mm": -1.2 * 81.2},
+}
+
+
 @pytest.mark.parametrize(
     ("change", "sections", "message"),
     [
@@ -84,6 +90,7 @@ def test_of_other_sectors_nothing_is_learnt(heart, any_heart):
         (None, {"fibres": {"helix_endo_deg": 50}}, "fibres.helix_endo_deg: is not as in"),
         (None, {"material": {"law": "guccione"}}, "parameters.law: guccione"),
         (None, {"parameters": {"zones": "paper"}}, "parameters.zones: "),
+        (None, {"geometry": THICKER}, "geometry.wall_thickness_scale: is not 1; give"),
         (
             None,
             {"loading": {"pressure_mmhg": 12, "frames": [0.5]}},

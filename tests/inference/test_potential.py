@@ -97,6 +97,19 @@ def test_tails_against_scipy():
         assert float(value) == pytest.approx(expected, rel=1e-3)
 
 
+def test_weights_are_what_errors_pull_with():
+    """Minus the slope of their log density over their size."""
+    potential, x = problem(tails=True)
+    potential.emulated.error = torch.zeros(D, D).double()
+    error = potential.settle(x, torch.zeros(len(x)).double())
+    residual = potential.y - potential.mean(x)
+    found = potential.weights(x, residual, potential.whitening(x, error))
+    for row, white, weight in zip(x, (residual / 0.2).numpy(), found.numpy(), strict=True):
+        density, h = stats.t(1 / float(row[4])).logpdf, 1e-4
+        slope = (density(white + h) - density(white - h)) / (2 * h)
+        np.testing.assert_allclose(weight * white, -slope, rtol=2e-3)
+
+
 @pytest.mark.parametrize(
     ("scale", "low", "high"),
     [(Linear(), 5.0, 9.0), (Logarithmic(), 4.0, 16.0), (Saturating(2.0), 0.0, 9.0)],

@@ -141,6 +141,8 @@ def test_subject(study, measured, sampler):
     low, high = predicted.quantile([0.01, 0.99], ("chain", "draw"))
     observed = data.observed_data["y"]
     assert int(((observed < low) | (observed > high)).sum()) <= 3
+    with pytest.raises(InputError, match=r"csv\.nc: no `theta_true`; summarise posteriors of sim"):
+        summarise_posteriors([files[0]], [])
 
 
 @pytest.fixture

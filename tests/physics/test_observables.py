@@ -131,6 +131,7 @@ def test_segment_means_are_those_of_the_strain_field(simulator, moved, observe):
     field = strain_field(simulator.observer, moved, 1.0)
     weighted = field[list(DIRECTIONS)].mul(field["volume_mm3"], axis=0)
     volume = field.groupby("segment")["volume_mm3"].sum()
+    assert volume.index.tolist() == [*range(1, 18)]
     means = weighted.groupby(field["segment"]).sum().div(volume, axis=0)
     np.testing.assert_allclose(means.to_numpy(), observe()[1:].reshape(3, 17).T, atol=1e-12)
 
@@ -259,6 +260,18 @@ def test_a_compressible_wall_is_seen_with_its_dilation(mesh, moved, physics):
     radial = np.array([channel.quantity == "radial" for channel in CHANNELS])
     np.testing.assert_allclose(1 + 2 * grown[radial], (1 + 2 * kept[radial]) / 4, rtol=1e-12)
     np.testing.assert_allclose(grown[~radial], kept[~radial], rtol=1e-12)
+
+
+def test_segments_turn_counter_clockwise_seen_from_the_base(simulator):
+    """The middle of each but the apex is as much further; the z axis points to the base."""
+    wall = simulator.observer.wall
+    phi = np.arctan2(wall.place[:, 1], wall.place[:, 0])
+    before, after = (
+        np.arctan2(shares @ np.sin(phi), shares @ np.cos(phi))[:16]
+        for shares in (wall.shares((0.0, 1.0), degrees) for degrees in (0.0, 7.0))
+    )
+    turned = np.rad2deg(np.angle(np.exp(1j * (after - before))))
+    np.testing.assert_allclose(turned, 7.0, atol=1.5)
 
 
 @pytest.mark.parametrize("rotation", [0.0, 7.0])

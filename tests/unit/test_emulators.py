@@ -651,6 +651,12 @@ def test_a_file_of_another_version_is_refused(tmp_path):
         emulators.load(tmp_path / "old.pt")
 
 
+def test_a_file_of_another_emulator_is_refused(tmp_path):
+    fit("exact_gp").save(tmp_path / "e.pt")
+    with pytest.raises(InputError, match=r"e\.pt: holds the emulator exact_gp, not gradient_gp"):
+        emulators.REGISTRY["gradient_gp"].load(tmp_path / "e.pt")
+
+
 @pytest.fixture
 def from_outside():
     with temporary():

@@ -582,6 +582,17 @@ def test_violins_have_the_density_of_the_table(subject, paths, figures):
     assert -x[grid] / posterior_predictive.WIDTH * 2 == pytest.approx(heights.to_numpy(), abs=1e-6)
 
 
+def test_intervals_of_predictions_hold_95_of_100_draws(subject, paths):
+    nc, diagnostics, _ = subject()
+    posterior_predictive.draw(nc, diagnostics, "file", *paths)
+    ends = read(paths).pivot_table("value", "output", "item")[["lower95", "upper95"]]
+    predicted, _ = case_posterior.read(nc, diagnostics).prediction
+    assert sorted(ends.index) == sorted(OBSERVED)
+    for output, (low, high) in ends.iterrows():
+        draws = predicted.sel(output=output).to_numpy()
+        assert ((draws >= low) & (draws <= high)).mean() == pytest.approx(0.95, abs=0.02)
+
+
 @pytest.mark.parametrize("groups", ["a", "ab"])
 def test_intervals_have_the_given_ends(groups):
     table = pd.DataFrame({"at": list("xy"), "value": [2.0, 5.0], "low": [1.0, 1.5], "high": 6.0})

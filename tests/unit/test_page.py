@@ -13,10 +13,11 @@ from selenium.webdriver import ActionChains
 from selenium.webdriver.support.wait import WebDriverWait
 
 from regional_lv.channels import Channels
+from regional_lv.criticism.case_posterior import CasePosterior
 from regional_lv.inference.posteriors import write
 from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.measured import write_measured
-from regional_lv.page.page import make_page, make_page_of_several, missing
+from regional_lv.page.page import make_page, make_page_of_several, missing, stiffness_of
 from regional_lv.plots import (
     bullseye_posterior,
     criticism,
@@ -349,6 +350,16 @@ def test_stiffness_of_the_model_as_it_is(page_as_it_is):
     assert float(mean) == pytest.approx(middle, abs=0.02)
     unconstrained = "The data do not constrain Cb apical; not measured in its zone:"
     assert unconstrained in section(page_as_it_is, "next")
+
+
+@pytest.mark.parametrize(("share", "silent"), [(1.0, True), (0.5, False)])
+def test_a_parameter_whose_draws_are_those_of_the_prior_is_not_constrained(share, silent):
+    """Wherever its bounds are; draws of the lower half of the range tell something."""
+    parameters = StiffnessInputs(bounds=(2.0, 5.0))
+    even = share * (np.arange(200) + 0.5) / 200
+    draws = {p.name: (p.low + (p.high - p.low) * even)[None] for p in parameters}
+    drawn = CasePosterior("heart.nc", {}, "heart", parameters.names, draws, "passed", {})
+    assert {row["silent"] for row in stiffness_of(drawn, parameters)} == {silent}
 
 
 def test_a_failed_convergence_check_is_reported_first_and_last(as_it_is, page_as_it_is, tmp_path):

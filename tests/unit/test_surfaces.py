@@ -260,10 +260,13 @@ def thin(points, faces):
     return points + 10.5 * near[:, None] * [1, 0, 0], faces
 
 
-def with_a_lost_point(points, faces):
-    points = points.copy()
-    points[7, 0] = 1e30
-    return points, faces
+def with_a_point_at(x):
+    def lose(points, faces):
+        points = points.copy()
+        points[7, 0] = x
+        return points, faces
+
+    return lose
 
 
 GIVEN_BASE = {"point": in_files(0, 0, 0), "normal": NORMAL.tolist()}
@@ -276,7 +279,12 @@ GIVEN_BASE = {"point": in_files(0, 0, 0), "normal": NORMAL.tolist()}
         ({}, {"unit": "cm"}, ["mm long", "in millimetres, set", "unit to mm"]),
         ({"epi": scaled(0.1)}, {}, ["epi.stl", "epi.stl like centimetres: save both in one unit"]),
         ({"endo": scaled(4), "epi": scaled(4)}, {}, ["between 30 and 200 are possible"]),
-        ({"endo": with_a_lost_point}, {}, ["endo.stl: the ventricle is 1e+30 mm long"]),
+        ({"endo": with_a_point_at(1e30)}, {}, ["endo.stl: the ventricle is 1e+30 mm long"]),
+        (
+            {"endo": with_a_point_at(np.nan), "suffix": "ply"},
+            {},
+            ["endo.ply: holds points that are no numbers (NaN); export it again"],
+        ),
         ({"epi": shifted(0, 90, 0)}, {}, ["epi.stl: lies around", "save both in one frame"]),
         ({"endo": dented}, {}, ["endo.stl: crosses", "mm below the base; correct the surfaces"]),
         ({"endo": pierced}, {}, ["endo.stl: the endocardium has a hole at", "close it"]),

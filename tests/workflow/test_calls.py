@@ -11,9 +11,10 @@ from pathlib import Path
 
 import pytest
 
+from regional_lv.seeds import derive
 from regional_lv.study.jobs import NOT_PASSED, arguments_of, function_of
 from regional_lv.study.layout import Layout
-from tests.hearts.folders import write_cohort
+from tests.hearts.folders import NAMES, write_cohort
 from tests.workflow.project import planned
 
 LISTED = """
@@ -23,20 +24,31 @@ import json
 
 from regional_lv.study.jobs import calls_of
 from snakemake.io import is_flagged, strip_wildcard_constraints
+from snakemake.iocontainers import Wildcards
 
 for step in workflow.rules:
     print("OUTPUTS", json.dumps([*map(strip_wildcard_constraints, step.output)]))
     if step.script is not None:
         calls = calls_of(step.params)
-        given = [name for part in (step.input, step.output, step.params) for name in part.keys()]
+        said = [name for part in (step.input, step.output, step.params) for name in part.keys()]
         # What an input function unpacks has its names only when a job is made.
         unpacks = any(is_flagged(item, "unpack") for item in step.input)
         code = "code" in step.params.keys()
-        seen = step.name, calls, given, list(step.wildcard_names), unpacks, code
+        seen = step.name, calls, said, list(step.wildcard_names), unpacks, code
         print("RULE", json.dumps(seen))
     attempts = [step.expand_resources({{}}, [], attempt) for attempt in (1, 2)]
     if "runtime" in attempts[0].keys():
         print("NEEDS", json.dumps([step.name, *([a.mem_mb, a.runtime] for a in attempts)]))
+    if step.is_checkpoint:
+        print("CHECKPOINT", json.dumps([step.name, step.output[0]]))
+    if step.name == "sample_posteriors":
+        of, sets = step.params.noise, [Wildcards(fromdict={{"set": name}}) for name in SETS]
+        print("NOISE", json.dumps({{s.set: of(s) if callable(of) else of for s in sets}}))
+    if step.name == "answer_hearts":
+        for batch, names in COHORT_BATCHES.items():
+            files, *_ = step.expand_input({{"batch": batch}})
+            print("READS", json.dumps([names, [*map(str, files)]]))
+print("SEEDS", json.dumps({{name: subject_seed(name) for name in config["synthetic_subjects"]}}))
 """
 
 
@@ -179,6 +191,31 @@ def test_resources_double_with_each_attempt(listing):
     assert needs["train_on_inputs"][0] == [6000, 60]
     for (memory, minutes), again in needs.values():
         assert again == [2 * memory, 2 * minutes]
+
+
+def test_every_batch_of_a_cohort_reads_the_files_of_its_hearts(listing):
+    """So that an edit of one makes its batch again, and no other."""
+    batches = printed(listing("cohort"), "READS")
+    assert sorted(name for names, _ in batches for name in names) == sorted(NAMES)
+    for names, files in batches:
+        read = {Path(file).parent.name for file in files if file.endswith("measured.csv")}
+        assert read == set(names)
+
+
+def test_random_numbers_of_rules_are_those_of_the_library(listing):
+    """Noise of synthetic subjects, each its own, as a session draws it; and of noisy sets alone."""
+    (seeds,), (noise,) = (printed(listing("smoke"), what) for what in ("SEEDS", "NOISE"))
+    assert len(seeds) > 1
+    assert seeds == {name: derive(2026, "subject", name) for name in seeds}
+    assert noise["test"] is noise["local_3_0"] is None
+    assert noise["local_3_0-noisy"]["circumferential"] > 0
+
+
+def test_a_shortlist_that_is_missing_is_made_again(listing):
+    """Snakemake asks for the first output of a checkpoint, in place of what waits for it."""
+    assert printed(listing("smoke"), "CHECKPOINT") == [
+        ["rank_emulators", Layout.of("smoke").shortlist]
+    ]
 
 
 BY_THE_COMMAND_LINE = {"cut", "fast"}
