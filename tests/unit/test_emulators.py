@@ -5,12 +5,12 @@ import json
 import logging
 from typing import ClassVar
 
+import botorch.fit
 import gpytorch
 import numpy as np
 import pandas as pd
 import pytest
 import torch
-from botorch.fit import fit_gpytorch_mll
 from botorch.models import SingleTaskGP
 from gpytorch.mlls import ExactMarginalLogLikelihood
 
@@ -673,8 +673,14 @@ def test_an_emulator_from_outside_says_its_settings_itself(from_outside, tmp_pat
         emulators.create("from_outside", {"yours": 1})
 
 
+fit_gpytorch_mll = functools.partial(
+    botorch.fit.fit_gpytorch_mll, optimizer_kwargs={"options": {"maxiter": 20}}
+)
+"""With a short search."""
+
+
 class OffTheShelf(ReducedEmulator):
-    """BoTorch's default model of each score, as anybody would take it; its search is short."""
+    """BoTorch's default model of each score, as anybody would take it."""
 
     name = "off_the_shelf"
     architecture = Architecture("BoTorch", "GP", "global", "single-output")
@@ -684,8 +690,7 @@ class OffTheShelf(ReducedEmulator):
     def _fit_scores(self, x, z, seed):
         self.x, self.z = x, z
         self.model = SingleTaskGP(x, z)
-        likelihood = ExactMarginalLogLikelihood(self.model.likelihood, self.model)
-        fit_gpytorch_mll(likelihood, optimizer_kwargs={"options": {"maxiter": 20}})
+        fit_gpytorch_mll(ExactMarginalLogLikelihood(self.model.likelihood, self.model))
 
     def _build(self, weights):
         return SingleTaskGP(self.x, self.z)

@@ -14,7 +14,10 @@ ODD = "a{b} {{c}} 'q\" [x] ü #%* $(d)"
 """Braces are wildcards of Snakemake, the rest means something in a shell, a pattern or YAML."""
 
 
-@pytest.mark.parametrize("inside", [True, False])
+DEEP = pytest.mark.test_all("the same from a folder above")
+
+
+@pytest.mark.parametrize("inside", [True, pytest.param(False, marks=DEEP)])
 def test_any_folder_can_hold_hearts_and_the_project(inside, root, tmp_path):
     """Planned and begun from a folder below such a one, and from above it."""
     project = copy_project(root, tmp_path / ODD / "{project}")
