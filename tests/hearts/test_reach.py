@@ -4,6 +4,10 @@ import re
 
 import pytest
 
+from regional_lv.geometry.described import Described
+from regional_lv.geometry.table import read_segments
+from regional_lv.hearts import file, reach
+from regional_lv.hearts.cohort import reach_of_emulator
 from regional_lv.hearts.reach import OutOfReach, within
 from regional_lv.inputs.space import Inputs, sections_of
 
@@ -25,6 +29,26 @@ def test_a_heart_within_reach_is_cut_to_it(heart, any_heart):
 
 def thinner(table):
     table.loc[4, "wall_thickness_mm"] = 2.2
+
+
+@pytest.mark.parametrize("change", [None, thinner])
+def test_surfaces_are_as_near_as_the_table_that_describes_them(
+    change, heart, any_heart, monkeypatch
+):
+    config = heart(change)
+    geometry = config["geometry"]
+    table = read_segments(geometry["segments"]).drop(columns="line")
+    found = Described(table, geometry["endo_apex_z_mm"], geometry["epi_apex_z_mm"])
+    monkeypatch.setattr(reach, "of_surfaces", lambda surfaces: found)
+    monkeypatch.setattr(file, "shipped", lambda: any_heart)
+    check = reach_of_emulator()
+    surfaces = {"source": "surfaces", "segments": None, "surfaces": {}}
+    config = config | {"geometry": geometry | surfaces}
+    if change is None:
+        check(config)
+    else:
+        with pytest.raises(OutOfReach, match="wall_thickness_5"):
+            check(config)
 
 
 def uneven(table):

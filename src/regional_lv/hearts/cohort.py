@@ -255,10 +255,16 @@ def reach_of_emulator() -> Callable[[Mapping], object]:
     """What raises InputError for a configuration that the emulator of any heart does not know."""
     # Imported here: the workflow, which lists hearts, plans without PyTorch.
     from regional_lv.hearts.file import shipped
-    from regional_lv.hearts.reach import within
+    from regional_lv.hearts.reach import by_table, within
 
     known = shipped()
-    return lambda config: within(config, known.emulator, known.known)
+
+    def check(config: Mapping) -> None:
+        with tempfile.TemporaryDirectory() as folder:
+            described = by_table(config, Path(folder) / "segments.csv")
+            within(described, known.emulator, known.known)
+
+    return check
 
 
 def check_cohort(

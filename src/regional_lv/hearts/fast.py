@@ -10,11 +10,10 @@ from regional_lv.criticism.settings import settings_of
 from regional_lv.criticism.study import Critic, critic_of, write_concluded
 from regional_lv.emulators import OF_INPUTS
 from regional_lv.errors import InputError
-from regional_lv.geometry.described import of_mesh, of_surfaces
 from regional_lv.geometry.from_config import make_heart
 from regional_lv.geometry.meshing import write_plain
 from regional_lv.hearts.file import AnyHeart, shipped
-from regional_lv.hearts.reach import within
+from regional_lv.hearts.reach import by_table, within
 from regional_lv.inputs.physics import physics_of, why_not_scaling
 from regional_lv.inputs.space import sections_of
 from regional_lv.inputs.stiffness import StiffnessInputs
@@ -61,8 +60,7 @@ def answer(heart: Mapping, folder: str | Path, any_heart: AnyHeart | None = None
     """
     known, files = any_heart or shipped(), AnswerFiles(str(folder))
     described = heart["geometry"]["source"] != "segments"
-    if described:
-        heart = by_table(heart, Path(files.segments))
+    heart = by_table(heart, files.segments)
     config, notes = within(heart, known.emulator, known.known)
     (subject,) = config["subjects"]
     if described:
@@ -73,25 +71,6 @@ def answer(heart: Mapping, folder: str | Path, any_heart: AnyHeart | None = None
     concluded = critic.conclude([], has_simulator=False)
     write_concluded(critic, concluded, files.findings, files.posterior)
     write_page(config, subject, notes, files)
-
-
-def by_table(heart: Mapping, table: Path) -> Mapping:
-    """The configuration of a heart from surfaces or a mesh by a segment table, which is written.
-    Raises InputError for files that cannot be used."""
-    geometry = heart["geometry"]
-    if geometry["source"] == "surfaces":
-        found = of_surfaces(geometry["surfaces"])
-    else:
-        found = of_mesh(geometry["imported"])
-    table.parent.mkdir(parents=True, exist_ok=True)
-    found.table.to_csv(table, index=False)
-    by_figures = {
-        "source": "segments",
-        "segments": str(table),
-        "endo_apex_z_mm": found.endo_apex_z_mm,
-        "epi_apex_z_mm": found.epi_apex_z_mm,
-    }
-    return {**heart, "geometry": {**geometry, **by_figures}}
 
 
 def write_page(config: Mapping, subject: str, notes: Sequence[str], files: AnswerFiles) -> None:

@@ -2,6 +2,7 @@
 
 import copy
 from collections.abc import Iterator, Mapping
+from pathlib import Path
 
 import numpy as np
 import torch
@@ -10,6 +11,7 @@ from regional_lv.aha import LEVELS
 from regional_lv.channels import Channels
 from regional_lv.emulators.joint_gp import JointGP
 from regional_lv.errors import InputError
+from regional_lv.geometry.described import of_mesh, of_surfaces
 from regional_lv.hearts.emulator import InputMap, inputs_of
 from regional_lv.hearts.population import COLUMNS
 from regional_lv.hearts.sectors import SAME_DEG, turn_deg
@@ -36,6 +38,27 @@ NOT_COMPARED = {
 
 class OutOfReach(InputError):
     """The emulator of any heart does not know this one; the message says why."""
+
+
+def by_table(config: Mapping, table: str | Path) -> Mapping:
+    """The configuration of a heart from surfaces or a mesh by a segment table, which is written;
+    that of another heart as it is. Raises InputError for files that cannot be used."""
+    geometry = config["geometry"]
+    if geometry["source"] == "segments":
+        return config
+    if geometry["source"] == "surfaces":
+        found = of_surfaces(geometry["surfaces"])
+    else:
+        found = of_mesh(geometry["imported"])
+    Path(table).parent.mkdir(parents=True, exist_ok=True)
+    found.table.to_csv(table, index=False)
+    by_figures = {
+        "source": "segments",
+        "segments": str(table),
+        "endo_apex_z_mm": found.endo_apex_z_mm,
+        "epi_apex_z_mm": found.epi_apex_z_mm,
+    }
+    return {**config, "geometry": {**geometry, **by_figures}}
 
 
 def within(
