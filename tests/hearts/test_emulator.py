@@ -3,6 +3,7 @@
 import gzip
 
 import numpy as np
+import pandas as pd
 import pytest
 import torch
 
@@ -12,6 +13,7 @@ from regional_lv.errors import InputError
 from regional_lv.hearts.card import document
 from regional_lv.hearts.emulator import HeartEmulator, InputMap
 from regional_lv.hearts.file import read
+from regional_lv.hearts.sectors import BY_SURFACES, Mixing
 from regional_lv.inputs.space import Inputs, sections_of
 from tests.hearts.conftest import outputs_of
 
@@ -145,3 +147,20 @@ def test_a_damaged_file(file, tmp_path, damage):
     path.write_bytes(gzip.compress(b"nothing"))
     with pytest.raises(InputError, match="make heart-emulator"):
         read(path)
+
+
+def test_what_is_alike_in_described_surfaces_is_taken_off():
+    """Of values, and of derivatives about inputs only what is a share."""
+    channels = Channels.of()
+    mixing = Mixing.of(channels, None, of_surfaces=True)
+    y = torch.linspace(0.1, 0.4, len(channels)).double()
+    y[0] = 100.0
+    table = pd.read_csv(BY_SURFACES)
+    expected = y.numpy() - table["shift"].to_numpy() * np.where(table["quantity"] == "volume", y, 1)
+    np.testing.assert_allclose(mixing(y), expected)
+    np.testing.assert_allclose(mixing.slopes(y)[1:], y[1:])
+    sd = mixing.covariance(y[None], torch.zeros(1, 52, 52).double())[0].diagonal().sqrt()
+    np.testing.assert_allclose(sd[1:], table["sd"][1:])
+    assert sd[0] == pytest.approx(100 * table["sd"][0])
+    some = mixing.select(["volume_ml", "radial_03"])
+    np.testing.assert_allclose(some(y), expected[[0, channels.names.index("radial_03")]])

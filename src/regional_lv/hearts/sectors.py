@@ -8,6 +8,7 @@ zones meet, strains jump, and a segment has its share of each that it lies in.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 import pandas as pd
@@ -15,6 +16,7 @@ import torch
 
 from regional_lv.aha import LEVELS, SEGMENTS
 from regional_lv.channels import Channel, Channels
+from regional_lv.data import path
 from regional_lv.geometry.surfaces import Surfaces
 from regional_lv.hearts.population import SHAPE
 from regional_lv.inputs.stiffness import StiffnessInputs
@@ -33,11 +35,15 @@ level: 0.25 to 0.5 where apical segments of three simulated hearts are turned by
 """
 
 BY_SECTORS = {"volume": 0.002, "circumferential": 0.003, "longitudinal": 0.003, "radial": 0.008}
-BY_SURFACES = {"volume": 0.007, "circumferential": 0.006, "longitudinal": 0.005, "radial": 0.021}
 """Standard deviations of outputs, of a volume as a share of it, by which hearts differ whose walls
 have the same means over some segments (root mean squares, as simulated): the volunteer's surfaces
-and those through their means over the AHA's sectors; the surfaces of six real hearts and those
-through their means over their own segments."""
+and those through their means over the AHA's sectors."""
+
+BY_SURFACES = path("described_surfaces.csv")
+"""The same of surfaces and those through their means over their own segments, of which most is
+alike in all hearts: `shift` of each output, by the segment table less by the surfaces, and `sd`,
+the root mean square of what is left where a heart is not among those of the shift. Of twelve real
+hearts (MESA), at two stiffnesses each; of a volume, shares of it."""
 
 
 def turn_deg(own: pd.DataFrame, other: pd.DataFrame) -> tuple[float, np.ndarray]:
@@ -143,18 +149,28 @@ def _level_of_channel(channel: Channel) -> tuple:
     return channel.quantity, channel.load_fraction, level
 
 
+@cache
+def _by_surfaces() -> dict[tuple[str, int | None], tuple[float, float]]:
+    """`shift` and `sd` of `BY_SURFACES`, by quantity and segment."""
+    table = pd.read_csv(BY_SURFACES, dtype={"segment": "Int64"})
+    segments = [None if pd.isna(s) else int(s) for s in table["segment"]]
+    values = zip(table["shift"], table["sd"], strict=True)
+    return dict(zip(zip(table["quantity"], segments, strict=True), values, strict=True))
+
+
 @dataclass(frozen=True)
 class Mixing:
     """Outputs of a heart, of those of the emulator's segments.
 
     channels: of the heart, d of them. weights (D, D) of the emulator's outputs, of which `kept`
-    (d,) are the heart's. beside (D, D): weights of squared changes at a level in the variance of
-    what is interpolated there. described (2, D): standard deviations, as they are and as shares, of
-    what means over segments leave open.
+    (d,) are the heart's, less `shift` (D,). beside (D, D): weights of squared changes at a level in
+    the variance of what is interpolated there. described (2, D): standard deviations, as they are
+    and as shares, of what means over segments leave open.
     """
 
     channels: Channels
     weights: torch.Tensor
+    shift: torch.Tensor
     beside: torch.Tensor
     described: torch.Tensor
     kept: torch.Tensor
@@ -163,12 +179,15 @@ class Mixing:
     def of(cls, channels: Channels, sectors: Sectors | None, of_surfaces: bool) -> "Mixing":
         """Of the emulator's channels; of the same segments without `sectors`. of_surfaces: whether
         the figures are of surfaces that are known better."""
-        known = BY_SURFACES if of_surfaces else BY_SECTORS
         size, mixed = len(channels), np.eye(len(SEGMENTS)) if sectors is None else sectors.weights
         weights = torch.eye(size, dtype=torch.float64)
         beside, described = torch.zeros_like(weights), torch.zeros(2, size, dtype=torch.float64)
+        shift, by_surfaces = torch.zeros(size, dtype=torch.float64), _by_surfaces()
         for d, one in enumerate(channels):
-            described[int(one.kind.is_positive), d] = known[one.quantity]
+            sd = BY_SECTORS[one.quantity]
+            if of_surfaces:
+                shift[d], sd = by_surfaces[one.quantity, one.segment]
+            described[int(one.kind.is_positive), d] = sd
             for e, other in enumerate(channels):
                 if (
                     one.segment
@@ -178,11 +197,18 @@ class Mixing:
                     weights[d, e] = mixed[one.segment - 1, other.segment - 1]
                     beside[d, e] = UNKNOWN**2
         beside /= (beside > 0).sum(dim=1, keepdim=True).clamp(min=1)
-        return cls(channels, weights, beside, described, torch.arange(size))
+        shares = torch.tensor([one.kind.is_positive for one in channels])
+        weights[shares] *= 1 - shift[shares, None]
+        shift[shares] = 0.0
+        return cls(channels, weights, shift, beside, described, torch.arange(size))
 
     def __call__(self, outputs: torch.Tensor) -> torch.Tensor:
         """Outputs (..., d) of the emulator's (..., D)."""
-        return outputs @ self.weights[self.kept].T
+        return self.slopes(outputs) - self.shift[self.kept]
+
+    def slopes(self, slopes: torch.Tensor) -> torch.Tensor:
+        """What becomes of the outputs' derivatives (..., D): (..., d)."""
+        return slopes @ self.weights[self.kept].T
 
     def covariance(self, mean: torch.Tensor, covariance: torch.Tensor) -> torch.Tensor:
         """Covariance (M, d, d), of the emulator's mean (M, D) and covariance (M, D, D), and of what
