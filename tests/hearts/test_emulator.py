@@ -149,7 +149,7 @@ def test_a_damaged_file(file, tmp_path, damage):
         read(path)
 
 
-def test_what_is_alike_in_described_surfaces_is_taken_off():
+def test_the_bias_of_described_surfaces_is_subtracted():
     """Of values, and of derivatives about inputs only what is a share."""
     channels = Channels.of()
     mixing = Mixing.of(channels, None, of_surfaces=True)

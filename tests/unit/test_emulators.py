@@ -177,7 +177,7 @@ def test_some_of_the_derivatives_only():
     matrix, constant = emulator._training_covariance()
     assert torch.allclose(matrix, matrix.T, atol=1e-12)
     matrix = matrix + emulator.nugget * torch.eye(130, dtype=matrix.dtype)
-    precision, _ = projected_precision(torch.linalg.cholesky(matrix), constant)
+    precision = projected_precision(torch.linalg.cholesky(matrix), constant)
     errors, variances = emulator._leave_one_out(precision, stacked)
     for i in (int(counts.argmax()), int(counts.argmin())):
         gone = [i, *(30 + (emulator.seen.at == i).nonzero()[:, 0]).tolist()]
@@ -371,7 +371,7 @@ def test_leave_one_out_against_leaving_one_out():
     matrix = kernel(x).to_dense()
     matrix = matrix + 1e-4 * torch.eye(25, dtype=x.dtype)
     ones = torch.ones(25, 1, dtype=x.dtype)
-    precision, _ = projected_precision(torch.linalg.cholesky(matrix), ones)
+    precision = projected_precision(torch.linalg.cholesky(matrix), ones)
     errors, variances = leave_one_out(precision, y)
     for i in (0, 7, 24):
         rest = torch.arange(25) != i

@@ -169,7 +169,7 @@ class ExactGP(Emulator):
         white = torch.linalg.solve_triangular(known.cholesky, targets, upper=False)
         white = white - known.ones * ((known.ones.T @ white) / known.total)
         b = white.T @ white / (len(targets) - 1)
-        precision, _ = projected_precision(known.cholesky, known.constant)
+        precision = projected_precision(known.cholesky, known.constant)
         residuals, variances = self._leave_one_out(precision, targets)
         del precision
         shrinkage = 0.0

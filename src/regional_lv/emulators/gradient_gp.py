@@ -260,7 +260,7 @@ class GradientGP(ExactGP):
         """Without a simulation's derivatives, too; variances as they are stated."""
         errors, variances = self._left_out(precision, targets, self.seen)
         if self.variance_seen is not self.seen:
-            few, _ = projected_precision(self._few.cholesky, self._few.constant)
+            few = projected_precision(self._few.cholesky, self._few.constant)
             _, variances = self._left_out(few, torch.zeros_like(few[:, :1]), self.variance_seen)
         return errors, variances
 

@@ -191,19 +191,16 @@ def cholesky(matrix: torch.Tensor, nugget: float, who: str) -> tuple[torch.Tenso
     return factor, nugget
 
 
-def projected_precision(
-    factor: torch.Tensor, constant: torch.Tensor
-) -> tuple[torch.Tensor, torch.Tensor]:
-    """Q = K^-1 - K^-1 c c' K^-1 / (c' K^-1 c) and c' K^-1 c, of a factor (N, N).
+def projected_precision(factor: torch.Tensor, constant: torch.Tensor) -> torch.Tensor:
+    """Q = K^-1 - K^-1 c c' K^-1 / (c' K^-1 c), of a factor (N, N).
 
     constant: c (N, 1), what each observation sees of the unknown constant mean. Training needs
     all of K^-1; predictions never use it.
     """
     precision = torch.cholesky_inverse(factor)
     sums = precision @ constant
-    total = (constant.T @ sums)[0, 0]
     # In place: it is as large as all else together.
-    return precision.addmm_(sums, sums.T, alpha=-1 / float(total)), total
+    return precision.addmm_(sums, sums.T, alpha=-1 / float(constant.T @ sums))
 
 
 def condition(

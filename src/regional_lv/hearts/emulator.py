@@ -188,9 +188,8 @@ class HeartEmulator:
         """The same, and their derivatives (M, D, k)."""
         there, by_x = self._there.with_slopes(x)
         mean, slopes = self.emulator.linearise(there)
-        mean = self._mixed(mean)
         if self._mixing is not None:
-            slopes = self._mixing.slopes(slopes.mT).mT
+            mean, slopes = self._mixing(mean), self._mixing.slopes(slopes.mT).mT
         factor = self._reported(x)
         mean, slopes = mean * factor, (slopes @ by_x) * factor[..., None]
         if self._there.length is not None:

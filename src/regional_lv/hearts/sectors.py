@@ -40,10 +40,11 @@ have the same means over some segments (root mean squares, as simulated): the vo
 and those through their means over the AHA's sectors."""
 
 BY_SURFACES = path("described_surfaces.csv")
-"""The same of surfaces and those through their means over their own segments, of which most is
-alike in all hearts: `shift` of each output, by the segment table less by the surfaces, and `sd`,
-the root mean square of what is left where a heart is not among those of the shift. Of twelve real
-hearts (MESA), at two stiffnesses each; of a volume, shares of it."""
+"""The same of surfaces and those through their means over their own segments, of which most is a
+bias that all hearts have: mean `shift` of each output, by the segment table less by the surfaces,
+and `sd`, the root mean square of the residuals of a heart that is left out of the mean. Of twelve
+real hearts (MESA), at two stiffnesses each; of a volume, shares of it. Written by
+`benchmarks/described_surfaces.py`."""
 
 
 def turn_deg(own: pd.DataFrame, other: pd.DataFrame) -> tuple[float, np.ndarray]:
@@ -182,12 +183,13 @@ class Mixing:
         size, mixed = len(channels), np.eye(len(SEGMENTS)) if sectors is None else sectors.weights
         weights = torch.eye(size, dtype=torch.float64)
         beside, described = torch.zeros_like(weights), torch.zeros(2, size, dtype=torch.float64)
-        shift, by_surfaces = torch.zeros(size, dtype=torch.float64), _by_surfaces()
+        shift = torch.zeros_like(described)
         for d, one in enumerate(channels):
-            sd = BY_SECTORS[one.quantity]
+            at = int(one.kind.is_positive), d
             if of_surfaces:
-                shift[d], sd = by_surfaces[one.quantity, one.segment]
-            described[int(one.kind.is_positive), d] = sd
+                shift[at], described[at] = _by_surfaces()[one.quantity, one.segment]
+            else:
+                described[at] = BY_SECTORS[one.quantity]
             for e, other in enumerate(channels):
                 if (
                     one.segment
@@ -197,10 +199,8 @@ class Mixing:
                     weights[d, e] = mixed[one.segment - 1, other.segment - 1]
                     beside[d, e] = UNKNOWN**2
         beside /= (beside > 0).sum(dim=1, keepdim=True).clamp(min=1)
-        shares = torch.tensor([one.kind.is_positive for one in channels])
-        weights[shares] *= 1 - shift[shares, None]
-        shift[shares] = 0.0
-        return cls(channels, weights, shift, beside, described, torch.arange(size))
+        weights *= 1 - shift[1][:, None]
+        return cls(channels, weights, shift[0], beside, described, torch.arange(size))
 
     def __call__(self, outputs: torch.Tensor) -> torch.Tensor:
         """Outputs (..., d) of the emulator's (..., D)."""

@@ -5,7 +5,8 @@ converged pressure), because a configuration that cannot be solved is a result o
 """
 
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Generic, TypeVar
 
@@ -38,6 +39,15 @@ class NotConverged(ArithmeticError):
     """
 
     last_pressure = 0.0
+
+
+@contextmanager
+def no_shape_is_not_converged() -> Iterator[None]:
+    """A shape without a smooth wall is `NotConverged`; derivatives ask for those beside it, too."""
+    try:
+        yield
+    except InputError as error:
+        raise NotConverged(str(error)) from error
 
 
 @dataclass
@@ -140,10 +150,8 @@ class Solver(Generic[AnyEquilibrium]):
         for a theta with a shape that has no smooth wall.
         """
         simulator, settings = self.simulator, self.settings
-        try:
+        with no_shape_is_not_converged():  # on the way between two shapes lies one that is none
             simulator.set(theta, pressure)
-        except InputError as error:  # on the way between two shapes lies one that is none
-            raise NotConverged(str(error)) from error
         tolerance = settings["way_tolerance_mm" if on_the_way else "increment_tolerance_mm"]
         near = settings["tangent_tolerance_mm"] if tangent and not on_the_way else np.inf
         w = simulator.retract(w)
@@ -298,10 +306,10 @@ class Runner:
             for fraction in self.channels.load_fractions:
                 state = self._reach(theta, fraction, effort, result.solutions)
                 result.solutions[fraction] = self._observe(state, fraction, result)
-        except (NotConverged, InputError) as error:  # a shape next to one that is none, too
+        except NotConverged as error:
             result.status = "failed"
             result.reason = str(error) if not result.solutions else f"load {fraction:g}: {error}"
-            result.last_pressure = getattr(error, "last_pressure", 0.0)
+            result.last_pressure = error.last_pressure
             result.sensitivity = None
         else:
             result.last_pressure = pressure
@@ -331,7 +339,9 @@ class Runner:
         pressure, start = solver.simulator.full_pressure, known.nearest(theta)
         state = solver.newton(known.field(start), start, pressure, effort)
         first, last = scales.scaled(start), scales.scaled(theta)
-        share, step, tangents = 0.0, 0.5, solver.simulator.tangents(state)
+        with no_shape_is_not_converged():
+            tangents = solver.simulator.tangents(state)
+        share, step = 0.0, 0.5
         while share < 1:
             there = min(1.0, share + step)
             goal = theta if there == 1 else scales.natural(first + there * (last - first))
@@ -345,7 +355,8 @@ class Runner:
                 continue
             share, step = there, 2 * step
             if share < 1:
-                tangents = solver.simulator.tangents(state)
+                with no_shape_is_not_converged():
+                    tangents = solver.simulator.tangents(state)
         return state
 
     def _guess(self, theta: np.ndarray, fraction: float, known: dict) -> np.ndarray:
@@ -376,7 +387,8 @@ class Runner:
         if result.sensitivity is None:
             result.observables[at] = simulator.observables(state.w, fraction=fraction)[0]
         else:
-            values, slopes, tangents = simulator.differentiated(state, fraction)
+            with no_shape_is_not_converged():
+                values, slopes, tangents = simulator.differentiated(state, fraction)
             result.observables[at] = values
             by_theta = slopes / self.coordinates.slope(state.theta)[:, None]
             result.sensitivity[at] = by_theta.T
