@@ -48,6 +48,9 @@ WALLS = {
 }
 """Segments of the walls from base to apex; the apex (17) belongs to none."""
 
+SEPTUM = (2, 3, 8, 9)
+"""Segments whose epicardium is the right ventricle's wall."""
+
 SIX_WALLS = range(13, 19)
 """Apical segments of the 18-segment model of echocardiography, which has six walls at every level,
 numbered as those of the mid level, and no apex (Lang 2015, doi 10.1016/j.echo.2014.10.003)."""

@@ -398,6 +398,20 @@ def test_calibration_is_of_the_errors_that_move_estimates():
     assert Calibration.fit("none", *known) == Calibration()
 
 
+def test_intervals_of_outputs_hold_heavy_tailed_errors():
+    """Errors of a simulation are large or small together, and the larger the softer a heart is."""
+    rng = np.random.default_rng(15)
+    stiffness = rng.normal(0.4, 0.5, (2, 3000))
+    size = np.exp(0.3 - stiffness) / rng.chisquare(4.0, (2, 3000))
+    errors = torch.as_tensor(rng.normal(size=(2, 3000, 6)) * np.sqrt(size)[..., None])
+    known, other = torch.as_tensor(stiffness)
+    found = Calibration.fit("intervals", errors[0], torch.zeros(3000, 6, 1).double(), known)
+    sd = (found.factor * found.scale(other)).sqrt()[:, None]
+    assert (errors[1].abs() < 1.96 * sd).double().mean() == pytest.approx(0.95, abs=0.01)
+    soft = other < other.quantile(0.3)
+    assert (errors[1].abs() < 1.96 * sd)[soft].double().mean() == pytest.approx(0.95, abs=0.015)
+
+
 def test_trend_of_the_variance_is_found():
     rng = np.random.default_rng(21)
     x = torch.as_tensor(rng.normal(0.4, 0.5, 4000))

@@ -19,7 +19,7 @@ from regional_lv.errors import InputError
 from regional_lv.inputs.coordinates import Coordinates
 from regional_lv.inputs.stiffness import StiffnessInputs, from_spec, repeated
 
-FORMAT = 5
+FORMAT = 6
 """Of emulator files: raised when what they hold changes."""
 
 LEAST_WITH_SENSITIVITIES = 10

@@ -81,11 +81,12 @@ class ExactGP(Emulator):
     calibration: `variance_factor` multiplies the variance of errors along the Jacobian by what
     makes 95 % intervals of theta right for the leave-one-out errors of the training set,
     `variance_trend` that of all errors by a power of the mean stiffness first, `student` (the
-    default) makes their distribution a multivariate t as well, `none` leaves it as the likelihood
-    has it. The kernel is the same everywhere, but outputs
-    answer the more to theta the softer a heart is, and so do the errors; and errors of one
-    simulation are large or small together, so that those that no theta explains tell how large
-    those are that move the estimate.
+    default) makes their distribution a multivariate t as well, `intervals` takes their covariance
+    from these errors, with that trend and a factor by which 95 % intervals of outputs hold them,
+    `none` leaves it as the likelihood has it. The kernel is the same everywhere, but outputs answer
+    the more to theta the softer a heart is, and so do the errors; and errors of one simulation are
+    large or small together, so that those that no theta explains tell how large those are that move
+    the estimate.
     """
 
     name = "exact_gp"
@@ -172,7 +173,10 @@ class ExactGP(Emulator):
         precision = projected_precision(known.cholesky, known.constant)
         residuals, variances = self._leave_one_out(precision, targets)
         del precision
-        shrinkage = 0.0
+        kind, shrinkage = self.settings["calibration"], 0.0
+        if kind == "intervals":
+            left_out = residuals / variances.sqrt()[:, None]
+            b = left_out.T @ left_out / len(left_out)
         if len(y) < 4 * y.shape[1]:
             shrinkage = shrinkage_of(residuals / variances.sqrt()[:, None])
         b = (1 - shrinkage) * b + shrinkage * torch.diag(b.diagonal())
@@ -186,7 +190,6 @@ class ExactGP(Emulator):
         by_theta = torch.cat([self.linearise(part)[1] for part in theta.split(ROWS_AT_ONCE)])
         slopes = by_theta / self.output_sd[:, None]
         slopes = torch.linalg.solve_triangular(factor, slopes, upper=False)
-        kind = self.settings["calibration"]
         slopes, stiffness = slopes[..., list(self.coordinates.softness)], self._stiffness(theta)
         self.calibration = Calibration.fit(kind, errors, slopes, stiffness)
         self.info = {

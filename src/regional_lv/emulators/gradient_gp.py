@@ -190,7 +190,15 @@ class GradientGP(ExactGP):
         if self.fixed is not None:
             values, mask = self.fixed
             fixed = self.standardise(values), mask
-        return Weighted(self.model.of_values, self.inputs, self.seen, self.weights, fixed)
+        # Simulations without weight, such as those that networks learnt, cost nothing; one stays.
+        n, at = len(self.inputs), self.seen.at
+        used = self.weights[:n].any(1)
+        used[:1] = True
+        used[at[self.weights[n:].any(1)]] = True
+        kept = used[at]
+        seen = ObservedDerivatives((used.cumsum(0) - 1)[at[kept]], self.seen.along[kept])
+        weights = torch.cat([self.weights[:n][used], self.weights[n:][kept]])
+        return Weighted(self.model.of_values, self.inputs[used], seen, weights, fixed)
 
     def at_fixed(self, theta: torch.Tensor, mask: torch.Tensor) -> "GradientGP":
         """This emulator for points at which the parameters of a mask (P,) are those of theta (P,):

@@ -9,13 +9,37 @@ import torch
 from regional_lv.emulators.base import Emulator, Prediction, TrainingSet
 from regional_lv.emulators.gradient_gp import GradientGP
 from regional_lv.emulators.output_scale import OutputScale
+from regional_lv.emulators.segment_network import SegmentNetworks, out_of_fold
 from regional_lv.errors import InputError
+from regional_lv.seeds import derive
+
+
+class LeftByNetworks(GradientGP):
+    """The process of the errors of networks, from what others, which did not learn from a
+    simulation, left of it.
+
+    Those that learnt from all of them leave next to nothing there: its mean is zero, and what is
+    known of a simulation is that.
+    """
+
+    def _fit(self, training: TrainingSet, seed: int) -> None:
+        super()._fit(training, seed)
+        for each in (self.mean, self.weights, self.output_mean):
+            each.zero_()
+        self._clear_cached("_by_simulation")
+
+    def _leave_one_out(self, precision, targets):
+        _, variances = super()._leave_one_out(precision, targets)
+        return targets[: len(variances)] + self.output_mean / self.output_sd, variances
 
 
 class JointGP(Emulator):
     """A `GradientGP` of log volume and log stretch (`OutputScale`), with the settings of that.
 
     Its errors are those of the process times the slope of the scale, correlated between outputs.
+
+    `trend`, if its networks are trained (`network_passes`), is what is known of every wall
+    (`segment_network`): the process is then that of its errors.
 
     `processes` add up on the scale, and so do their errors, which are independent: the first is
     that of the simulations that it was fitted to, a second one what a finer mesh changes
@@ -25,19 +49,52 @@ class JointGP(Emulator):
     name = "joint_gp"
     learns_from_sensitivities = True
     processes: tuple[GradientGP, ...]
+    trend: SegmentNetworks | None = None
 
     def _fit(self, training: TrainingSet, seed: int) -> None:
         self.scale = OutputScale.of(self.outputs, self.coordinates)
+        self._kept = torch.arange(len(self.outputs))
         theta = self._unstandardise(training.x)
         y = self.output_mean + self.output_sd * training.y
         assert training.slopes is not None  # it learns from sensitivities
         slopes = training.slopes * self.output_sd[:, None]
         slopes = slopes * self.standardise_slope(theta)[:, None, :]
-        given = (each.numpy() for each in (theta, *self.on_scale(theta, y, slopes)))
-        process = GradientGP(**self.settings).fit(
-            *given, parameters=self.parameters, outputs=self.outputs, seed=seed
-        )
+        v, slopes = self.on_scale(theta, y, slopes)
+        own = {k: value for k, value in self.settings.items() if not k.startswith("network_")}
+        process = GradientGP(**own)
+        if self.settings["network_passes"]:
+            v, slopes = self._learn_trend(theta, v, slopes, seed)
+            process = LeftByNetworks(**own)
+        given = (each.numpy() for each in (theta, v, slopes))
+        process.fit(*given, parameters=self.parameters, outputs=self.outputs, seed=seed)
         self.processes, self.info = (process,), process.info
+
+    def _learn_trend(self, theta, v, slopes, seed: int) -> tuple[torch.Tensor, torch.Tensor]:
+        """Set `trend`; return what is left (N, D) of v, and (N, D, P) of its slopes."""
+        passes, width, layers, folds = (
+            self.settings[f"network_{key}"] for key in ("passes", "width", "layers", "folds")
+        )
+        rate = self.coordinates.slope(theta)[:, None]
+        given = self.coordinates.scaled(theta), v, slopes * rate
+
+        def make() -> SegmentNetworks:
+            return SegmentNetworks(self.coordinates, self.outputs, width, layers)
+
+        self.trend = make().fit(*given, passes, derive(seed, "networks"))
+        v, slopes = out_of_fold(make, *given, passes, folds, derive(seed, "folds of networks"))
+        return v, slopes / rate
+
+    def _trend(self, theta: torch.Tensor) -> torch.Tensor | float:
+        """(..., D) at theta (..., P), on the scale."""
+        if self.trend is None:
+            return 0.0
+        return self.trend(self.coordinates.scaled(theta))[..., self._kept]
+
+    def _trend_slopes(self, trend: SegmentNetworks, theta: torch.Tensor):
+        """The same, and its derivatives (..., D, P) about theta."""
+        v, slopes = trend.with_slopes(self.coordinates.scaled(theta))
+        rate = self.coordinates.slope(theta)[..., None, :]
+        return v[..., self._kept], slopes[..., self._kept, :] / rate
 
     def on_scale(
         self, theta: torch.Tensor, y: torch.Tensor, sensitivities: torch.Tensor
@@ -82,6 +139,9 @@ class JointGP(Emulator):
         """
         theta, y, slopes = self._checked(theta, y, sensitivities)
         v, slopes = self.on_scale(theta, y, slopes)
+        if self.trend is not None:
+            known, its_slopes = self._trend_slopes(self.trend, theta)
+            v, slopes = v - known, slopes - its_slopes
         first, *others = self.processes
         given = copy.copy(self)
         given.processes = (first.condition(theta, v, slopes, about), *others)
@@ -110,7 +170,7 @@ class JointGP(Emulator):
 
     def _predict(self, theta):
         found = [process.predict(theta) for process in self.processes]
-        v = sum(each.mean for each in found)
+        v = self._trend(theta) + sum(each.mean for each in found)
         by_v, _ = self.scale.slopes(v, theta)
         # A posterior over many inputs knows no directions along which errors are larger.
         covariance = sum(
@@ -121,11 +181,13 @@ class JointGP(Emulator):
         return Prediction(self.scale.outputs(v, theta), covariance)
 
     def predict_mean(self, theta):
-        v = sum(process.predict_mean(theta) for process in self.processes)
+        v = self._trend(theta) + sum(process.predict_mean(theta) for process in self.processes)
         return self.scale.outputs(v, theta)
 
     def linearise(self, theta):
         found = [process.linearise(theta) for process in self.processes]
+        if self.trend is not None:
+            found.append(self._trend_slopes(self.trend, theta))
         v, slopes = (sum(parts) for parts in zip(*found, strict=True))
         return self.scale.outputs(v, theta), self.scale.from_scale(slopes, v, theta)
 
@@ -133,15 +195,23 @@ class JointGP(Emulator):
         return self.linearise(theta)[1], None
 
     def _select(self, index):
+        self._kept = self._kept[index]
         names = [self.processes[0].outputs[i] for i in index]
         self.processes = tuple(process.select(names) for process in self.processes)
         self.scale = self.scale.select(index)
 
     def _state(self):
-        return {"processes": [process.content() for process in self.processes]}
+        return {
+            "processes": [process.content() for process in self.processes],
+            "trend": None if self.trend is None else self.trend.content(),
+            "kept": self._kept,
+        }
 
     def _restore(self, state):
         self.processes = tuple(
             GradientGP.from_content(content, "this emulator") for content in state["processes"]
         )
+        if state["trend"] is not None:
+            self.trend = SegmentNetworks.from_content(state["trend"])
+        self._kept = state["kept"]
         self.scale = OutputScale.of(self.outputs, self.coordinates)

@@ -13,8 +13,11 @@ from scipy import stats
 from scipy.optimize import minimize
 from scipy.special import gammaln
 
-KINDS = ("none", "variance_factor", "variance_trend", "student")
-"""What is fitted: nothing, a factor, a trend and a factor, these and the tails of the errors."""
+from regional_lv.emulators.gaussian import Z95
+
+KINDS = ("none", "variance_factor", "variance_trend", "student", "intervals")
+"""What is fitted: nothing, a factor, a trend and a factor, these and the tails of the errors; a
+trend, and a factor by which intervals of the outputs hold."""
 
 FREEDOMS = (3.0, 1e4)
 """Least and most degrees of freedom of errors with a t."""
@@ -30,7 +33,7 @@ class Calibration:
 
     trend: level and power (a, b) of a factor on the variance of all errors, exp(a + b times the
     mean of log theta). freedom: nu of a multivariate t; infinite: Gaussian. factor: a further one
-    on errors along the Jacobian, which makes 95 % intervals of theta right.
+    on errors along the Jacobian, which makes 95 % intervals of theta right, or on all of them.
     """
 
     factor: float = 1.0
@@ -52,8 +55,11 @@ class Calibration:
         if kind == "none":
             return cls()
         trend, freedom = (0.0, 0.0), math.inf
-        if kind in ("student", "variance_trend"):
+        if kind in ("student", "variance_trend", "intervals"):
             trend = fit_trend(errors.square().mean(1), stiffness)
+        if kind == "intervals":
+            alike = errors / cls(trend=trend).scale(stiffness).sqrt()[:, None]
+            return cls(float(alike.abs().quantile(JUDGED) / Z95) ** 2, trend)
         moved, along, across = cls(trend=trend)._judge(errors, slopes, stiffness)
         outputs, inputs = slopes.shape[1:]
         if kind == "student" and outputs > inputs:

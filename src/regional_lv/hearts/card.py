@@ -27,8 +27,9 @@ HEAD = """\
 <!-- Written by `python -m regional_lv.hearts docs/heart_emulator.md` from the file itself. -->
 
 `heart_emulator.pt.gz` comes with the package and answers for a heart of which nothing was simulated
-([the fast way](fast.md)). It is a Gaussian process, as every study has one of its own heart
-([roles](roles.md)), over the shape as well.
+([the fast way](fast.md)). Networks learn what a segment of any wall does, from values and
+derivatives; a Gaussian process, as every study has one of its own heart ([roles](roles.md)), learns
+the errors of networks that did not see a simulation, and what simulations of a heart say of them.
 """
 
 OF_ERRORS = """
@@ -77,6 +78,11 @@ def ship(
         "simulations": len(emulator.learnt_from),
         "tried": int(counts["simulations"]),
         "finer": emulator.processes[-1].info["rows"] if len(emulator.processes) > 1 else 0,
+        "networks": {
+            key.removeprefix("network_"): value
+            for key, value in emulator.settings.items()
+            if key.startswith("network_")
+        },
         "observations": len(emulator.processes[0].seen) + len(emulator.learnt_from),
         "cpu_s_median": float(counts["cpu_s_median"]),
         "mesh": dict(mesh),
@@ -119,10 +125,18 @@ def document(any_heart: AnyHeart) -> str:
     units = {each.name: each.unit for each in any_heart.known}
     learnt = (
         f"{card['simulations']} of {card['tried']} simulations, each of another ventricle, with "
-        f"derivatives about all {len(units)} inputs: {card['observations']} values and derivatives"
+        f"derivatives about all {len(units)} inputs"
     )
+    networks = "none"
+    if card["networks"]["passes"]:
+        networks = (
+            "one for all segments of a level, one for volume and apex: {layers} layers of {width}, "
+            "{passes} passes; {folds} others of each, for the errors on what they left out"
+        ).format(**card["networks"])
     facts = {
         "learnt from": learnt,
+        "networks": networks,
+        "process of their errors": f"{card['observations']} values and derivatives",
         "corrected by": f"{card['finer']} of them on a finer mesh",
         "design": f"Sobol sequence, shapes of `regional_lv.hearts.population`, seed {card['seed']}",
         "looked up at": f"cavity {base['geometry']['length_mm']:g} mm long, "

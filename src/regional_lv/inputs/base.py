@@ -7,6 +7,7 @@ from typing import ClassVar, Literal, TypeVar, get_args
 
 import numpy as np
 
+from regional_lv.aha import SEGMENTS
 from regional_lv.inputs.coordinates import Coordinates, blocks_of
 from regional_lv.inputs.keys import value_at, with_value
 from regional_lv.inputs.scales import Linear, Logarithmic, Scale
@@ -28,7 +29,8 @@ class Input(ABC):
     the value of the model as it is (None where nothing is known of it beforehand); low and high,
     its plausible range; scale, on which a prior is uniform and effects are smooth; description and
     source (literature); roles that it can have; moves, the names of other inputs of which it is a
-    direction, so that inferring it with all of them has no solution; changes, the section of the
+    direction, so that inferring it with all of them has no solution; segments, of the AHA, that it
+    is about, none for what concerns the whole ventricle; changes, the section of the
     model that it changes.
 
     Values of the dimension of a stress are proportional to stress^stress_power: a ventricle whose
@@ -48,6 +50,7 @@ class Input(ABC):
     source: str
     roles: tuple[str, ...] = ROLES
     moves: tuple[str, ...] = ()
+    segments: tuple[int, ...] = ()
     changes: ClassVar[str]
     softens: ClassVar[bool] = False
     """Whether outputs answer more, and errors are larger, where it is small."""
@@ -92,6 +95,11 @@ class Input(ABC):
     def cause(self) -> str:
         """Name of the cause that it is if it is suspected; several inputs can be its places."""
         return self.name
+
+    @property
+    def field(self) -> str:
+        """Name of what inputs of other segments are about as well: a field over the wall."""
+        return self.cause
 
     @property
     def place(self) -> str:
@@ -186,7 +194,24 @@ class InputSequence(Sequence[Member]):
             self.upper,
             blocks_of([each.block for each in self]),
             tuple(k for k, each in enumerate(self) if each.softens),
+            self._fields,
         )
+
+    @property
+    def _fields(self) -> dict[str, tuple[tuple[int, ...], ...]]:
+        """By field over the wall, of each segment the places of the inputs that are about it."""
+        names = dict.fromkeys(each.field for each in self if each.segments)
+        return {
+            name: tuple(
+                tuple(
+                    k
+                    for k, each in enumerate(self)
+                    if each.field == name and segment.number in each.segments
+                )
+                for segment in SEGMENTS
+            )
+            for name in names
+        }
 
 
 class KeyInput(Input):
@@ -235,7 +260,7 @@ class SegmentInput(Input):
     stem: ClassVar[str] = ""
 
     def __init__(self, model, segment: int):
-        self.segment = segment
+        self.segment, self.segments = segment, (segment,)
         self.name = f"{self.cause}_{segment}"
         self._set_nominal(self.value_in(model))
 

@@ -3,7 +3,7 @@
 import math
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
 
@@ -23,8 +23,10 @@ class Coordinates:
     Attributes: names (K); scales (K); lower and upper (K,), the ends of the values' ranges; blocks,
     slices that share out the inputs in their order: those of one zone, of the shape, and so on,
     whose effects go together; softness, places of the factors whose smallness makes outputs answer
-    more, and errors larger; exponent, the place of the exponent of the strain measure, None if it
-    is no input but always `strain_exponent`. `x` are values (..., K), arrays or tensors.
+    more, and errors larger; fields, by name of a field over the wall, of each of the 17 AHA
+    segments the places of the inputs that are about it; exponent, the place of the exponent of the
+    strain measure, None if it is no input but always `strain_exponent`. `x` are values (..., K),
+    arrays or tensors.
     """
 
     names: tuple[str, ...]
@@ -33,6 +35,7 @@ class Coordinates:
     upper: np.ndarray
     blocks: list[slice]
     softness: tuple[int, ...]
+    fields: Mapping[str, tuple[tuple[int, ...], ...]] = field(default_factory=dict)
     exponent: int | None = None
     strain_exponent: float = 2.0
 
@@ -92,6 +95,7 @@ class Coordinates:
             "upper": self.upper.tolist(),
             "blocks": [[block.start, block.stop] for block in self.blocks],
             "softness": list(self.softness),
+            "fields": {name: [list(at) for at in places] for name, places in self.fields.items()},
             "exponent": self.exponent,
             "strain_exponent": self.strain_exponent,
         }
@@ -106,6 +110,7 @@ class Coordinates:
             np.array(spec["upper"], dtype=float),
             [slice(*ends) for ends in spec["blocks"]],
             tuple(spec["softness"]),
+            {name: tuple(map(tuple, places)) for name, places in spec["fields"].items()},
             spec["exponent"],
             spec["strain_exponent"],
         )

@@ -49,10 +49,7 @@ SCAR = "focal_scar"
 
 
 class Stiffness(Input):
-    """One factor of the material law in one zone, such as `C_a_anterior`, between `low` and `high`.
-
-    segments: AHA segments of the zone.
-    """
+    """One factor of the material law in one zone, such as `C_a_anterior`, from `low` to `high`."""
 
     name = "stiffness"
     is_cause = False
@@ -73,7 +70,7 @@ class Stiffness(Input):
         self.name, self.zone, self.factor = f"{factor.name}_{zone}", zone, factor.name
         self.low, self.high, self.source = low, high, MATERIALS[law].source
         self.stress_power = int(factor.scales_stress)
-        self._segments = [s - 1 for s in segments]
+        self.segments = tuple(segments)
         if factor.scales_stress:
             self.moves = tuple(f"{SCAR}_{s}" for s in segments)
 
@@ -90,6 +87,10 @@ class Stiffness(Input):
         return 1.0
 
     @property
+    def field(self):
+        return self.factor
+
+    @property
     def block(self):
         return self.zone
 
@@ -98,7 +99,7 @@ class Stiffness(Input):
 
     def act(self, model, value):
         factors = model["factors"]
-        changed = multiplied(factors[self.factor], self._segments, value)
+        changed = multiplied(factors[self.factor], [s - 1 for s in self.segments], value)
         return {**model, "factors": {**factors, self.factor: changed}}
 
 

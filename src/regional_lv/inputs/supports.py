@@ -2,6 +2,7 @@
 
 import math
 
+from regional_lv.aha import SEPTUM
 from regional_lv.inputs.base import KeyInput
 from regional_lv.inputs.keys import value_at, with_value
 from regional_lv.inputs.scales import Saturating
@@ -17,6 +18,7 @@ class SeptalLoad(KeyInput):
     unit = "mmHg"
     low, high = 0.0, 6.0
     stress_power = 1
+    segments = SEPTUM
     description = (
         "The right ventricle's end-diastolic pressure pushes the septum into the left cavity: a "
         "dead load along the normal of the unloaded epicardium of segments 2, 3, 8 and 9, which "

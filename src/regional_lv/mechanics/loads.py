@@ -11,14 +11,12 @@ from typing import ClassVar
 
 import numpy as np
 
+from regional_lv.aha import SEPTUM
 from regional_lv.geometry.elements import facet_normal_changes, facet_normals, gauss
 from regional_lv.geometry.mesh import BASE, ENDOCARDIUM, EPICARDIUM, Mesh
 from regional_lv.registry import Registry
 
 # UFL and dolfinx are imported where forms are made: the configuration is checked without them.
-
-SEPTUM = (2, 3, 8, 9)
-"""AHA segments whose epicardium is the right ventricle's wall."""
 
 
 class Load(ABC):

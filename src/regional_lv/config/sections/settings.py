@@ -11,6 +11,7 @@ from pydantic import Field
 
 from regional_lv.config.section import (
     Count,
+    Natural,
     Note,
     Positive,
     Section,
@@ -39,10 +40,13 @@ class Exact(Settings):
 
     iterations: Count = 60
     """Iterations of the hyperparameter fit."""
-    calibration: Literal["student", "variance_trend", "variance_factor", "none"] = "student"
+    calibration: Literal["student", "variance_trend", "intervals", "variance_factor", "none"] = (
+        "student"
+    )
     """`variance_trend`: a factor on the predictive variance, from leave-one-out errors, that is a
     power of the mean stiffness, and one on errors along the Jacobian, by which 95 % intervals of
     theta hold; `student`: that, and errors with a multivariate t, from the same errors;
+    `intervals`: the former, and a factor on all errors, by which 95 % intervals of outputs hold;
     `variance_factor`: the factor along the Jacobian alone; `none`: leave it."""
 
 
@@ -77,6 +81,16 @@ class JointGP(GradientGP):
     max_observations: Observations = 16000
     variance_observations: Observations | None = 2000
     hyperparameter_rows: Rows = 100
+    network_passes: Natural = 0
+    """Passes through the simulations in which networks of the wall around a segment learn the mean
+    of the process, where shapes are inputs; 0: none, the mean is a constant."""
+    network_width: Count = 256
+    """Width of their hidden layers."""
+    network_layers: Count = 4
+    """Their hidden layers."""
+    network_folds: Annotated[Whole, Field(ge=2)] = 4
+    """Parts of the simulations; the process learns the errors on each of networks that learnt from
+    the others."""
 
 
 class Reduced(Settings):

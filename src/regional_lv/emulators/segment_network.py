@@ -1,0 +1,366 @@
+"""Networks that look at the wall around a segment: the trend of an emulator over shapes.
+
+What a segment does depends on the wall around it, in the same way all around a level. One network
+serves all segments of a level: it sees every quantity that segments have (stiffness, thickness,
+radius) as waves around the axis, level by level, counted from the segment that it is asked about.
+So each simulation teaches it as much as six, or four, would teach a network of one segment. It
+learns from derivatives as well as from values (Czarnecki et al. 2017, arXiv 1706.04859).
+"""
+
+import logging
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+import torch
+
+from regional_lv.aha import LEVELS
+from regional_lv.channels import Channels
+from regional_lv.inputs.coordinates import Coordinates
+from regional_lv.seeds import derive
+
+log = logging.getLogger(__name__)
+
+BATCH, LEAST_STEPS = 64, 8
+"""Simulations of a step, at most, and steps of a pass, at least."""
+
+ALONE = 3
+"""Times as many passes has a network of one segment: the simulations teach it less."""
+
+LARGEST_STEP, DECAY, WARM_UP = 4e-3, 0.3, 0.1
+"""Of AdamW, and the share of the steps in which they grow to the largest (Smith and Topin 2019, doi
+10.1117/12.2520589)."""
+
+APEX = LEVELS["apex"][0]
+
+RADIUS, LEVEL_ENDS = "endo_radius", ("basal_end", "mid_end", "apical_end")
+"""Names of the field and of the inputs that the volume of the cavity depends on most."""
+
+STILL = 1e-9
+"""What varies by no more does not vary."""
+
+STEEP = 0.9
+"""Quantile of the sizes of slopes, from which on a simulation weighs less: a few soft and thin
+walls answer ten times as much as all others."""
+
+
+def surroundings(coordinates: Coordinates, segment: int) -> np.ndarray:
+    """What a network sees (F, P), of P scaled coordinates, around an AHA segment; from the apex,
+    which has no neighbours around the axis, waves are counted from the anterior wall."""
+    rows = np.eye(len(coordinates))
+    rings = [numbers for numbers in LEVELS.values() if len(numbers) > 1]
+    level = next((ring for ring in rings if segment in ring), None)
+    start = 0.0 if level is None else _angles(level)[level.index(segment)]
+    found, seen = [], np.zeros(len(coordinates), dtype=bool)
+    for places in coordinates.fields.values():
+        wall = np.stack([rows[list(at)].sum(0) for at in places])
+        seen |= wall.any(0)
+        for ring in rings:
+            values, angles = wall[[s - 1 for s in ring]], _angles(ring) - start
+            for waves in range(len(ring) // 2 + 1):
+                found += [function(waves * angles) @ values for function in (np.cos, np.sin)]
+        found += [wall[APEX - 1], wall[segment - 1]]
+    return np.stack([*found, *rows[~seen]])
+
+
+def _angles(ring: range) -> np.ndarray:
+    """Of the middles of a level's segments, from the anterior wall's on (rad)."""
+    return 2 * np.pi * np.arange(len(ring)) / len(ring)
+
+
+class Discs:
+    """Logarithm of the volume (...) of the unloaded cavity as discs, one for each segment, of the
+    radius that it has, at scaled coordinates z (..., P): most of what volumes of ventricles of
+    other shapes differ by.
+
+    there: whether radii of all segments, and the ends of the levels, are inputs.
+    """
+
+    def __init__(self, coordinates: Coordinates):
+        radii = coordinates.fields.get(RADIUS, ())
+        self.there = bool(radii) and all(radii) and {*LEVEL_ENDS} <= {*coordinates.names}
+        if self.there:
+            self._coordinates = coordinates
+            self._radii = [at[0] for at in radii]
+            self._ends = [coordinates.names.index(name) for name in LEVEL_ENDS]
+
+    def __call__(self, z: torch.Tensor) -> torch.Tensor:
+        x = self._coordinates.natural(z)
+        squares, ends = x[..., self._radii].square(), x[..., self._ends]
+        depths = torch.diff(ends, prepend=torch.zeros_like(ends[..., :1]))
+        depths = torch.cat([depths, 1 - ends[..., -1:]], -1)
+        areas = [squares[..., [s - 1 for s in ring]].mean(-1) for ring in LEVELS.values()]
+        return (depths * torch.stack(areas, -1)).sum(-1).log()
+
+    def with_slopes(self, z: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """The same, and its derivatives (..., P)."""
+        with torch.enable_grad():
+            here = z.detach().requires_grad_(True)
+            value = self(here)
+            (slopes,) = torch.autograd.grad(value.sum(), here)
+        return value.detach(), slopes
+
+
+@dataclass
+class Ring:
+    """Outputs that one network predicts.
+
+    outputs (S, C): places of C outputs in each of S segments. maps (S, F, P): what it sees there.
+    centre, spread (F,): of that; offset, scale (C,): of the outputs.
+    """
+
+    outputs: torch.Tensor
+    maps: torch.Tensor
+    centre: torch.Tensor
+    spread: torch.Tensor
+    offset: torch.Tensor
+    scale: torch.Tensor
+
+    @classmethod
+    def of(cls, outputs: torch.Tensor, maps: torch.Tensor) -> "Ring":
+        """What it sees and predicts as it is."""
+        sizes = maps.shape[1], outputs.shape[1]
+        standards = [make(n).double() for n in sizes for make in (torch.zeros, torch.ones)]
+        return cls(outputs, maps, *standards)
+
+
+def rings_of(outputs: Sequence[str]) -> list[tuple[list[int], np.ndarray]]:
+    """Segments (S), and places of the outputs (S, C), that one network each predicts: those of all
+    segments of a level together, and what is left, seen from the apex."""
+    channels, left = Channels.parse(outputs), dict(enumerate(outputs))
+    found: list[tuple[list[int], np.ndarray]] = []
+    for ring in LEVELS.values():
+        columns = []
+        kinds = dict.fromkeys((one.quantity, one.load_fraction) for one in channels)
+        for kind in kinds:
+            at = {
+                one.segment: d
+                for d, one in enumerate(channels)
+                if (one.quantity, one.load_fraction) == kind and one.segment in ring
+            }
+            if len(ring) > 1 and len(at) == len(ring):
+                columns.append([at[segment] for segment in ring])
+        if columns:
+            found.append((list(ring), np.array(columns).T))
+            for d in np.ravel(columns):
+                del left[d]
+    if left:
+        found.append(([APEX], np.array([list(left)])))
+    return found
+
+
+class Network(torch.nn.Module):
+    """From F numbers to C, with residual layers."""
+
+    def __init__(self, inputs: int, width: int, layers: int, outputs: int):
+        super().__init__()
+        sizes = [inputs, *[width] * layers]
+        self.layers = torch.nn.ModuleList([torch.nn.Linear(*pair) for pair in pairwise(sizes)])
+        self.last = torch.nn.Linear(width, outputs)
+        self.linear = torch.nn.Linear(inputs, outputs, bias=False)
+
+    def forward(self, u: torch.Tensor) -> torch.Tensor:
+        first, *others = self.layers
+        hidden = torch.nn.functional.silu(first(u))
+        for layer in others:
+            hidden = hidden + torch.nn.functional.silu(layer(hidden))
+        return self.last(hidden) + self.linear(u)
+
+    def with_slopes(self, u: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Outputs (..., C) at u (..., F), and their derivatives (..., C, F)."""
+        first, *others = self.layers
+        before = [first(u)]
+        hidden = torch.nn.functional.silu(before[0])
+        for layer in others:
+            before.append(layer(hidden))
+            hidden = hidden + torch.nn.functional.silu(before[-1])
+        rates = [_silu_slope(each)[..., None, :] for each in before]
+        back = self.last.weight.expand(*u.shape[:-1], -1, -1)
+        for layer, rate in zip(others[::-1], rates[:0:-1], strict=True):
+            back = back + (back * rate) @ layer.weight
+        slopes = (back * rates[0]) @ first.weight + self.linear.weight
+        return self.last(hidden) + self.linear(u), slopes
+
+
+def _silu_slope(x: torch.Tensor) -> torch.Tensor:
+    share = torch.sigmoid(x)
+    return share * (1 + x * (1 - share))
+
+
+class SegmentNetworks:
+    """Outputs v (M, D) at scaled coordinates z (M, P), by one network for each of `rings`.
+
+    Attributes: outputs, their names (D).
+
+    Parameters
+    ----------
+    coordinates: of the inputs. width, layers: of each network.
+    """
+
+    def __init__(self, coordinates: Coordinates, outputs: Sequence[str], width: int, layers: int):
+        self.outputs, self._shape = tuple(outputs), (width, layers)
+        self.coordinates, self.rings, self.networks = coordinates, [], []
+        self._discs = Discs(coordinates)
+        volumes = Channels.parse(outputs).of_quantity("volume")
+        self._volumes = np.flatnonzero(volumes & self._discs.there)
+        for segments, places in rings_of(outputs):
+            maps = np.stack([surroundings(coordinates, segment) for segment in segments])
+            self.rings.append(Ring.of(torch.as_tensor(places), torch.as_tensor(maps)))
+            self.networks.append(Network(maps.shape[1], width, layers, places.shape[1]).double())
+
+    def fit(
+        self, z: torch.Tensor, v: torch.Tensor, slopes: torch.Tensor, passes: int, seed: int
+    ) -> "SegmentNetworks":
+        """Learn from n simulations: outputs v (n, D) at z (n, P), and dv/dz (n, D, P); `passes`
+        times through them. Returns itself."""
+        if len(self._volumes):
+            v, slopes = v.clone(), slopes.clone()
+            known, its_slopes = self._discs.with_slopes(z)
+            v[:, self._volumes] -= known[:, None]
+            slopes[:, self._volumes] -= its_slopes[:, None]
+        with torch.random.fork_rng():
+            for number, ring in enumerate(self.rings):
+                torch.manual_seed(seed + number)
+                started = time.monotonic()
+                _standardise(ring, z, v)
+                network = Network(ring.maps.shape[1], *self._shape, ring.outputs.shape[1])
+                its_passes = passes * (ALONE if len(ring.outputs) == 1 else 1)
+                _train(network, ring, z, v, slopes, its_passes)
+                self.networks[number] = network.double().requires_grad_(False)
+                log.info(
+                    "network %d of %d: trained on %d simulations in %.0f s",
+                    number + 1,
+                    len(self.rings),
+                    len(z),
+                    time.monotonic() - started,
+                )
+        return self
+
+    def __call__(self, z: torch.Tensor) -> torch.Tensor:
+        """(..., D), differentiable."""
+        found = z.new_empty(*z.shape[:-1], len(self.outputs))
+        for ring, network in zip(self.rings, self.networks, strict=True):
+            found[..., ring.outputs] = ring.offset + ring.scale * network(_seen(ring, z))
+        if len(self._volumes):
+            found[..., self._volumes] += self._discs(z)[..., None]
+        return found
+
+    @torch.no_grad()
+    def with_slopes(self, z: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """v (..., D), and dv/dz (..., D, P)."""
+        found = z.new_empty(*z.shape[:-1], len(self.outputs))
+        slopes = z.new_empty(*found.shape, z.shape[-1])
+        for ring, network in zip(self.rings, self.networks, strict=True):
+            values, by_seen = network.with_slopes(_seen(ring, z))
+            found[..., ring.outputs] = ring.offset + ring.scale * values
+            by_seen = by_seen / ring.spread * ring.scale[:, None]
+            slopes[..., ring.outputs, :] = by_seen @ ring.maps
+        if len(self._volumes):
+            known, its_slopes = self._discs.with_slopes(z)
+            found[..., self._volumes] += known[..., None]
+            slopes[..., self._volumes, :] += its_slopes[..., None, :]
+        return found, slopes
+
+    def content(self) -> dict:
+        """Everything that `from_content` needs, in tensors and plain values."""
+        return {
+            "coordinates": self.coordinates.spec(),
+            "outputs": self.outputs,
+            "shape": self._shape,
+            "standards": [
+                [ring.centre, ring.spread, ring.offset, ring.scale] for ring in self.rings
+            ],
+            "networks": [network.state_dict() for network in self.networks],
+        }
+
+    @classmethod
+    def from_content(cls, content: dict) -> "SegmentNetworks":
+        """Those of whose `content` this is."""
+        found = cls(
+            Coordinates.from_spec(content["coordinates"]), content["outputs"], *content["shape"]
+        )
+        for ring, standards in zip(found.rings, content["standards"], strict=True):
+            ring.centre, ring.spread, ring.offset, ring.scale = standards
+        for network, state in zip(found.networks, content["networks"], strict=True):
+            network.load_state_dict(state)
+            network.requires_grad_(False)
+        return found
+
+
+def out_of_fold(
+    make: Callable[[], SegmentNetworks],
+    z: torch.Tensor,
+    v: torch.Tensor,
+    slopes: torch.Tensor,
+    passes: int,
+    folds: int,
+    seed: int,
+) -> tuple[torch.Tensor, torch.Tensor]:
+    """What networks that did not learn from a simulation leave of it: v (n, D) and dv/dz
+    (n, D, P), each by networks of its fold. The arguments are those of `SegmentNetworks.fit`."""
+    fold = torch.as_tensor(np.random.default_rng(seed).permutation(len(z)) % folds)
+    values_left, slopes_left = v.clone(), slopes.clone()
+    for number in range(folds):
+        log.info("networks for the errors, part %d of %d", number + 1, folds)
+        rest, own = fold != number, fold == number
+        networks = make().fit(z[rest], v[rest], slopes[rest], passes, derive(seed, str(number)))
+        for part in own.nonzero()[:, 0].split(BATCH):
+            values, by_z = networks.with_slopes(z[part])
+            values_left[part] -= values
+            slopes_left[part] -= by_z
+    return values_left, slopes_left
+
+
+def _seen(ring: Ring, z: torch.Tensor) -> torch.Tensor:
+    """What the network of a ring sees at z (..., P), standardised: (..., S, F)."""
+    seen = z @ ring.maps.flatten(0, 1).T
+    return (seen.reshape(*z.shape[:-1], *ring.maps.shape[:2]) - ring.centre) / ring.spread
+
+
+def _standardise(ring: Ring, z: torch.Tensor, v: torch.Tensor) -> None:
+    """Set what a ring's network sees and predicts to mean 0 and sd 1 over all of its segments."""
+    seen = _seen(ring, z) * ring.spread + ring.centre
+    ring.centre, ring.spread = _standards(seen)
+    ring.offset, ring.scale = _standards(v[:, ring.outputs])
+
+
+def _standards(values: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+    """Mean and sd (K,) of values (n, S, K), an sd of 1 for what does not vary."""
+    sd = values.std((0, 1))
+    return values.mean((0, 1)), torch.where(sd > STILL, sd, torch.ones_like(sd))
+
+
+def _train(network: Network, ring: Ring, z, v, slopes, passes: int) -> None:
+    """Least squares of values and of derivatives, alike in weight. In single precision."""
+    inputs = z.std(0)
+    maps = (ring.maps / ring.spread[:, None] * inputs).float()
+    seen = _seen(ring, z).float()
+    values = ((v[:, ring.outputs] - ring.offset) / ring.scale).float()
+    slopes = (slopes[:, ring.outputs] / ring.scale[:, None] * inputs).float()
+    # By segment of a simulation: what is steep weighs less.
+    steep = slopes.square().sum(-1).mean(-1)
+    weight = (steep.quantile(STEEP) / steep).clamp(max=1.0)
+    of_slopes = 1 / (weight[..., None, None] * slopes.square()).sum(-1).mean()
+    n, outputs = len(z), ring.outputs.shape[1]
+    batch = min(BATCH, -(-n // LEAST_STEPS))
+    steps = passes * -(-n // batch)
+    optimiser = torch.optim.AdamW(network.parameters(), lr=LARGEST_STEP, weight_decay=DECAY)
+    schedule = torch.optim.lr_scheduler.OneCycleLR(
+        optimiser, LARGEST_STEP, total_steps=steps, pct_start=WARM_UP
+    )
+    for _ in range(passes):
+        for rows in torch.randperm(n).split(batch):
+            u = seen[rows].requires_grad_(True)
+            found = network(u)
+            error = (found - values[rows]).square().mean(-1)
+            loss = (weight[rows].sqrt() * error).mean()
+            for c in range(outputs):
+                (by_seen,) = torch.autograd.grad(found[..., c].sum(), u, create_graph=True)
+                along = torch.einsum("nsf,sfp->nsp", by_seen, maps) - slopes[rows][:, :, c]
+                loss = loss + of_slopes / outputs * (weight[rows] * along.square().sum(-1)).mean()
+            optimiser.zero_grad()
+            loss.backward()
+            optimiser.step()
+            schedule.step()
