@@ -48,14 +48,26 @@ def test_intervals_of_the_share_hold():
 def test_no_heart_has_it():
     """What is weak in every heart is weak in all together: false alarms are rare."""
     found = [infer_prevalence(factors(0.0, 50, seed)[1], (1.0, 1.0)) for seed in range(100)]
-    assert np.mean([one.log_bayes_factor >= SOME for one in found]) <= 0.02
+    assert np.mean([one.probability_any >= SOME for one in found]) <= 0.02
     assert np.median([one.log_bayes_factor for one in found]) < -1
+
+
+def test_of_many_causes_none_is_found_by_chance():
+    """Twenty causes in each of sixty cohorts of six hearts, and none is there."""
+    found = [
+        infer_prevalence(factors(0.0, 6, 1000 * cohort + cause)[1], (1.0, 1.0), among=20)
+        for cohort in range(60)
+        for cause in range(20)
+    ]
+    expected = np.sum([one.probability_any >= SOME for one in found]) / 60
+    by_itself = np.sum([special.expit(one.log_bayes_factor) >= SOME for one in found]) / 60
+    assert expected <= 0.05 < by_itself
 
 
 def test_weak_hearts_are_strong_together():
     """Each of those that have it says less than strong evidence, and each gets the others' word."""
     has, log_factors = factors(0.8, 60, 5, effect=2.5)
-    weak = log_factors < SOME
+    weak = log_factors < special.logit(SOME)
     found = infer_prevalence(log_factors[weak], (1.0, 1.0))
     assert found.log_bayes_factor > 0
     assert infer_prevalence(log_factors, (1.0, 1.0)).probability_any > 0.99

@@ -25,24 +25,27 @@ NODES = 4001
 
 LEVELS = (0.025, 0.5, 0.975)
 
-SOME = 3.0
-"""Log Bayes factor from which on some hearts have a cause: strong evidence (Kass and Raftery 1995,
-doi 10.1080/01621459.1995.10476572)."""
+SOME = 0.95
+"""Probability from which on some hearts have a cause: of one that was as probable as not, strong
+evidence (Kass and Raftery 1995, doi 10.1080/01621459.1995.10476572)."""
 
 
 @dataclass(frozen=True)
 class Prevalence:
     """Posterior of the share of hearts with a cause: quantiles `LEVELS`; log Bayes factor against
-    no heart having it; and of each heart (H,) the probability that it has, given all others."""
+    no heart having it; `among` how many causes it was looked for; and of each heart (H,) the
+    probability that it has, given all others."""
 
     share: tuple[float, ...]
     log_bayes_factor: float
+    among: int
     probability: np.ndarray
 
     @property
     def probability_any(self) -> float:
-        """That any heart has it, if that was as probable as not before the data."""
-        return float(special.expit(self.log_bayes_factor))
+        """That any heart has it, if one cause was expected to be there before the data: the more
+        causes are looked for, the more say something by chance."""
+        return float(special.expit(self.log_bayes_factor - np.log(self.among)))
 
 
 def log_bayes_factors(data: xr.DataTree) -> Mapping[str, float]:
@@ -63,9 +66,10 @@ def log_bayes_factors(data: xr.DataTree) -> Mapping[str, float]:
 
 
 def infer_prevalence(
-    log_factors: Sequence[float] | np.ndarray, prior: Sequence[float]
+    log_factors: Sequence[float] | np.ndarray, prior: Sequence[float], among: int = 1
 ) -> Prevalence:
-    """From the log Bayes factors (H,) of hearts; prior: both parameters of the Beta prior."""
+    """From the log Bayes factors (H,) of hearts; prior: both parameters of the Beta prior; among:
+    how many causes."""
     share = stats.beta.ppf((np.arange(NODES) + 0.5) / NODES, *prior)[:, None]
     with np.errstate(divide="ignore"):  # a node may be 0 or 1 to all digits
         present = np.log(share) + np.asarray(log_factors)
@@ -76,5 +80,6 @@ def infer_prevalence(
     return Prevalence(
         share=tuple(map(float, ends)),
         log_bayes_factor=float(special.logsumexp(logs) - np.log(NODES)),
+        among=among,
         probability=weight @ np.exp(present - together),
     )

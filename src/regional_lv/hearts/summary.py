@@ -201,7 +201,7 @@ def _prevalences(
     rows, columns = [], dict[str, pd.Series]()
     for cause in factors:
         searched = factors[cause].dropna()
-        found = infer_prevalence(searched.to_numpy(float), prior)
+        found = infer_prevalence(searched.to_numpy(float), prior, factors.shape[1])
         low, middle, high = found.share
         columns[f"{cause}_pooled_probability"] = pd.Series(found.probability, searched.index)
         rows.append(

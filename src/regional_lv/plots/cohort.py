@@ -119,7 +119,7 @@ def draw_causes(causes: Path, png: Path, csv: Path) -> None:
     fig = style.figure(6.5, 1.2 + 0.26 * max(len(table), 1))
     ax = fig.subplots()
     y = np.arange(len(table))
-    found = table["log_bayes_factor"] >= SOME
+    found = table["probability_any"] >= SOME
     for at, colour in ((found, style.VERMILLION), (~found, style.GREY)):
         rows = table[at]
         ends = np.abs(
