@@ -136,7 +136,7 @@ def document(any_heart: AnyHeart) -> str:
     facts = {
         "learnt from": learnt,
         "networks": networks,
-        "process of their errors": f"{card['observations']} values and derivatives",
+        "process of the errors": f"{card['observations']} values and derivatives",
         "corrected by": f"{card['finer']} of them on a finer mesh",
         "design": f"Sobol sequence, shapes of `regional_lv.hearts.population`, seed {card['seed']}",
         "looked up at": f"cavity {base['geometry']['length_mm']:g} mm long, "

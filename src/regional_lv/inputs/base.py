@@ -30,8 +30,8 @@ class Input(ABC):
     its plausible range; scale, on which a prior is uniform and effects are smooth; description and
     source (literature); roles that it can have; moves, the names of other inputs of which it is a
     direction, so that inferring it with all of them has no solution; segments, of the AHA, that it
-    is about, none for what concerns the whole ventricle; changes, the section of the
-    model that it changes.
+    is about, none for what concerns the whole ventricle; changes, the section of the model that it
+    changes.
 
     Values of the dimension of a stress are proportional to stress^stress_power: a ventricle whose
     stresses, loads and springs are all multiplied by one number moves as before. length_power is
