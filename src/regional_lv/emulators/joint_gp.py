@@ -14,7 +14,7 @@ from regional_lv.errors import InputError
 from regional_lv.seeds import derive
 
 
-class LeftByNetworks(GradientGP):
+class NetworkErrors(GradientGP):
     """The process of the errors of networks, from what others, which did not learn from a
     simulation, left of it.
 
@@ -64,7 +64,7 @@ class JointGP(Emulator):
         process = GradientGP(**own)
         if self.settings["network_passes"]:
             v, slopes = self._learn_trend(theta, v, slopes, seed)
-            process = LeftByNetworks(**own)
+            process = NetworkErrors(**own)
         given = (each.numpy() for each in (theta, v, slopes))
         process.fit(*given, parameters=self.parameters, outputs=self.outputs, seed=seed)
         self.processes, self.info = (process,), process.info
@@ -212,6 +212,6 @@ class JointGP(Emulator):
             GradientGP.from_content(content, "this emulator") for content in state["processes"]
         )
         if state["trend"] is not None:
-            self.trend = SegmentNetworks.from_content(state["trend"])
+            self.trend = SegmentNetworks.from_content(state["trend"], self.coordinates)
         self._kept = state["kept"]
         self.scale = OutputScale.of(self.outputs, self.coordinates)

@@ -201,7 +201,7 @@ class SegmentNetworks:
 
     def __init__(self, coordinates: Coordinates, outputs: Sequence[str], width: int, layers: int):
         self.outputs, self._shape = tuple(outputs), (width, layers)
-        self.coordinates, self.rings, self.networks = coordinates, [], []
+        self.rings, self.networks = [], []
         self._discs = Discs(coordinates)
         volumes = Channels.parse(outputs).of_quantity("volume")
         self._volumes = np.flatnonzero(volumes & self._discs.there)
@@ -264,9 +264,8 @@ class SegmentNetworks:
         return found, slopes
 
     def content(self) -> dict:
-        """Everything that `from_content` needs, in tensors and plain values."""
+        """Everything that `from_content` needs beside the coordinates, in tensors and plain values."""
         return {
-            "coordinates": self.coordinates.spec(),
             "outputs": self.outputs,
             "shape": self._shape,
             "standards": [
@@ -276,11 +275,9 @@ class SegmentNetworks:
         }
 
     @classmethod
-    def from_content(cls, content: dict) -> "SegmentNetworks":
-        """Those of whose `content` this is."""
-        found = cls(
-            Coordinates.from_spec(content["coordinates"]), content["outputs"], *content["shape"]
-        )
+    def from_content(cls, content: dict, coordinates: Coordinates) -> "SegmentNetworks":
+        """Those of whose `content` this is, of the inputs with these coordinates."""
+        found = cls(coordinates, content["outputs"], *content["shape"])
         for ring, standards in zip(found.rings, content["standards"], strict=True):
             ring.centre, ring.spread, ring.offset, ring.scale = standards
         for network, state in zip(found.networks, content["networks"], strict=True):

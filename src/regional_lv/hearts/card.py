@@ -28,8 +28,8 @@ HEAD = """\
 
 `heart_emulator.pt.gz` comes with the package and answers for a heart of which nothing was simulated
 ([the fast way](fast.md)). Networks learn what a segment of any wall does, from values and
-derivatives; a Gaussian process, as every study has one of its own heart ([roles](roles.md)), learns
-the errors of networks that did not see a simulation, and what simulations of a heart say of them.
+derivatives; a Gaussian process is the model of their errors, learnt from simulations that they were
+not trained on, and is conditioned on simulations of one heart.
 """
 
 OF_ERRORS = """

@@ -46,7 +46,8 @@ class Exact(Settings):
     """`variance_trend`: a factor on the predictive variance, from leave-one-out errors, that is a
     power of the mean stiffness, and one on errors along the Jacobian, by which 95 % intervals of
     theta hold; `student`: that, and errors with a multivariate t, from the same errors;
-    `intervals`: the former, and a factor on all errors, by which 95 % intervals of outputs hold;
+    `intervals`: the same power of the stiffness, and a factor on all errors, by which 95 %
+    intervals of outputs hold, whose covariance is that of the leave-one-out errors;
     `variance_factor`: the factor along the Jacobian alone; `none`: leave it."""
 
 
