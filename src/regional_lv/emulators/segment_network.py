@@ -264,7 +264,7 @@ class SegmentNetworks:
         return found, slopes
 
     def content(self) -> dict:
-        """Everything that `from_content` needs beside the coordinates, in tensors and plain values."""
+        """What `from_content` needs beside the coordinates, in tensors and plain values."""
         return {
             "outputs": self.outputs,
             "shape": self._shape,
