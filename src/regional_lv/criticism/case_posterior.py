@@ -9,7 +9,6 @@ from functools import cached_property
 from pathlib import Path
 from typing import ClassVar
 
-import arviz as az
 import numpy as np
 import pandas as pd
 import xarray as xr
@@ -17,6 +16,7 @@ import xarray as xr
 from regional_lv.criticism.contract import Stiffness, Summary, read_findings
 from regional_lv.errors import InputError
 from regional_lv.inference import posteriors
+from regional_lv.inference.arviz_arrays import hdi95
 from regional_lv.inference.posteriors import Groups, draws_by_name
 
 SOURCES = {
@@ -65,7 +65,7 @@ class CasePosterior:
         """Rows: parameters and noise scales; columns: median, lower95, upper95 (95 % HPD)."""
         rows = []
         for name, values in self.draws.items():
-            lower, upper = az.hdi(values.ravel(), hdi_prob=0.95)
+            lower, upper = hdi95(values.ravel())
             rows.append((name, np.median(values), lower, upper))
         return pd.DataFrame(rows, columns=["parameter", "median", "lower95", "upper95"]).set_index(
             "parameter"

@@ -14,8 +14,9 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import TypeAlias
 
-import arviz as az
 import torch
+
+from regional_lv.inference.arviz_arrays import smoothed_weights
 
 PARTS = 8
 """Distributions in a mixture."""
@@ -128,8 +129,8 @@ def smooth(log_weight: torch.Tensor) -> tuple[torch.Tensor, float]:
     """
     if log_weight.std() < EVEN:
         return log_weight, math.nan
-    smoothed, k = az.psislw(log_weight.numpy())
-    return torch.as_tensor(smoothed), float(k)
+    smoothed, k = smoothed_weights(log_weight.numpy())
+    return torch.as_tensor(smoothed), k
 
 
 def resample(

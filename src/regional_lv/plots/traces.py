@@ -2,13 +2,13 @@
 
 from pathlib import Path
 
-import arviz as az
 import numpy as np
 import pandas as pd
 import seaborn
 
 from regional_lv.criticism.case_posterior import read
 from regional_lv.emulators.gaussian import Z95
+from regional_lv.inference.arviz_arrays import autocorr, kde
 from regional_lv.plots import style
 
 MAX_LAG = 40
@@ -115,7 +115,7 @@ def density(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     if np.ptp(values) == 0:
         width = max(abs(values[0]), 1.0) * 1e-3
         return np.array([values[0] - width, values[0], values[0] + width]), np.array([0, 1, 0.0])
-    return az.kde(values, grid_len=128, bound_correction=True)
+    return kde(values, grid_len=128, bound_correction=True)
 
 
 def marginal_panel(ax, trace, name: str, draws: np.ndarray, rows: list) -> None:
@@ -140,7 +140,7 @@ def _autocorrelation(ax, name: str, draws: np.ndarray, rows: list) -> None:
     lags = min(MAX_LAG, draws.shape[1] - 1)
     # About zero, 95 % of an uncorrelated sequence of this length.
     ax.axhspan(*(np.array([-1, 1]) * Z95 / np.sqrt(draws.shape[1])), color=style.LIGHT, zorder=0)
-    correlations = az.autocorr(draws)[:, : lags + 1]
+    correlations = autocorr(draws)[:, : lags + 1]
     _lines(ax, correlations, linewidth=1)
     rows += [(name, "autocorrelation", *at, value) for at, value in np.ndenumerate(correlations)]
     ax.set(ylim=(-0.35, 1.05), yticks=[0, 1])

@@ -3,10 +3,10 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-import arviz as az
 import numpy as np
 import pandas as pd
 
+from regional_lv.inference.arviz_arrays import hdi95
 from regional_lv.inference.diagnostics import diagnose
 from regional_lv.inference.posteriors import read
 
@@ -30,7 +30,7 @@ def compare_noise_priors(
         )
         verdict = diagnose([one])["verdict"].iloc[0]
         for name, draws in (one.sigma | one.theta).items():
-            low, high = az.hdi(draws.ravel(), hdi_prob=0.95)
+            low, high = hdi95(draws.ravel())
             rows.append(
                 {
                     "prior_scale": scale,

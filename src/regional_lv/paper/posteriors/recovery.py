@@ -2,12 +2,12 @@
 
 from collections.abc import Iterable
 
-import arviz as az
 import numpy as np
 import pandas as pd
 import scoringrules
 from statsmodels.stats.proportion import proportion_confint
 
+from regional_lv.inference.arviz_arrays import hdi95
 from regional_lv.inference.posteriors import Posterior
 
 LEVELS = (50, 80, 95)
@@ -31,7 +31,7 @@ def recovery(posteriors: Iterable[Posterior], verdicts: pd.DataFrame) -> pd.Data
         prior_variance = (parameters.upper - parameters.lower) ** 2 / 12
         for i, (name, chains) in enumerate(one.theta.items()):
             draws, truth = chains.ravel(), one.truth[name]
-            hpd = az.hdi(draws, hdi_prob=0.95)
+            hpd = hdi95(draws)
             row = {
                 "case": one.case,
                 "parameter": name,
