@@ -1,6 +1,7 @@
 """The hearts of a cohort: listed, read and compared; what is wrong is said by heart."""
 
 import itertools
+import logging
 import shutil
 
 import pytest
@@ -171,6 +172,18 @@ def test_one_heart_that_cannot_be_used_is_left_out_with_its_reason(group):
     assert "subjects.patient.measured" in found.left_out["anna"]
     assert "correct the sign" in found.left_out["bert"]
     assert "give each heart's folder a config.yaml" in found.left_out["cleo"]
+
+
+def test_what_is_logged_of_a_heart_is_among_its_warnings(group, caplog):
+    def check_reach(config):
+        for _ in range(2):
+            logging.getLogger("regional_lv.geometry.surfaces").warning("a hole was closed")
+
+    found = read(group, check_reach)
+    assert all(heart.warnings.count("a hole was closed") == 1 for heart in found.hearts.values())
+    assert not caplog.text
+    logging.getLogger("regional_lv.hearts").warning("shown")
+    assert "shown" in caplog.text
 
 
 def test_one_heart_in_another_unit(group):

@@ -9,6 +9,7 @@ import logging
 import tempfile
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -162,11 +163,14 @@ def read_cohort(
     left_out: dict[str, str] = {}
     for listed in hearts:
         try:
-            with warnings.catch_warnings(action="ignore"):  # they are among the heart's own
-                read[listed.name] = read_heart(listed, shared, folders)
-            check_reach(read[listed.name].config)
+            # Warnings are among the heart's own.
+            with warnings.catch_warnings(action="ignore"), _logged() as lines_logged:
+                heart = read_heart(listed, shared, folders)
+                check_reach(heart.config)
+            # What surfaces say of themselves, they say whenever they are read.
+            heart.warnings.extend(dict.fromkeys(lines_logged))
+            read[listed.name] = heart
         except InputError as error:
-            read.pop(listed.name, None)
             left_out[listed.name] = str(error)
     if lines := [*_same(read), *_other_models(read, model)]:
         raise InputError("\n".join(lines))
@@ -179,6 +183,26 @@ def read_cohort(
         )
     kept = {name: heart for name, heart in read.items() if name not in left_out}
     return Cohort(kept, {h.name: left_out[h.name] for h in hearts if h.name in left_out})
+
+
+@contextmanager
+def _logged() -> Iterator[list[str]]:
+    """What the package logs meanwhile, in place of showing it."""
+    lines: list[str] = []
+
+    def keep(record: logging.LogRecord) -> bool:
+        lines.append(record.getMessage())
+        return False
+
+    collector, package = logging.Handler(logging.WARNING), logging.getLogger("regional_lv")
+    collector.addFilter(keep)
+    package.addHandler(collector)
+    shown, package.propagate = package.propagate, False
+    try:
+        yield lines
+    finally:
+        package.propagate = shown
+        package.removeHandler(collector)
 
 
 def _same(hearts: Mapping[str, Heart]) -> Iterator[str]:

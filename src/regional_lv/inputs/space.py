@@ -259,7 +259,7 @@ def _meant(word: str, asked: dict, every: Sequence[Input], model: Mapping) -> li
             return []  # what a study does not have stays as it is
         if kind == "measured" and (kind_of := INPUTS.get(word)) and kind_of.why_not(model):
             log.warning(
-                "%s.%s: %s, so that its shape counts as exact",
+                "%s.%s: %s; its shape counts as exact where it is simulated",
                 SECTION,
                 word,
                 kind_of.why_not(model),
