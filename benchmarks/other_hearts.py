@@ -279,7 +279,7 @@ def measure(name: str, geometry: dict, seed: int, folder: Path) -> str:
             "quantity": [channel.quantity for channel in channels],
             "segment": pd.array([channel.segment for channel in channels], dtype="Int64"),
             "value": y + sd * rng.standard_normal(len(y)),
-            "unit": np.where(is_volume, "mL", "fraction"),
+            "unit": np.where(is_volume, "mL", "1"),
             "sd": sd,
         }
     )

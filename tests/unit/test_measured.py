@@ -59,12 +59,18 @@ def test_good_file_gives_one_row_per_channel(tmp_path):
     assert table["sd"].isna().all()
 
 
-def test_percent_becomes_a_fraction_and_so_does_its_sd(tmp_path):
-    rows = [f"{row},2" for row in strains(value=-15, unit="%")]
+@pytest.mark.parametrize("unit", ["%", "percent"])
+def test_percent_becomes_a_fraction_and_so_does_its_sd(tmp_path, unit):
+    rows = [f"{row},2" for row in strains(value=-15, unit=unit)]
     table = read_measured(write(tmp_path, ["volume,,180,mL,", *rows], f"{HEADER},sd"))
     assert table["value"].iloc[1] == pytest.approx(-0.15)
     assert table["sd"].iloc[1] == pytest.approx(0.02)
     assert np.isnan(table["sd"].iloc[0])
+
+
+def test_a_fraction_may_be_called_so(tmp_path):
+    table = read_measured(write(tmp_path, [VOLUME, *strains(unit="fraction")]))
+    assert set(table["value"][1:]) == {-0.15}
 
 
 def test_byte_order_mark_spaces_blank_lines_and_further_columns_are_read(tmp_path):
@@ -102,6 +108,7 @@ MISTAKES = {
     # what is written after the header, the line it is found in, the remedy
     "unknown quantity": ([*GOOD, "radail,17,0.4,1"], 51, "did you mean radial?"),
     "strange quantity": ([*GOOD, "zzz,17,0.4,1"], 51, "use one of volume"),
+    "percent by another word": ([VOLUME, *strains(value=-15, unit="fraction")], 3, "write unit %"),
     "unknown unit": ([VOLUME, "radial,1,0.4,mm"], 3, "convert to and write 1 or %"),
     "volume in litres by unit": (["volume,,0.18,L", *strains()], 2, "convert to and write mL"),
     "volume in litres by value": (["volume,,0.18,mL", *strains()], 2, "looks like litres; give mL"),

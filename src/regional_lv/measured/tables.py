@@ -30,6 +30,9 @@ LOADS = ("load_fraction", "pressure_mmhg")
 OPTIONAL = ("sd", *LOADS, "frame", "slice", "source")
 PASSED_ON = ("frame", "slice", "source")
 
+WORDS = {"fraction": "1", "percent": "%"}
+"""What a configuration of strain curves calls these units."""
+
 LARGEST_SD = 0.5
 """Of a strain, as a fraction."""
 
@@ -168,7 +171,7 @@ def _read_row(
     segments: int,
 ) -> dict:
     """One line as numbers in the units used inside; `line`, `unit` and `raw` serve the checks."""
-    quantity, unit = fields["quantity"], fields["unit"]
+    quantity, unit = fields["quantity"], WORDS.get(fields["unit"], fields["unit"])
     if quantity not in QUANTITIES:
         close = difflib.get_close_matches(quantity.lower(), QUANTITIES, n=1)
         hint = f"did you mean {close[0]}?" if close else f"use one of {', '.join(QUANTITIES)}"
@@ -192,6 +195,7 @@ def _read_row(
         raise error_at(path, number, f"sd {sd:g} is not positive; correct it, or leave it empty")
     return fields | {
         "line": number,
+        "unit": unit,
         "output": channel.name,
         "place": channel.place,
         "segment": channel.segment,

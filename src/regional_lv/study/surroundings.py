@@ -24,8 +24,9 @@ def settle() -> None:
     starts: figures need no display, text is UTF-8, modules of the working folder are not found."""
     os.environ |= {"MPLBACKEND": "agg", "PYTHONSAFEPATH": "1", "PYTHONUTF8": "1"}
     _forget_working_folder()
-    # On the first import of a day; it is for those who write programs with it.
-    warnings.filterwarnings("ignore", r"\s*ArviZ is undergoing", FutureWarning)
+    # For those who write programs with ArviZ, on the first import of a day, and with PyTorch.
+    for start in (r"\s*ArviZ is undergoing", r"`torch\.jit\."):
+        warnings.filterwarnings("ignore", start, FutureWarning)
 
 
 def adapt() -> None:
