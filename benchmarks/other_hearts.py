@@ -3,8 +3,9 @@ other draws of the population, the paper's volunteer, and real hearts from surfa
 
     python benchmarks/other_hearts.py errors FOLDER [<heart>_endo.stl ...]
     python benchmarks/other_hearts.py cohort FOLDER [<heart>_endo.stl ...]
+    python benchmarks/other_hearts.py planted FOLDER <heart>_endo.stl ...
     regional-lv cohort FOLDER
-    python benchmarks/other_hearts.py score FOLDER results/other_hearts/cohort/hearts.parquet
+    python benchmarks/other_hearts.py score FOLDER results/<name of FOLDER>/cohort/hearts.parquet
 
 Beside each endocardium lies the epicardium, `<heart>_epi.stl` (mm, septum along -z, as in the
 hearts of MESA in the Cardiac Atlas Project). Every heart has its own length and pressure.
@@ -18,7 +19,8 @@ cover, by group of hearts. Hearts out of its reach are counted.
 `cohort`: of some hearts of each group (`OF_COHORT`), folders as of `regional-lv new`: measured by
 one simulation on the default mesh, which is finer than the emulator's, with noise of 0.02 and 2 mL;
 figures of the table are misread with a standard deviation of 0.5 mm. Some have an effect
-(`PLANTED`), two a damaged file. `truth.csv` has what was simulated. `score`: what the posteriors
+(`PLANTED`), two a damaged file. `truth.csv` has what was simulated. `planted`: the same of the
+hearts from surfaces alone, each with an effect (`EFFECTS` in turn). `score`: what the posteriors
 and verdicts make of it.
 """
 
@@ -54,12 +56,24 @@ LENGTHS_MM, PRESSURES_MMHG = (60.0, 100.0), (5.0, 15.0)
 SEPTUM = (0, 0, -1)
 
 OF_COHORT = {"plain": 20, "infarct": 10, "hypertrophied": 10, "dilated": 10}
-PLANTED = {
-    "plain_3": ("septal_load", 4.5),
-    "infarct_4": ("septal_load", 4.5),
-    "dilated_5": ("septal_load", 4.5),
-}
+PLANTED = {name: {"septal_load": 4.5} for name in ("plain_3", "infarct_4", "dilated_5")}
 DAMAGED = {"plain_7": "cut off", "hypertrophied_2": "in kPa"}
+EFFECTS = (
+    {"septal_load": 4.0},
+    {"basal_motion": 30.0},
+    {"strain_measure": -1.0},
+    {"endocardial_sampling": 0.8},
+    {"segment_rotation": 12.0},
+    {"mixed_frames": 0.4},
+    {"helix_endo": 25.0},
+    {"anisotropy": 3.0},
+    {"compressibility": 0.03},
+    {"focal_scar_8": 4.0},
+    {"epicardial_support": 0.03},
+    {"line_strain": 1.0},
+)
+"""Of the hearts in turn; the first half is what `regional-lv run` suspects by default."""
+
 STRAIN_SD, VOLUME_SD_ML, READ_SD_MM = 0.02, 2.0, 0.5
 STIFFNESS = {"C_a": (0.3, 2.0), "C_b": (0.5, 2.0)}
 """Between which true factors of the cohort are drawn, at 8 mmHg and in a wall like the
@@ -242,11 +256,11 @@ def in_parallel(do: Callable, todo: Sequence[tuple]) -> None:
             print(f"{done}/{len(jobs)} {jobs[job]}: {said}", flush=True)
 
 
-def measure(name: str, geometry: dict, seed: int, folder: Path) -> str:
-    """Write the folder of a heart that was measured once, and the truth beside."""
+def measure(name: str, geometry: dict, planted: dict, seed: int, folder: Path) -> str:
+    """Write the folder of a heart that was measured once, and the truth beside. planted: effects,
+    by input."""
     rng = np.random.default_rng([SEED, 1, seed])
     pressure = round(float(rng.uniform(*PRESSURES_MMHG)), 1)
-    planted = dict([PLANTED[name]] if name in PLANTED else [])
     own = {
         "study": "other_heart",
         "geometry": geometry,
@@ -309,22 +323,35 @@ def measure(name: str, geometry: dict, seed: int, folder: Path) -> str:
 
 def cohort(folder: str, *endocardia: str) -> None:
     place = Path(folder)
-    place.mkdir(parents=True, exist_ok=True)
-    shapes = place / "shapes"
-    shapes.mkdir(exist_ok=True)
-    counts = dict.fromkeys(OF_COHORT, 0)
-    todo = []
+    shapes, counts, kept = place / "shapes", dict.fromkeys(OF_COHORT, 0), []
+    shapes.mkdir(parents=True, exist_ok=True)
     for n, (name, group, geometry) in enumerate(hearts(list(endocardia), shapes)):
-        if group in counts:
-            counts[group] += 1
-            if counts[group] > OF_COHORT[group]:
-                continue
-        if group != "volunteer" and not (place / "hearts" / name / "truth.json").exists():
-            todo.append((name, geometry, n, place / "hearts" / name))
-    in_parallel(measure, todo)
+        counts[group] = counts.get(group, 0) + 1
+        if group != "volunteer" and counts[group] <= OF_COHORT.get(group, len(endocardia)):
+            kept.append((name, geometry, PLANTED.get(name, {}), n))
+    write_cohort(place, kept)
+
+
+def planted(folder: str, *endocardia: str) -> None:
+    place = Path(folder)
+    place.mkdir(parents=True, exist_ok=True)
+    of_surfaces = [each for each in hearts(list(endocardia), place) if each[1] == "surfaces"]
+    write_cohort(
+        place,
+        [
+            (name, geometry, EFFECTS[n % len(EFFECTS)], 1000 + n)
+            for n, (name, _, geometry) in enumerate(of_surfaces)
+        ],
+    )
+
+
+def write_cohort(place: Path, kept: Sequence[tuple]) -> None:
+    """Measure these hearts (arguments of `measure`), and write the cohort's own files."""
+    todo = [(*each, place / "hearts" / each[0]) for each in kept]
+    in_parallel(measure, [each for each in todo if not (each[-1] / "truth.json").exists()])
     truths = [json.loads(path.read_text()) for path in sorted(place.glob("hearts/*/truth.json"))]
     pd.DataFrame(truths).to_csv(place / "truth.csv", index=False)
-    (place / "config.yaml").write_text("study: other_hearts\ncohort: hearts/*/\n")
+    (place / "config.yaml").write_text(f"study: {place.name}\ncohort: hearts/*/\n")
 
 
 def score(folder: str, answers: str) -> None:
@@ -355,5 +382,7 @@ def score(folder: str, answers: str) -> None:
     print(found[["trusted", "misfit_p_value", "causes", "verdict"]].to_string())
 
 
+COMMANDS = {"errors": errors, "cohort": cohort, "planted": planted, "score": score}
+
 if __name__ == "__main__":
-    {"errors": errors, "cohort": cohort, "score": score}[sys.argv[1]](*sys.argv[2:])
+    COMMANDS[sys.argv[1]](*sys.argv[2:])
