@@ -104,6 +104,7 @@ def sample(potential: Potential, fitted: Fits, draws: int, seed: int) -> Weighte
         most_rounds=MOST_ROUNDS,
         least_ess=EFFICIENCY * draws,
         largest_sd=LARGEST_SD,
+        normal=coordinates.measured,
     )
     # The last ones that were made are those that count.
     x, change = (torch.cat(each)[-len(found.u) :] for each in zip(*made, strict=True))
@@ -120,16 +121,19 @@ def _drawn(x: torch.Tensor, found: importance.Weighted) -> WeightedDraws:
 
 
 class Standardised:
-    """Coordinates v (N, n + G) in which the posterior of a fitted model (M = 1) is nearly standard
-    normal: of its n free inputs, then G log noise scales as they are.
+    """Coordinates v (N, m + n + G) in which the posterior of a fitted model (M = 1) is nearly
+    standard normal: of its m measured inputs, given the others; of its n other free inputs; then G
+    log noise scales as they are.
 
-    Attributes: mean (n + G,) and covariance (n + G, n + G), about those of the posterior.
+    Attributes: measured, m; mean (n + G,) and covariance (n + G, n + G), about those of the
+    posterior of the others.
     """
 
     def __init__(self, potential: Potential, fitted: Fits, generator: torch.Generator):
         self._potential, count = potential, len(potential.inputs)
         self._linearise(fitted)
-        n = len(self._pull)
+        self.measured = len(potential.measured)
+        n = len(self._pull) - self.measured
         self.mean, self.covariance = fitted.x.new_zeros(n), torch.eye(n, dtype=fitted.x.dtype)
         if potential.noise.groups:
             # A joint maximum has too small a noise; so inputs are fitted again, where it is.
@@ -146,9 +150,11 @@ class Standardised:
 
     def _linearise(self, fitted: Fits) -> None:
         potential, count = self._potential, len(self._potential.inputs)
-        self._fitted, self._free = fitted, fitted.free[0].clone()
-        self._free[count:] = False
-        free = self._free
+        places = fitted.free[0, :count].nonzero()[:, 0]
+        # The measured ones first: the coordinates are conditioned on those that follow.
+        is_measured = torch.isin(places, potential.measured.at)
+        self._fitted = fitted
+        self._free = free = torch.cat([places[is_measured], places[~is_measured]])
         covariance = fitted.covariance[0][free][:, free]
         self._transform = BoundedTransform(
             potential.low[free], potential.high[free], covariance.diagonal().sqrt()
@@ -156,7 +162,7 @@ class Standardised:
         mean, slopes = potential.linearise(fitted.x)
         observed = potential.observed
         self._residual = observed.split((potential.y - mean)[0])[..., None]
-        self._slopes = observed.columns(slopes[0][:, free[:count]])
+        self._slopes = observed.columns(slopes[0][:, free])
         # The ends of the ranges count with the normal factors that stand for them.
         self._precision = torch.linalg.inv(covariance)
         self._pull = self._precision @ (fitted.mean - fitted.x)[0, free]

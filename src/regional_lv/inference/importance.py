@@ -24,6 +24,9 @@ PARTS = 8
 FREEDOM = 5
 """Degrees of freedom of the proposals: heavier tails than any posterior in a box."""
 
+WIDER = 1.05
+"""Of the standard deviation of coordinates that are proposed as normal."""
+
 EVEN = 0.02
 """Standard deviation of log weights below which they count as even."""
 
@@ -62,9 +65,10 @@ class Weighted:
         """Standard error of the log evidence."""
         return math.sqrt(max(1 / self.ess - 1 / len(self.u), 0.0))
 
-    def tempered(self) -> torch.Tensor:
-        """Weights (N,) flattened until enough draws for a next proposal count."""
-        return temper(self.log_weight, 4 * self.u.shape[1] + TRUNCATION)
+    def tempered(self, normal: int = 0) -> torch.Tensor:
+        """Weights (N,) flattened until enough draws for a next proposal count, of all coordinates
+        but the first that are `normal`."""
+        return temper(self.log_weight, 4 * (self.u.shape[1] - normal) + TRUNCATION)
 
 
 def sample(
@@ -78,28 +82,36 @@ def sample(
     most_rounds: int | None = None,
     least_ess: float = math.inf,
     largest_sd: Limit = math.inf,
+    normal: int = 0,
 ) -> Weighted:
-    """Draws of a `log_density` (M,) of u (M, P), which need not be normalised.
+    """Draws of a `log_density` (M,) of u (M, N + P), which need not be normalised.
 
     mean (P,), covariance (P, P): of the first proposal. draws: per round. rounds: of proposals of
     one distribution; further ones are of mixtures, `most_rounds` in all (None: `rounds`). Ends when
-    the effective sample size reaches `least_ess`. largest_sd: of a proposal.
+    the effective sample size reaches `least_ess`. largest_sd: of a proposal. normal: N, of the
+    first coordinates, which are all but standard normal given the others: they are proposed as
+    such, `WIDER`, and nothing is fitted to them. Fitted together, dozens of them would leave a
+    hundredth of the effective draws.
     """
     proposal: Student | Mixture = Student(mean, limited(covariance, largest_sd))
     proposals, us, targets = [], [], []
     for number in range(most_rounds or rounds):
         u = proposal.draw(draws, generator)
+        beside = WIDER * torch.randn(draws, normal, generator=generator, dtype=u.dtype)
         proposals.append(proposal)
-        us.append(u)
-        targets.append(torch.nan_to_num(log_density(u), nan=-math.inf, posinf=-math.inf))
+        us.append(torch.cat([beside, u], 1))
+        target = log_density(us[-1]) + 0.5 * (beside / WIDER).square().sum(1)
+        target = target + normal * (math.log(WIDER) + 0.5 * math.log(2 * math.pi))
+        targets.append(torch.nan_to_num(target, nan=-math.inf, posinf=-math.inf))
         # The first rounds only show the way.
         recent = slice(number // 2, None)
-        u = torch.cat(us[recent])
+        every = torch.cat(us[recent])
+        u = every[:, normal:]
         log_weight = torch.cat(targets[recent])
-        found = Weighted(u, log_weight - Mixture.equal(proposals[recent]).log_density(u))
+        found = Weighted(every, log_weight - Mixture.equal(proposals[recent]).log_density(u))
         if found.ess >= least_ess:
             break
-        tempered = found.tempered()
+        tempered = found.tempered(normal)
         if number < rounds - 1:
             mean, spread = moments(u, tempered)
             proposal = Student(mean, limited(1.2 * spread, largest_sd))
