@@ -379,7 +379,13 @@ def score(folder: str, answers: str) -> None:
         )
         lines.append(mean.assign(intervals=suffix or "_averaged"))
     print(pd.concat(lines).round(3).to_string())
-    print(found[["trusted", "misfit_p_value", "causes", "verdict"]].to_string())
+    effects = truth.drop(columns=names)
+    of_effect = {
+        heart: f"{name} {value:g}: {found.get(f'{name}_probability', {}).get(heart, np.nan):.2f}"
+        for (heart, name), value in effects.stack().items()
+    }
+    columns = ["trusted", "misfit_p_value", "causes", "verdict"]
+    print(found[columns].assign(effect=pd.Series(of_effect, dtype=str)).to_string())
 
 
 COMMANDS = {"errors": errors, "cohort": cohort, "planted": planted, "score": score}

@@ -132,7 +132,6 @@ class Standardised:
     def __init__(self, potential: Potential, fitted: Fits, generator: torch.Generator):
         self._potential, count = potential, len(potential.inputs)
         self._linearise(fitted)
-        self.measured = len(potential.measured)
         n = len(self._pull) - self.measured
         self.mean, self.covariance = fitted.x.new_zeros(n), torch.eye(n, dtype=fitted.x.dtype)
         if potential.noise.groups:
@@ -153,7 +152,7 @@ class Standardised:
         places = fitted.free[0, :count].nonzero()[:, 0]
         # The measured ones first: the coordinates are conditioned on those that follow.
         is_measured = torch.isin(places, potential.measured.at)
-        self._fitted = fitted
+        self._fitted, self.measured = fitted, int(is_measured.sum())
         self._free = free = torch.cat([places[is_measured], places[~is_measured]])
         covariance = fitted.covariance[0][free][:, free]
         self._transform = BoundedTransform(
