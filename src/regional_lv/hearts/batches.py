@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from regional_lv.errors import InputError
-from regional_lv.hearts.cohort import configure
+from regional_lv.hearts.cohort import collected_warnings, configure
 from regional_lv.hearts.listing import Listed
 from regional_lv.study.layout import BatchFiles
 
@@ -33,7 +33,9 @@ def answer_batch(
     for one in hearts:
         listed = Listed(**one)
         try:
-            how(configure(listed, shared, folders), Path(files.heart(listed.name).folder))
+            with collected_warnings():  # they are among those of `check_cohort`
+                config = configure(listed, shared, folders)
+            how(config, Path(files.heart(listed.name).folder))
         except OF_THE_MACHINE:
             raise
         except InputError as error:

@@ -164,11 +164,11 @@ def read_cohort(
     for listed in hearts:
         try:
             # Warnings are among the heart's own.
-            with warnings.catch_warnings(action="ignore"), _logged() as lines_logged:
+            with warnings.catch_warnings(action="ignore"), collected_warnings() as logged:
                 heart = read_heart(listed, shared, folders)
                 check_reach(heart.config)
             # What surfaces say of themselves, they say whenever they are read.
-            heart.warnings.extend(dict.fromkeys(lines_logged))
+            heart.warnings.extend(dict.fromkeys(logged))
             read[listed.name] = heart
         except InputError as error:
             left_out[listed.name] = str(error)
@@ -186,8 +186,8 @@ def read_cohort(
 
 
 @contextmanager
-def _logged() -> Iterator[list[str]]:
-    """What the package logs meanwhile, in place of showing it."""
+def collected_warnings() -> Iterator[list[str]]:
+    """What the package warns of meanwhile in its log, in place of showing it."""
     lines: list[str] = []
 
     def keep(record: logging.LogRecord) -> bool:
