@@ -2,6 +2,7 @@
 
 import copy
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import torch
@@ -160,6 +161,14 @@ class JointGP(Emulator):
         plain = copy.copy(self)
         plain.processes = self.processes[:1]
         return plain
+
+    def rescaled(self, factor: float) -> "JointGP":
+        """With errors on the study's mesh that are stated `factor` times as large."""
+        changed, first = copy.copy(self), copy.copy(self.processes[0])
+        calibration = first.calibration
+        first.calibration = replace(calibration, factor=factor**2 * calibration.factor)
+        changed.processes = (first, *self.processes[1:])
+        return changed
 
     @torch.no_grad()
     def errors_of(self, theta: torch.Tensor, y: torch.Tensor) -> torch.Tensor:
