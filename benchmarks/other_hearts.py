@@ -355,7 +355,7 @@ def write_cohort(place: Path, kept: Sequence[tuple]) -> None:
 
 
 def score(folder: str, answers: str) -> None:
-    truth = pd.read_csv(Path(folder) / "truth.csv").set_index("heart")
+    truth = pd.read_csv(Path(folder) / "truth.csv", dtype={"heart": str}).set_index("heart")
     found = pd.read_parquet(answers).set_index("heart")
     for name, why in found.loc[found["reason"] != "", "reason"].items():
         print(f"{name}: {why}")
