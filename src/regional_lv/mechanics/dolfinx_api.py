@@ -259,11 +259,14 @@ def _element(mesh, family, degree, components, **given):
 
 def columns_space(mesh, family: str, degree: int, components: int):
     """Space of vector fields each of whose degrees of freedom is a column of a matrix."""
+    # Matrices take no blocks of other widths than heights, as vector elements have them.
     if _LEGACY:
-        # Its matrices take no blocks, which a vector element has.
         element = ufl.FiniteElement(family, mesh.ufl_cell(), degree)
         return _function_space(mesh, ufl.MixedElement([element] * components))
-    return _function_space(mesh, (family, degree, (components,)))
+    import basix.ufl
+
+    element = basix.ufl.element(family, mesh.basix_cell(), degree)
+    return _function_space(mesh, basix.ufl.mixed_element([element] * components))
 
 
 def cellwise_dofs(space, components: int) -> np.ndarray:
