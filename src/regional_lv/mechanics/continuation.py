@@ -216,7 +216,9 @@ class Solver(Generic[AnyEquilibrium]):
         while True:
             there = self.simulator.retract(w + share * step)
             after = self.simulator.residual(there)
-            if np.linalg.norm(after) < bearable or share <= LEAST_SHARE:
+            with np.errstate(over="ignore"):  # of a step much too far, which is halved
+                bears = np.linalg.norm(after) < bearable
+            if bears or share <= LEAST_SHARE:
                 return there, after, share
             share /= 2
 
