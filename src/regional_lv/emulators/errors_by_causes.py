@@ -27,11 +27,16 @@ def judge(
     """
     emulator = load(emulator_file)
     theta, y, _ = read_simulations(test, emulator.parameters, emulator.outputs)
-    places = [emulator.coordinates.names.index(name) for name in nominal]
-    on = (theta[:, places] != list(nominal.values())).sum(axis=1)
+    on = count_on(emulator, theta, nominal)
     groups = {str(n): on == n for n in range(MANY)}
     groups |= {f"{MANY}+": on >= MANY, "all": on >= 0}
     errors_by(emulator, theta, y, groups, "on").to_csv(errors, index=False)
+
+
+def count_on(emulator: Emulator, theta: np.ndarray, nominal: Mapping[str, float]) -> np.ndarray:
+    """How many suspected inputs are on (n,) at theta (n, P); nominal: as of `judge`."""
+    places = [emulator.coordinates.names.index(name) for name in nominal]
+    return (theta[:, places] != list(nominal.values())).sum(axis=1)
 
 
 def errors_by(

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from regional_lv.emulators.errors_by_causes import errors_by
+from regional_lv.emulators.errors_by_causes import count_on, errors_by
 from regional_lv.emulators.gaussian import Z95
 from regional_lv.emulators.joint_gp import JointGP
 from regional_lv.emulators.training import read_simulations
@@ -75,7 +75,10 @@ def ship(
     emulator = JointGP.load(emulator_file)
     counts = pd.read_csv(summary).iloc[0]
     theta, y, _ = read_simulations(test, emulator.parameters, emulator.outputs)
-    few = _few_on(Inputs.from_config(physics).simulated, theta)
+    inputs = Inputs.from_config(physics).simulated
+    suspected = inputs.subset(inputs.of_role("suspected"))
+    nominal = dict(zip(suspected.names, suspected.nominal.tolist(), strict=True))
+    few = count_on(emulator, theta, nominal) <= FEW_ON
     factor = 1.0
     if few.any():
         factor = calibrating_factor(emulator.of_study_mesh.errors_of(theta[few], y[few]).numpy())
@@ -121,12 +124,6 @@ def calibrating_factor(errors: np.ndarray) -> float:
     them, and with many causes on more than with few.
     """
     return float(np.quantile(np.abs(errors), 0.95)) / Z95
-
-
-def _few_on(inputs: Inputs, theta: np.ndarray) -> np.ndarray:
-    """Rows (n,) of theta (n, P) with at most `FEW_ON` causes on."""
-    places = np.flatnonzero(inputs.of_role("suspected"))
-    return (theta[:, places] != inputs.nominal[places]).sum(1) <= FEW_ON
 
 
 def _ranges(emulator: JointGP) -> dict[str, list[float]]:
