@@ -8,6 +8,7 @@ import numpy as np
 import xarray as xr
 import yaml
 from click.testing import CliRunner
+from scipy import special
 
 from regional_lv import data
 from regional_lv.cli import main
@@ -82,14 +83,16 @@ def answer_as_known(config: Mapping, folder: Path) -> None:
     (folder / "page.html").write_text(name)
     load = 6.0 if name in ("anna", "cleo") else -3.0
     causes = ["septal_load", "focal_scar"]
+    evidence, prior = np.array([0.0, load, 0.0, load]), np.array([1 / 3, 1 / 6, 1 / 6, 1 / 3])
     models = xr.Dataset(
         {
-            "log_evidence": ("model", [0.0, load, 0.0, load]),
-            "log_prior": ("model", np.log([1 / 3, 1 / 6, 1 / 6, 1 / 3])),
+            "log_evidence": ("model", evidence),
+            "log_prior": ("model", np.log(prior)),
             "holds": (("model", "cause"), np.array([[0, 0], [1, 0], [0, 1], [1, 1]], dtype=bool)),
         },
         {"cause": causes},
     )
+    chosen = rng.choice(4, len(draws), p=special.softmax(evidence + np.log(prior)))
     inputs = {"input": list(PARAMETERS.names)}
     known = xr.Dataset(
         {
@@ -99,7 +102,10 @@ def answer_as_known(config: Mapping, folder: Path) -> None:
         },
         inputs | {"cause": causes},
     )
-    value = {"value": (("chain", "draw", "input"), draws[None])}
+    value = {
+        "value": (("chain", "draw", "input"), draws[None]),
+        "model_number": (("chain", "draw"), chosen[None]),
+    }
     write(
         xr.DataTree.from_dict(
             {"posterior": xr.Dataset(value, inputs), "sample_stats": models, "constant_data": known}

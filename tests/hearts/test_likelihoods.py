@@ -56,3 +56,13 @@ def test_data_that_say_all_are_fitted_by_the_moments():
     precision = np.linalg.inv(np.cov(u.T, ddof=0))
     np.testing.assert_allclose(found.precision, precision, rtol=1e-6)
     np.testing.assert_allclose(found.linear, precision @ u.mean(0) - 1, rtol=1e-6)
+
+
+def test_a_weight_is_as_many_draws():
+    rng = np.random.default_rng(0)
+    draws = posterior(rng.uniform(-0.8, 1.2, 4), covariances(1, rng)[0], 1000, 0)
+    counts = rng.integers(0, 4, 1000)
+    weighted = NormalLikelihood.of_draws(draws, LOW, HIGH, 0.01 * counts)
+    repeated = NormalLikelihood.of_draws(np.repeat(draws, counts, axis=0), LOW, HIGH)
+    for ours, theirs in zip(weighted, repeated, strict=True):
+        np.testing.assert_allclose(ours, theirs, rtol=1e-8)

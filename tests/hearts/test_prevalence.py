@@ -4,7 +4,12 @@ import numpy as np
 import pytest
 from scipy import special, stats
 
-from regional_lv.hearts.prevalence import SOME, infer_prevalence, log_bayes_factors
+from regional_lv.hearts.prevalence import (
+    SOME,
+    infer_prevalence,
+    log_bayes_factors,
+    weights_given_others,
+)
 from regional_lv.inference.averaging import average
 from tests.inference.toys import linear_problem, toy_inputs
 
@@ -75,6 +80,18 @@ def test_weak_hearts_are_strong_together():
     assert together[has].mean() > special.expit(log_factors)[has].mean() + 0.05
 
 
+def test_what_others_expect_of_a_heart():
+    """Its own data are not in it, and with them it gives the probability that the heart has it."""
+    _, log_factors = factors(0.5, 8, 2)
+    found = infer_prevalence(log_factors, (1.0, 3.0))
+    for k, expected in enumerate(found.expected):
+        silent = np.append(np.delete(log_factors, k), 0.0)
+        others = infer_prevalence(silent, (1.0, 3.0)).probability[-1]
+        assert expected == pytest.approx(others, rel=1e-6)
+    together = special.expit(special.logit(found.expected) + log_factors)
+    np.testing.assert_allclose(found.probability, together, rtol=1e-6)
+
+
 def test_evidence_of_one_heart():
     """Against the evidence of all sets, weighed by their prior, in closed form."""
     inputs = toy_inputs(2, suspected=3, half=2.0)
@@ -93,3 +110,20 @@ def test_evidence_of_one_heart():
     # A cause that no model may free says nothing.
     data = average(potential.without([2]), 2, 0).to_datatree(100, 0)
     assert set(log_bayes_factors(data)) == {"c1", "c2"}
+
+
+def test_models_given_other_hearts():
+    """A heart's posterior probability of one cause becomes what its Bayes factor makes of the
+    probability that the others expect."""
+    inputs = toy_inputs(2, suspected=3, half=2.0)
+    potential, _, _ = linear_problem(inputs, 12, [0.5, -0.3, 0.0, 0.3, 0.0])
+    data = average(potential, 2, 0).to_datatree(100, 0)
+    own = data.sample_stats["probability"].to_numpy()
+    holds = data.sample_stats["holds"].sel(cause="c1").to_numpy()
+    weighed = own * weights_given_others(data, {"c1": 0.02})
+    odds = weighed[holds].sum() / weighed[~holds].sum()
+    expected = special.logit(0.02) + log_bayes_factors(data)["c1"]
+    assert np.log(odds) == pytest.approx(expected, abs=1e-6)
+    # Models that differ in other causes alone stay as probable beside each other.
+    np.testing.assert_allclose((weighed / own)[~holds], 1.0)
+    assert np.ptp((weighed / own)[holds]) < 1e-9

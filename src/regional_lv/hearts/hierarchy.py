@@ -4,8 +4,9 @@ The logarithms of the stiffness of a heart, u (P,), are normal with a mean and a
 hearts share; what a heart's data say of u is a normal likelihood (`likelihoods`). All factors go
 together, as data know some combinations of them far better than each by itself. Priors: the mean is
 normal about the middle of the range, with half its width as sd; the covariance has half-t priors on
-its sds and none to speak of on its correlations (Huang and Wand 2013, doi 10.1214/13-BA815). Gibbs'
-sampler draws from the posterior. That hearts lie within the range is not imposed on the population.
+its sds (Huang and Wand 2013, doi 10.1214/13-BA815), with more degrees of freedom than leave each
+correlation uniform. Gibbs' sampler draws from the posterior. That hearts lie within the range is
+not imposed on the population.
 """
 
 import logging
@@ -27,9 +28,13 @@ FEWEST = 5
 CHAINS, WARMUP, DRAWS, EVERY = 4, 500, 4000, 5
 """Of the sampler; and how many of its draws there are for each that is kept of the hearts."""
 
-FREEDOM, SPREAD = 2.0, 0.5
+FREEDOM, SPREAD = 6.0, 0.5
 """Degrees of freedom and scale of the half-t priors of the sds of log stiffness: 0.5 is a factor of
-1.6 between hearts."""
+1.6 between hearts. A correlation r has the density (1 - r^2)^(FREEDOM / 2 - 1). Where each is
+uniform (2), ten together prefer matrices that are nearly singular, so that what is known least of
+hearts is taken to be alike: of ten factors in 35 simulated hearts, 95 % intervals of each heart
+held 91 % (uncorrelated) and 93.5 % (correlation 0.7), with 6 it is 92 and 94 %, with 20 93 and 93 %
+(six cohorts each)."""
 
 STEP = 0.5
 """Of the logarithm of a stretch (`_stretched`)."""

@@ -34,26 +34,33 @@ class NormalLikelihood(NamedTuple):
 
     @classmethod
     def of_draws(
-        cls, draws: np.ndarray, lower: np.ndarray, upper: np.ndarray
+        cls,
+        draws: np.ndarray,
+        lower: np.ndarray,
+        upper: np.ndarray,
+        weights: np.ndarray | None = None,
     ) -> "NormalLikelihood":
-        """From equally weighted posterior draws (N, P) of the stiffness, whose prior is uniform
-        between `lower` and `upper` (P,)."""
+        """From posterior draws (N, P) of the stiffness, whose prior is uniform between `lower` and
+        `upper` (P,); weights (N,) of the draws up to a constant, equal by default."""
         u, low, high = np.log(draws), np.log(lower), np.log(upper)
-        middle, scale = u.mean(0), u.std(0)
+        share = np.ones(len(u)) if weights is None else weights
+        share = share / share.sum()
+        middle = share @ u
+        scale = np.sqrt(share @ (u - middle) ** 2)
         z = (u - middle) / scale
         from_low, from_high, edge = (v / scale for v in (u - low, high - u, EDGE * (high - low)))
-        weight = np.minimum(np.minimum(from_low, from_high), edge)
-        slope = np.where(weight < edge, np.where(from_low < from_high, 1.0, -1.0), 0.0)
-        count = len(u)
+        inside = np.minimum(np.minimum(from_low, from_high), edge)
+        turned = np.where(inside < edge, np.where(from_low < from_high, 1.0, -1.0), 0.0)
+        weight, slope = share[:, None] * inside, share[:, None] * turned
         # The score s_j is x @ (row j of K, h_j).
-        x = np.hstack([-z, np.ones((count, 1))])
-        square = np.einsum("nj,na,nb->jab", weight, x, x, optimize=True) / count
-        mean_weight, mean_slope = weight.mean(0), slope.mean(0)
-        right = -slope.T @ x / count
+        x = np.hstack([-z, np.ones((len(z), 1))])
+        square = np.einsum("nj,na,nb->jab", weight, x, x, optimize=True)
+        mean_weight, mean_slope = weight.sum(0), slope.sum(0)
+        right = -slope.T @ x
         right[np.diag_indices(len(scale))] += mean_weight
         precision = np.linalg.solve(square, right[..., None])[:, :-1, 0]
         precision = _nearest((precision + precision.T) / 2)
-        at = (weight.T @ z) / count
+        at = weight.T @ z
         linear = (np.einsum("jk,jk->j", precision, at) - mean_slope) / mean_weight
         precision = precision / np.outer(scale, scale)
         # About the origin, and without the prior, whose score is 1.

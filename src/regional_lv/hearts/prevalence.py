@@ -33,13 +33,15 @@ evidence (Kass and Raftery 1995, doi 10.1080/01621459.1995.10476572)."""
 @dataclass(frozen=True)
 class Prevalence:
     """Posterior of the share of hearts with a cause: quantiles `LEVELS`; log Bayes factor against
-    no heart having it; `among` how many causes it was looked for; and of each heart (H,) the
-    probability that it has, given all others."""
+    no heart having it; `among` how many causes it was looked for; of each heart (H,) the
+    probability that it has, given all data, and `expected` (H,), given those of the others alone.
+    """
 
     share: tuple[float, ...]
     log_bayes_factor: float
     among: int
     probability: np.ndarray
+    expected: np.ndarray
 
     @property
     def probability_any(self) -> float:
@@ -65,6 +67,19 @@ def log_bayes_factors(data: xr.DataTree) -> Mapping[str, float]:
     return found
 
 
+def weights_given_others(data: xr.DataTree, expected: Mapping[str, float]) -> np.ndarray:
+    """By what the probability of each model of one heart (model,) is multiplied, up to a constant,
+    if its prior for causes is what all other hearts say of them.
+
+    data: as of `Averaged.to_datatree`; expected: by cause, `Prevalence.expected` of this heart.
+    Each cause is taken by itself, as its prevalence was.
+    """
+    known = data.constant_data
+    own = known["prior_probability"].sel(cause=[*expected]).to_numpy()
+    holds = data.sample_stats["holds"].sel(cause=[*expected]).transpose("model", "cause")
+    return np.exp(holds.to_numpy() @ (special.logit([*expected.values()]) - special.logit(own)))
+
+
 def infer_prevalence(
     log_factors: Sequence[float] | np.ndarray, prior: Sequence[float], among: int = 1
 ) -> Prevalence:
@@ -76,10 +91,12 @@ def infer_prevalence(
         together = np.logaddexp(np.log1p(-share), present)
     logs = together.sum(1)
     weight = special.softmax(logs)
+    others = special.softmax(logs[:, None] - together, axis=0)
     ends = np.interp(LEVELS, np.cumsum(weight) - weight / 2, share[:, 0])
     return Prevalence(
         share=tuple(map(float, ends)),
         log_bayes_factor=float(special.logsumexp(logs) - np.log(NODES)),
         among=among,
         probability=weight @ np.exp(present - together),
+        expected=share[:, 0] @ others,
     )

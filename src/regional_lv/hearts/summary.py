@@ -16,7 +16,11 @@ from regional_lv.errors import InputError
 from regional_lv.hearts import hierarchy
 from regional_lv.hearts.hierarchy import infer_population
 from regional_lv.hearts.likelihoods import NormalLikelihood
-from regional_lv.hearts.prevalence import infer_prevalence, log_bayes_factors
+from regional_lv.hearts.prevalence import (
+    infer_prevalence,
+    log_bayes_factors,
+    weights_given_others,
+)
 from regional_lv.inference.posteriors import load
 from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.seeds import derive
@@ -52,12 +56,12 @@ CAUSES = [
 
 class Answered(NamedTuple):
     """A heart that was answered: its row, whether its stiffness can be trusted, log Bayes factors
-    of causes, and what its data say of the stiffness."""
+    of causes, and the file of its posterior."""
 
     row: dict
     trusted: bool
     log_factors: Mapping[str, float]
-    likelihood: NormalLikelihood
+    posterior: str
 
 
 def summarise_cohort(
@@ -98,7 +102,7 @@ def summarise_cohort(
         row = {"heart": name, "reason": reasons.get(name, "")}
         if not row["reason"]:
             files = AnswerFiles(str(places[name]))
-            answered[name] = _read_answer(files, parameters)
+            answered[name] = _read_answer(files)
             page = str(Path(files.page).relative_to(folder))
             row |= {"page": page, **_read_of(known[name]), **answered[name].row}
         rows.append(row)
@@ -107,8 +111,8 @@ def summarise_cohort(
         raise InputError(f"cohort: no heart was answered; correct what is wrong:\n{lines}")
     of_hearts = pd.DataFrame(rows).set_index("heart")
     trusted = {name: one for name, one in answered.items() if one.trusted}
-    of_factors, pooled = _pool(trusted, parameters, derive(seed, "population"))
-    of_causes, probabilities = _prevalences(trusted, prevalence_prior)
+    of_causes, probabilities, expected = _prevalences(trusted, prevalence_prior)
+    of_factors, pooled = _pool(trusted, expected, parameters, derive(seed, "population"))
     of_hearts = pd.concat([of_hearts, pooled, probabilities], axis=1).loc[[*hearts]]
     of_hearts.rename_axis("heart").reset_index().to_parquet(table, index=False)
     of_factors.to_csv(population, index=False, float_format="%.8g")
@@ -128,17 +132,11 @@ def _read_of(known: Mapping) -> dict:
     return {**known, "warnings": "\n".join(known["warnings"])}
 
 
-def _read_answer(files: AnswerFiles, parameters: StiffnessInputs) -> Answered:
-    findings, data = read_findings(files.findings), load(files.posterior)
-    names = [*parameters.names]
-    draws = data.posterior["value"].sel(input=names).stack(n=("chain", "draw"))
-    lower, upper = (
-        data.constant_data[end].sel(input=names).to_numpy() for end in ("lower", "upper")
-    )
-    log_factors = log_bayes_factors(data)
+def _read_answer(files: AnswerFiles) -> Answered:
+    findings = read_findings(files.findings)
+    log_factors = log_bayes_factors(load(files.posterior))
     row = _row(findings) | {f"{c}_log_bayes_factor": value for c, value in log_factors.items()}
-    likelihood = NormalLikelihood.of_draws(draws.transpose("n", "input").to_numpy(), lower, upper)
-    return Answered(row, findings["trusted"], log_factors, likelihood)
+    return Answered(row, findings["trusted"], log_factors, files.posterior)
 
 
 def _row(findings: Findings) -> dict:
@@ -176,13 +174,19 @@ def _columns(name: str, summary: Summary) -> dict:
 
 
 def _pool(
-    hearts: Mapping[str, Answered], parameters: StiffnessInputs, seed: int
+    hearts: Mapping[str, Answered],
+    expected: Mapping[str, Mapping[str, float]],
+    parameters: StiffnessInputs,
+    seed: int,
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """The stiffness of the population, and that of each heart given all others."""
+    """The stiffness of the population, and that of each heart given all others; expected: by heart
+    and cause, how probable the other hearts make it."""
     names = [*parameters.names]
     if len(hearts) < hierarchy.FEWEST:
         return pd.DataFrame(columns=POPULATION), pd.DataFrame(index=[*hearts])
-    stacked = NormalLikelihood.stack([one.likelihood for one in hearts.values()])
+    stacked = NormalLikelihood.stack(
+        [_likelihood(one.posterior, names, expected[name]) for name, one in hearts.items()]
+    )
     found = infer_population(stacked, parameters.lower, parameters.upper, derive(seed, "sampler"))
     table = found.table(names, derive(seed, "table")).assign(hearts=len(hearts), rhat=found.rhat)
     low, middle, high = np.exp(found.heart_quantiles)
@@ -193,17 +197,35 @@ def _pool(
     return table[POPULATION], pd.DataFrame(columns, index=[*hearts])
 
 
+def _likelihood(file: str, names: list[str], expected: Mapping[str, float]) -> NormalLikelihood:
+    """What the data of a heart say of its stiffness, averaged over models as probable as the other
+    hearts make their causes."""
+    data = load(file)
+    draws = data.posterior["value"].sel(input=names).stack(n=("chain", "draw"))
+    lower, upper = (
+        data.constant_data[end].sel(input=names).to_numpy() for end in ("lower", "upper")
+    )
+    of_models = weights_given_others(data, expected)
+    weights = of_models[data.posterior["model_number"].to_numpy().ravel()]
+    values = draws.transpose("n", "input").to_numpy()
+    return NormalLikelihood.of_draws(values, lower, upper, weights)
+
+
 def _prevalences(
     hearts: Mapping[str, Answered], prior: Sequence[float]
-) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """In how many hearts causes are, and the probability in each given all others."""
+) -> tuple[pd.DataFrame, pd.DataFrame, dict[str, dict[str, float]]]:
+    """In how many hearts causes are; the probability in each given all others; and by heart and
+    cause how probable the others alone make it."""
     factors = pd.DataFrame({name: one.log_factors for name, one in hearts.items()}).T
     rows, columns = [], dict[str, pd.Series]()
+    expected: dict[str, dict[str, float]] = {name: {} for name in hearts}
     for cause in factors:
         searched = factors[cause].dropna()
         found = infer_prevalence(searched.to_numpy(float), prior, factors.shape[1])
         low, middle, high = found.share
         columns[f"{cause}_pooled_probability"] = pd.Series(found.probability, searched.index)
+        for name, probability in zip(searched.index, found.expected, strict=True):
+            expected[name][cause] = float(probability)
         rows.append(
             {
                 "cause": cause,
@@ -217,4 +239,4 @@ def _prevalences(
             }
         )
     table = pd.DataFrame(rows, columns=CAUSES).sort_values("log_bayes_factor", ascending=False)
-    return table, pd.DataFrame(columns, index=[*hearts])
+    return table, pd.DataFrame(columns, index=[*hearts]), expected
