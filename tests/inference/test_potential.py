@@ -176,3 +176,22 @@ def test_departure_adds_to_the_error():
     error = potential.settle(torch.zeros(2, 2).double(), torch.tensor([0.0, 3.0]).double())
     torch.testing.assert_close(error[0], emulator.error)
     torch.testing.assert_close(error[1], emulator.error + 9 * pattern)
+
+
+def test_replicates_are_of_their_own_point():
+    """Points that come often, in any order, over chunks that are smaller than their number."""
+    potential, x = problem("mixed")
+    potential.chunk = 2
+    generator = torch.Generator().manual_seed(1)
+    which = torch.randint(len(x), (12_000,), generator=generator)
+    found = potential.replicates(x[which], torch.zeros(len(which)).double(), generator)
+    mean, error = potential.predict(x, torch.zeros(len(x)).double())
+    variance = potential.noise.variance(x[:, len(potential.inputs) :])
+    for k in range(len(x)):
+        own = found[which == k]
+        covariance = error[0] + torch.diag(variance[k])
+        near = 5 * (covariance.diagonal() / len(own)).sqrt()
+        assert ((own.mean(0) - mean[k]).abs() < near).all()
+        scale = covariance.diagonal().sqrt()
+        away = (torch.cov(own.mT) - covariance) / torch.outer(scale, scale)
+        assert away.abs().max() < 0.1

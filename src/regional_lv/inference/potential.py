@@ -298,15 +298,21 @@ class Potential:
     def replicates(self, x: torch.Tensor, amplitude: torch.Tensor, generator) -> torch.Tensor:
         """Measurements (M, D) as they may be at x (M, P): with the emulator's error, a departure of
         `amplitude` (M,) and normal noise."""
-        parts = []
-        for part, size in zip(x.split(self.chunk), amplitude.split(self.chunk), strict=True):
-            mean, error = self.predict(part, size)
-            whitening = self.whitening(part, error)
-            deviates = torch.randn(*mean.shape, generator=generator, dtype=mean.dtype)
-            split = self.observed.split(deviates)[..., None]
+        deviates = torch.randn(len(x), len(self.y), generator=generator, dtype=x.dtype)
+        # Draws of importance sampling repeat points.
+        points = torch.cat([x, amplitude[:, None]], dim=1)
+        points, owner = torch.unique(points, dim=0, return_inverse=True)
+        y = torch.empty_like(deviates)
+        for first, part in enumerate(points.split(self.chunk)):
+            here = (owner // self.chunk == first).nonzero()[:, 0]
+            at = owner[here] % self.chunk
+            mean, error = self.predict(part[:, :-1], part[:, -1])
+            whitening = self.whitening(part[:, :-1], error)
+            whitening = whitening.expand(len(part), *whitening.shape[1:])[at]
+            split = self.observed.split(deviates[here])[..., None]
             missed = torch.linalg.solve_triangular(whitening, split, upper=False)[..., 0]
-            parts.append(mean + self.observed.join(missed.expand_as(split[..., 0])))
-        return torch.cat(parts)
+            y[here] = mean[at] + self.observed.join(missed)
+        return y
 
     def noise_sd(self, unknown: float = 1.0) -> torch.Tensor:
         """Of the D outputs; where its scale is inferred, `unknown` times the unit of that."""
