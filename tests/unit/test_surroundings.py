@@ -209,3 +209,13 @@ def test_modules_of_the_working_folder_are_not_found(entry, tmp_path, root):
     program = SETTLE.format(names=[]) + find + f"subprocess.run([sys.executable, '-c', {find!r}])"
     done = started(program, {"PYTHONPATH": path, "HOME": str(tmp_path)}, tmp_path)
     assert done.stdout.split() == ["None", "None"], done
+
+
+@pytest.mark.parametrize(("given", "then"), [({}, 1), ({"OMP_NUM_THREADS": "2"}, 2)])
+def test_libraries_compute_on_one_core_unless_the_user_says_otherwise(given, then, tmp_path):
+    program = (
+        "from click.testing import CliRunner; from regional_lv.cli import main;"
+        "CliRunner().invoke(main, ['new', 'anna']);"
+        "import torch; print(torch.get_num_threads())"
+    )
+    assert started(program, given, tmp_path).stdout == f"{then}\n"

@@ -1,7 +1,6 @@
 """The project's workflow, started from the command line."""
 
 import importlib.util
-import os
 import subprocess
 import sys
 from collections.abc import Iterable
@@ -34,8 +33,6 @@ def run_workflow(project: Path, files: Iterable[Path], cores: int, dry_run: bool
     """
     command = [sys.executable, "-P", "-m", "snakemake", "--snakefile", str(project / "Snakefile")]
     command += ["--cores", str(cores), "--configfile", *map(str, files)]
-    # Each job is a process of its own; libraries that take all cores in each slow them down.
-    environment = {"OMP_NUM_THREADS": "1"} | os.environ
-    done = subprocess.run(command + ["--dry-run"] * dry_run, env=environment)
+    done = subprocess.run(command + ["--dry-run"] * dry_run)
     if done.returncode:
         raise Mistakes(f"snakemake ended with {done.returncode}; its last lines say why")
