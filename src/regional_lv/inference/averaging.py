@@ -27,7 +27,7 @@ SHARE, MOST = 0.999, 200
 LEAST_PROBABILITY = 0.05
 """Of a model that is sampled; the model as it is always is."""
 
-DRAWS, LEAST_DRAWS = 2000, 1000
+DRAWS, LEAST_DRAWS = 2000, 500
 """Of a round of sampling: for all of the probability, and of one model at least."""
 
 APPROXIMATED = 250
