@@ -1,4 +1,4 @@
-"""Weighted draws of a model with many measured inputs, whose effects depend on the inferred ones."""
+"""Weighted draws of a model with many measured inputs, whose effects depend on inferred ones."""
 
 import numpy as np
 import pytest
