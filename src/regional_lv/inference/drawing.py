@@ -226,14 +226,14 @@ class Standardised:
         by = _with_one(v[:, m : len(self._pull)])
         slopes = torch.tensordot(by, self._slopes_by_others, dims=1)
         found = potential.quadratic(potential.mean(x), slopes, x, self._fitted.error)
-        factor = torch.linalg.cholesky(found.curvature[:, at][:, :, at])
+        factor, lost = _factor(found.curvature[:, at][:, :, at])
         step = torch.cholesky_solve(found.gradient[:, at, None], factor)
         step = step + torch.linalg.solve_triangular(factor.mT, v[:, :m, None], upper=True)
-        there = x.clone()
-        there[:, at] += step[..., 0]
-        inside = torch.minimum(torch.maximum(there, potential.low), potential.high)
+        wanted, x = x[:, at] + step[..., 0], x.clone()
+        x[:, at] = torch.minimum(torch.maximum(wanted, potential.low[at]), potential.high[at])
+        lost = lost | (x[:, at] != wanted).any(-1)
         stretch = -factor.diagonal(dim1=-2, dim2=-1).log().sum(-1)
-        return inside, torch.where((inside == there).all(-1), stretch, -torch.inf)
+        return x, torch.where(lost, -torch.inf, stretch)
 
     def _normal(self, log_sigma):
         """Of the linear model with scales (N, G): mean (N or 1, n) less the fit, Cholesky factor
@@ -248,9 +248,7 @@ class Standardised:
             slopes = self._slopes.flatten(0, -2)
             precision = precision + slopes.mT @ (change @ self._slopes).flatten(1, -2)
             pull = pull + (change @ self._residual).flatten(1) @ slopes
-        factor, failed = torch.linalg.cholesky_ex(precision)
-        lost = failed > 0
-        factor = torch.where(lost[:, None, None], torch.eye(factor.shape[-1]).to(factor), factor)
+        factor, lost = _factor(precision)
         centre = torch.cholesky_solve(pull[..., None], factor)[..., 0]
         logs = white.diagonal(dim1=-2, dim2=-1).log().flatten(1).sum(-1)
         logs = logs - factor.diagonal(dim1=-2, dim2=-1).log().sum(-1)
@@ -268,3 +266,12 @@ class Standardised:
 def _with_one(v: torch.Tensor) -> torch.Tensor:
     """A column of ones before those of v (N, n)."""
     return torch.cat([torch.ones_like(v[:, :1]), v], 1)
+
+
+def _factor(precision: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+    """Cholesky factors of matrices (N, n, n), and which have none by round-off (N,): of these the
+    factor is the identity."""
+    factor, failed = torch.linalg.cholesky_ex(precision)
+    lost = failed > 0
+    identity = torch.eye(factor.shape[-1]).to(factor)
+    return torch.where(lost[:, None, None], identity, factor), lost
