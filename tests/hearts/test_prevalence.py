@@ -113,16 +113,17 @@ def test_evidence_of_one_heart():
 
 
 def test_models_given_other_hearts():
-    """A heart's posterior probability of one cause becomes what its Bayes factor makes of the
-    probability that the others expect."""
+    """The odds of one cause change as the other hearts change what is expected of it."""
     inputs = toy_inputs(2, suspected=3, half=2.0)
     potential, _, _ = linear_problem(inputs, 12, [0.5, -0.3, 0.0, 0.3, 0.0])
     data = average(potential, 2, 0).to_datatree(100, 0)
     own = data.sample_stats["probability"].to_numpy()
     holds = data.sample_stats["holds"].sel(cause="c1").to_numpy()
-    weighed = own * weights_given_others(data, {"c1": 0.02})
+    weighed = own * weights_given_others(data, {"c1": 0.02}, (1.0, 4.0))
     odds = weighed[holds].sum() / weighed[~holds].sum()
-    expected = special.logit(0.02) + log_bayes_factors(data)["c1"]
+    prior = float(data.constant_data["prior_probability"].sel(cause="c1"))
+    change = special.logit(0.02) - special.logit(0.2)
+    expected = special.logit(prior) + log_bayes_factors(data)["c1"] + change
     assert np.log(odds) == pytest.approx(expected, abs=1e-6)
     # Models that differ in other causes alone stay as probable beside each other.
     np.testing.assert_allclose((weighed / own)[~holds], 1.0)

@@ -101,14 +101,15 @@ def infer_population(
     for step in range(WARMUP + DRAWS):
         inverse = np.linalg.inv(covariance)
         # The mean where hearts are integrated out, then each heart: (chains, H, P).
-        spread = np.linalg.inv(hearts.precision + inverse[:, None])
+        given_population = hearts.precision + inverse[:, None]
+        spread = np.linalg.inv(given_population)
         shrunk = _diagonal(spread) / _diagonal(covariance)[:, None]
         told = inverse[:, None] @ spread
-        of_mean = np.linalg.inv(prior + (inverse[:, None] - told @ inverse[:, None]).sum(1))
+        of_mean = prior + (inverse[:, None] - told @ inverse[:, None]).sum(1)
         sums = (prior @ middle)[:, None] + (told @ hearts.linear[..., None]).sum(1)
-        mean = _normal(of_mean @ sums, of_mean, rng)
+        mean = _normal(np.linalg.solve(of_mean, sums), of_mean, rng)
         right = hearts.linear[..., None] + (inverse @ mean[..., None])[:, None]
-        u = _normal(spread @ right, spread, rng)
+        u = _normal(spread @ right, given_population, rng)
         u, inverse = _stretched(hearts, mean, u, inverse, axes, rng)
         away = u - mean[:, None]
         squares = np.einsum("chp,chq->cpq", away, away)
@@ -178,10 +179,12 @@ def _diagonal(matrices: np.ndarray) -> np.ndarray:
     return np.diagonal(matrices, axis1=-2, axis2=-1)
 
 
-def _normal(mean: np.ndarray, covariance: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Draws (..., P) of means (..., P, 1) and covariances (..., P, P)."""
+def _normal(mean: np.ndarray, precision: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Draws (..., P) of means (..., P, 1) and precisions (..., P, P): these are sums, and positive
+    definite whatever round-off leaves of their inverses."""
     deviates = rng.standard_normal(mean.shape)
-    return (mean + np.linalg.cholesky(covariance) @ deviates)[..., 0]
+    factor = np.linalg.cholesky(precision)
+    return (mean + np.linalg.solve(factor.swapaxes(-1, -2), deviates))[..., 0]
 
 
 def _rhat(*draws: np.ndarray) -> float:

@@ -67,17 +67,18 @@ def log_bayes_factors(data: xr.DataTree) -> Mapping[str, float]:
     return found
 
 
-def weights_given_others(data: xr.DataTree, expected: Mapping[str, float]) -> np.ndarray:
-    """By what the probability of each model of one heart (model,) is multiplied, up to a constant,
-    if its prior for causes is what all other hearts say of them.
+def weights_given_others(
+    data: xr.DataTree, expected: Mapping[str, float], prior: Sequence[float]
+) -> np.ndarray:
+    """By what the data of all other hearts multiply the probability of each model of one heart
+    (model,), up to a constant: by the change of the odds of the causes that it holds.
 
-    data: as of `Averaged.to_datatree`; expected: by cause, `Prevalence.expected` of this heart.
-    Each cause is taken by itself, as its prevalence was.
+    data: as of `Averaged.to_datatree`; expected: by cause, `Prevalence.expected` of this heart; the
+    prior that this was inferred with. Each cause is taken by itself, as its prevalence was.
     """
-    known = data.constant_data
-    own = known["prior_probability"].sel(cause=[*expected]).to_numpy()
+    change = special.logit([*expected.values()]) - np.log(prior[0] / prior[1])
     holds = data.sample_stats["holds"].sel(cause=[*expected]).transpose("model", "cause")
-    return np.exp(holds.to_numpy() @ (special.logit([*expected.values()]) - special.logit(own)))
+    return np.exp(holds.to_numpy() @ change)
 
 
 def infer_prevalence(

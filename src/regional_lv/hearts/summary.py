@@ -112,7 +112,11 @@ def summarise_cohort(
     of_hearts = pd.DataFrame(rows).set_index("heart")
     trusted = {name: one for name, one in answered.items() if one.trusted}
     of_causes, probabilities, expected = _prevalences(trusted, prevalence_prior)
-    of_factors, pooled = _pool(trusted, expected, parameters, derive(seed, "population"))
+    likelihoods = [
+        _likelihood(one.posterior, parameters, expected[name], prevalence_prior)
+        for name, one in trusted.items()
+    ]
+    of_factors, pooled = _pool([*trusted], likelihoods, parameters, derive(seed, "population"))
     of_hearts = pd.concat([of_hearts, pooled, probabilities], axis=1).loc[[*hearts]]
     of_hearts.rename_axis("heart").reset_index().to_parquet(table, index=False)
     of_factors.to_csv(population, index=False, float_format="%.8g")
@@ -174,19 +178,16 @@ def _columns(name: str, summary: Summary) -> dict:
 
 
 def _pool(
-    hearts: Mapping[str, Answered],
-    expected: Mapping[str, Mapping[str, float]],
+    hearts: Sequence[str],
+    likelihoods: list[NormalLikelihood],
     parameters: StiffnessInputs,
     seed: int,
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """The stiffness of the population, and that of each heart given all others; expected: by heart
-    and cause, how probable the other hearts make it."""
+    """The stiffness of the population, and that of each heart given all others."""
     names = [*parameters.names]
     if len(hearts) < hierarchy.FEWEST:
         return pd.DataFrame(columns=POPULATION), pd.DataFrame(index=[*hearts])
-    stacked = NormalLikelihood.stack(
-        [_likelihood(one.posterior, names, expected[name]) for name, one in hearts.items()]
-    )
+    stacked = NormalLikelihood.stack(likelihoods)
     found = infer_population(stacked, parameters.lower, parameters.upper, derive(seed, "sampler"))
     table = found.table(names, derive(seed, "table")).assign(hearts=len(hearts), rhat=found.rhat)
     low, middle, high = np.exp(found.heart_quantiles)
@@ -197,15 +198,17 @@ def _pool(
     return table[POPULATION], pd.DataFrame(columns, index=[*hearts])
 
 
-def _likelihood(file: str, names: list[str], expected: Mapping[str, float]) -> NormalLikelihood:
+def _likelihood(
+    file: str, parameters: StiffnessInputs, expected: Mapping[str, float], prior: Sequence[float]
+) -> NormalLikelihood:
     """What the data of a heart say of its stiffness, averaged over models as probable as the other
-    hearts make their causes."""
-    data = load(file)
+    hearts make them."""
+    data, names = load(file), [*parameters.names]
     draws = data.posterior["value"].sel(input=names).stack(n=("chain", "draw"))
     lower, upper = (
         data.constant_data[end].sel(input=names).to_numpy() for end in ("lower", "upper")
     )
-    of_models = weights_given_others(data, expected)
+    of_models = weights_given_others(data, expected, prior)
     weights = of_models[data.posterior["model_number"].to_numpy().ravel()]
     values = draws.transpose("n", "input").to_numpy()
     return NormalLikelihood.of_draws(values, lower, upper, weights)
