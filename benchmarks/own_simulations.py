@@ -29,7 +29,6 @@ from other_hearts import summary
 
 from regional_lv import config as study_config
 from regional_lv.channels import Channels
-from regional_lv.criticism.confirmation import condition_on
 from regional_lv.criticism.settings import settings_of
 from regional_lv.criticism.study import critic_of
 from regional_lv.emulators import OF_INPUTS, create
@@ -37,6 +36,7 @@ from regional_lv.emulators.joint_gp import JointGP
 from regional_lv.hearts import ONE_HEART
 from regional_lv.hearts.fast import import_subject
 from regional_lv.hearts.file import shipped
+from regional_lv.hearts.full import emulator_of
 from regional_lv.hearts.reach import within
 from regional_lv.inputs.space import Inputs, sections_of
 
@@ -44,7 +44,7 @@ PROJECT = Path(__file__).parents[1]
 CORES = os.environ.get("CORES", "2")
 OWN, TEST = 300, 40
 SIMULATED = {"simulations": OWN, "test": TEST, "anchors": 32, "finer": 12, "emulator": "own"}
-JOINED, ALONE = (0, 5, 10, 20, 30, 60), (30, 60, 150, 300)
+JOINED, ALONE = (0, 10, 20, 30, 60), (30, 60, 150, 300)
 WITH_POSTERIOR = (0, 30)
 """Numbers of simulations beside the shipped emulator; without it there have to be all."""
 
@@ -56,7 +56,7 @@ def simulate(folder: Path, name: str) -> tuple[dict, dict[str, Path]]:
     place.mkdir(exist_ok=True)
     given = study_config.merged(study_config.read(ONE_HEART), study_config.read(path))
     config, any_heart = study_config.load(given, path, [str(path.parent)]), shipped()
-    config, _ = within(config, any_heart.emulator, any_heart.known, learns=True)
+    config, _ = within(config, any_heart.emulator, any_heart.known)
     extra = place / f"{name}.yaml"
     cut = {"parameters": config["parameters"], "inputs": config["inputs"]}
     extra.write_text(yaml.safe_dump(cut | {"all_inputs": SIMULATED}))
@@ -81,9 +81,10 @@ def emulators(config: dict, files: dict) -> Iterator[tuple]:
     """Kind, number of simulations, and emulator."""
     physics, channels = sections_of(config), Channels.from_config(config)
     inputs = Inputs.from_config(physics).simulated
-    train, any_heart = pd.read_parquet(files["train"]), shipped().of_heart(physics, channels)
+    train, alone = pd.read_parquet(files["train"]), shipped().of_heart(physics, channels)
     for count in JOINED:
-        yield "shipped", count, condition_on(any_heart, train[:count]) if count else any_heart
+        own = shipped(), physics, channels, train[:count], config["seed"]
+        yield "shipped", count, emulator_of(*own) if count else alone
     for count in ALONE:
         own = train[:count]
         if count >= len(train):

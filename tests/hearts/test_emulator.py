@@ -114,8 +114,11 @@ def test_outputs_and_errors_are_in_the_units_of_the_heart(any_heart, emulator, i
     torch.testing.assert_close(few.predict_mean(x), found.mean[:, 3:5])
 
 
-def test_its_own_simulations_make_it_local(any_heart, emulator, inputs):
-    """Of a heart that is simulated as well: values are met, and errors beside them get small."""
+@pytest.mark.parametrize("described", [False, True], ids=["table", "surfaces"])
+def test_its_own_simulations_make_it_local(any_heart, inputs, described):
+    """Of a heart that is simulated as well: values are met, errors beside them get small, and those
+    that are stated are about this heart, of which a table leaves nothing open any more."""
+    emulator = HeartEmulator(any_heart.emulator, any_heart.known, inputs, described)
     there = InputMap(any_heart.known, inputs)
     truth = outputs_of(any_heart.known, any_heart.emulator.channels)
     volume = torch.as_tensor(any_heart.emulator.channels.of_quantity("volume")).double()
@@ -140,6 +143,41 @@ def test_its_own_simulations_make_it_local(any_heart, emulator, inputs):
     assert own < 0.3 * before
     assert after < 0.6 * before
     assert given.predict(other).sd.mean() < emulator.predict(other).sd.mean()
+    assert 0.3 < given.errors_of(other, simulated(other)).square().mean().sqrt() < 1.5
+    mean, slopes = given.linearise(other)
+    torch.testing.assert_close(mean, given.predict(other).mean)
+    assert (slopes - derivatives(other)).square().mean() < (
+        (emulator.linearise(other)[1] - derivatives(other)).square().mean()
+    )
+    few = given.select(given.outputs[3:5])
+    torch.testing.assert_close(few.predict(other).mean, mean[:, 3:5])
+    more = given.condition(other, simulated(other), derivatives(other))
+    assert (more.predict_mean(other) - simulated(other)).abs().mean() < 0.3 * (
+        (mean - simulated(other)).abs().mean()
+    )
+
+
+def test_simulations_tell_what_other_sectors_leave_open(any_heart, heart):
+    def elsewhere(table):
+        table.loc[6, "angle_to_deg"] += 8.0
+        table.loc[11, "angle_from_deg"] += 8.0
+
+    inputs = Inputs.from_config(sections_of(heart(elsewhere, inputs=ROLES))).simulated
+    emulator = HeartEmulator(any_heart.emulator, any_heart.known, inputs)
+
+    def simulated(x):
+        """A hundredth larger, times the first factor of the stiffness."""
+        y, slopes = emulator.linearise(x)
+        larger = 1 + 0.01 * x[:, :1]
+        slopes = slopes * larger[..., None]
+        slopes[..., 0] += 0.01 * y
+        return y * larger, slopes
+
+    x, other = near(inputs, 12, seed=1), near(inputs, 6, seed=2)
+    given = emulator.condition(x, *simulated(x))
+    y, before = simulated(other)[0], emulator.predict_mean(other)
+    assert ((given.predict_mean(other) - y) / (before - y)).abs().median() < 0.1
+    assert (given.predict(other).sd < emulator.predict(other).sd).double().mean() > 0.95
 
 
 def test_the_file_holds_the_emulator(made, any_heart, file):

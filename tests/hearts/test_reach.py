@@ -8,7 +8,7 @@ from regional_lv.geometry.described import Described
 from regional_lv.geometry.table import read_segments
 from regional_lv.hearts import file, reach
 from regional_lv.hearts.cohort import reach_of_emulator
-from regional_lv.hearts.reach import OutOfReach, within
+from regional_lv.hearts.reach import OutOfReach, as_simulated, within
 from regional_lv.inputs.space import Inputs, sections_of
 
 
@@ -31,19 +31,31 @@ def thinner(table):
     table.loc[4, "wall_thickness_mm"] = 2.2
 
 
+MEASURED = {"segment_thickness": {"role": "measured", "sd_mm": 1.0}}
+
+
+@pytest.fixture
+def by_surfaces(monkeypatch):
+    """The same heart by surfaces, which its segment table describes."""
+
+    def by_surfaces(config):
+        geometry = config["geometry"]
+        table = read_segments(geometry["segments"]).drop(columns="line")
+        found = Described(table, geometry["endo_apex_z_mm"], geometry["epi_apex_z_mm"])
+        monkeypatch.setattr(reach, "of_surfaces", lambda surfaces: found)
+        surfaces = {"source": "surfaces", "segments": None, "surfaces": {}}
+        return config | {"geometry": geometry | surfaces}
+
+    return by_surfaces
+
+
 @pytest.mark.parametrize("change", [None, thinner])
 def test_surfaces_are_as_near_as_the_table_that_describes_them(
-    change, heart, any_heart, monkeypatch
+    change, heart, any_heart, by_surfaces, monkeypatch
 ):
-    config = heart(change)
-    geometry = config["geometry"]
-    table = read_segments(geometry["segments"]).drop(columns="line")
-    found = Described(table, geometry["endo_apex_z_mm"], geometry["epi_apex_z_mm"])
-    monkeypatch.setattr(reach, "of_surfaces", lambda surfaces: found)
+    config = by_surfaces(heart(change))
     monkeypatch.setattr(file, "shipped", lambda: any_heart)
     check = reach_of_emulator()
-    surfaces = {"source": "surfaces", "segments": None, "surfaces": {}}
-    config = config | {"geometry": geometry | surfaces}
     if change is None:
         check(config)
     else:
@@ -90,11 +102,14 @@ def test_a_table_with_other_borders(heart, any_heart, change):
     within(heart(change), any_heart.emulator, any_heart.known)
 
 
-def test_of_other_sectors_nothing_is_learnt(heart, any_heart):
-    known = any_heart.emulator, any_heart.known
-    within(heart(lower(1.5)), *known, learns=True)
-    with pytest.raises(OutOfReach, match=r"line 13: the sector begins [+-]\d"):
-        within(heart(free_wall_divided_elsewhere), *known, learns=True)
+def test_simulations_of_surfaces_have_no_inputs_of_a_table(heart, any_heart, by_surfaces):
+    config = by_surfaces(heart(inputs={"basal_motion": "suspected"} | MEASURED))
+    assert as_simulated(heart(), "nowhere.csv") == heart()
+    found = as_simulated(config, "described.csv")
+    names = [Inputs.from_config(sections_of(each)).simulated.names for each in (config, found)]
+    assert names[0] == names[1] and "basal_motion" in names[0]
+    cut, _ = within(found, any_heart.emulator, any_heart.known)
+    assert cut["inputs"]["basal_motion"]["range"] == [0.0, pytest.approx(80.0)]
 
 
 THICKER = {

@@ -1,6 +1,8 @@
 """`regional-lv run`: a heart, from its folder to posterior and criticism."""
 
 import importlib.util
+import tempfile
+from collections.abc import Mapping
 from pathlib import Path
 
 import click
@@ -91,7 +93,7 @@ def _fast(path: Path, goes_on: bool, dry_run: bool) -> dict | None:
     # Imported here: they take seconds, and a mistake in a table need not wait for them.
     from regional_lv.hearts.fast import answer
     from regional_lv.hearts.file import shipped
-    from regional_lv.hearts.reach import OutOfReach, within
+    from regional_lv.hearts.reach import OutOfReach, as_simulated, within
 
     try:
         known = shipped()
@@ -99,11 +101,14 @@ def _fast(path: Path, goes_on: bool, dry_run: bool) -> dict | None:
         if not goes_on:
             raise Mistakes(str(error)) from None
         return None
-    within_reach = config
+    cut: dict = {}
     try:
         # `answer` looks itself.
         if goes_on or (dry_run and config["geometry"]["source"] == "segments"):
-            within_reach, _ = within(config, known.emulator, known.known, learns=goes_on)
+            with tempfile.TemporaryDirectory() as folder:
+                given = as_simulated(config, Path(folder, "segments.csv"))
+                within_reach, _ = within(given, known.emulator, known.known)
+            cut = _changed(within_reach, given)
         for subject in config["subjects"]:
             if dry_run:
                 continue
@@ -118,11 +123,16 @@ def _fast(path: Path, goes_on: bool, dry_run: bool) -> dict | None:
         return None
     except InputError as error:
         raise Mistakes(f"{path}: {error}") from None
-    return {
-        key: within_reach[key]
-        for key in ("parameters", "inputs")
-        if within_reach[key] != config[key]
-    }
+    return cut
+
+
+def _changed(config: Mapping, before: Mapping) -> dict[str, dict]:
+    """Entries of the sections of stiffness and inputs that are not as before."""
+    found: dict[str, dict] = {}
+    for key in ("parameters", "inputs"):
+        own = {k: v for k, v in config[key].items() if v != before[key].get(k)}
+        found |= {key: own} if own else {}
+    return found
 
 
 def _simulate(

@@ -107,14 +107,17 @@ class Conditionable(InputEmulator, Protocol):
 EmulatorT = TypeVar("EmulatorT", bound=Conditionable)
 
 
-def condition_on(emulator: EmulatorT, simulations: pd.DataFrame) -> EmulatorT:
-    """The emulator that has learnt from simulations (`simulations.tabulate`) as well."""
+def values_of(
+    emulator: InputEmulator, simulations: pd.DataFrame
+) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+    """Inputs theta (n, P), outputs y (n, D) and their derivatives (n, D, P), as the emulator has
+    them, of simulations (`simulation.batches.tabulate`)."""
     theta, y = (
         torch.as_tensor(simulations[list(columns)].to_numpy(float))
         for columns in (emulator.coordinates.names, emulator.outputs)
     )
     slopes = np.stack([np.asarray(row, dtype=float) for row in simulations["sensitivity"]])
-    return emulator.condition(theta, y, torch.as_tensor(slopes).reshape(*y.shape, theta.shape[1]))
+    return theta, y, torch.as_tensor(slopes).reshape(*y.shape, theta.shape[1])
 
 
 def conditioned(
@@ -135,7 +138,7 @@ def conditioned(
         own = emulator.of_study_mesh.select(outputs)
         errors = (y - own.predict_mean(theta)).numpy()
         found.append(Round(good, len(table) - len(good), errors, own.errors_of(theta, y).numpy()))
-        emulator = condition_on(emulator, good)
+        emulator = emulator.condition(*values_of(emulator, good))
         log.info(
             "round %d: %d simulations; simulated minus emulated, in stated sds: %.2f",
             len(found),

@@ -9,7 +9,7 @@ are small and smooth, are a process of their own that is added (Kennedy and O'Ha
 import json
 import logging
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -47,16 +47,24 @@ def corrected(
     (v, slopes), (finer_v, finer_slopes) = (
         emulator.on_scale(here, *map(torch.as_tensor, simulated)) for simulated in (coarse, finer)
     )
-    settings = {"input_transform": emulator.settings["input_transform"], "calibration": CALIBRATION}
-    difference = GradientGP(**settings).fit(
-        theta,
-        (finer_v - v).numpy(),
-        (finer_slopes - slopes).numpy(),
-        parameters=emulator.parameters,
-        outputs=emulator.outputs,
-        seed=seed,
-    )
-    return emulator.with_process(difference)
+    changes = finer_v - v, finer_slopes - slopes
+    names = emulator.parameters, emulator.outputs
+    return emulator.with_process(process_of(here, changes, *names, emulator.settings, seed))
+
+
+def process_of(
+    theta: torch.Tensor,
+    differences: tuple[torch.Tensor, torch.Tensor],
+    parameters: Coordinates,
+    outputs: Sequence[str],
+    settings: Mapping,
+    seed: int,
+) -> GradientGP:
+    """The process of differences between two simulators, at theta (n, P): values (n, D) on the
+    scale of an emulator with these `settings`, and derivatives (n, D, P)."""
+    own = {"input_transform": settings["input_transform"], "calibration": CALIBRATION}
+    given = (each.numpy() for each in (theta, *differences))
+    return GradientGP(**own).fit(*given, parameters=parameters, outputs=outputs, seed=seed)
 
 
 def train_finer(

@@ -2,7 +2,6 @@
 
 import copy
 import math
-from collections.abc import Sequence
 from dataclasses import asdict
 from functools import cached_property
 
@@ -224,16 +223,11 @@ class GradientGP(ExactGP):
         return self._separable(self.predict_mean(theta), scale * variance)
 
     def condition(
-        self,
-        theta: np.ndarray,
-        y: np.ndarray,
-        sensitivities: np.ndarray,
-        about: Sequence[int] | None = None,
+        self, theta: np.ndarray, y: np.ndarray, sensitivities: np.ndarray
     ) -> "GradientGP":
         """This emulator given further simulations as well; hyperparameters and calibration stay.
 
-        theta (m, P), y (m, D), sensitivities d(y)/d(theta) (m, D, P), natural units. about: places
-        of the parameters whose sensitivities are known; None: of all.
+        theta (m, P), y (m, D), sensitivities d(y)/d(theta) (m, D, P), natural units.
 
         The error of the mean is a process with this kernel that is zero at what the variance is
         computed from, and at the new simulations what it is found to be there: the mean of that is
@@ -250,8 +244,7 @@ class GradientGP(ExactGP):
         given = copy.copy(self)
         given._clear_cached()
         given.inputs = torch.cat([self.inputs, self.standardise(theta)])
-        known = torch.arange(theta.shape[1]) if about is None else torch.as_tensor(about)
-        new = ObservedDerivatives.of_all(torch.arange(m), known)
+        new = ObservedDerivatives.of_all(torch.arange(m), torch.arange(theta.shape[1]))
         given.variance_seen = self.variance_seen.joined(ObservedDerivatives(n + new.at, new.along))
         few = given._few
         found = error.new_zeros(len(few.cholesky), error.shape[1])

@@ -1,7 +1,6 @@
 """The gradient-enhanced process over all inputs, on the scale on which effects add up."""
 
 import copy
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -44,13 +43,15 @@ class JointGP(Emulator):
 
     `processes` add up on the scale, and so do their errors, which are independent: the first is
     that of the simulations that it was fitted to, a second one what a finer mesh changes
-    (`finer.corrected`).
+    (`finer.corrected`). With `errors_known` the errors on the study's mesh do not count: what is
+    simulated there tells them (`with_known_errors`).
     """
 
     name = "joint_gp"
     learns_from_sensitivities = True
     processes: tuple[GradientGP, ...]
     trend: SegmentNetworks | None = None
+    errors_known = False
 
     def _fit(self, training: TrainingSet, seed: int) -> None:
         self.scale = OutputScale.of(self.outputs, self.coordinates)
@@ -121,19 +122,12 @@ class JointGP(Emulator):
         added.processes = (*self.processes, process.select(self.outputs))
         return added
 
-    def condition(
-        self,
-        theta: np.ndarray,
-        y: np.ndarray,
-        sensitivities: np.ndarray,
-        about: Sequence[int] | None = None,
-    ) -> "JointGP":
+    def condition(self, theta: np.ndarray, y: np.ndarray, sensitivities: np.ndarray) -> "JointGP":
         """This emulator given further simulations of the study's mesh as well, which its training
         set did not have: seconds instead of another training; hyperparameters and calibration stay.
 
         theta (m, P), y (m, D), sensitivities d(y)/d(theta) (m, D, P), natural units, of this
-        emulator's outputs. about: places of the inputs whose sensitivities are known; None: of
-        all. See `GradientGP.condition`.
+        emulator's outputs. See `GradientGP.condition`.
 
         Raises InputError for shapes that do not fit, numbers that are not finite, and what no
         volume or strain can be.
@@ -145,7 +139,7 @@ class JointGP(Emulator):
             v, slopes = v - known, slopes - its_slopes
         first, *others = self.processes
         given = copy.copy(self)
-        given.processes = (first.condition(theta, v, slopes, about), *others)
+        given.processes = (first.condition(theta, v, slopes), *others)
         given.inputs = given.processes[0].inputs
         return given
 
@@ -161,6 +155,13 @@ class JointGP(Emulator):
         plain = copy.copy(self)
         plain.processes = self.processes[:1]
         return plain
+
+    @property
+    def with_known_errors(self) -> "JointGP":
+        """Without its errors on the study's mesh: what a finer mesh changes keeps its own."""
+        known = copy.copy(self)
+        known.errors_known = True
+        return known
 
     def rescaled(self, factor: float) -> "JointGP":
         """With errors on the study's mesh that are stated `factor` times as large."""
@@ -178,14 +179,16 @@ class JointGP(Emulator):
         return (torch.as_tensor(y) - found.mean) / found.sd
 
     def _predict(self, theta):
-        found = [process.predict(theta) for process in self.processes]
-        v = self._trend(theta) + sum(each.mean for each in found)
+        known = self.processes[:1] if self.errors_known else ()
+        others = self.processes[len(known) :]
+        found = [process.predict(theta) for process in others]
+        v = self._trend(theta) + sum(process.predict_mean(theta) for process in known)
+        v = v + sum(each.mean for each in found)
         by_v, _ = self.scale.slopes(v, theta)
         # A posterior over many inputs knows no directions along which errors are larger.
-        covariance = sum(
-            process.jacobian_factor * each.covariance
-            for process, each in zip(self.processes, found, strict=True)
-        )
+        covariance = v.new_zeros(*v.shape, v.shape[-1])
+        for process, each in zip(others, found, strict=True):
+            covariance = covariance + process.jacobian_factor * each.covariance
         covariance = by_v[..., :, None] * covariance * by_v[..., None, :]
         return Prediction(self.scale.outputs(v, theta), covariance)
 

@@ -15,7 +15,7 @@ import torch
 from regional_lv.channels import Channels
 from regional_lv.emulators.base import Prediction
 from regional_lv.emulators.joint_gp import JointGP
-from regional_lv.errors import InputError
+from regional_lv.hearts.difference import Difference
 from regional_lv.hearts.population import SHAPE
 from regional_lv.hearts.sectors import Mixing, Sectors
 from regional_lv.inputs.base import Input
@@ -150,6 +150,7 @@ class HeartEmulator:
         nominal = self._there(torch.as_tensor(simulated.nominal)[None])[0]
         self.emulator = emulator.at_fixed(nominal, ~self._there.moved)
         self._scale = _length(simulated) / _length(known)
+        self._difference: Difference | None = None
         self.coordinates: Coordinates = simulated.coordinates
         self._mixing: Mixing | None = None
         if self._there.sectors is not None or described:
@@ -178,7 +179,8 @@ class HeartEmulator:
 
     def predict_mean(self, x: torch.Tensor) -> torch.Tensor:
         """Outputs (M, D) at values x (M, k) of the study's inputs."""
-        return self._mixed(self.emulator.predict_mean(self._there(x))) * self._reported(x)
+        y = self._mixed(self.emulator.predict_mean(self._there(x))) * self._reported(x)
+        return y if self._difference is None else self._difference.mean(x, y)
 
     def _mixed(self, outputs: torch.Tensor) -> torch.Tensor:
         """Outputs (..., D) of this heart's segments."""
@@ -186,6 +188,11 @@ class HeartEmulator:
 
     def linearise(self, x: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """The same, and their derivatives (M, D, k)."""
+        found = self._looked_up(x)
+        return found if self._difference is None else self._difference.linearise(x, *found)
+
+    def _looked_up(self, x: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """`linearise` without what simulations of the heart say."""
         there, by_x = self._there.with_slopes(x)
         mean, slopes = self.emulator.linearise(there)
         if self._mixing is not None:
@@ -204,7 +211,11 @@ class HeartEmulator:
         if self._mixing is not None:
             covariance = self._mixing.covariance(found.mean, covariance)
         covariance = factor[:, :, None] * covariance * factor[:, None]
-        return Prediction(self._mixed(found.mean) * factor, covariance)
+        mean = self._mixed(found.mean) * factor
+        if self._difference is None:
+            return Prediction(mean, covariance)
+        added = self._difference.predict(x, mean)
+        return Prediction(added.mean, covariance + added.covariance)
 
     def errors_of(self, x: torch.Tensor, y: torch.Tensor) -> torch.Tensor:
         """Simulated outputs y (n, D) at x (n, k) less the emulated ones, in stated sds, (n, D)."""
@@ -219,35 +230,36 @@ class HeartEmulator:
     def select(self, outputs: Sequence[str]) -> "HeartEmulator":
         """For some of its outputs, as `Emulator.select`."""
         if self._mixing is None:
-            return self._with(self.emulator.select(outputs))
-        # All around the axis counts in what is interpolated.
-        return self._with(self.emulator, self._mixing.select(outputs))
+            chosen = self._with(self.emulator.select(outputs))
+        else:  # all around the axis counts in what is interpolated
+            chosen = self._with(self.emulator, self._mixing.select(outputs))
+        if self._difference is not None:
+            chosen._difference = self._difference.select(outputs)
+        return chosen
 
     def condition(
-        self, x: torch.Tensor, y: torch.Tensor, sensitivities: torch.Tensor
+        self, x: torch.Tensor, y: torch.Tensor, sensitivities: torch.Tensor, seed: int = 0
     ) -> "HeartEmulator":
-        """This emulator given simulations of this heart as well, as `JointGP.condition`: at x
-        (m, k), of outputs y (m, D), with derivatives (m, D, k).
+        """This emulator given simulations of this heart as well: at x (m, k), of outputs y (m, D)
+        on the emulator's mesh, with derivatives (m, D, k).
 
-        What the study has of derivatives about the emulator's own inputs is learnt; those about
-        directions and the length are combinations of others. Raises InputError where its sectors
-        are not the emulator's.
+        The first ones tell how large its errors about this heart are (`Difference`, for which the
+        seed is), which are stated instead of those about any heart from then on, and of what its
+        table and sectors leave open. Raises InputError for too few of these.
         """
-        if self._mixing is not None:
-            raise InputError(
-                "geometry: the heart is not known by figures of the AHA's sectors, without which "
-                "the emulator of any heart can learn from no simulation of it; simulate it alone "
-                "(regional-lv run --own)"
-            )
-        there, by_x = self._there.with_slopes(x)
-        factor, (theirs, own) = self._reported(x), self._there.direct
-        slopes = y.new_zeros(*y.shape, there.shape[1])
-        given = sensitivities[:, :, own] / factor[..., None]
-        slopes[:, :, theirs] = given / by_x[:, None, theirs, own]
-        values, outputs, derivatives = (each.numpy() for each in (there, y / factor, slopes))
-        return self._with(
-            self.emulator.condition(values, outputs, derivatives, about=theirs.tolist())
+        plain = self.of_study_mesh
+        emulated, simulated = plain._looked_up(x), (y, sensitivities)
+        if self._difference is not None:
+            given = self._with(self.emulator)
+            given._difference = self._difference.condition(x, emulated, simulated)
+            return given
+        known = None if self._mixing is None else self._mixing.known
+        given = self._with(self.emulator.with_known_errors, known)
+        settings = self.emulator.settings
+        given._difference = Difference.of(
+            x, emulated, simulated, self.coordinates, self.outputs, settings, seed
         )
+        return given
 
     def _with(self, emulator: JointGP, mixing: Mixing | None = None) -> "HeartEmulator":
         changed = copy.copy(self)

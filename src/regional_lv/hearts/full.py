@@ -1,16 +1,32 @@
 """A heart that is simulated as well: its simulations join the emulator of any heart, whose errors
 about this heart become those of a local one."""
 
+import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import pandas as pd
 
 from regional_lv.channels import Channels
-from regional_lv.criticism.confirmation import condition_on
+from regional_lv.criticism.confirmation import values_of
 from regional_lv.criticism.study import Critic, critic_of, write_criticism
-from regional_lv.hearts.file import read
+from regional_lv.hearts.emulator import HeartEmulator
+from regional_lv.hearts.file import AnyHeart, read
+from regional_lv.hearts.reach import as_simulated
+from regional_lv.seeds import derive
 from regional_lv.study.jobs import passes_on
+
+
+def emulator_of(
+    any_heart: AnyHeart, physics: Mapping, channels: Channels, own: pd.DataFrame, seed: int
+) -> HeartEmulator:
+    """The emulator of any heart given simulations of this one (`simulation.batches.tabulate`), of
+    surfaces and meshes by their segment table: simulations tell what that leaves open."""
+    described = physics["geometry"]["source"] != "segments"
+    with tempfile.TemporaryDirectory() as folder:
+        table = as_simulated(physics, Path(folder, "segments.csv"))
+        heart = any_heart.of_heart(table, channels, described)
+    return heart.condition(*values_of(heart, own), derive(seed, "own simulations"))
 
 
 def read_critic(
@@ -30,7 +46,7 @@ def read_critic(
     emulator_file: of any heart. own: screened simulations of this one (Parquet), on the mesh of
     those. channels: what the study observes.
     """
-    emulator = condition_on(read(emulator_file).of_heart(physics, channels), pd.read_parquet(own))
+    emulator = emulator_of(read(emulator_file), physics, channels, pd.read_parquet(own), seed)
     return critic_of(emulator, subject, subjects, measured, physics, settings, seed, known_theta)
 
 

@@ -61,20 +61,28 @@ def by_table(config: Mapping, table: str | Path) -> Mapping:
     return {**config, "geometry": {**geometry, **by_figures}}
 
 
-def within(
-    config: Mapping, emulator: JointGP, known: Inputs, learns: bool = False
-) -> tuple[dict, list[str]]:
+def as_simulated(config: Mapping, table: str | Path) -> Mapping:
+    """`by_table`, with the inputs alone that simulations of the heart itself have: the shape of
+    surfaces and of a mesh is exact there, and not among them."""
+    found = by_table(config, table)
+    if found is config:
+        return config
+    names = [set(Inputs.from_config(sections_of(each)).simulated.names) for each in (config, found)]
+    fixed = dict.fromkeys(sorted(names[1] - names[0]), "fixed")
+    return {**found, SECTION: {**found[SECTION], **fixed}}
+
+
+def within(config: Mapping, emulator: JointGP, known: Inputs) -> tuple[dict, list[str]]:
     """The study of a heart, with ranges of its inputs cut to what the emulator knows, and what was
     cut, a sentence each.
 
-    config: checked. known: the emulator's inputs, in the model that they are about. learns: whether
-    simulations of the heart are to join the emulator, which has to have the same sectors then.
+    config: checked. known: the emulator's inputs, in the model that they are about.
 
     Raises OutOfReach, with the entry and the range, for a heart that it does not know.
     """
     _check_model(config, known)
     inputs = Inputs.from_config(sections_of(config)).simulated
-    _check_borders(config, known, inputs, learns)
+    _check_borders(config, known, inputs)
     unknown = set(Channels.from_config(config).names) - set(emulator.outputs)
     if unknown:
         _refuse(f"observables: {min(unknown)} is nothing that the emulator predicts")
@@ -126,16 +134,15 @@ def _differing(one, other, path: tuple[str, ...]) -> Iterator[tuple[str, ...]]:
         yield path
 
 
-def _check_borders(config: Mapping, known: Inputs, inputs: Inputs, every: bool) -> None:
-    """Raise OutOfReach for zones, or for `every` sector, that begin elsewhere around the axis than
-    the emulator's."""
+def _check_borders(config: Mapping, known: Inputs, inputs: Inputs) -> None:
+    """Raise OutOfReach for zones that begin elsewhere around the axis than the emulator's."""
     table, other = (each.base["geometry"]["table"] for each in (inputs, known))
     _, away = turn_deg(table, other)
     zone_of = StiffnessInputs.from_spec(known.base["parameters"]).zone_of
     for numbers in filter(lambda numbers: len(numbers) > 1, LEVELS.values()):
         # A segment begins where the one that follows in the AHA's numbering ends.
         for s, following in zip(numbers, np.roll(numbers, -1).tolist(), strict=True):
-            if (every or zone_of(s) != zone_of(following)) and abs(away[s - 1]) > SAME_DEG:
+            if zone_of(s) != zone_of(following) and abs(away[s - 1]) > SAME_DEG:
                 _refuse(
                     f"{config['geometry']['segments']}, line {table['line'].iloc[s - 1]}: the "
                     f"sector begins {away[s - 1]:+.0f} degrees from where the emulator has it, and "

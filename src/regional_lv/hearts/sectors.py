@@ -218,6 +218,12 @@ class Mixing:
         found = self.weights[self.kept] @ covariance @ self.weights[self.kept].T
         return found + torch.diag_embed(unknown[:, self.kept])
 
+    @property
+    def known(self) -> "Mixing":
+        """The same where simulations tell what means over segments leave open."""
+        nothing = {name: torch.zeros_like(getattr(self, name)) for name in ("beside", "described")}
+        return replace(self, **nothing)
+
     def select(self, outputs: Sequence[str]) -> "Mixing":
         """For some outputs."""
         at = [self.channels.names.index(name) for name in outputs]

@@ -4,7 +4,7 @@ import difflib
 import logging
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
 
@@ -258,12 +258,7 @@ def _meant(word: str, asked: dict, every: Sequence[Input], model: Mapping) -> li
         if kind == "fixed" and word in INPUTS:
             return []  # what a study does not have stays as it is
         if kind == "measured" and (kind_of := INPUTS.get(word)) and kind_of.why_not(model):
-            log.warning(
-                "%s.%s: %s; its shape counts as exact where it is simulated",
-                SECTION,
-                word,
-                kind_of.why_not(model),
-            )
+            _warn_of_exact_shape(word, kind_of.why_not(model))
             return []
         raise InputError(f"{SECTION}.{word}: {why_unknown(word, every, model)}")
     able = [[each for each in group if kind in each.roles] for group in (by_name, by_word)]
@@ -293,6 +288,12 @@ def _meant(word: str, asked: dict, every: Sequence[Input], model: Mapping) -> li
     raise InputError(
         f"{SECTION}.{word}.{sds[0]}: nothing of this name has that unit; write {' or '.join(units)}"
     )
+
+
+@cache
+def _warn_of_exact_shape(word: str, why: str) -> None:
+    """Once in a process, however often its inputs are made."""
+    log.warning("%s.%s: %s; its shape counts as exact where it is simulated", SECTION, word, why)
 
 
 def why_unknown(word: str, every: Sequence[Input], model: Mapping) -> str:

@@ -60,7 +60,7 @@ def screen(
         for name, value, share in zip(space.names, lost.T, place.T, strict=True)
         for column, values in ((name, value), (f"place_{name}", share))
     }
-    excluded = excluded.assign(**places)
+    excluded = pd.concat([excluded, pd.DataFrame(places, index=excluded.index)], axis=1)
     cost = table["cpu_s"]
     summary = {
         "simulations": len(table),
