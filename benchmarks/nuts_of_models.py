@@ -23,7 +23,6 @@ from itertools import islice
 from pathlib import Path
 
 import arviz as az
-import numpy as np
 import pandas as pd
 import pyro
 import torch
@@ -31,6 +30,7 @@ from pyro.infer import MCMC, NUTS
 
 from regional_lv import config as study_config
 from regional_lv.criticism.benchmark import measured_of
+from regional_lv.criticism.benchmark_score import truth_of
 from regional_lv.criticism.settings import settings_of
 from regional_lv.criticism.study import Critic, Settings
 from regional_lv.emulators.joint_gp import JointGP
@@ -90,10 +90,7 @@ def by_nuts(potential: Potential, fitted: Fits, seed: int) -> tuple[torch.Tensor
 
 def fit_of(potential: Potential, values: Mapping[str, float]) -> Fits:
     """The model in which the suspected inputs are free that have other values than nominal ones."""
-    inputs, x = potential.inputs, potential.nominal[None].clone()
-    natural = [values.get(e.name, v) for e, v in zip(inputs, inputs.nominal, strict=True)]
-    x[0, : len(inputs)] = torch.as_tensor(inputs.coordinates.scaled(np.array(natural)))
-    on = [k for k in potential.suspected if x[0, k] != potential.nominal[k]]
+    _, x, on = truth_of(potential, values)
     zero = x.new_zeros(1)
     start = potential.free(on)[None], zero, x, potential.settle(x, zero)
     return fit(potential, *start, ITERATIONS, LEAST_GAIN)

@@ -98,10 +98,8 @@ def true_model(
     test's bootstrap.
     """
     inputs = potential.inputs
-    natural = np.array([values.get(e.name, v) for e, v in zip(inputs, inputs.nominal, strict=True)])
-    x = potential.nominal[None].clone()
-    x[0, : len(inputs)] = torch.as_tensor(inputs.coordinates.scaled(natural))
-    on = [k for k in potential.suspected if x[0, k] != potential.nominal[k]] if listed else []
+    natural, x, on = truth_of(potential, values)
+    on = on if listed else []
     roles = dict.fromkeys(on, "effect")
     roles |= dict.fromkeys(np.flatnonzero(inputs.of_role("inferred")).tolist(), "inferred")
     rows = {
@@ -119,6 +117,17 @@ def true_model(
         for k, (low, high) in _intervals(potential, fitted, list(rows), seed).items():
             rows[k] |= {"low": low, "high": high, "p_value": p_value}
     return list(rows.values())
+
+
+def truth_of(
+    potential: Potential, values: Mapping[str, float]
+) -> tuple[np.ndarray, torch.Tensor, list[int]]:
+    """True values (K,) of all inputs, their coordinates (1, P), and places of the suspected inputs
+    that are not nominal; values: by input, nominal where there is none."""
+    inputs, x = potential.inputs, potential.nominal[None].clone()
+    natural = np.array([values.get(e.name, v) for e, v in zip(inputs, inputs.nominal, strict=True)])
+    x[0, : len(inputs)] = torch.as_tensor(inputs.coordinates.scaled(natural))
+    return natural, x, [k for k in potential.suspected if x[0, k] != potential.nominal[k]]
 
 
 def expected_scores(
