@@ -12,7 +12,8 @@ posterior has it.
 
 OUT gets a row for each free input: means and standard deviations both ways, the difference of the
 means in standard deviations, effective draws, and R-hat of the two chains. A heart that is there is
-not sampled again. What comes last is the share of means within 0.1 sd.
+not sampled again. What comes last: the share of means within 0.1 sd, and differences in their Monte
+Carlo errors.
 """
 
 import json
@@ -23,6 +24,7 @@ from itertools import islice
 from pathlib import Path
 
 import arviz as az
+import numpy as np
 import pandas as pd
 import pyro
 import torch
@@ -156,9 +158,15 @@ def main(path: str, out: str, count: str = str(COUNT)) -> None:
         largest = table["difference_sd"].abs().max()
         print(f"{name}: {len(table)} means, the farthest {largest:.2f} sd apart", flush=True)
     table = pd.read_csv(out)
-    within = (table["difference_sd"].abs() <= WITHIN_SD).mean()
-    subjects = table["subject"].nunique()
-    print(f"{subjects} posteriors, {len(table)} means: {within:.1%} within {WITHIN_SD} sd")
+    off, subjects = table["difference_sd"].abs(), table["subject"].nunique()
+    drawn = CHAINS * KEPT
+    effective = table["ess_nuts"].clip(upper=drawn) * table["ess_of_weights"] / drawn
+    expected = np.sqrt(1 / table["ess_importance"] + 1 / effective)
+    print(
+        f"{subjects} posteriors, {len(table)} means: {(off <= WITHIN_SD).mean():.1%} within "
+        f"{WITHIN_SD} sd; differences are {np.sqrt(np.square(off / expected).mean()):.2f} times as "
+        f"large as effective draws have it (root mean square), which is {expected.median():.3f} sd"
+    )
 
 
 if __name__ == "__main__":
