@@ -9,7 +9,7 @@ import torch
 from scipy import stats
 
 from regional_lv.channels import Channels
-from regional_lv.criticism import misfit
+from regional_lv.criticism import linear_model, misfit
 from regional_lv.criticism.identifiable import identify
 from regional_lv.criticism.left_out import gain, gains, left_out
 from regional_lv.criticism.outliers import why_not
@@ -261,6 +261,22 @@ def test_left_out_is_what_a_refit_without_the_segment_predicts():
         np.testing.assert_allclose(found.sd[at], own.diagonal().sqrt(), rtol=1e-3)
         density = torch.distributions.MultivariateNormal(mean, own).log_prob(y[at])
         assert float(found.elpd[row]) == pytest.approx(float(density), abs=1e-2)
+
+
+def test_groups_are_left_out_as_many_at_a_time_as_fit_into_memory(monkeypatch):
+    """Of two dozen hearts all at once are twenty gigabytes."""
+    study = Study(heart_inputs(), inferred_noise(Channels.of()), error=0.005)
+    linear = study.model(study.data(truth_of(study.inputs), 1, 2)[0])
+    together, fitted = left_out(linear), []
+    fit = type(linear).fit
+    monkeypatch.setattr(
+        type(linear), "fit", lambda self, y, keep: fitted.append(len(y)) or fit(self, y, keep)
+    )
+    monkeypatch.setattr(linear_model, "NUMBERS", 4 * len(linear.y) ** 2)
+    apart = left_out(linear)
+    assert len(fitted) > 2 and max(fitted) == 4
+    for name in ("mean", "sd", "elpd"):
+        torch.testing.assert_close(getattr(apart, name), getattr(together, name))
 
 
 def test_intervals_of_what_was_left_out_cover():

@@ -420,6 +420,10 @@ def test_the_template_causes_no_warning(table):
             lambda t: t.assign(value=t["value"].where(t.index != 3, -0.0016)),
             "circumferential_03 is",
         ),
+        (
+            lambda t: t.assign(value=t["value"].where(t.index != 3, 0.09)),
+            "circumferential_03 is 0.09, and most segments have the other sign: right if",
+        ),
         (lambda t: t.assign(value=t["value"].where(t.index != 0, 300.0)), "by the strains the ven"),
         (
             lambda t: t.assign(value=t["value"].where(t["quantity"] != "radial", 0.02)),

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import islice
 
 import torch
 
@@ -66,21 +67,23 @@ def left_out(linear: LinearModel) -> LeftOut:
     keep = torch.ones(len(groups), len(linear.y), dtype=torch.bool)
     for row, at in enumerate(groups):
         keep[row, at] = False
-    found = linear.fit(linear.y.expand(len(groups), -1), keep)
-    change, covariance = linear.posterior(found)
-    error = linear.y - linear.mean - change @ linear.slopes.mT
-    precision = linear.precision(found.log_sigma).expand(len(groups), -1, -1)
     mean, sd, elpd = linear.y.clone(), torch.ones_like(linear.y), []
-    for row, at in enumerate(groups):
-        own = torch.linalg.inv(precision[row][at[:, None], at])
-        given, moved = (
-            own @ precision[row, at] @ columns for columns in (error[row], linear.slopes)
-        )
-        spread = own + moved @ covariance[row] @ moved.mT
-        distance = given @ torch.linalg.solve(spread, given)
-        elpd.append(-0.5 * (distance + torch.logdet(spread) + len(at) * LOG_2PI))
-        mean[at] -= given
-        sd[at] = spread.diagonal().sqrt()
+    waiting = iter(groups)
+    for part in linear.batches(keep):
+        found = linear.fit(linear.y.expand(len(part), -1), part)
+        change, covariance = linear.posterior(found)
+        error = linear.y - linear.mean - change @ linear.slopes.mT
+        precision = linear.precision(found.log_sigma).expand(len(part), -1, -1)
+        for row, at in enumerate(islice(waiting, len(part))):
+            own = torch.linalg.inv(precision[row][at[:, None], at])
+            given, moved = (
+                own @ precision[row, at] @ columns for columns in (error[row], linear.slopes)
+            )
+            spread = own + moved @ covariance[row] @ moved.mT
+            distance = given @ torch.linalg.solve(spread, given)
+            elpd.append(-0.5 * (distance + torch.logdet(spread) + len(at) * LOG_2PI))
+            mean[at] -= given
+            sd[at] = spread.diagonal().sqrt()
     return LeftOut(linear.observed, linear.y, mean, sd, torch.stack(elpd))
 
 

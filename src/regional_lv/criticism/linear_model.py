@@ -139,7 +139,7 @@ class LinearModel:
     # ----------------------------------------------------------------------------------- data
 
     def batches(self, y: torch.Tensor) -> Iterator[torch.Tensor]:
-        """Rows of y (M, D), as many at a time as memory allows."""
+        """Rows of y (M, D), data or masks, as many at a time as memory allows."""
         yield from y.split(max(1, int(NUMBERS / y.shape[1] ** 2)))
 
     def replicates(self, found: "LinearFit", count: int, seed: int) -> torch.Tensor:

@@ -27,6 +27,9 @@ wall."""
 SDS = {"strains": (0.002, 0.15), "the volume": (0.5, 30.0)}
 """Standard deviations of the noise, as fractions and in mL, beyond which a unit may be wrong."""
 
+NOISY = 0.05
+"""A noisy strain near zero may have the wrong sign by this much, or by three of its sds."""
+
 SLIP = 20.0
 """A segment whose strain is so many times smaller or larger than the median has another unit."""
 
@@ -81,6 +84,7 @@ def data_warnings(
     for quantity, stretch in stretches.items():
         found += _unusual(quantity, stretch, converted)
         found += _slips(full[full["quantity"] == quantity])
+        found += _bulges(full[full["quantity"] == quantity])
     found += _growth(full, stretches, cavity_ml, wall_ml)
     checks = data_checks.check(table, strain_exponent, converted)
     return found + [check["says"] for check in checks if not check["passed"]]
@@ -144,6 +148,16 @@ def _slips(rows: pd.DataFrame) -> list[str]:
         "direction: check its unit"
         for i, factor in ratio.items()
         if factor and not 1 / SLIP <= factor <= SLIP
+    ]
+
+
+def _bulges(rows: pd.DataFrame) -> list[str]:
+    """Segments that do the opposite of the others."""
+    against = rows["value"] * np.sign(rows["value"].median()) < -np.fmax(NOISY, 3 * rows["sd"])
+    return [
+        f"{rows['output'][i]} is {rows['value'][i]:.3g}, and most segments have the other sign: "
+        "right if the wall bulges there, otherwise correct it"
+        for i in rows.index[against]
     ]
 
 

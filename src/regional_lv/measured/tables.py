@@ -44,8 +44,9 @@ LEAST_VOLUME_SHARE = 0.001
 thinner than long: at this sd what passes the convergence check can be up to a fifth too narrow, and
 the more so, the smaller the sd (LIMITATIONS.md)."""
 
-SIGN_TOLERANCE = 0.05
-"""A noisy channel near zero may come out on the wrong side by this much, or by three `sd`."""
+BULGE = 0.1
+"""By how much a segment may come out on the wrong side of zero, beside three `sd`: a wall that
+bulges while the others fill, as a septum under a right ventricle's pressure, does."""
 
 SAME_LOAD = 1e-3
 """Load fractions that differ by less are the same."""
@@ -386,7 +387,7 @@ def _check_signs(table: pd.DataFrame) -> Complaints:
                 f"diastole as the reference, as here, {quantity} values are {word}. A Green strain "
                 "e with the unloaded state as its reference becomes -e / (1 + 2 e)",
             )
-        tolerance = np.fmax(SIGN_TOLERANCE, 3 * wrong["sd"])
+        tolerance = BULGE + 3 * wrong["sd"].fillna(0.0)
         for _, row in wrong[wrong["value"].abs() > tolerance].iterrows():
             yield (
                 row["line"],
