@@ -2,6 +2,7 @@
 differs from the emulator."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -13,6 +14,7 @@ from regional_lv.criticism.confirmation import LARGEST_ERROR, Round, Settings, p
 from regional_lv.criticism.left_out import left_out
 from regional_lv.criticism.linear_model import LinearModel
 from regional_lv.criticism.misfit import test as examine
+from regional_lv.criticism.study import Concluded, criticise
 from regional_lv.criticism.verdict import Examined, Verdict, at_bound, beyond_end
 from regional_lv.inference.averaging import average
 from regional_lv.inference.evidence import fit
@@ -84,6 +86,40 @@ def test_nothing_is_named_that_is_not_confirmed():
     # Without a simulator the best set is known, and told as suspected.
     found = judged(confirmed=None, c1=0.5)
     assert found.named == ["c1"] and found.confirmed is None
+
+
+def test_a_set_that_simulations_bring_forward_is_simulated():
+    """The emulator agrees after the first round, with which another set leads; and the budget."""
+    right, wrong = judged(c1=0.5), judged(confirmed="none", c1=0.5)
+    assert wrong.leads_unconfirmed and not right.leads_unconfirmed
+    assert not judged(seed=3, confirmed="none").leads_unconfirmed
+
+    class Critical:
+        settings = SimpleNamespace(confirmation=Settings(3, 6, 3))
+
+        def __init__(self, verdicts):
+            self.verdicts, self.concluded = verdicts, []
+
+        def plan(self, rounds):
+            return pd.DataFrame({"set": [] if rounds else ["c2"]})
+
+        def plan_of(self, averaged, number):
+            return pd.DataFrame({"set": [averaged.names[0]]})
+
+        def conclude(self, rounds, has_simulator):
+            self.concluded.append(has_simulator)
+            return Concluded(self.verdicts[len(rounds) - 1 if rounds else 0], {}, list(rounds))
+
+    for verdicts, sets in (
+        ([right], ["c2"]),
+        ([wrong, right], ["c2", wrong.averaged.names[0]]),
+        ([wrong, wrong, wrong], ["c2", *[wrong.averaged.names[0]] * 2]),
+    ):
+        found = criticise(Critical(verdicts), lambda rows: rows)
+        assert [each["set"].item() for each in found.rounds] == sets
+        assert found.verdict is verdicts[-1]
+    critical = Critical([wrong])
+    assert not criticise(critical, None).rounds and critical.concluded == [False]
 
 
 def test_causes_that_do_the_same_are_a_group():

@@ -130,10 +130,12 @@ class Critic:
         emulator, found = conditioned(self.emulator, rounds, self._outputs)
         if found and found[-1].agrees(self._noise_sd):
             return pd.DataFrame(columns=["sample", "set", *emulator.coordinates.names])
-        averaged = self._average(self.potential(emulator), PLANNING)
-        return confirmation.plan(
-            averaged, self.settings.confirmation, derive(self.seed, "round", len(rounds))
-        )
+        return self.plan_of(self._average(self.potential(emulator), PLANNING), len(rounds))
+
+    def plan_of(self, averaged: Averaged, number: int) -> pd.DataFrame:
+        """What to simulate in a round, of the models that lead an average."""
+        seed = derive(self.seed, "round", number)
+        return confirmation.plan(averaged, self.settings.confirmation, seed)
 
     def conclude(self, rounds: Sequence[pd.DataFrame], has_simulator: bool = True) -> Concluded:
         """Decide with the simulations of all rounds."""
@@ -210,12 +212,18 @@ def criticise(critic: Critic, simulate: Callable[[pd.DataFrame], pd.DataFrame] |
     confirmed.
     """
     rounds: list[pd.DataFrame] = []
-    while simulate and len(rounds) < critic.settings.confirmation.rounds:
-        design = critic.plan(rounds)
-        if design.empty:
-            break
-        rounds.append(simulate(design))
-    return critic.conclude(rounds, simulate is not None)
+    most = critic.settings.confirmation.rounds if simulate else 0
+    while True:
+        while simulate and len(rounds) < most:
+            design = critic.plan(rounds)
+            if design.empty:
+                break
+            rounds.append(simulate(design))
+        concluded = critic.conclude(rounds, simulate is not None)
+        # What was simulated can bring forward a set that was not.
+        if not simulate or len(rounds) >= most or not concluded.verdict.leads_unconfirmed:
+            return concluded
+        rounds.append(simulate(critic.plan_of(concluded.verdict.averaged, len(rounds))))
 
 
 # ---------------------------------------------------------------------------------- from files

@@ -105,6 +105,12 @@ class Verdict:
             if self.averaged.probability[n] >= LEAST_PROBABILITY
         )
 
+    @property
+    def leads_unconfirmed(self) -> bool:
+        """Whether something is wrong, and the most probable set is not confirmed."""
+        sets = [n for n in self.examined if self.averaged.models[n].members]
+        return self.detected and bool(sets) and sets[0] not in (self.confirmed or ())
+
     def passes(self, number: int) -> bool:
         """Whether an examined model fits."""
         if number == self.averaged.base:

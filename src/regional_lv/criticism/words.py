@@ -323,6 +323,8 @@ def _why_not(content: Findings) -> str:
         return ": there was none to try"
     if unlisted > 0.5:
         return ": a smooth departure of no listed shape fits better than any set of causes"
+    if best is None and content["confirmation"]["simulations"]:
+        return ": no simulation confirms the most probable set of them"
     if remaining is None or best is None:
         return ": there are too few channels to test the best set of them"
     if remaining["detected"]:
