@@ -103,19 +103,17 @@ def _fast(path: Path, goes_on: bool, dry_run: bool) -> dict | None:
         return None
     cut: dict = {}
     try:
-        # `answer` looks itself.
+        # First, since what it says of a heart out of reach names a file that it keeps.
+        for subject in () if dry_run else config["subjects"]:
+            files = Layout.of(config["study"]).fast(subject)
+            one = config | {"subjects": {subject: config["subjects"][subject]}}
+            answer(one, files.folder)
+            say_where(_shown(subject, files.page, files.findings, files.posterior))
         if goes_on or (dry_run and config["geometry"]["source"] == "segments"):
             with tempfile.TemporaryDirectory() as folder:
                 given = as_simulated(config, Path(folder, "segments.csv"))
                 within_reach, _ = within(given, known.emulator, known.known)
             cut = _changed(within_reach, given)
-        for subject in config["subjects"]:
-            if dry_run:
-                continue
-            files = Layout.of(config["study"]).fast(subject)
-            one = config | {"subjects": {subject: config["subjects"][subject]}}
-            answer(one, files.folder)
-            say_where(_shown(subject, files.page, files.findings, files.posterior))
     except OutOfReach as error:
         if not goes_on:
             raise Mistakes(f"{path}: {error}") from None
