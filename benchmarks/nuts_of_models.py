@@ -16,7 +16,6 @@ not sampled again. What comes last: the share of means within 0.1 sd, and differ
 Carlo errors.
 """
 
-import json
 import sys
 import time
 from collections.abc import Iterator, Mapping
@@ -28,20 +27,15 @@ import numpy as np
 import pandas as pd
 import pyro
 import torch
+from hidden_hearts import Heart, hearts_of, results_of
 from pyro.infer import MCMC, NUTS
 
-from regional_lv import config as study_config
-from regional_lv.criticism.benchmark import measured_of
 from regional_lv.criticism.benchmark_score import truth_of
-from regional_lv.criticism.settings import settings_of
-from regional_lv.criticism.study import Critic, Settings
-from regional_lv.emulators.joint_gp import JointGP
 from regional_lv.inference.drawing import ITERATIONS, LEAST_GAIN, sample
 from regional_lv.inference.evidence import Fits, fit
 from regional_lv.inference.potential import Potential
 from regional_lv.inference.transform import BoundedTransform
 from regional_lv.inputs.closed_forms import HeavyTails
-from regional_lv.inputs.space import sections_of
 from regional_lv.seeds import derive
 
 COUNT, DRAWS = 20, 4000
@@ -128,30 +122,21 @@ def compare(potential: Potential, fitted: Fits, seed: int) -> pd.DataFrame:
     )
 
 
-def hearts_with_effects(results: Path) -> Iterator[tuple[pd.Series, dict[str, float]]]:
-    """As measured, and true values by input."""
-    for file in sorted((results / "truth" / "hidden_effects").glob("*.parquet")):
-        truth = pd.read_parquet(file).set_index("subject")
-        subjects = pd.read_parquet(results / "hidden_effects" / "subjects" / file.name)
-        for _, row in subjects.iterrows():
-            heart = truth.loc[row["subject"]]
-            if heart["group"] in GROUPS and HeavyTails.name not in heart["causes"]:
-                yield row, json.loads(heart["values"])
+def hearts_with_effects(path: str) -> Iterator[Heart]:
+    for heart in hearts_of(path):
+        if heart.truth["group"] in GROUPS and HeavyTails.name not in heart.truth["causes"]:
+            yield heart
 
 
 def main(path: str, out: str, count: str = str(COUNT)) -> None:
-    config = study_config.load(study_config.read(path), path, [str(Path(path).parent)])
-    physics, results, seed = sections_of(config), Path("results") / config["study"], config["seed"]
-    settings = settings_of(config) | {"bootstrap": config["criticism"]["benchmark"]["bootstrap"]}
-    emulator = JointGP.load(results / "all_inputs" / "finer" / "emulator.pt")
     tables = [pd.read_csv(out)] if Path(out).exists() else []
     done = set(tables[0]["subject"]) if tables else set()
-    for row, values in islice(hearts_with_effects(results), int(count)):
-        name = row["subject"]
+    seed = results_of(path)[0]["seed"]
+    for critic, _, values in islice(hearts_with_effects(path), int(count)):
+        name = critic.name
         if name in done:
             continue
-        measured, given = {name: measured_of(row)}, Settings.from_config(settings)
-        potential = Critic(name, measured, emulator, physics, given, seed).potential(emulator)
+        potential = critic.potential(critic.emulator)
         table = compare(potential, fit_of(potential, values), derive(seed, "nuts", name))
         tables.append(table.assign(subject=name))
         pd.concat(tables).to_csv(out, index=False, float_format="%.6g")

@@ -102,10 +102,10 @@ def test_a_table_with_other_borders(heart, any_heart, change):
     within(heart(change), any_heart.emulator, any_heart.known)
 
 
-def test_simulations_of_surfaces_have_no_inputs_of_a_table(heart, any_heart, by_surfaces):
+def test_simulations_of_surfaces_have_no_inputs_of_a_table(heart, any_heart, by_surfaces, tmp_path):
     config = by_surfaces(heart(inputs={"basal_motion": "suspected"} | MEASURED))
-    assert as_simulated(heart(), "nowhere.csv") == heart()
-    found = as_simulated(config, "described.csv")
+    assert as_simulated(heart(), tmp_path / "nowhere.csv") == heart()
+    found = as_simulated(config, tmp_path / "described.csv")
     names = [Inputs.from_config(sections_of(each)).simulated.names for each in (config, found)]
     assert names[0] == names[1] and "basal_motion" in names[0]
     cut, _ = within(found, any_heart.emulator, any_heart.known)

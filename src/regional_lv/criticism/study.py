@@ -212,7 +212,7 @@ def criticise(critic: Critic, simulate: Callable[[pd.DataFrame], pd.DataFrame] |
     confirmed.
     """
     rounds: list[pd.DataFrame] = []
-    most = critic.settings.confirmation.rounds if simulate else 0
+    most = critic.settings.confirmation.rounds
     while True:
         while simulate and len(rounds) < most:
             design = critic.plan(rounds)
