@@ -109,6 +109,19 @@ def test_derivatives_about_every_input(twisted, given):
 
 
 @pytest.mark.parametrize("given", [{}, EVERYTHING_ON], ids=["held", "all"])
+def test_the_change_along_a_direction_is_that_of_all_derivatives(solver, given):
+    """Of the displacements, of all inputs at once and into their ranges: what the way from one
+    solution to another is predicted by."""
+    problem = solver.simulator
+    state = solver.inflate(values(problem, **given), PRESSURE, Effort())
+    units = problem.coordinates.units
+    direction = np.random.default_rng(3).uniform(0.5, 1.5, len(units)) * units
+    found = solver.change_along(state, direction)[problem.displacement_dofs]
+    expected = (direction @ problem.tangents(state))[problem.displacement_dofs]
+    np.testing.assert_allclose(found, expected, atol=1e-3 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("given", [{}, EVERYTHING_ON], ids=["held", "all"])
 def test_changes_of_the_residual_are_those_of_differences(solver, given):
     """Away from equilibrium, too, where forces on held nodes count; but for the node that is held
     against a rotation of the whole, which bears nothing in equilibrium."""

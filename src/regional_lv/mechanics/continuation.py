@@ -22,6 +22,7 @@ from regional_lv.mechanics.simulator import Simulator, State
 # How far the residual may grow in a step, and the smallest share of a step that is tried.
 MOST_GROWTH = 2.0
 LEAST_STEP = 1 / 16  # on the way from one solution to another
+DIFFERENCE = 1e-4  # share of that way
 LEAST_SHARE = 1 / 16
 
 # A kept factorisation: how many steps are mixed, and after how many without a gain it is given up.
@@ -222,6 +223,22 @@ class Solver(Generic[AnyEquilibrium]):
                 return there, after, share
             share /= 2
 
+    def change_along(self: "Solver[Simulator]", state: State, direction: np.ndarray) -> np.ndarray:
+        """Derivative (size,) of a solution's field along a `direction` (P,) of the scaled inputs,
+        with the factor of its last step.
+
+        By a difference of the residual, which costs a fraction of the derivatives about all inputs:
+        ahead, where every input stays in its range. Raises `NotConverged` next to a shape that has
+        no smooth wall.
+        """
+        simulator, scales = self.simulator, self.simulator.coordinates
+        beside = scales.natural(scales.scaled(state.theta) + DIFFERENCE * direction)
+        with no_shape_is_not_converged():
+            simulator.set(beside, state.pressure)
+        there = simulator.residual(state.w)
+        simulator.set(state.theta, state.pressure)
+        return -simulator.solve((there - simulator.residual(state.w)) / DIFFERENCE)
+
     # ---------------------------------------------------------------- cold start
 
     def inflate(self, theta: np.ndarray, pressure: float, effort: Effort) -> State:
@@ -336,20 +353,20 @@ class Runner:
 
     def _walk(self, theta: np.ndarray, effort: Effort) -> State:
         """The end-diastolic state by way of others, from the nearest solution that is known, each
-        predicted by the tangents of the one before. Raises `NotConverged`."""
+        predicted from the one before. Raises `NotConverged`."""
         solver, scales, known = self.solver, self.coordinates, self.guesses[1.0]
         pressure, start = solver.simulator.full_pressure, known.nearest(theta)
-        state = solver.newton(known.field(start), start, pressure, effort)
         first, last = scales.scaled(start), scales.scaled(theta)
-        with no_shape_is_not_converged():
-            tangents = solver.simulator.tangents(state)
+        state = solver.newton(known.field(start), start, pressure, effort, on_the_way=True)
+        ahead = solver.change_along(state, last - first)
         share, step = 0.0, 0.5
         while share < 1:
             there = min(1.0, share + step)
-            goal = theta if there == 1 else scales.natural(first + there * (last - first))
-            guess = state.w + (there - share) * (last - first) @ tangents
+            final = there == 1
+            goal = theta if final else scales.natural(first + there * (last - first))
+            guess = state.w + (there - share) * ahead
             try:
-                state = solver.newton(guess, goal, pressure, effort)
+                state = solver.newton(guess, goal, pressure, effort, not final, self.sensitivities)
             except NotConverged:
                 step /= 2
                 if step < LEAST_STEP:
@@ -357,8 +374,7 @@ class Runner:
                 continue
             share, step = there, 2 * step
             if share < 1:
-                with no_shape_is_not_converged():
-                    tangents = solver.simulator.tangents(state)
+                ahead = solver.change_along(state, last - first)
         return state
 
     def _guess(self, theta: np.ndarray, fraction: float, known: dict) -> np.ndarray:
