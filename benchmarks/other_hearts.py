@@ -12,9 +12,10 @@ hearts of MESA in the Cardiac Atlas Project). Every heart has its own length and
 
 `errors`: each is simulated at five stiffnesses, each with two causes on, on the mesh of the
 emulator; those from surfaces on the mesh of these surfaces, of which the emulator only has the
-table. FOLDER keeps the simulations (a Parquet a heart; one that is there is not simulated again),
-and gets `errors.csv`: median and rms of the absolute errors and what the stated 95 % intervals
-cover, by group of hearts. Hearts out of its reach are counted.
+table. FOLDER keeps the simulations (a Parquet a heart; one that is there is not simulated again,
+for another emulator), what the emulator says of them (`looked_up`), and gets `errors.csv`: median
+and rms of the absolute errors and what the stated 95 % intervals cover, by group of hearts. Hearts
+out of its reach are counted.
 
 `cohort`: of some hearts of each group (`OF_COHORT`), folders as of `regional-lv new`: measured by
 one simulation on the default mesh, which is finer than the emulator's, with noise of 0.02 and 2 mL;
@@ -54,6 +55,7 @@ WANTED = {"plain": 60, "infarct": 20, "hypertrophied": 20, "dilated": 20}
 THETA, TRIES, CAUSES_ON = 5, 10, 2
 LENGTHS_MM, PRESSURES_MMHG = (60.0, 100.0), (5.0, 15.0)
 SEPTUM = (0, 0, -1)
+LOOKED_UP = "looked_up"
 
 OF_COHORT = {"plain": 20, "infarct": 10, "hypertrophied": 10, "dilated": 10}
 PLANTED = {name: {"septal_load": 4.5} for name in ("plain_3", "infarct_4", "dilated_5")}
@@ -151,11 +153,13 @@ def draw(inputs: Inputs, others: Sequence[str], rng: np.random.Generator) -> np.
     return x
 
 
-def simulate(name: str, group: str, geometry: dict, seed: int, path: Path) -> str:
-    """Write what the emulator and the simulator say of a heart, a row for each output."""
+def look_up(name: str, group: str, geometry: dict, seed: int, folder: Path) -> str:
+    """Write what the emulator and the simulator say of a heart, a row for each output; simulate it
+    if that has not been done."""
     rng, any_heart = np.random.default_rng([SEED, seed]), shipped()
     config = configuration(name, geometry, round(float(rng.uniform(*PRESSURES_MMHG)), 1))
     described = config["geometry"]["source"] != "segments"
+    simulated, written = folder / f"{name}.parquet", folder / LOOKED_UP / f"{name}.parquet"
     with tempfile.TemporaryDirectory() as temporary:
         mesh = make_heart(config, HeartFiles(f"{temporary}/"))
         try:
@@ -165,45 +169,50 @@ def simulate(name: str, group: str, geometry: dict, seed: int, path: Path) -> st
                 any_heart.known,
             )
         except OutOfReach as refusal:
-            pd.DataFrame({"heart": [name], "group": group, "refused": str(refusal)}).to_parquet(
-                path
-            )
+            refused = {"heart": [name], "group": group, "refused": str(refusal)}
+            pd.DataFrame(refused).to_parquet(written)
             return str(refusal)
-        physics = sections_of(cut)
-        channels = Channels.from_config(cut)
-        emulator = any_heart.of_heart(physics, channels, described).of_study_mesh
+        physics, channels = sections_of(cut), Channels.from_config(cut)
         inputs = Inputs.from_config(physics).simulated
         own = Inputs.from_config(sections_of(config)).simulated
-        ventricle = Ventricles(mesh, own)
-        rows, failed = [], 0
-        for _ in range(TRIES):
-            x = draw(inputs, own.names, rng)
-            values = dict(zip(inputs.names, x, strict=True))
-            there = [values.get(*pair) for pair in zip(own.names, own.nominal, strict=True)]
-            try:
-                y = ventricle.outputs(np.array(there))
-            except ArithmeticError:
-                failed += 1
-                continue
-            found = emulator.predict(torch.as_tensor(x)[None])
-            rows.append(
-                pd.DataFrame(
-                    {
-                        "heart": name,
-                        "group": group,
-                        "theta": len(rows),
-                        "channel": channels.names,
-                        "quantity": [channel.quantity for channel in channels],
-                        "simulated": y,
-                        "mean": found.mean[0].numpy(),
-                        "sd": found.sd[0].numpy(),
-                    }
-                )
-            )
-            if len(rows) == THETA:
-                break
-    pd.concat(rows).to_parquet(path, index=False)
-    return f"{len(rows)} simulations, {failed} did not converge"
+        if not simulated.exists():
+            simulate(Ventricles(mesh, own), inputs, rng).to_parquet(simulated, index=False)
+        emulator = any_heart.of_heart(physics, channels, described).of_study_mesh
+    table = pd.read_parquet(simulated)
+    found = emulator.predict(torch.as_tensor(table[list(inputs.names)].to_numpy()))
+    parts = [
+        pd.DataFrame(
+            {
+                "heart": name,
+                "group": group,
+                "theta": table.index,
+                "channel": channel.name,
+                "quantity": channel.quantity,
+                "simulated": table[channel.name],
+                "mean": found.mean[:, d].numpy(),
+                "sd": found.sd[:, d].numpy(),
+            }
+        )
+        for d, channel in enumerate(channels)
+    ]
+    pd.concat(parts).to_parquet(written, index=False)
+    return f"{len(table)} simulations"
+
+
+def simulate(ventricle: Ventricles, inputs: Inputs, rng: np.random.Generator) -> pd.DataFrame:
+    """Values of the emulated inputs and of the outputs, a row a simulation that converged."""
+    own, rows = ventricle.inputs, []
+    for _ in range(TRIES):
+        values = dict(zip(inputs.names, draw(inputs, own.names, rng), strict=True))
+        there = [values.get(*pair) for pair in zip(own.names, own.nominal, strict=True)]
+        try:
+            y = ventricle.outputs(np.array(there))
+        except ArithmeticError:
+            continue
+        rows.append(values | dict(zip(ventricle.channels.names, y.tolist(), strict=True)))
+        if len(rows) == THETA:
+            break
+    return pd.DataFrame(rows)
 
 
 def summary(found: pd.DataFrame) -> pd.DataFrame:
@@ -229,15 +238,10 @@ def summary(found: pd.DataFrame) -> pd.DataFrame:
 
 def errors(folder: str, *endocardia: str) -> None:
     place = Path(folder)
-    place.mkdir(parents=True, exist_ok=True)
-    every = list(hearts(list(endocardia), place))
-    todo = [
-        (name, group, geometry, n, place / f"{name}.parquet")
-        for n, (name, group, geometry) in enumerate(every)
-        if not (place / f"{name}.parquet").exists()
-    ]
-    in_parallel(simulate, todo)
-    tables = [pd.read_parquet(path) for path in sorted(place.glob("*.parquet"))]
+    (place / LOOKED_UP).mkdir(parents=True, exist_ok=True)
+    every = enumerate(hearts(list(endocardia), place))
+    in_parallel(look_up, [(*heart, n, place) for n, heart in every])
+    tables = [pd.read_parquet(path) for path in sorted((place / LOOKED_UP).glob("*.parquet"))]
     known = [table for table in tables if "simulated" in table]
     found = summary(pd.concat(known))
     found.to_csv(place / "errors.csv", index=False, float_format="%.3g")

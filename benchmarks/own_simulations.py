@@ -62,19 +62,14 @@ def simulate(folder: Path, name: str) -> tuple[dict, dict[str, Path]]:
     extra.write_text(yaml.safe_dump(cut | {"all_inputs": SIMULATED}))
     made = Path("results", config["study"], "all_inputs")
     ends = {"train": "train.parquet", "test": "test.parquet", "finer": "finer/emulator.pt"}
-    files = {key: made / end for key, end in ends.items()}
-    configurations = [ONE_HEART, path.resolve(), extra.resolve()]
-    run = [
-        "snakemake",
-        "--cores",
-        CORES,
-        "--snakefile",
-        PROJECT / "Snakefile",
-        "--directory",
-        place,
-    ]
-    subprocess.run([*run, "--configfile", *configurations, "--", *files.values()], check=True)
-    return config, {key: place / file for key, file in files.items()}
+    files = {key: place / made / end for key, end in ends.items()}
+    if all(file.exists() for file in files.values()):
+        return config, files
+    snakefile, configured = PROJECT / "Snakefile", [ONE_HEART, path.resolve(), extra.resolve()]
+    run = ["snakemake", "--cores", CORES, "--snakefile", snakefile, "--directory", place]
+    targets = [file.relative_to(place) for file in files.values()]
+    subprocess.run([*run, "--configfile", *configured, "--", *targets], check=True)
+    return config, files
 
 
 def emulators(config: dict, files: dict) -> Iterator[tuple]:
