@@ -229,7 +229,7 @@ class Solver(Generic[AnyEquilibrium]):
 
         By a difference of the residual, which costs a fraction of the derivatives about all inputs:
         ahead, where every input stays in its range. Raises `NotConverged` next to a shape that has
-        no smooth wall.
+        no smooth wall, and where nothing finite is found.
         """
         simulator, scales = self.simulator, self.simulator.coordinates
         beside = scales.natural(scales.scaled(state.theta) + DIFFERENCE * direction)
@@ -237,7 +237,10 @@ class Solver(Generic[AnyEquilibrium]):
             simulator.set(beside, state.pressure)
         there = simulator.residual(state.w)
         simulator.set(state.theta, state.pressure)
-        return -simulator.solve((there - simulator.residual(state.w)) / DIFFERENCE)
+        try:
+            return -simulator.solve((there - simulator.residual(state.w)) / DIFFERENCE)
+        except LinearSolveError as error:
+            raise NotConverged(str(error)) from error
 
     # ---------------------------------------------------------------- cold start
 
