@@ -161,21 +161,18 @@ def look_up(name: str, group: str, geometry: dict, seed: int, folder: Path) -> s
     described = config["geometry"]["source"] != "segments"
     simulated, written = folder / f"{name}.parquet", folder / LOOKED_UP / f"{name}.parquet"
     with tempfile.TemporaryDirectory() as temporary:
-        mesh = make_heart(config, HeartFiles(f"{temporary}/"))
+        by_figures = by_table(config, Path(temporary) / "described.csv")
         try:
-            cut, _ = within(
-                by_table(config, Path(temporary) / "segments.csv"),
-                any_heart.emulator,
-                any_heart.known,
-            )
+            cut, _ = within(by_figures, any_heart.emulator, any_heart.known)
         except OutOfReach as refusal:
             refused = {"heart": [name], "group": group, "refused": str(refusal)}
             pd.DataFrame(refused).to_parquet(written)
             return str(refusal)
         physics, channels = sections_of(cut), Channels.from_config(cut)
         inputs = Inputs.from_config(physics).simulated
-        own = Inputs.from_config(sections_of(config)).simulated
         if not simulated.exists():
+            mesh = make_heart(config, HeartFiles(f"{temporary}/"))
+            own = Inputs.from_config(sections_of(config)).simulated
             simulate(Ventricles(mesh, own), inputs, rng).to_parquet(simulated, index=False)
         emulator = any_heart.of_heart(physics, channels, described).of_study_mesh
     table = pd.read_parquet(simulated)

@@ -62,12 +62,12 @@ def simulate(folder: Path, name: str) -> tuple[dict, dict[str, Path]]:
     extra.write_text(yaml.safe_dump(cut | {"all_inputs": SIMULATED}))
     made = Path("results", config["study"], "all_inputs")
     ends = {"train": "train.parquet", "test": "test.parquet", "finer": "finer/emulator.pt"}
-    files = {key: place / made / end for key, end in ends.items()}
+    targets = [made / end for end in ends.values()]
+    files = {key: place / target for key, target in zip(ends, targets, strict=True)}
     if all(file.exists() for file in files.values()):
         return config, files
     snakefile, configured = PROJECT / "Snakefile", [ONE_HEART, path.resolve(), extra.resolve()]
     run = ["snakemake", "--cores", CORES, "--snakefile", snakefile, "--directory", place]
-    targets = [file.relative_to(place) for file in files.values()]
     subprocess.run([*run, "--configfile", *configured, "--", *targets], check=True)
     return config, files
 

@@ -365,11 +365,13 @@ class Runner:
         share, step = 0.0, 0.5
         while share < 1:
             there = min(1.0, share + step)
-            final = there == 1
-            goal = theta if final else scales.natural(first + there * (last - first))
+            on_the_way = there < 1
+            goal = scales.natural(first + there * (last - first)) if on_the_way else theta
             guess = state.w + (there - share) * ahead
             try:
-                state = solver.newton(guess, goal, pressure, effort, not final, self.sensitivities)
+                state = solver.newton(
+                    guess, goal, pressure, effort, on_the_way, tangent=self.sensitivities
+                )
             except NotConverged:
                 step /= 2
                 if step < LEAST_STEP:
