@@ -34,7 +34,7 @@ teach it less."""
 LARGEST_STEP, DECAY = 4e-3, 0.3
 """Of AdamW, which learns biases, last layer and linear part."""
 
-LARGEST_OF_LAYERS, DECAY_OF_LAYERS = 2e-2, 0.1
+LARGEST_OF_LAYERS, DECAY_OF_LAYERS = 5e-3, 0.1
 """Of Muon (Jordan et al. 2024, https://kellerjordan.github.io/posts/muon), which learns the weights
 of the layers: in a quarter of the passes that AdamW takes."""
 
