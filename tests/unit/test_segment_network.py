@@ -23,10 +23,11 @@ COORDINATES = Coordinates(
 OUTPUTS = ("volume_ml", *(f"circumferential_{s:02d}" for s in SEGMENTS))
 KNOWN = {"parameters": COORDINATES, "outputs": OUTPUTS, "seed": 4}
 SMALL = {
-    "network_passes": 25,
+    "network_passes": 50,
     "network_width": 32,
     "network_layers": 2,
-    "network_folds": 3,
+    "network_members": 1,
+    "network_folds": 2,
     "calibration": "intervals",
 }
 
@@ -170,13 +171,13 @@ def test_what_is_in_proportion_to_the_volume_of_discs_needs_no_learning():
     given = [z, (2 * volume(x)).log()[:, None]]
     by_z = torch.func.jacfwd(lambda z: (2 * volume(coordinates.natural(z))).log())
     given.append(torch.func.vmap(by_z)(z)[:, None])
-    networks = SegmentNetworks(coordinates, ("volume_ml",), 8, 2).fit(*given, passes=1, seed=0)
+    networks = SegmentNetworks(coordinates, ("volume_ml",), 8, 2, 1).fit(*given, passes=1, seed=0)
     for found, expected in zip(networks.with_slopes(z), given[1:], strict=True):
         torch.testing.assert_close(found, expected, rtol=0, atol=0.02)
     # Nothing is left for the network to say.
-    last = networks.networks[0].last
+    last = networks.networks[0][0].last
     torch.nn.init.zeros_(last.weight), torch.nn.init.zeros_(last.bias)
-    torch.nn.init.zeros_(networks.networks[0].linear.weight)
+    torch.nn.init.zeros_(networks.networks[0][0].linear.weight)
     torch.testing.assert_close(networks(z), given[1], rtol=1e-6, atol=1e-8)
 
 
@@ -227,12 +228,27 @@ def test_further_simulations_join(emulator):
     assert after[:, 1:].max() < 0.05 * before[:, 1:].max()
 
 
+def small(seed, members):
+    """Of some simulations, and the scaled coordinates of these."""
+    theta, *given = map(torch.as_tensor, simulated(30, 1))
+    z = COORDINATES.scaled(theta)
+    networks = SegmentNetworks(COORDINATES, OUTPUTS, 8, 2, members)
+    return networks.fit(z, *given, passes=2, seed=seed), z
+
+
 def test_the_same_seed_gives_the_same_networks():
-    theta, y, slopes = simulated(30, 1)
-    z, given = COORDINATES.scaled(torch.as_tensor(theta)), torch.as_tensor(y)
-    found = [
-        SegmentNetworks(COORDINATES, OUTPUTS, 8, 2).fit(z, given, torch.as_tensor(slopes), 2, seed)
-        for seed in (1, 1, 2)
-    ]
-    assert torch.equal(found[0](z), found[1](z))
-    assert not torch.equal(found[0](z), found[2](z))
+    found = [networks(z) for networks, z in (small(seed, 1) for seed in (1, 1, 2))]
+    assert torch.equal(found[0], found[1])
+    assert not torch.equal(found[0], found[2])
+
+
+def test_the_mean_of_several_networks_counts():
+    both, z = small(1, 2)
+    together, alone = [both(z), *both.with_slopes(z)], []
+    for member in range(2):
+        one, _ = small(1, 2)
+        one.networks = [[networks[member]] for networks in one.networks]
+        alone.append([one(z), *one.with_slopes(z)])
+    assert not torch.equal(alone[0][0], alone[1][0])
+    for found, *each in zip(together, *alone, strict=True):
+        torch.testing.assert_close(found, sum(each) / 2)

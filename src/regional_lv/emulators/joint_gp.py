@@ -73,16 +73,17 @@ class JointGP(Emulator):
 
     def _learn_trend(self, theta, v, slopes, seed: int) -> tuple[torch.Tensor, torch.Tensor]:
         """Set `trend`; return what is left (N, D) of v, and (N, D, P) of its slopes."""
-        passes, width, layers, folds = (
-            self.settings[f"network_{key}"] for key in ("passes", "width", "layers", "folds")
+        passes, folds, width, layers, members = (
+            self.settings[f"network_{key}"]
+            for key in ("passes", "folds", "width", "layers", "members")
         )
         rate = self.coordinates.slope(theta)[:, None]
         given = self.coordinates.scaled(theta), v, slopes * rate
 
-        def make() -> SegmentNetworks:
-            return SegmentNetworks(self.coordinates, self.outputs, width, layers)
+        def make(members: int = 1) -> SegmentNetworks:
+            return SegmentNetworks(self.coordinates, self.outputs, width, layers, members)
 
-        self.trend = make().fit(*given, passes, derive(seed, "networks"))
+        self.trend = make(members).fit(*given, passes, derive(seed, "networks"))
         v, slopes = out_of_fold(make, *given, passes, folds, derive(seed, "folds of networks"))
         return v, slopes / rate
 

@@ -250,25 +250,34 @@ def _silu_slope(x: torch.Tensor) -> torch.Tensor:
 
 
 class SegmentNetworks:
-    """Outputs v (M, D) at scaled coordinates z (M, P), by one network for each of `rings`.
+    """Outputs v (M, D) at scaled coordinates z (M, P), by networks for each of `rings`.
 
     Attributes: outputs, their names (D).
 
     Parameters
     ----------
-    coordinates: of the inputs. width, layers: of each network.
+    coordinates: of the inputs. width, layers: of each network. members: networks of a ring, of
+    other seeds, of which the mean counts: what they err by from chance averages out
+    (Lakshminarayanan et al. 2017, arXiv 1612.01474).
     """
 
-    def __init__(self, coordinates: Coordinates, outputs: Sequence[str], width: int, layers: int):
-        self.outputs, self._shape = tuple(outputs), (width, layers)
+    def __init__(
+        self,
+        coordinates: Coordinates,
+        outputs: Sequence[str],
+        width: int,
+        layers: int,
+        members: int,
+    ):
+        self.outputs, self._shape = tuple(outputs), (width, layers, members)
         self._discs = Discs(coordinates)
         volumes = Channels.parse(outputs).of_quantity("volume")
         self._volumes = np.flatnonzero(volumes & self._discs.there)
         self.rings = [Ring.of(group, coordinates) for group in groups_of(outputs)]
-        self.networks = [self._network(ring) for ring in self.rings]
+        self.networks = [[self._network(ring) for _ in range(members)] for ring in self.rings]
 
     def _network(self, ring: Ring) -> Network:
-        width, layers = self._shape
+        width, layers, _ = self._shape
         # One that is asked about all segments costs as much as all others, and errs no more.
         width = width // 2 if ring.levels.numel() else width
         return Network(*ring.sizes, width, layers).double()
@@ -283,29 +292,36 @@ class SegmentNetworks:
             known, its_slopes = self._discs.with_slopes(z)
             v[:, self._volumes] -= known[:, None]
             slopes[:, self._volumes] -= its_slopes[:, None]
-        with torch.random.fork_rng():
-            for number, ring in enumerate(self.rings):
-                torch.manual_seed(seed + number)
-                started = time.monotonic()
-                _standardise(ring, z, v)
-                network = self._network(ring).float()
-                more = MORE_PASSES if len(ring.maps) <= FEW else 1
-                _train(network, ring, z, v, slopes, more * passes)
-                self.networks[number] = network.double().requires_grad_(False)
-                log.info(
-                    "network %d of %d: trained on %d simulations in %.0f s",
-                    number + 1,
-                    len(self.rings),
-                    len(z),
-                    time.monotonic() - started,
-                )
+        for number, ring in enumerate(self.rings):
+            started = time.monotonic()
+            _standardise(ring, z, v)
+            more = MORE_PASSES if len(ring.maps) <= FEW else 1
+            for member in range(len(self.networks[number])):
+                of_member = derive(seed, f"network {number} {member}")
+                network = self._trained(ring, z, v, slopes, more * passes, of_member)
+                self.networks[number][member] = network
+            log.info(
+                "network %d of %d: trained on %d simulations in %.0f s",
+                number + 1,
+                len(self.rings),
+                len(z),
+                time.monotonic() - started,
+            )
         return self
+
+    def _trained(self, ring: Ring, z, v, slopes, passes: int, seed: int) -> Network:
+        with torch.random.fork_rng():
+            torch.manual_seed(seed)
+            network = self._network(ring).float()
+            _train(network, ring, z, v, slopes, passes)
+        return network.double().requires_grad_(False)
 
     def __call__(self, z: torch.Tensor) -> torch.Tensor:
         """(..., D), differentiable."""
         found = z.new_empty(*z.shape[:-1], len(self.outputs))
-        for ring, network in zip(self.rings, self.networks, strict=True):
-            values = network(ring.seen(z))
+        for ring, networks in zip(self.rings, self.networks, strict=True):
+            seen = ring.seen(z)
+            values = sum(network(seen) for network in networks) / len(networks)
             values = values.mean(-2, keepdim=True) if ring.pooled else values
             found[..., ring.outputs] = ring.offset + ring.scale * values
         if len(self._volumes):
@@ -317,8 +333,10 @@ class SegmentNetworks:
         """v (..., D), and dv/dz (..., D, P)."""
         found = z.new_empty(*z.shape[:-1], len(self.outputs))
         slopes = z.new_empty(*found.shape, z.shape[-1])
-        for ring, network in zip(self.rings, self.networks, strict=True):
-            values, by_seen = network.with_slopes(ring.seen(z))
+        for ring, networks in zip(self.rings, self.networks, strict=True):
+            seen = ring.seen(z)
+            parts = zip(*[network.with_slopes(seen) for network in networks], strict=True)
+            values, by_seen = (sum(each) / len(networks) for each in parts)
             by_seen = by_seen[..., : len(ring.spread)] / ring.spread * ring.scale[:, None]
             by_z = by_seen @ ring.maps
             if ring.pooled:
@@ -339,7 +357,7 @@ class SegmentNetworks:
             "standards": [
                 [ring.centre, ring.spread, ring.offset, ring.scale] for ring in self.rings
             ],
-            "networks": [network.state_dict() for network in self.networks],
+            "networks": [[each.state_dict() for each in networks] for networks in self.networks],
         }
 
     @classmethod
@@ -348,9 +366,10 @@ class SegmentNetworks:
         found = cls(coordinates, content["outputs"], *content["shape"])
         for ring, standards in zip(found.rings, content["standards"], strict=True):
             ring.centre, ring.spread, ring.offset, ring.scale = standards
-        for network, state in zip(found.networks, content["networks"], strict=True):
-            network.load_state_dict(state)
-            network.requires_grad_(False)
+        for networks, states in zip(found.networks, content["networks"], strict=True):
+            for network, state in zip(networks, states, strict=True):
+                network.load_state_dict(state)
+                network.requires_grad_(False)
         return found
 
 

@@ -120,8 +120,8 @@ def calibrating_factor(errors: np.ndarray) -> float:
     """What stated errors are multiplied by, so that 95 % of these `errors`, in stated sds, lie
     within 95 % intervals.
 
-    Networks that leave out a third of the simulations err more than those that learn from all of
-    them, and with many causes on more than with few.
+    One network that leaves out a part of the simulations errs more than the mean of several that
+    learn from all of them, and with many causes on more than with few.
     """
     return float(np.quantile(np.abs(errors), 0.95)) / Z95
 
@@ -154,8 +154,9 @@ def document(any_heart: AnyHeart) -> str:
     networks = "none"
     if card["networks"]["passes"]:
         networks = (
-            "one for all segments of a level, one for volume and apex: {layers} layers of {width}, "
-            "{passes} passes; {folds} others of each, for the errors on what they left out"
+            "{members} for all segments of a level, {members} for the volume and {members} for "
+            "the apex, of which the mean counts: {layers} layers of {width}, {passes} passes; one "
+            "other of each for {folds} parts of the simulations, for the errors on that part"
         ).format(**card["networks"])
     facts = {
         "learnt from": learnt,
