@@ -190,7 +190,8 @@ def test_slopes_are_those_of_the_mean(emulator):
     theta = torch.as_tensor(simulated(3, 5)[0])
     _, slopes = emulator.linearise(theta)
     numeric = torch.func.vmap(torch.func.jacfwd(lambda at: emulator.predict_mean(at[None])[0]))
-    torch.testing.assert_close(slopes, numeric(theta), rtol=1e-8, atol=1e-10)
+    # Networks count in single precision.
+    torch.testing.assert_close(slopes, numeric(theta), rtol=1e-4, atol=1e-5)
     torch.testing.assert_close(emulator.jacobian(theta)[0], slopes)
 
 

@@ -212,7 +212,8 @@ def groups_of(outputs: Sequence[str]) -> list[Group]:
 
 
 class Network(torch.nn.Module):
-    """From F numbers to C, with residual layers."""
+    """From F numbers to C, with residual layers, in single precision: three times as fast, and what
+    that changes is a millionth of what networks err by."""
 
     def __init__(self, inputs: int, outputs: int, width: int, layers: int):
         super().__init__()
@@ -280,7 +281,7 @@ class SegmentNetworks:
         width, layers, _ = self._shape
         # One that is asked about all segments costs as much as all others, and errs no more.
         width = width // 2 if ring.levels.numel() else width
-        return Network(*ring.sizes, width, layers).double()
+        return Network(*ring.sizes, width, layers)
 
     def fit(
         self, z: torch.Tensor, v: torch.Tensor, slopes: torch.Tensor, passes: int, seed: int
@@ -312,16 +313,16 @@ class SegmentNetworks:
     def _trained(self, ring: Ring, z, v, slopes, passes: int, seed: int) -> Network:
         with torch.random.fork_rng():
             torch.manual_seed(seed)
-            network = self._network(ring).float()
+            network = self._network(ring)
             _train(network, ring, z, v, slopes, passes)
-        return network.double().requires_grad_(False)
+        return network.requires_grad_(False)
 
     def __call__(self, z: torch.Tensor) -> torch.Tensor:
         """(..., D), differentiable."""
         found = z.new_empty(*z.shape[:-1], len(self.outputs))
         for ring, networks in zip(self.rings, self.networks, strict=True):
-            seen = ring.seen(z)
-            values = sum(network(seen) for network in networks) / len(networks)
+            seen = ring.seen(z).float()
+            values = sum(network(seen).double() for network in networks) / len(networks)
             values = values.mean(-2, keepdim=True) if ring.pooled else values
             found[..., ring.outputs] = ring.offset + ring.scale * values
         if len(self._volumes):
@@ -334,9 +335,9 @@ class SegmentNetworks:
         found = z.new_empty(*z.shape[:-1], len(self.outputs))
         slopes = z.new_empty(*found.shape, z.shape[-1])
         for ring, networks in zip(self.rings, self.networks, strict=True):
-            seen = ring.seen(z)
+            seen = ring.seen(z).float()
             parts = zip(*[network.with_slopes(seen) for network in networks], strict=True)
-            values, by_seen = (sum(each) / len(networks) for each in parts)
+            values, by_seen = (sum(each).double() / len(networks) for each in parts)
             by_seen = by_seen[..., : len(ring.spread)] / ring.spread * ring.scale[:, None]
             by_z = by_seen @ ring.maps
             if ring.pooled:
@@ -411,7 +412,7 @@ def _standards(values: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
 
 def _train(network: Network, ring: Ring, z, v, slopes, passes: int) -> None:
     """Least squares of values and of derivatives, alike in weight; of derivatives of one of the
-    outputs in each step, drawn at random, which costs a third. In single precision."""
+    outputs in each step, drawn at random, which costs a third."""
     inputs = z.std(0)
     maps = (ring.maps / ring.spread[:, None] * inputs).float()
     seen = ring.seen(z).float()

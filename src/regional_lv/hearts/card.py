@@ -96,7 +96,7 @@ def ship(
             for key, value in emulator.settings.items()
             if key.startswith("network_")
         },
-        "observations": len(emulator.processes[0].seen) + len(emulator.learnt_from),
+        "observations": len(emulator.processes[0].seen) + len(emulator.processes[0].inputs),
         "rescaled": {"factor": factor, "simulations": int(few.sum())},
         "cpu_s_median": float(counts["cpu_s_median"]),
         "mesh": dict(mesh),
@@ -112,7 +112,7 @@ def ship(
             f"{shipped}: {size:.1f} MB, and {LARGEST_MB:g} fit into the package; lower "
             "emulators.joint_gp.max_observations"
         )
-    # What single precision changes is in the card, too.
+    # What the file's precision changes is in the card, too.
     write(emulator, physics, card | {"shortened": _change(emulator, read(shipped))}, shipped)
 
 
@@ -170,7 +170,7 @@ def document(any_heart: AnyHeart) -> str:
         f"{base['loading']['pressure_mmhg']:g} mmHg",
         "mesh": ", ".join(f"{key} {value}" for key, value in card["mesh"].items()),
         "a simulation took": f"{card['cpu_s_median']:.1f} CPU s (median)",
-        "single precision changes": f"an output by {card['shortened']:.1g} of its sd at most",
+        "precision of the file changes": f"an output by {card['shortened']:.1g} of its sd at most",
         "made with": ", ".join(f"{name} {n}" for name, n in card["versions"].items() if n),
         "made by": "`make heart-emulator` (`config/heart_emulator.yaml`)",
         "SHA-256": f"`{any_heart.checksum}`",

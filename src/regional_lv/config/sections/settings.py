@@ -93,7 +93,7 @@ class JointGP(GradientGP):
     """Networks of which the mean counts, trained from other seeds."""
     network_folds: Annotated[Whole, Field(ge=2)] = 4
     """Parts of the simulations; the process learns the errors on each, of one network that learnt
-    from the others."""
+    from the others: those on at most `max_observations` simulations."""
 
 
 class Reduced(Settings):
