@@ -1,6 +1,7 @@
 """Which hearts the emulator knows, and what is cut to what it knows."""
 
 import re
+from types import SimpleNamespace
 
 import pytest
 
@@ -110,6 +111,21 @@ def test_simulations_of_surfaces_have_no_inputs_of_a_table(heart, any_heart, by_
     assert names[0] == names[1] and "basal_motion" in names[0]
     cut, _ = within(found, any_heart.emulator, any_heart.known)
     assert cut["inputs"]["basal_motion"]["range"] == [0.0, pytest.approx(80.0)]
+
+
+@pytest.mark.parametrize(("share", "reached"), [(1.0005, True), (1.01, False)])
+def test_a_figure_may_be_rounded_beyond_the_range(share, reached, heart, any_heart):
+    config = heart()
+    place = any_heart.known.names.index("wall_thickness_5")
+    own = read_segments(config["geometry"]["segments"])["wall_thickness_mm"][4] / 1.2
+    learnt = any_heart.emulator.learnt_from.clone()
+    learnt[:, place].clamp_(min=share * own)
+    emulator = SimpleNamespace(learnt_from=learnt, outputs=any_heart.emulator.outputs)
+    if reached:
+        within(config, emulator, any_heart.known)
+        return
+    with pytest.raises(OutOfReach, match="wall_thickness_5 is"):
+        within(config, emulator, any_heart.known)
 
 
 THICKER = {

@@ -10,6 +10,7 @@ from regional_lv.emulators.base import Emulator, Prediction, TrainingSet
 from regional_lv.emulators.gradient_gp import GradientGP
 from regional_lv.emulators.output_scale import OutputScale
 from regional_lv.emulators.segment_network import SegmentNetworks, out_of_fold
+from regional_lv.emulators.shared_kernel import subset
 from regional_lv.errors import InputError
 from regional_lv.seeds import derive
 
@@ -67,22 +68,26 @@ class JointGP(Emulator):
         if self.settings["network_passes"]:
             v, slopes = self._learn_trend(theta, v, slopes, seed)
             process = NetworkErrors(**own)
+            # Each simulation here costs time wherever it is asked how large errors are.
+            rows = subset(len(theta), own["max_observations"], derive(seed, "errors of networks"))
+            theta, v, slopes = theta[rows], v[rows], slopes[rows]
         given = (each.numpy() for each in (theta, v, slopes))
         process.fit(*given, parameters=self.parameters, outputs=self.outputs, seed=seed)
         self.processes, self.info = (process,), process.info
 
     def _learn_trend(self, theta, v, slopes, seed: int) -> tuple[torch.Tensor, torch.Tensor]:
         """Set `trend`; return what is left (N, D) of v, and (N, D, P) of its slopes."""
-        passes, width, layers, folds = (
-            self.settings[f"network_{key}"] for key in ("passes", "width", "layers", "folds")
+        passes, folds, width, layers, members = (
+            self.settings[f"network_{key}"]
+            for key in ("passes", "folds", "width", "layers", "members")
         )
         rate = self.coordinates.slope(theta)[:, None]
         given = self.coordinates.scaled(theta), v, slopes * rate
 
-        def make() -> SegmentNetworks:
-            return SegmentNetworks(self.coordinates, self.outputs, width, layers)
+        def make(members: int = 1) -> SegmentNetworks:
+            return SegmentNetworks(self.coordinates, self.outputs, width, layers, members)
 
-        self.trend = make().fit(*given, passes, derive(seed, "networks"))
+        self.trend = make(members).fit(*given, passes, derive(seed, "networks"))
         v, slopes = out_of_fold(make, *given, passes, folds, derive(seed, "folds of networks"))
         return v, slopes / rate
 
@@ -140,7 +145,7 @@ class JointGP(Emulator):
         first, *others = self.processes
         given = copy.copy(self)
         given.processes = (first.condition(theta, v, slopes), *others)
-        given.inputs = given.processes[0].inputs
+        given.inputs = torch.cat([self.inputs, self.standardise(theta)])
         return given
 
     def at_fixed(self, theta: torch.Tensor, mask: torch.Tensor) -> "JointGP":

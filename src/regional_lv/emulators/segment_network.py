@@ -2,9 +2,10 @@
 
 What a segment does depends on the wall around it, in the same way all around a level. One network
 serves all segments of a level: it sees every quantity that segments have (stiffness, thickness,
-radius) as waves around the axis, level by level, counted from the segment that it is asked about.
-So each simulation teaches it as much as six, or four, would teach a network of one segment. It
-learns from derivatives as well as from values (Czarnecki et al. 2017, arXiv 1706.04859).
+radius) level by level around the axis, from the segment on that it is asked about. So each
+simulation teaches it as much as six, or four, would teach a network of one segment. What belongs to
+the heart as a whole, as its volume, is the mean of what one network says of all segments. They
+learn from derivatives as well as from values (Czarnecki et al. 2017, arXiv 1706.04859).
 """
 
 import logging
@@ -26,11 +27,19 @@ log = logging.getLogger(__name__)
 BATCH, LEAST_STEPS = 64, 8
 """Simulations of a step, at most, and steps of a pass, at least."""
 
-ALONE = 3
-"""Times as many passes has a network of one segment: the simulations teach it less."""
+FEW, MORE_PASSES = 2, 3
+"""A network that looks from so few segments gets so many times as many passes: the simulations
+teach it less."""
 
-LARGEST_STEP, DECAY, WARM_UP = 4e-3, 0.3, 0.1
-"""Of AdamW, and the share of the steps in which they grow to the largest (Smith and Topin 2019, doi
+LARGEST_STEP, DECAY = 4e-3, 0.3
+"""Of AdamW, which learns biases, last layer and linear part."""
+
+LARGEST_OF_LAYERS, DECAY_OF_LAYERS = 5e-3, 0.1
+"""Of Muon (Jordan et al. 2024, https://kellerjordan.github.io/posts/muon), which learns the weights
+of the layers: in a quarter of the passes that AdamW takes."""
+
+WARM_UP = 0.1
+"""Share of the steps in which these grow to the largest (Smith and Topin 2019, doi
 10.1117/12.2520589)."""
 
 APEX = LEVELS["apex"][0]
@@ -46,28 +55,35 @@ STEEP = 0.9
 walls answer ten times as much as all others."""
 
 
-def surroundings(coordinates: Coordinates, segment: int) -> np.ndarray:
-    """What a network sees (F, P), of P scaled coordinates, around an AHA segment; from the apex,
-    which has no neighbours around the axis, waves are counted from the anterior wall."""
+def surroundings(coordinates: Coordinates, segment: int, turn: float = 0.0) -> np.ndarray:
+    """What a network sees (F, P), of P scaled coordinates, around an AHA segment: of each level as
+    many values as it has segments, from the angle of that one on, or from the anterior wall as seen
+    from the apex; `turn` (rad) is added to it."""
     rows = np.eye(len(coordinates))
     rings = [numbers for numbers in LEVELS.values() if len(numbers) > 1]
     level = next((ring for ring in rings if segment in ring), None)
-    start = 0.0 if level is None else _angles(level)[level.index(segment)]
+    start = turn if level is None else turn + _angles(level)[level.index(segment)]
     found, seen = [], np.zeros(len(coordinates), dtype=bool)
     for places in coordinates.fields.values():
         wall = np.stack([rows[list(at)].sum(0) for at in places])
         seen |= wall.any(0)
-        for ring in rings:
-            values, angles = wall[[s - 1 for s in ring]], _angles(ring) - start
-            for waves in range(len(ring) // 2 + 1):
-                found += [function(waves * angles) @ values for function in (np.cos, np.sin)]
-        found += [wall[APEX - 1], wall[segment - 1]]
-    return np.stack([*found, *rows[~seen]])
+        found += [_turned(ring, start) @ wall[[s - 1 for s in ring]] for ring in rings]
+        found.append(wall[[APEX - 1]])
+    return np.concatenate([*found, rows[~seen]])
 
 
 def _angles(ring: range) -> np.ndarray:
     """Of the middles of a level's segments, from the anterior wall's on (rad)."""
     return 2 * np.pi * np.arange(len(ring)) / len(ring)
+
+
+def _turned(ring: range, start: float) -> np.ndarray:
+    """Weights (n, n) of a level's n segments, n even, in the values at their angles plus `start`;
+    between segments by waves around the axis (trigonometric interpolation)."""
+    angles, most = _angles(ring), len(ring) // 2
+    apart = start + angles[:, None] - angles
+    waves = [np.cos(number * apart) for number in range(1, most)]
+    return ((1 + 2 * sum(waves) + np.cos(most * apart)) / len(ring)).round(12)
 
 
 class Discs:
@@ -107,31 +123,66 @@ class Discs:
 class Ring:
     """Outputs that one network predicts.
 
-    outputs (S, C): places of C outputs in each of S segments. maps (S, F, P): what it sees there.
-    centre, spread (F,): of that; offset, scale (C,): of the outputs.
+    outputs (S, C): places of C outputs in each of S segments; or (1, C), of the mean over these.
+    maps (S, F, P): what it sees there. levels (S, L): 1 for the level of each segment, where there
+    are several. centre, spread (F,): of what it sees; offset, scale (C,): of the outputs.
     """
 
     outputs: torch.Tensor
     maps: torch.Tensor
+    levels: torch.Tensor
     centre: torch.Tensor
     spread: torch.Tensor
     offset: torch.Tensor
     scale: torch.Tensor
 
     @classmethod
-    def of(cls, outputs: torch.Tensor, maps: torch.Tensor) -> "Ring":
+    def of(cls, group: "Group", coordinates: Coordinates) -> "Ring":
         """What it sees and predicts as it is."""
-        sizes = maps.shape[1], outputs.shape[1]
+        maps = np.stack([surroundings(coordinates, *place) for place in group.seen_from])
+        of_level = np.array(
+            [[segment in ring for ring in LEVELS.values()] for segment, _ in group.seen_from]
+        )
+        several = of_level.any(0).sum() > 1
+        levels = torch.as_tensor(of_level[:, of_level.any(0) & several]).double()
+        sizes = maps.shape[1], group.outputs.shape[1]
         standards = [make(n).double() for n in sizes for make in (torch.zeros, torch.ones)]
-        return cls(outputs, maps, *standards)
+        outputs = torch.as_tensor(group.outputs)
+        return cls(outputs, torch.as_tensor(maps), levels, *standards)
+
+    @property
+    def sizes(self) -> tuple[int, int]:
+        """Numbers that the network has to be given, and that it gives."""
+        return self.maps.shape[1] + self.levels.shape[1], self.outputs.shape[1]
+
+    @property
+    def pooled(self) -> bool:
+        """Whether an output is the mean over segments."""
+        return len(self.outputs) < len(self.maps)
+
+    def seen(self, z: torch.Tensor) -> torch.Tensor:
+        """What the network sees at z (..., P), standardised: (..., S, F + L)."""
+        seen = (z @ self.maps.flatten(0, 1).T).reshape(*z.shape[:-1], *self.maps.shape[:2])
+        levels = self.levels.expand(*z.shape[:-1], -1, -1)
+        return torch.cat([(seen - self.centre) / self.spread, levels], -1)
 
 
-def rings_of(outputs: Sequence[str]) -> list[tuple[list[int], np.ndarray]]:
-    """Segments (S), and places of the outputs (S, C), that one network each predicts: those of all
-    segments of a level together, and what is left, seen from the apex."""
+@dataclass(frozen=True)
+class Group:
+    """Outputs that one network predicts: their places, as of `Ring`, and from where it looks, AHA
+    segments and turns (rad) of `surroundings`."""
+
+    seen_from: list[tuple[int, float]]
+    outputs: np.ndarray
+
+
+def groups_of(outputs: Sequence[str]) -> list[Group]:
+    """By network: outputs of all segments of a level together; of the heart as a whole; of the
+    apex, which sees no difference if all is turned by half a turn; and what is left."""
     channels, left = Channels.parse(outputs), dict(enumerate(outputs))
-    found: list[tuple[list[int], np.ndarray]] = []
-    for ring in LEVELS.values():
+    found: list[Group] = []
+    rings = [ring for ring in LEVELS.values() if len(ring) > 1]
+    for ring in rings:
         columns = []
         kinds = dict.fromkeys((one.quantity, one.load_fraction) for one in channels)
         for kind in kinds:
@@ -140,21 +191,31 @@ def rings_of(outputs: Sequence[str]) -> list[tuple[list[int], np.ndarray]]:
                 for d, one in enumerate(channels)
                 if (one.quantity, one.load_fraction) == kind and one.segment in ring
             }
-            if len(ring) > 1 and len(at) == len(ring):
+            if len(at) == len(ring):
                 columns.append([at[segment] for segment in ring])
         if columns:
-            found.append((list(ring), np.array(columns).T))
+            found.append(Group([(segment, 0.0) for segment in ring], np.array(columns).T))
             for d in np.ravel(columns):
                 del left[d]
+    everywhere = [(segment, 0.0) for ring in rings for segment in ring]
+    of_the_apex = [(APEX, 0.0), (APEX, np.pi)]
+    segments = [one.segment for one in channels]
+    for seen_from, which in ((everywhere, None), (of_the_apex, APEX)):
+        places = [d for d in left if segments[d] == which]
+        if places:
+            found.append(Group(seen_from, np.array([places])))
+            for d in places:
+                del left[d]
     if left:
-        found.append(([APEX], np.array([list(left)])))
+        found.append(Group([(APEX, 0.0)], np.array([list(left)])))
     return found
 
 
 class Network(torch.nn.Module):
-    """From F numbers to C, with residual layers."""
+    """From F numbers to C, with residual layers, in single precision: three times as fast, and what
+    that changes is a millionth of what networks err by."""
 
-    def __init__(self, inputs: int, width: int, layers: int, outputs: int):
+    def __init__(self, inputs: int, outputs: int, width: int, layers: int):
         super().__init__()
         sizes = [inputs, *[width] * layers]
         self.layers = torch.nn.ModuleList([torch.nn.Linear(*pair) for pair in pairwise(sizes)])
@@ -190,25 +251,37 @@ def _silu_slope(x: torch.Tensor) -> torch.Tensor:
 
 
 class SegmentNetworks:
-    """Outputs v (M, D) at scaled coordinates z (M, P), by one network for each of `rings`.
+    """Outputs v (M, D) at scaled coordinates z (M, P), by networks for each of `rings`.
 
     Attributes: outputs, their names (D).
 
     Parameters
     ----------
-    coordinates: of the inputs. width, layers: of each network.
+    coordinates: of the inputs. width, layers: of each network. members: networks of a ring, of
+    other seeds, of which the mean counts: what they err by from chance averages out
+    (Lakshminarayanan et al. 2017, arXiv 1612.01474).
     """
 
-    def __init__(self, coordinates: Coordinates, outputs: Sequence[str], width: int, layers: int):
-        self.outputs, self._shape = tuple(outputs), (width, layers)
-        self.rings, self.networks = [], []
+    def __init__(
+        self,
+        coordinates: Coordinates,
+        outputs: Sequence[str],
+        width: int,
+        layers: int,
+        members: int,
+    ):
+        self.outputs, self._shape = tuple(outputs), (width, layers, members)
         self._discs = Discs(coordinates)
         volumes = Channels.parse(outputs).of_quantity("volume")
         self._volumes = np.flatnonzero(volumes & self._discs.there)
-        for segments, places in rings_of(outputs):
-            maps = np.stack([surroundings(coordinates, segment) for segment in segments])
-            self.rings.append(Ring.of(torch.as_tensor(places), torch.as_tensor(maps)))
-            self.networks.append(Network(maps.shape[1], width, layers, places.shape[1]).double())
+        self.rings = [Ring.of(group, coordinates) for group in groups_of(outputs)]
+        self.networks = [[self._network(ring) for _ in range(members)] for ring in self.rings]
+
+    def _network(self, ring: Ring) -> Network:
+        width, layers, _ = self._shape
+        # One that is asked about all segments costs as much as all others, and errs no more.
+        width = width // 2 if ring.levels.numel() else width
+        return Network(*ring.sizes, width, layers)
 
     def fit(
         self, z: torch.Tensor, v: torch.Tensor, slopes: torch.Tensor, passes: int, seed: int
@@ -220,29 +293,38 @@ class SegmentNetworks:
             known, its_slopes = self._discs.with_slopes(z)
             v[:, self._volumes] -= known[:, None]
             slopes[:, self._volumes] -= its_slopes[:, None]
-        with torch.random.fork_rng():
-            for number, ring in enumerate(self.rings):
-                torch.manual_seed(seed + number)
-                started = time.monotonic()
-                _standardise(ring, z, v)
-                network = Network(ring.maps.shape[1], *self._shape, ring.outputs.shape[1])
-                its_passes = passes * (ALONE if len(ring.outputs) == 1 else 1)
-                _train(network, ring, z, v, slopes, its_passes)
-                self.networks[number] = network.double().requires_grad_(False)
-                log.info(
-                    "network %d of %d: trained on %d simulations in %.0f s",
-                    number + 1,
-                    len(self.rings),
-                    len(z),
-                    time.monotonic() - started,
-                )
+        for number, ring in enumerate(self.rings):
+            started = time.monotonic()
+            _standardise(ring, z, v)
+            more = MORE_PASSES if len(ring.maps) <= FEW else 1
+            for member in range(len(self.networks[number])):
+                of_member = derive(seed, f"network {number} {member}")
+                network = self._trained(ring, z, v, slopes, more * passes, of_member)
+                self.networks[number][member] = network
+            log.info(
+                "network %d of %d: trained on %d simulations in %.0f s",
+                number + 1,
+                len(self.rings),
+                len(z),
+                time.monotonic() - started,
+            )
         return self
+
+    def _trained(self, ring: Ring, z, v, slopes, passes: int, seed: int) -> Network:
+        with torch.random.fork_rng():
+            torch.manual_seed(seed)
+            network = self._network(ring)
+            _train(network, ring, z, v, slopes, passes)
+        return network.requires_grad_(False)
 
     def __call__(self, z: torch.Tensor) -> torch.Tensor:
         """(..., D), differentiable."""
         found = z.new_empty(*z.shape[:-1], len(self.outputs))
-        for ring, network in zip(self.rings, self.networks, strict=True):
-            found[..., ring.outputs] = ring.offset + ring.scale * network(_seen(ring, z))
+        for ring, networks in zip(self.rings, self.networks, strict=True):
+            seen = ring.seen(z).float()
+            values = sum(network(seen).double() for network in networks) / len(networks)
+            values = values.mean(-2, keepdim=True) if ring.pooled else values
+            found[..., ring.outputs] = ring.offset + ring.scale * values
         if len(self._volumes):
             found[..., self._volumes] += self._discs(z)[..., None]
         return found
@@ -252,11 +334,16 @@ class SegmentNetworks:
         """v (..., D), and dv/dz (..., D, P)."""
         found = z.new_empty(*z.shape[:-1], len(self.outputs))
         slopes = z.new_empty(*found.shape, z.shape[-1])
-        for ring, network in zip(self.rings, self.networks, strict=True):
-            values, by_seen = network.with_slopes(_seen(ring, z))
+        for ring, networks in zip(self.rings, self.networks, strict=True):
+            seen = ring.seen(z).float()
+            parts = zip(*[network.with_slopes(seen) for network in networks], strict=True)
+            values, by_seen = (sum(each).double() / len(networks) for each in parts)
+            by_seen = by_seen[..., : len(ring.spread)] / ring.spread * ring.scale[:, None]
+            by_z = by_seen @ ring.maps
+            if ring.pooled:
+                values, by_z = values.mean(-2, keepdim=True), by_z.mean(-3, keepdim=True)
             found[..., ring.outputs] = ring.offset + ring.scale * values
-            by_seen = by_seen / ring.spread * ring.scale[:, None]
-            slopes[..., ring.outputs, :] = by_seen @ ring.maps
+            slopes[..., ring.outputs, :] = by_z
         if len(self._volumes):
             known, its_slopes = self._discs.with_slopes(z)
             found[..., self._volumes] += known[..., None]
@@ -271,7 +358,7 @@ class SegmentNetworks:
             "standards": [
                 [ring.centre, ring.spread, ring.offset, ring.scale] for ring in self.rings
             ],
-            "networks": [network.state_dict() for network in self.networks],
+            "networks": [[each.state_dict() for each in networks] for networks in self.networks],
         }
 
     @classmethod
@@ -280,9 +367,10 @@ class SegmentNetworks:
         found = cls(coordinates, content["outputs"], *content["shape"])
         for ring, standards in zip(found.rings, content["standards"], strict=True):
             ring.centre, ring.spread, ring.offset, ring.scale = standards
-        for network, state in zip(found.networks, content["networks"], strict=True):
-            network.load_state_dict(state)
-            network.requires_grad_(False)
+        for networks, states in zip(found.networks, content["networks"], strict=True):
+            for network, state in zip(networks, states, strict=True):
+                network.load_state_dict(state)
+                network.requires_grad_(False)
         return found
 
 
@@ -310,16 +398,9 @@ def out_of_fold(
     return values_left, slopes_left
 
 
-def _seen(ring: Ring, z: torch.Tensor) -> torch.Tensor:
-    """What the network of a ring sees at z (..., P), standardised: (..., S, F)."""
-    seen = z @ ring.maps.flatten(0, 1).T
-    return (seen.reshape(*z.shape[:-1], *ring.maps.shape[:2]) - ring.centre) / ring.spread
-
-
 def _standardise(ring: Ring, z: torch.Tensor, v: torch.Tensor) -> None:
     """Set what a ring's network sees and predicts to mean 0 and sd 1 over all of its segments."""
-    seen = _seen(ring, z) * ring.spread + ring.centre
-    ring.centre, ring.spread = _standards(seen)
+    ring.centre, ring.spread = _standards(torch.einsum("np,sfp->nsf", z, ring.maps))
     ring.offset, ring.scale = _standards(v[:, ring.outputs])
 
 
@@ -330,10 +411,11 @@ def _standards(values: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
 
 
 def _train(network: Network, ring: Ring, z, v, slopes, passes: int) -> None:
-    """Least squares of values and of derivatives, alike in weight. In single precision."""
+    """Least squares of values and of derivatives, alike in weight; of derivatives of one of the
+    outputs in each step, drawn at random, which costs a third."""
     inputs = z.std(0)
     maps = (ring.maps / ring.spread[:, None] * inputs).float()
-    seen = _seen(ring, z).float()
+    seen = ring.seen(z).float()
     values = ((v[:, ring.outputs] - ring.offset) / ring.scale).float()
     slopes = (slopes[:, ring.outputs] / ring.scale[:, None] * inputs).float()
     # By segment of a simulation: what is steep weighs less.
@@ -343,21 +425,38 @@ def _train(network: Network, ring: Ring, z, v, slopes, passes: int) -> None:
     n, outputs = len(z), ring.outputs.shape[1]
     batch = min(BATCH, -(-n // LEAST_STEPS))
     steps = passes * -(-n // batch)
-    optimiser = torch.optim.AdamW(network.parameters(), lr=LARGEST_STEP, weight_decay=DECAY)
-    schedule = torch.optim.lr_scheduler.OneCycleLR(
-        optimiser, LARGEST_STEP, total_steps=steps, pct_start=WARM_UP
+    layers = [layer.weight for layer in network.layers]
+    others = [each for each in network.parameters() if all(each is not one for one in layers)]
+    optimisers = (
+        torch.optim.AdamW(others, lr=LARGEST_STEP, weight_decay=DECAY),
+        torch.optim.Muon(
+            layers,
+            lr=LARGEST_OF_LAYERS,
+            weight_decay=DECAY_OF_LAYERS,
+            adjust_lr_fn="match_rms_adamw",
+        ),
     )
+    schedules = [
+        torch.optim.lr_scheduler.OneCycleLR(
+            optimiser, largest, total_steps=steps, pct_start=WARM_UP, cycle_momentum=False
+        )
+        for optimiser, largest in zip(optimisers, (LARGEST_STEP, LARGEST_OF_LAYERS), strict=True)
+    ]
     for _ in range(passes):
         for rows in torch.randperm(n).split(batch):
             u = seen[rows].requires_grad_(True)
             found = network(u)
+            found = found.mean(1, keepdim=True) if ring.pooled else found
             error = (found - values[rows]).square().mean(-1)
+            c = int(torch.randint(outputs, ()))
+            (by_seen,) = torch.autograd.grad(found[..., c].sum(), u, create_graph=True)
+            by_z = torch.einsum("nsf,sfp->nsp", by_seen[..., : maps.shape[1]], maps)
+            by_z = by_z.sum(1, keepdim=True) if ring.pooled else by_z
+            along = by_z - slopes[rows][:, :, c]
             loss = (weight[rows].sqrt() * error).mean()
-            for c in range(outputs):
-                (by_seen,) = torch.autograd.grad(found[..., c].sum(), u, create_graph=True)
-                along = torch.einsum("nsf,sfp->nsp", by_seen, maps) - slopes[rows][:, :, c]
-                loss = loss + of_slopes / outputs * (weight[rows] * along.square().sum(-1)).mean()
-            optimiser.zero_grad()
+            loss = loss + of_slopes * (weight[rows] * along.square().sum(-1)).mean()
+            network.zero_grad()
             loss.backward()
-            optimiser.step()
-            schedule.step()
+            for optimiser, schedule in zip(optimisers, schedules, strict=True):
+                optimiser.step()
+                schedule.step()

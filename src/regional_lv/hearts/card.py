@@ -96,7 +96,7 @@ def ship(
             for key, value in emulator.settings.items()
             if key.startswith("network_")
         },
-        "observations": len(emulator.processes[0].seen) + len(emulator.learnt_from),
+        "observations": len(emulator.processes[0].seen) + len(emulator.processes[0].inputs),
         "rescaled": {"factor": factor, "simulations": int(few.sum())},
         "cpu_s_median": float(counts["cpu_s_median"]),
         "mesh": dict(mesh),
@@ -112,7 +112,7 @@ def ship(
             f"{shipped}: {size:.1f} MB, and {LARGEST_MB:g} fit into the package; lower "
             "emulators.joint_gp.max_observations"
         )
-    # What single precision changes is in the card, too.
+    # What the file's precision changes is in the card, too.
     write(emulator, physics, card | {"shortened": _change(emulator, read(shipped))}, shipped)
 
 
@@ -120,8 +120,8 @@ def calibrating_factor(errors: np.ndarray) -> float:
     """What stated errors are multiplied by, so that 95 % of these `errors`, in stated sds, lie
     within 95 % intervals.
 
-    Networks that leave out a third of the simulations err more than those that learn from all of
-    them, and with many causes on more than with few.
+    One network that leaves out a part of the simulations errs more than the mean of several that
+    learn from all of them, and with many causes on more than with few.
     """
     return float(np.quantile(np.abs(errors), 0.95)) / Z95
 
@@ -154,8 +154,9 @@ def document(any_heart: AnyHeart) -> str:
     networks = "none"
     if card["networks"]["passes"]:
         networks = (
-            "one for all segments of a level, one for volume and apex: {layers} layers of {width}, "
-            "{passes} passes; {folds} others of each, for the errors on what they left out"
+            "{members} for all segments of a level, {members} for the volume and {members} for "
+            "the apex, of which the mean counts: {layers} layers of {width}, {passes} passes; one "
+            "other of each for {folds} parts of the simulations, for the errors on that part"
         ).format(**card["networks"])
     facts = {
         "learnt from": learnt,
@@ -169,7 +170,7 @@ def document(any_heart: AnyHeart) -> str:
         f"{base['loading']['pressure_mmhg']:g} mmHg",
         "mesh": ", ".join(f"{key} {value}" for key, value in card["mesh"].items()),
         "a simulation took": f"{card['cpu_s_median']:.1f} CPU s (median)",
-        "single precision changes": f"an output by {card['shortened']:.1g} of its sd at most",
+        "precision of the file changes": f"an output by {card['shortened']:.1g} of its sd at most",
         "made with": ", ".join(f"{name} {n}" for name, n in card["versions"].items() if n),
         "made by": "`make heart-emulator` (`config/heart_emulator.yaml`)",
         "SHA-256": f"`{any_heart.checksum}`",

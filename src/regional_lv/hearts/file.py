@@ -22,7 +22,7 @@ from regional_lv.inputs.space import Inputs
 LARGE = 500
 """Numbers from which on a tensor is kept in half its length."""
 
-SHORT = {torch.float64: torch.float32, torch.int64: torch.int32}
+SHORT = {torch.float64: torch.float32, torch.float32: torch.float16, torch.int64: torch.int32}
 """Types of large tensors, and what they are kept as."""
 
 
@@ -55,7 +55,7 @@ class AnyHeart:
 
 
 def write(emulator: JointGP, physics: Mapping, card: Mapping, path: str | Path) -> None:
-    """Write an `AnyHeart`. Of large arrays single precision is kept."""
+    """Write an `AnyHeart`. Of large arrays single precision is kept, of networks half."""
     plain = json.dumps({"physics": physics, "card": card}, default=float)
     content = {"emulator": emulator.content(), "plain": plain}
     raw = io.BytesIO()

@@ -36,6 +36,10 @@ NOT_COMPARED = {
 """Keys that stand for inputs, or are compared as what they make."""
 
 
+ROUNDED = 1e-3
+"""Logarithm of what figures of a shape may be beyond the learnt range: tables are rounded."""
+
+
 class OutOfReach(InputError):
     """The emulator of any heart does not know this one; the message says why."""
 
@@ -164,7 +168,7 @@ def _check_shape(
     middle, precision = learnt.mean(axis=0), np.linalg.pinv(np.cov(learnt.T), hermitian=True)
     off, spread = here - middle, learnt - middle
     farthest = np.einsum("ni,ij,nj->n", spread, precision, spread).max()
-    beyond = np.maximum(low - here, here - high)
+    beyond = np.maximum(low - here, here - high) - ROUNDED
     if beyond.max() <= 0 and off @ precision @ off <= farthest:
         return
     alone = np.abs(precision @ off) / np.sqrt(precision.diagonal())

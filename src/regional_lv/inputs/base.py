@@ -98,7 +98,8 @@ class Input(ABC):
 
     @property
     def field(self) -> str:
-        """Name of what inputs of other segments are about as well: a field over the wall."""
+        """Name of what inputs of other segments are about as well: a field over the wall. What
+        inputs of one field and segment do adds up, on their scale."""
         return self.cause
 
     @property

@@ -90,9 +90,17 @@ class FocalScar(SegmentInput):
         "10.1161/hc0402.102975"
     )
 
+    def __init__(self, model, segment):
+        super().__init__(model, segment)
+        self._factor = MATERIALS[model["material"]["law"]].stress_factor()
+
     @property
     def block(self):
         return FocalScar.name
+
+    @property
+    def field(self):
+        return self._factor  # on its scale it adds to the factor of the zone
 
     def value_in(self, model):
         return 1.0

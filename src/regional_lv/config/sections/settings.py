@@ -89,9 +89,11 @@ class JointGP(GradientGP):
     """Width of their hidden layers."""
     network_layers: Count = 4
     """Their hidden layers."""
+    network_members: Count = 3
+    """Networks of which the mean counts, trained from other seeds."""
     network_folds: Annotated[Whole, Field(ge=2)] = 4
-    """Parts of the simulations; the process learns the errors on each of networks that learnt from
-    the others."""
+    """Parts of the simulations; the process learns the errors on each, of one network that learnt
+    from the others: those on at most `max_observations` simulations."""
 
 
 class Reduced(Settings):
