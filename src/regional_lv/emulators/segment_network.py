@@ -212,8 +212,8 @@ def groups_of(outputs: Sequence[str]) -> list[Group]:
 
 
 class Network(torch.nn.Module):
-    """From F numbers to C, with residual layers, in single precision: three times as fast, and what
-    that changes is a millionth of what networks err by."""
+    """From F numbers to C, with residual layers, in single precision: three times as fast, and it
+    changes an output by a millionth of its sd."""
 
     def __init__(self, inputs: int, outputs: int, width: int, layers: int):
         super().__init__()
