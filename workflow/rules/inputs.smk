@@ -162,7 +162,7 @@ if DOUBTS:
         benchmark:
             f"{R}/benchmarks/all_inputs/train.tsv"
         resources:
-            **needs(mem_mb=6000, minutes=60),
+            **needs(mem_mb=6000, minutes=240),
         params:
             call="emulators.training:train_emulator",
             name=OF_INPUTS,
