@@ -6,7 +6,8 @@ Beside each endocardium lies the epicardium, `<heart>_epi.stl` (mm, septum along
 hearts of MESA in the Cardiac Atlas Project). Each heart is meshed from its surfaces and from the
 table that describes them, and both are simulated at two stiffnesses, on the mesh of the emulator of
 any heart. `shift`: mean of the outputs by the table less those by the surfaces; `sd`: root mean
-square of what a heart, left out of the mean, differs from it; of a volume, shares of it.
+square of what a heart, left out of the mean, differs from it; of `hearts.sectors.SHARES`, shares of
+the former.
 """
 
 import sys
@@ -20,6 +21,7 @@ from regional_lv import config as study_config
 from regional_lv.channels import Channels
 from regional_lv.geometry.from_config import make_heart
 from regional_lv.hearts.reach import by_table
+from regional_lv.hearts.sectors import SHARES
 from regional_lv.inputs.space import Inputs, sections_of
 from regional_lv.simulation.ventricles import Ventricles
 from regional_lv.study.layout import HeartFiles
@@ -34,8 +36,8 @@ def stiffnesses() -> np.ndarray:
 
 
 def changes(endocardium: str, study: dict, channels: Channels) -> np.ndarray:
-    """Outputs (2, D) of a heart by the table less those by its surfaces, of the volume as a share
-    of the latter."""
+    """Outputs (2, D) of a heart by the table less those by its surfaces, of `SHARES` as shares of
+    the former."""
     surfaces = {
         "endocardium": endocardium,
         "epicardium": endocardium.replace("_endo", "_epi"),
@@ -49,8 +51,8 @@ def changes(endocardium: str, study: dict, channels: Channels) -> np.ndarray:
             inputs = Inputs.from_config(sections_of(config)).simulated
             heart = Ventricles(make_heart(config, HeartFiles(f"{folder}/{name}/")), inputs)
             outputs.append(np.stack([heart.outputs(theta) for theta in stiffnesses()]))
-    shares = np.array([channel.kind.is_positive for channel in channels])
-    return (outputs[1] - outputs[0]) / np.where(shares, outputs[0], 1.0)
+    shares = np.array([channel.quantity in SHARES for channel in channels])
+    return (outputs[1] - outputs[0]) / np.where(shares, outputs[1], 1.0)
 
 
 def main(table: str, *endocardia: str) -> None:

@@ -43,8 +43,11 @@ BY_SURFACES = path("described_surfaces.csv")
 """The same of surfaces and those through their means over their own segments, of which most is a
 bias that all hearts have: mean `shift` of each output, by the segment table less by the surfaces,
 and `sd`, the root mean square of the residuals of a heart that is left out of the mean. Of twelve
-real hearts (MESA), at two stiffnesses each; of a volume, shares of it. Written by
-`benchmarks/described_surfaces.py`."""
+real hearts (MESA), at two stiffnesses each; of `SHARES`, shares of what the table gives. Written
+by `benchmarks/described_surfaces.py`."""
+
+SHARES = ("volume", "radial")
+"""What surfaces change in proportion to its size; other strains, alike at any size."""
 
 
 def turn_deg(own: pd.DataFrame, other: pd.DataFrame) -> tuple[float, np.ndarray]:
@@ -164,9 +167,9 @@ class Mixing:
     """Outputs of a heart, of those of the emulator's segments.
 
     channels: of the heart, d of them. weights (D, D) of the emulator's outputs, of which `kept`
-    (d,) are the heart's, less `shift` (D,). beside (D, D): weights of squared changes at a level in
-    the variance of what is interpolated there. described (2, D): standard deviations, as they are
-    and as shares, of what means over segments leave open.
+    (d,) are the heart's, less `shift` (2, D), as it is and as a share. beside (D, D): weights of
+    squared changes at a level in the variance of what is interpolated there. described (2, D):
+    standard deviations, as they are and as shares, of what means over segments leave open.
     """
 
     channels: Channels
@@ -185,11 +188,11 @@ class Mixing:
         beside, described = torch.zeros_like(weights), torch.zeros(2, size, dtype=torch.float64)
         shift = torch.zeros_like(described)
         for d, one in enumerate(channels):
-            at = int(one.kind.is_positive), d
             if of_surfaces:
+                at = int(one.quantity in SHARES), d
                 shift[at], described[at] = _by_surfaces()[one.quantity, one.segment]
             else:
-                described[at] = BY_SECTORS[one.quantity]
+                described[int(one.kind.is_positive), d] = BY_SECTORS[one.quantity]
             for e, other in enumerate(channels):
                 if (
                     one.segment
@@ -199,23 +202,27 @@ class Mixing:
                     weights[d, e] = mixed[one.segment - 1, other.segment - 1]
                     beside[d, e] = UNKNOWN**2
         beside /= (beside > 0).sum(dim=1, keepdim=True).clamp(min=1)
-        weights *= 1 - shift[1][:, None]
-        return cls(channels, weights, shift[0], beside, described, torch.arange(size))
+        return cls(channels, weights, shift, beside, described, torch.arange(size))
+
+    @property
+    def _of_kept(self) -> torch.Tensor:
+        """Weights (d, D) with what is subtracted as a share."""
+        return ((1 - self.shift[1])[:, None] * self.weights)[self.kept]
 
     def __call__(self, outputs: torch.Tensor) -> torch.Tensor:
         """Outputs (..., d) of the emulator's (..., D)."""
-        return self.slopes(outputs) - self.shift[self.kept]
+        return self.slopes(outputs) - self.shift[0, self.kept]
 
     def slopes(self, slopes: torch.Tensor) -> torch.Tensor:
         """What becomes of the outputs' derivatives (..., D): (..., d)."""
-        return slopes @ self.weights[self.kept].T
+        return slopes @ self._of_kept.T
 
     def covariance(self, mean: torch.Tensor, covariance: torch.Tensor) -> torch.Tensor:
         """Covariance (M, d, d), of the emulator's mean (M, D) and covariance (M, D, D), and of what
         the interpolation does not know."""
         unknown = (mean @ self.weights.T - mean).square() @ self.beside.T
         unknown += (self.described[0] + self.described[1] * mean).square()
-        found = self.weights[self.kept] @ covariance @ self.weights[self.kept].T
+        found = self._of_kept @ covariance @ self._of_kept.T
         return found + torch.diag_embed(unknown[:, self.kept])
 
     @property
