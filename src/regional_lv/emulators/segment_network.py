@@ -293,14 +293,14 @@ class SegmentNetworks:
             known, its_slopes = self._discs.with_slopes(z)
             v[:, self._volumes] -= known[:, None]
             slopes[:, self._volumes] -= its_slopes[:, None]
+        *_, members = self._shape
         for number, ring in enumerate(self.rings):
             started = time.monotonic()
             _standardise(ring, z, v)
             more = MORE_PASSES if len(ring.maps) <= FEW else 1
-            for member in range(len(self.networks[number])):
-                of_member = derive(seed, f"network {number} {member}")
-                network = self._trained(ring, z, v, slopes, more * passes, of_member)
-                self.networks[number][member] = network
+            seeds = [derive(seed, f"network {number} {member}") for member in range(members)]
+            given = ring, z, v, slopes, more * passes
+            self.networks[number] = [self._trained(*given, of_member) for of_member in seeds]
             log.info(
                 "network %d of %d: trained on %d simulations in %.0f s",
                 number + 1,

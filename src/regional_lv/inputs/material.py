@@ -107,9 +107,8 @@ class FocalScar(SegmentInput):
 
     def act(self, model, value):
         factors = model["factors"]
-        stress = MATERIALS[model["material"]["law"]].stress_factor()
-        changed = multiplied(factors[stress], self.segment - 1, value)
-        return {**model, "factors": {**factors, stress: changed}}
+        changed = multiplied(factors[self._factor], self.segment - 1, value)
+        return {**model, "factors": {**factors, self._factor: changed}}
 
 
 class Compressibility(KeyInput):
