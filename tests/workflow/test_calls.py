@@ -188,7 +188,7 @@ def test_rules_of_a_cohort_and_their_functions_agree(listing):
 def test_resources_double_with_each_attempt(listing):
     needs = {name: attempts for name, *attempts in printed(listing("smoke"), "NEEDS")}
     assert needs["simulate_inputs"] == needs["simulate_batch"]
-    assert needs["train_on_inputs"][0] == [6000, 60]
+    assert needs["train_on_inputs"][0] == [6000, 240]
     for (memory, minutes), again in needs.values():
         assert again == [2 * memory, 2 * minutes]
 
