@@ -4,8 +4,8 @@
 
 Beside each endocardium lies the epicardium, `<heart>_epi.stl` (mm, septum along -z, as in the
 hearts of MESA in the Cardiac Atlas Project). Each heart is meshed from its surfaces and from the
-table that describes them, and both are simulated at two stiffnesses, on the mesh of the emulator of
-any heart. `shift`: mean of the outputs by the table less those by the surfaces; `sd`: root mean
+table that describes them, and both are simulated at eight stiffnesses, on the mesh of the emulator
+of any heart. `shift`: mean of the outputs by the table less those by the surfaces; `sd`: root mean
 square of what a heart, left out of the mean, differs from it; of `hearts.sectors.SHARES`, shares of
 the former.
 """
@@ -28,16 +28,20 @@ from regional_lv.study.layout import HeartFiles
 
 STUDY = Path(__file__).parents[1] / "config" / "heart_emulator.yaml"
 SEPTUM = (0, 0, -1)
+STIFFNESSES = 8
+LOWEST, HIGHEST = (0.25, 0.15), 4.0
+"""Of C_a and C_b, each zone's own: a table says the less of a heart the more its zones differ."""
 
 
 def stiffnesses() -> np.ndarray:
-    """(2, 10): C_a and C_b of the zones in turn."""
-    return np.exp(np.random.default_rng(1).uniform(-1, 1, (2, 10))) * np.tile([0.5, 1.0], 5)
+    """(STIFFNESSES, 10): C_a and C_b of the zones in turn, uniform in the logarithm."""
+    low, high = np.log(np.tile(LOWEST, 5)), np.log(HIGHEST)
+    return np.exp(np.random.default_rng(1).uniform(low, high, (STIFFNESSES, 10)))
 
 
 def changes(endocardium: str, study: dict, channels: Channels) -> np.ndarray:
-    """Outputs (2, D) of a heart by the table less those by its surfaces, of `SHARES` as shares of
-    the former."""
+    """Outputs (STIFFNESSES, D) of a heart by the table less those by its surfaces, of `SHARES` as
+    shares of the former."""
     surfaces = {
         "endocardium": endocardium,
         "epicardium": endocardium.replace("_endo", "_epi"),
@@ -62,8 +66,8 @@ def main(table: str, *endocardia: str) -> None:
     for endocardium in endocardia:
         found.append(changes(endocardium, study, channels))
         print(f"{endocardium}: volume {100 * found[-1][:, 0].mean():+.2f} %", flush=True)
-    found = np.stack(found)  # (hearts, 2, D)
-    others = (found.sum(0) - found).mean(1, keepdims=True) / (len(found) - 1)
+    found = np.stack(found)  # (hearts, STIFFNESSES, D)
+    others = (found.sum(axis=0) - found).mean(axis=1, keepdims=True) / (len(found) - 1)
     rows = {
         "quantity": [channel.quantity for channel in channels],
         "segment": pd.array([channel.segment for channel in channels], dtype="Int64"),

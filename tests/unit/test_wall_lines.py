@@ -6,12 +6,13 @@ import json
 import numpy as np
 import pytest
 
+from regional_lv.aha import LEVELS
 from regional_lv.geometry.fitted import LevelBorder, _latitude, aha_segment_at
 from regional_lv.geometry.from_surfaces import mesh_surfaces
 from regional_lv.geometry.mesh import BASE, read_mesh
 from regional_lv.geometry.triangles import enclosed_volume
 from regional_lv.geometry.triangulated import read_ventricle
-from regional_lv.geometry.wall_lines import FAN, QUARTER, WallLines
+from regional_lv.geometry.wall_lines import FAN, LEVEL_ENDS, QUARTER, WallLines
 from regional_lv.verification.shapes import KINDS, SIDES, shapes
 
 ROWS = {
@@ -133,6 +134,20 @@ def test_every_kind_is_meshed(kind, made):
     assert summary["long_axis_mm"] == pytest.approx(
         -found.points[np.hypot(*found.points[:, :2].T) < 1e-6, 2].max()
     )
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_levels_end_in_planes_perpendicular_to_the_long_axis(kind, made):
+    """On both sides of the wall, as those of a segment table, however the base is sloped."""
+    found, summary = made[kind]
+    above = None
+    for numbers, share in zip(LEVELS.values(), (*LEVEL_ENDS, None), strict=True):
+        nodes = np.unique(found.cells[np.isin(found.segment, numbers), :8])
+        if above is not None:
+            border = found.points[np.intersect1d(above, nodes), 2]
+            assert np.ptp(border) < 0.5
+            assert border.mean() == pytest.approx(-end * summary["long_axis_mm"], abs=0.1)
+        above, end = nodes, share
 
 
 def test_all_meshes_have_the_same_topology(made):

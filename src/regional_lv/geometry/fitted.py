@@ -3,9 +3,10 @@
 A surface has one D, smooth in the pole, for each of the `wall_lines`: the polynomial of the
 bullseye (X, Y) of `surfaces` that fits the surface's nodes best.
 
-Levels of two bare surfaces end on lines of one latitude. Those of a mesh with segments end at a
-latitude that varies with the angle, on the endocardium and on the epicardium on its own: borders
-that tilt, against the base or through the wall, are followed.
+Levels end at a latitude that varies with the angle, on the endocardium and on the epicardium on its
+own. Those of two bare surfaces end in planes perpendicular to the long axis, whatever the slope of
+the base; those of a mesh where its segments do, which may tilt, against the base or through the
+wall.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -41,6 +42,9 @@ AHA_SECTORS = {
     "mid": (60, SEPTUM_DEG + 60),
     "apical": (90, SEPTUM_DEG + 45),
 }
+# Least latitude of a border that lies in a plane perpendicular to the long axis, as a share of the
+# latitude that it has under a base that lies so, too: a strongly sloped one would cut the plane.
+LEAST_LATITUDE = 0.3
 # Sector borders of different levels that lie closer than this share of an element's width become
 # one mesh line.
 SNAP = 1 / 3
@@ -120,18 +124,21 @@ class FittedSurfaces:
     def of_lines(
         cls, endocardium: FittedSurface, epicardium: FittedSurface, level_ends: Sequence[float]
     ) -> Self:
-        """Those of two `FittedSurface`s on the same lines, whose levels end at these shares (3,) of
-        the cavity's length."""
-        ends = 1 - np.arcsin(level_ends) / QUARTER
-        return cls([(surface, _same_latitude) for surface in (endocardium, epicardium)], ends)
+        """Those of two `FittedSurface`s on the same lines, whose levels end in planes perpendicular
+        to the long axis (`LEAST_LATITUDE`), at these shares (3,) of the cavity's length."""
+        radii = 1 - np.arcsin(level_ends) / QUARTER
+        sides = []
+        for surface in (endocardium, epicardium):
+            borders = [_border_in_plane(surface, share) for share in level_ends]
+            sides.append((surface, partial(_latitude, borders, radii)))
+        return cls(sides, radii)
 
     def wall(
         self, phi: np.ndarray, rho: np.ndarray, t: np.ndarray, _rho_border: float
     ) -> np.ndarray:
         """Points (n, 3) at angle phi, place rho on the bullseye and transmural depth t.
 
-        Lines through the wall are straight, and where the latitudes of both sides are the same,
-        they are `WallLines`.
+        Lines through the wall are straight.
         """
         inner, outer = (surface(phi, latitude(phi, rho)) for surface, latitude in self._sides)
         return (1 - t)[:, None] * inner + t[:, None] * outer
@@ -156,8 +163,17 @@ class LevelBorder:
         return self._waves(phi) @ self._coefficients
 
 
-def _same_latitude(_phi: np.ndarray, rho: np.ndarray) -> np.ndarray:
-    return QUARTER * (1 - rho)
+def _border_in_plane(surface: FittedSurface, share: float) -> LevelBorder:
+    """Where a surface crosses the plane perpendicular to the long axis at a share of the cavity's
+    length; real hearts' stay within 0.1 mm of it. See `LEAST_LATITUDE`."""
+    phi = np.linspace(-np.pi, np.pi, 180, endpoint=False)
+    least = LEAST_LATITUDE * np.arcsin(share)
+    low, high = np.full(len(phi), least), np.full(len(phi), QUARTER)
+    for _ in range(40):
+        u = (low + high) / 2
+        above = surface(phi, u)[:, 2] > -share * surface.lines.length
+        low, high = np.where(above, u, low), np.where(above, high, u)
+    return LevelBorder(phi, (low + high) / 2, np.ones(len(phi)))
 
 
 def _latitude(

@@ -43,7 +43,7 @@ BY_SURFACES = path("described_surfaces.csv")
 """The same of surfaces and those through their means over their own segments, of which most is a
 bias that all hearts have: mean `shift` of each output, by the segment table less by the surfaces,
 and `sd`, the root mean square of the residuals of a heart that is left out of the mean. Of twelve
-real hearts (MESA), at two stiffnesses each; of `SHARES`, shares of what the table gives. Written
+real hearts (MESA), at eight stiffnesses each; of `SHARES`, shares of what the table gives. Written
 by `benchmarks/described_surfaces.py`."""
 
 SHARES = ("volume", "radial")
