@@ -140,14 +140,11 @@ def test_every_kind_is_meshed(kind, made):
 def test_levels_end_in_planes_perpendicular_to_the_long_axis(kind, made):
     """On both sides of the wall, as those of a segment table, however the base is sloped."""
     found, summary = made[kind]
-    above = None
-    for numbers, share in zip(LEVELS.values(), (*LEVEL_ENDS, None), strict=True):
-        nodes = np.unique(found.cells[np.isin(found.segment, numbers), :8])
-        if above is not None:
-            border = found.points[np.intersect1d(above, nodes), 2]
-            assert np.ptp(border) < 0.5
-            assert border.mean() == pytest.approx(-end * summary["long_axis_mm"], abs=0.1)
-        above, end = nodes, share
+    nodes = [np.unique(found.cells[np.isin(found.segment, own), :8]) for own in LEVELS.values()]
+    for above, below, share in zip(nodes[:-1], nodes[1:], LEVEL_ENDS, strict=True):
+        z = found.points[np.intersect1d(above, below), 2]
+        assert np.ptp(z) < 0.5
+        assert z.mean() == pytest.approx(-share * summary["long_axis_mm"], abs=0.1)
 
 
 def test_all_meshes_have_the_same_topology(made):
