@@ -126,7 +126,7 @@ class FittedSurfaces:
     ) -> Self:
         """Those of two `FittedSurface`s on the same lines, whose levels end in planes perpendicular
         to the long axis (`LEAST_LATITUDE`), at these shares (3,) of the cavity's length."""
-        radii = 1 - np.arcsin(level_ends) / QUARTER
+        radii = (1 - np.arcsin(level_ends) / QUARTER).tolist()
         sides = []
         for surface in (endocardium, epicardium):
             borders = [_border_in_plane(surface, share) for share in level_ends]
