@@ -97,7 +97,7 @@ def test_latitudes_between_borders_rise_towards_the_pole(seed):
     ],
 )
 def test_segment_at_a_place(degrees, share, segment):
-    assert aha_segment_at(np.radians(degrees), np.arcsin(share)) == segment
+    assert aha_segment_at(np.radians(degrees), share) == segment
 
 
 # --- meshes ----------------------------------------------------------------------------------

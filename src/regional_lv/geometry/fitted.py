@@ -288,9 +288,10 @@ def aha_sectors(surfaces: FittedSurfaces) -> pd.DataFrame:
     return _sectors(lower, surfaces)
 
 
-def aha_segment_at(phi: float, u: float) -> int:
-    """AHA number at an angle and a latitude (rad), as `aha_sectors` and `LEVEL_ENDS` divide."""
-    level = list(LEVELS)[np.searchsorted(LEVEL_ENDS, np.sin(u), side="right")]
+def aha_segment_at(phi: float, share: float) -> int:
+    """AHA number at an angle (rad) and a share of the cavity's length, as `aha_sectors` and
+    `LEVEL_ENDS` divide."""
+    level = list(LEVELS)[np.searchsorted(LEVEL_ENDS, share, side="right")]
     width, first = AHA_SECTORS.get(level, (360, 360))
     return LEVELS[level][int((first + width - np.degrees(phi)) % 360 // width)]
 

@@ -81,8 +81,8 @@ def check_lines(paths: Mapping[str, Path], heart: "Ventricle") -> None:
 
 def where(heart: "Ventricle", point: np.ndarray) -> str:
     """A point (3,) in the files' coordinates and in words: its AHA segment."""
-    phi, u, _ = heart.lines.coordinates(point[None])
-    segment = SEGMENTS[aha_segment_at(phi[0], u[0]) - 1]
+    phi, share = np.arctan2(point[1], point[0]), -point[2] / heart.lines.length
+    segment = SEGMENTS[aha_segment_at(phi, share) - 1]
     return f"{heart.in_file_words(point)} (segment {segment.number}, {segment.name})"
 
 
