@@ -11,10 +11,11 @@ from regional_lv.channels import Channels
 from regional_lv.emulators.gaussian import Z95
 from regional_lv.emulators.joint_gp import JointGP
 from regional_lv.errors import InputError
+from regional_lv.hearts.by_surfaces import BY_SURFACES, BySurfaces
 from regional_lv.hearts.card import document
 from regional_lv.hearts.emulator import HeartEmulator, InputMap
 from regional_lv.hearts.file import read
-from regional_lv.hearts.sectors import BY_SURFACES, Mixing
+from regional_lv.hearts.sectors import Mixing
 from regional_lv.inputs.space import Inputs, sections_of
 from tests.hearts.conftest import outputs_of
 
@@ -207,20 +208,46 @@ def test_a_damaged_file(file, tmp_path, damage):
         read(path)
 
 
-def test_the_bias_of_described_surfaces_is_subtracted():
-    """Of values, and of derivatives about inputs only what is a share."""
-    channels = Channels.of()
-    mixing = Mixing.of(channels, None, of_surfaces=True)
-    y = torch.linspace(0.1, 0.4, len(channels)).double()
-    y[0] = 100.0
+@pytest.fixture
+def by_surfaces(any_heart):
+    """Of walls that differ from the table's by up to a tenth."""
+    walls = np.linspace(-0.1, 0.1, 17)
+    channels = any_heart.emulator.channels
+    return channels, walls, BySurfaces.of(channels, any_heart.known, walls)
+
+
+def test_what_surfaces_change_is_subtracted(any_heart, by_surfaces):
+    channels, walls, change = by_surfaces
     table = pd.read_csv(BY_SURFACES)
-    shares = table["quantity"].isin(["volume", "radial"])
-    size = np.where(shares, y, 1)
-    expected = y.numpy() - table["shift"].to_numpy() * size
-    np.testing.assert_allclose(mixing(y), expected)
-    np.testing.assert_allclose(mixing.slopes(y)[~shares], y[~shares])
-    np.testing.assert_allclose(mixing.slopes(y)[shares], expected[shares])
-    sd = mixing.covariance(y[None], torch.zeros(1, 52, 52).double())[0].diagonal().sqrt()
+    names = [name for name in any_heart.known.names if name in table]
+    assert names
+    there = torch.full((1, len(any_heart.known.names)), 0.8).double()
+    y = torch.linspace(0.1, 0.4, len(channels)).double()[None]
+    y[0, 0] = 100.0
+    size = np.where(table["quantity"].isin(["volume", "radial"]), y[0].numpy(), 1)
+    wall = np.where(table["segment"].isna(), 0, walls[table["segment"].fillna(1).astype(int) - 1])
+    expected = table["shift"] + table["by_wall"] * wall + table[names].sum(axis=1) * np.log(0.8)
+    by_table = y[0].numpy()
+    np.testing.assert_allclose(change(y, there)[0], by_table - expected * size, atol=1e-12)
+    mixing = Mixing.of(channels, None, change)
+    sd = mixing.covariance(y, torch.zeros(1, 52, 52).double(), there)[0].diagonal().sqrt()
     np.testing.assert_allclose(sd, table["sd"] * size)
-    some = mixing.select(["volume_ml", "radial_03"])
-    np.testing.assert_allclose(some(y), expected[[0, channels.names.index("radial_03")]])
+    some = ["volume_ml", "radial_03"]
+    at = [channels.names.index(name) for name in some]
+    np.testing.assert_allclose(mixing.select(some)(y, there), mixing(y, there)[:, at])
+
+
+def test_derivatives_of_what_surfaces_change(by_surfaces, any_heart):
+    channels, _, change = by_surfaces
+    generator = torch.Generator().manual_seed(1)
+    size = len(any_heart.known.names)
+    there = 0.5 + torch.rand(3, size, generator=generator).double()
+    slopes = torch.randn(3, len(channels), size, generator=generator).double()
+
+    def outputs(at):
+        moved = 0.2 + (slopes @ (at - there)[..., None])[..., 0]
+        return change(moved, at).sum(dim=0)
+
+    expected = torch.autograd.functional.jacobian(outputs, there).transpose(0, 1)
+    found = change.slopes(torch.full((3, len(channels)), 0.2).double(), slopes, there)
+    torch.testing.assert_close(found, expected)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from regional_lv.data import VOLUNTEER
-from regional_lv.geometry.described import described
+from regional_lv.geometry.described import WALL, described, log_walls, segment_walls
 from regional_lv.geometry.surfaces import Surfaces
 from regional_lv.geometry.table import SD_COLUMNS, check_apices, read_segments
 
@@ -56,3 +56,12 @@ def test_a_wall_that_is_thicker_all_over(table, sides):
     grown = after["wall_thickness_mm"] - before["wall_thickness_mm"]
     assert grown.between(1.4, 2.1).all()
     np.testing.assert_allclose(after["endo_radius_mm"], before["endo_radius_mm"])
+
+
+def test_walls_of_segments(table):
+    surfaces = Surfaces(table, *APICES)
+    walls = segment_walls(surfaces, table)
+    assert walls.sum() == pytest.approx(surfaces.volumes()[1], rel=0.01)
+    np.testing.assert_array_equal(log_walls(table, *APICES), 0)
+    told = table.assign(**{WALL: [str(1.1 * wall) for wall in walls]})
+    np.testing.assert_allclose(log_walls(told, *APICES), np.log(1.1))

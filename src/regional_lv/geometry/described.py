@@ -1,7 +1,8 @@
 """A ventricle between two smooth surfaces, described by a segment table.
 
 The table's figures are means over segments (`surfaces`); the smoothest surfaces through them are
-not those that they were read off, so that a described ventricle is another one.
+not those that they were read off, so that a described ventricle is another one. By how much tells
+the volume of each segment's wall.
 """
 
 from collections.abc import Callable, Mapping
@@ -13,7 +14,7 @@ import pandas as pd
 from regional_lv.aha import SEGMENTS
 from regional_lv.geometry.fitted import FittedSurfaces, aha_sectors, sector_table
 from regional_lv.geometry.imported import import_mesh
-from regional_lv.geometry.surfaces import QUARTER
+from regional_lv.geometry.surfaces import QUARTER, Surfaces, Wall
 from regional_lv.geometry.triangulated import SIDES, read_configured
 from regional_lv.geometry.wall_lines import LEVEL_ENDS
 
@@ -26,6 +27,9 @@ ALONG = np.linspace(0, QUARTER, 400)
 THICKEST = 0.8
 """Of a wall, as a share of the cavity's length."""
 
+WALL = "wall_volume_ml"
+"""Column of a described table: volumes of the segments' walls between the surfaces themselves."""
+
 UNSNAPPED = 720
 """Mesh lines around the axis, between which no borders of sectors are joined."""
 
@@ -34,7 +38,8 @@ Side = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 
 class Described(NamedTuple):
-    """A segment table, as `table.read_segments` reads it, and the apices that go with it."""
+    """A segment table, as `table.read_segments` reads it, and the apices that go with it. Of a mesh
+    and of surfaces it has `WALL`, too."""
 
     table: pd.DataFrame
     endo_apex_z_mm: float
@@ -103,17 +108,64 @@ class Meridians:
         return found
 
 
+def segment_walls(wall: Wall, sectors: pd.DataFrame) -> np.ndarray:
+    """Volumes (17,) in mL of the segments' walls. sectors: as of `described`."""
+    turns = np.radians(sectors[["angle_from_deg", "angle_to_deg"]].to_numpy(float))
+    heights = sectors[["z_top_mm", "z_bottom_mm"]].to_numpy(float)
+    rings = 1 - np.arcsin(np.clip(heights / wall.endo_apex, 0, 1)) / QUARTER
+    phi, rho = (
+        ends[:, :1] + np.diff(ends) * np.linspace(0, 1, count + 1)
+        for ends, count in ((turns, ANGLES), (rings, LATITUDES))
+    )
+    grid = np.broadcast_arrays(phi[:, :, None, None], rho[:, None, :, None], [0.0, 1.0])
+    around, down, through = (each.ravel() for each in grid)
+    points = wall.wall(around, down, through, rings[-1, 0]).reshape(*grid[0].shape, 3)
+    # Between the corners of small hexahedra.
+    edges = []
+    for along in (1, 2, 3):
+        edge = np.diff(points, axis=along)
+        for across in {1, 2, 3} - {along}:
+            edge = _between(edge, across)
+        edges.append(edge)
+    a, b, c = edges
+    volumes = np.abs((a * np.cross(b, c)).sum(axis=-1)).sum(axis=(1, 2, 3)) / 1e3
+    # Around the axis, chords cut something off.
+    step = np.diff(turns)[:, 0] / ANGLES
+    return volumes * step / np.sin(step)
+
+
+def _between(values: np.ndarray, axis: int) -> np.ndarray:
+    """Means of neighbours."""
+    many = values.shape[axis]
+    return (values.take(range(1, many), axis) + values.take(range(many - 1), axis)) / 2
+
+
+def log_walls(table: pd.DataFrame, endo_apex_z_mm: float, epi_apex_z_mm: float) -> np.ndarray:
+    """Logarithms (17,) of the segments' walls between the surfaces that a table describes, beside
+    those between the smooth surfaces through its figures; 0 where it does not tell (`WALL`)."""
+    if WALL not in table:
+        return np.zeros(len(table))
+    smooth = segment_walls(Surfaces(table, endo_apex_z_mm, epi_apex_z_mm), table)
+    return np.log(table[WALL].to_numpy(float) / smooth)
+
+
 def of_mesh(imported: Mapping) -> Described:
     """Of a mesh from elsewhere, `geometry.imported` of a configuration: its own segments."""
     mesh = import_mesh(imported["file"], imported["segments"], imported["unit"])
     surfaces = FittedSurfaces.of_mesh(mesh)
-    inner, outer = surfaces.sides
-    return described(inner, outer, sector_table(mesh, surfaces, UNSNAPPED))
+    return _with_walls(surfaces, sector_table(mesh, surfaces, UNSNAPPED))
 
 
 def of_surfaces(surfaces: Mapping) -> Described:
     """Of two files of triangles, `geometry.surfaces` of a configuration: the AHA's segments."""
     heart = read_configured(surfaces["endocardium"], surfaces["epicardium"], surfaces)
     inner, outer = (heart.smooth[side] for side in SIDES)
-    sectors = aha_sectors(FittedSurfaces.of_lines(inner, outer, LEVEL_ENDS))
-    return described(inner, outer, sectors)
+    fitted = FittedSurfaces.of_lines(inner, outer, LEVEL_ENDS)
+    return _with_walls(fitted, aha_sectors(fitted))
+
+
+def _with_walls(surfaces: FittedSurfaces, sectors: pd.DataFrame) -> Described:
+    inner, outer = surfaces.sides
+    found = described(inner, outer, sectors)
+    walls = segment_walls(surfaces, found.table)
+    return found._replace(table=found.table.assign(**{WALL: walls}))

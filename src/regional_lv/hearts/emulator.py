@@ -15,6 +15,8 @@ import torch
 from regional_lv.channels import Channels
 from regional_lv.emulators.base import Prediction
 from regional_lv.emulators.joint_gp import JointGP
+from regional_lv.geometry.described import log_walls
+from regional_lv.hearts.by_surfaces import BySurfaces
 from regional_lv.hearts.difference import Difference
 from regional_lv.hearts.population import SHAPE
 from regional_lv.hearts.sectors import Mixing, Sectors
@@ -153,8 +155,14 @@ class HeartEmulator:
         self._difference: Difference | None = None
         self.coordinates: Coordinates = simulated.coordinates
         self._mixing: Mixing | None = None
-        if self._there.sectors is not None or described:
-            self._mixing = Mixing.of(self.emulator.channels, self._there.sectors, described)
+        sectors, surfaces = self._there.sectors, None
+        if described:
+            geometry = simulated.base["geometry"]
+            apex = -geometry["length_mm"]
+            walls = log_walls(geometry["table"], apex, apex - geometry["apex_mm"])
+            surfaces = BySurfaces.of(self.emulator.channels, known, walls)
+        if sectors is not None or described:
+            self._mixing = Mixing.of(self.emulator.channels, sectors, surfaces)
 
     @property
     def channels(self) -> Channels:
@@ -166,7 +174,8 @@ class HeartEmulator:
 
     @property
     def output_sd(self) -> torch.Tensor:
-        return self._mixed(self.emulator.output_sd) * self._scale**self._powers
+        sd = self.emulator.output_sd
+        return (sd if self._mixing is None else self._mixing.mixed(sd)) * self._scale**self._powers
 
     @property
     def _powers(self) -> torch.Tensor:
@@ -179,12 +188,13 @@ class HeartEmulator:
 
     def predict_mean(self, x: torch.Tensor) -> torch.Tensor:
         """Outputs (M, D) at values x (M, k) of the study's inputs."""
-        y = self._mixed(self.emulator.predict_mean(self._there(x))) * self._reported(x)
+        there = self._there(x)
+        y = self._mixed(self.emulator.predict_mean(there), there) * self._reported(x)
         return y if self._difference is None else self._difference.mean(x, y)
 
-    def _mixed(self, outputs: torch.Tensor) -> torch.Tensor:
-        """Outputs (..., D) of this heart's segments."""
-        return outputs if self._mixing is None else self._mixing(outputs)
+    def _mixed(self, outputs: torch.Tensor, there: torch.Tensor) -> torch.Tensor:
+        """Outputs (M, D) of this heart's segments, looked up at the emulator's inputs (M, E)."""
+        return outputs if self._mixing is None else self._mixing(outputs, there)
 
     def linearise(self, x: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """The same, and their derivatives (M, D, k)."""
@@ -196,7 +206,8 @@ class HeartEmulator:
         there, by_x = self._there.with_slopes(x)
         mean, slopes = self.emulator.linearise(there)
         if self._mixing is not None:
-            mean, slopes = self._mixing(mean), self._mixing.slopes(slopes.mT).mT
+            slopes = self._mixing.slopes(mean, slopes, there)
+            mean = self._mixing(mean, there)
         factor = self._reported(x)
         mean, slopes = mean * factor, (slopes @ by_x) * factor[..., None]
         if self._there.length is not None:
@@ -206,12 +217,13 @@ class HeartEmulator:
 
     def predict(self, x: torch.Tensor) -> Prediction:
         """As `Emulator.predict`, at x (M, k)."""
-        found, factor = self.emulator.predict(self._there(x)), self._reported(x)
+        there, factor = self._there(x), self._reported(x)
+        found = self.emulator.predict(there)
         covariance = found.covariance
         if self._mixing is not None:
-            covariance = self._mixing.covariance(found.mean, covariance)
+            covariance = self._mixing.covariance(found.mean, covariance, there)
         covariance = factor[:, :, None] * covariance * factor[:, None]
-        mean = self._mixed(found.mean) * factor
+        mean = self._mixed(found.mean, there) * factor
         if self._difference is None:
             return Prediction(mean, covariance)
         added = self._difference.predict(x, mean)

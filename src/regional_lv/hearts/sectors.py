@@ -8,7 +8,6 @@ zones meet, strains jump, and a segment has its share of each that it lies in.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
 
 import numpy as np
 import pandas as pd
@@ -16,8 +15,8 @@ import torch
 
 from regional_lv.aha import LEVELS, SEGMENTS
 from regional_lv.channels import Channel, Channels
-from regional_lv.data import path
 from regional_lv.geometry.surfaces import Surfaces
+from regional_lv.hearts.by_surfaces import BySurfaces
 from regional_lv.hearts.population import SHAPE
 from regional_lv.inputs.stiffness import StiffnessInputs
 
@@ -38,16 +37,6 @@ BY_SECTORS = {"volume": 0.002, "circumferential": 0.003, "longitudinal": 0.003, 
 """Standard deviations of outputs, of a volume as a share of it, by which hearts differ whose walls
 have the same means over some segments (root mean squares, as simulated): the volunteer's surfaces
 and those through their means over the AHA's sectors."""
-
-BY_SURFACES = path("described_surfaces.csv")
-"""The same of surfaces and those through their means over their own segments, of which most is a
-bias that all hearts have: mean `shift` of each output, by the segment table less by the surfaces,
-and `sd`, the root mean square of the residuals of a heart that is left out of the mean. Of twelve
-real hearts (MESA), at eight stiffnesses each; of `SHARES`, shares of what the table gives. Written
-by `benchmarks/described_surfaces.py`."""
-
-SHARES = ("volume", "radial")
-"""What surfaces change in proportion to its size; other strains, alike at any size."""
 
 
 def turn_deg(own: pd.DataFrame, other: pd.DataFrame) -> tuple[float, np.ndarray]:
@@ -153,45 +142,33 @@ def _level_of_channel(channel: Channel) -> tuple:
     return channel.quantity, channel.load_fraction, level
 
 
-@cache
-def _by_surfaces() -> dict[tuple[str, int | None], tuple[float, float]]:
-    """`shift` and `sd` of `BY_SURFACES`, by quantity and segment."""
-    table = pd.read_csv(BY_SURFACES, dtype={"segment": "Int64"})
-    segments = [None if pd.isna(s) else int(s) for s in table["segment"]]
-    values = zip(table["shift"], table["sd"], strict=True)
-    return dict(zip(zip(table["quantity"], segments, strict=True), values, strict=True))
-
-
 @dataclass(frozen=True)
 class Mixing:
     """Outputs of a heart, of those of the emulator's segments.
 
     channels: of the heart, d of them. weights (D, D) of the emulator's outputs, of which `kept`
-    (d,) are the heart's, less `shift` (2, D), as it is and as a share. beside (D, D): weights of
-    squared changes at a level in the variance of what is interpolated there. described (2, D):
-    standard deviations, as they are and as shares, of what means over segments leave open.
+    (d,) are the heart's. beside (D, D): weights of squared changes at a level in the variance of
+    what is interpolated there. described (2, D): standard deviations, as they are and as shares, of
+    what means over other segments leave open. surfaces: of a heart whose table describes them.
     """
 
     channels: Channels
     weights: torch.Tensor
-    shift: torch.Tensor
     beside: torch.Tensor
     described: torch.Tensor
     kept: torch.Tensor
+    surfaces: BySurfaces | None = None
 
     @classmethod
-    def of(cls, channels: Channels, sectors: Sectors | None, of_surfaces: bool) -> "Mixing":
-        """Of the emulator's channels; of the same segments without `sectors`. of_surfaces: whether
-        the figures are of surfaces that are known better."""
+    def of(
+        cls, channels: Channels, sectors: Sectors | None, surfaces: BySurfaces | None = None
+    ) -> "Mixing":
+        """Of the emulator's channels; of the same segments without `sectors`."""
         size, mixed = len(channels), np.eye(len(SEGMENTS)) if sectors is None else sectors.weights
         weights = torch.eye(size, dtype=torch.float64)
         beside, described = torch.zeros_like(weights), torch.zeros(2, size, dtype=torch.float64)
-        shift = torch.zeros_like(described)
         for d, one in enumerate(channels):
-            if of_surfaces:
-                at = int(one.quantity in SHARES), d
-                shift[at], described[at] = _by_surfaces()[one.quantity, one.segment]
-            else:
+            if surfaces is None:
                 described[int(one.kind.is_positive), d] = BY_SECTORS[one.quantity]
             for e, other in enumerate(channels):
                 if (
@@ -202,37 +179,54 @@ class Mixing:
                     weights[d, e] = mixed[one.segment - 1, other.segment - 1]
                     beside[d, e] = UNKNOWN**2
         beside /= (beside > 0).sum(dim=1, keepdim=True).clamp(min=1)
-        return cls(channels, weights, shift, beside, described, torch.arange(size))
+        return cls(channels, weights, beside, described, torch.arange(size), surfaces)
 
-    @property
-    def _of_kept(self) -> torch.Tensor:
-        """Weights (d, D) with what is subtracted as a share."""
-        return ((1 - self.shift[1])[:, None] * self.weights)[self.kept]
+    def mixed(self, outputs: torch.Tensor) -> torch.Tensor:
+        """What is interpolated (..., d) of the emulator's outputs, or derivatives, (..., D)."""
+        return outputs @ self.weights[self.kept].T
 
-    def __call__(self, outputs: torch.Tensor) -> torch.Tensor:
-        """Outputs (..., d) of the emulator's (..., D)."""
-        return self.slopes(outputs) - self.shift[0, self.kept]
+    def __call__(self, outputs: torch.Tensor, there: torch.Tensor) -> torch.Tensor:
+        """Outputs (M, d) of the emulator's (M, D), at its inputs (M, E)."""
+        y = self.mixed(outputs)
+        return y if self.surfaces is None else self.surfaces(y, there)
 
-    def slopes(self, slopes: torch.Tensor) -> torch.Tensor:
-        """What becomes of the outputs' derivatives (..., D): (..., d)."""
-        return slopes @ self._of_kept.T
+    def slopes(
+        self, outputs: torch.Tensor, slopes: torch.Tensor, there: torch.Tensor
+    ) -> torch.Tensor:
+        """What becomes of the outputs' derivatives (M, D, E): (M, d, E)."""
+        found = self.mixed(slopes.mT).mT
+        if self.surfaces is None:
+            return found
+        return self.surfaces.slopes(self.mixed(outputs), found, there)
 
-    def covariance(self, mean: torch.Tensor, covariance: torch.Tensor) -> torch.Tensor:
+    def covariance(
+        self, mean: torch.Tensor, covariance: torch.Tensor, there: torch.Tensor
+    ) -> torch.Tensor:
         """Covariance (M, d, d), of the emulator's mean (M, D) and covariance (M, D, D), and of what
         the interpolation does not know."""
         unknown = (mean @ self.weights.T - mean).square() @ self.beside.T
         unknown += (self.described[0] + self.described[1] * mean).square()
-        found = self._of_kept @ covariance @ self._of_kept.T
-        return found + torch.diag_embed(unknown[:, self.kept])
+        unknown = unknown[:, self.kept]
+        kept = self.weights[self.kept]
+        found = kept @ covariance @ kept.T
+        if self.surfaces is not None:
+            factor = self.surfaces.factor(there)
+            found = factor[:, :, None] * found * factor[:, None]
+            unknown = unknown + self.surfaces.unknown(self.mixed(mean)).square()
+        return found + torch.diag_embed(unknown)
 
     @property
     def known(self) -> "Mixing":
         """The same where simulations tell what means over segments leave open."""
         nothing = {name: torch.zeros_like(getattr(self, name)) for name in ("beside", "described")}
-        return replace(self, **nothing)
+        surfaces = self.surfaces
+        if surfaces is not None:
+            surfaces = replace(surfaces, sd=torch.zeros_like(surfaces.sd))
+        return replace(self, **nothing, surfaces=surfaces)
 
     def select(self, outputs: Sequence[str]) -> "Mixing":
         """For some outputs."""
         at = [self.channels.names.index(name) for name in outputs]
         channels = Channels([self.channels[a] for a in at])
-        return replace(self, channels=channels, kept=self.kept[at])
+        surfaces = None if self.surfaces is None else self.surfaces.select(at)
+        return replace(self, channels=channels, kept=self.kept[at], surfaces=surfaces)
