@@ -4,7 +4,7 @@
 rounded to the AHA's; `volunteer_aha_segments.csv`: means of the same surfaces over the AHA's
 sectors and thirds. `measured_template.csv`: the form of a measured file. `land_2015.csv`: what the
 participants of a benchmark of the solver found. `described_surfaces.csv`: what changes where a
-segment table describes surfaces (`hearts.sectors`). `heart_emulator.pt.gz`: the emulator of any
+segment table describes surfaces (`hearts.by_surfaces`). `heart_emulator.pt.gz`: the emulator of any
 heart (`hearts.file`).
 """
 
