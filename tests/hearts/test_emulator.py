@@ -210,25 +210,32 @@ def test_a_damaged_file(file, tmp_path, damage):
 
 @pytest.fixture
 def by_surfaces(any_heart):
-    """Of walls that differ from the table's by up to a tenth."""
-    walls = np.linspace(-0.1, 0.1, 17)
+    """Of volumes that differ from the table's by up to a tenth."""
+    volumes = np.linspace(-0.1, 0.1, 17 * 4).reshape(17, 4)
     channels = any_heart.emulator.channels
-    return channels, walls, BySurfaces.of(channels, any_heart.known, walls)
+    return channels, volumes, BySurfaces.of(channels, any_heart.known, volumes)
 
 
 def test_what_surfaces_change_is_subtracted(any_heart, by_surfaces):
-    channels, walls, change = by_surfaces
+    channels, volumes, change = by_surfaces
     table = pd.read_csv(BY_SURFACES)
-    names = [name for name in any_heart.known.names if name in table]
-    assert names
     there = torch.full((1, len(any_heart.known.names)), 0.8).double()
     y = torch.linspace(0.1, 0.4, len(channels)).double()[None]
     y[0, 0] = 100.0
     size = np.where(table["quantity"].isin(["volume", "radial"]), y[0].numpy(), 1)
-    wall = np.where(table["segment"].isna(), 0, walls[table["segment"].fillna(1).astype(int) - 1])
-    expected = table["shift"] + table["by_wall"] * wall + table[names].sum(axis=1) * np.log(0.8)
     by_table = y[0].numpy()
-    np.testing.assert_allclose(change(y, there)[0], by_table - expected * size, atol=1e-12)
+    # The basal inferoseptal segment: nothing is above it, and 9 is below.
+    d = channels.names.index("radial_03")
+    row = table.iloc[d]
+    shape = [volumes[2], volumes[:6].mean(axis=0), volumes[8], np.zeros(4)]
+    expected = row["own_upper_wall":"above_lower_cavity"].to_numpy(float) @ np.concatenate(shape)
+    # All factors are alike, so that means over zones are, too.
+    stiffness = row["own_C_a":"mean_C_b"].sum() * np.log(0.8)
+    expected += (volumes[2, 1] - volumes[2, 0]) * stiffness
+    expected += row["basal_taper"] * (volumes[:6, 1] - volumes[:6, 0]).mean()
+    assert change(y, there)[0, d] == pytest.approx(by_table[d] * (1 - expected))
+    same = BySurfaces.of(channels, any_heart.known, np.zeros((17, 4)))
+    np.testing.assert_allclose(same(y, there)[0], by_table)
     mixing = Mixing.of(channels, None, change)
     sd = mixing.covariance(y, torch.zeros(1, 52, 52).double(), there)[0].diagonal().sqrt()
     np.testing.assert_allclose(sd, table["sd"] * size)

@@ -8,12 +8,16 @@ from regional_lv.aha import LEVELS
 from regional_lv.channels import Channels
 from regional_lv.data import VOLUNTEER, VOLUNTEER_AHA
 from regional_lv.emulators.base import Prediction
+from regional_lv.geometry.described import log_halves
 from regional_lv.geometry.from_config import make_heart
 from regional_lv.geometry.table import read_segments
+from regional_lv.hearts.by_surfaces import BySurfaces
 from regional_lv.hearts.emulator import HeartEmulator
+from regional_lv.hearts.reach import by_table
 from regional_lv.inputs.space import Inputs, sections_of
 from regional_lv.simulation.ventricles import Ventricles
 from regional_lv.study.layout import HeartFiles
+from regional_lv.verification.shapes import shapes
 
 SHAPE = {
     "segment_thickness": "inferred",
@@ -124,3 +128,28 @@ def test_a_heart_is_known_by_its_figures_over_other_segments(smoke_config, tmp_p
     apical = np.array([channel.segment in LEVELS["apical"] for channel in channels])
     circumferential = channels.of_quantity("circumferential")
     assert stated[apical & circumferential].min() > 1.1 * stated[~apical & circumferential].max()
+
+
+def test_what_a_table_leaves_out_of_surfaces(smoke_config, tmp_path):
+    """A ventricle that is drawn here (synthetic) is another one by its table; what that changes is
+    known without having seen it."""
+    drawn = next(shape for shape in shapes(1, seed=77) if shape.kind == "uneven")
+    surfaces = {"source": "surfaces", "surfaces": drawn.write(tmp_path)}
+    own = smoke_config | {"geometry": smoke_config["geometry"] | surfaces, "inputs": {}}
+    described = by_table(own, tmp_path / "segments.csv")
+    found = []
+    for name, config in (("own", own), ("table", described)):
+        inputs = Inputs.from_config(sections_of(config)).simulated
+        ventricle = Ventricles(make_heart(config, HeartFiles(f"{tmp_path}/{name}/")), inputs)
+        found.append(torch.as_tensor(ventricle.outputs(inputs.nominal))[None])
+    by_own, by_segments = found
+    geometry, channels = described["geometry"], ventricle.channels
+    apices = geometry["endo_apex_z_mm"], geometry["epi_apex_z_mm"]
+    volumes = log_halves(read_segments(geometry["segments"]), *apices)
+    change = BySurfaces.of(channels, inputs, volumes)
+    corrected = change(by_segments, torch.as_tensor(inputs.nominal)[None])
+    for quantity, least in (("circumferential", 2.0), ("radial", 1.3)):
+        at = [channel.quantity == quantity for channel in channels]
+        errors = ((each - by_own)[:, at] for each in (by_segments, corrected))
+        before, after = (each.square().mean().sqrt() for each in errors)
+        assert before > least * after

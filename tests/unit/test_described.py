@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from regional_lv.data import VOLUNTEER
-from regional_lv.geometry.described import WALL, described, log_walls, segment_walls
+from regional_lv.geometry.described import HALVES, described, halves, log_halves
 from regional_lv.geometry.surfaces import Surfaces
 from regional_lv.geometry.table import SD_COLUMNS, check_apices, read_segments
 
@@ -58,10 +58,14 @@ def test_a_wall_that_is_thicker_all_over(table, sides):
     np.testing.assert_allclose(after["endo_radius_mm"], before["endo_radius_mm"])
 
 
-def test_walls_of_segments(table):
+def test_volumes_of_halves(table):
     surfaces = Surfaces(table, *APICES)
-    walls = segment_walls(surfaces, table)
-    assert walls.sum() == pytest.approx(surfaces.volumes()[1], rel=0.01)
-    np.testing.assert_array_equal(log_walls(table, *APICES), 0)
-    told = table.assign(**{WALL: [str(1.1 * wall) for wall in walls]})
-    np.testing.assert_allclose(log_walls(told, *APICES), np.log(1.1))
+    volumes = halves(surfaces, table)
+    cavity, wall = surfaces.volumes()
+    assert volumes[:, :2].sum() == pytest.approx(wall, rel=0.01)
+    assert volumes[:, 2:].sum() == pytest.approx(cavity, rel=0.01)
+    np.testing.assert_array_equal(log_halves(table, *APICES), 0)
+    # As a file has them.
+    text = (1.1 * volumes).astype(str)
+    told = table.assign(**dict(zip(HALVES, text.T, strict=True)))
+    np.testing.assert_allclose(log_halves(told, *APICES), np.log(1.1))

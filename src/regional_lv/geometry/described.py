@@ -2,7 +2,7 @@
 
 The table's figures are means over segments (`surfaces`); the smoothest surfaces through them are
 not those that they were read off, so that a described ventricle is another one. By how much tells
-the volume of each segment's wall.
+the volume of wall and cavity in the upper and in the lower half of each segment.
 """
 
 from collections.abc import Callable, Mapping
@@ -27,8 +27,9 @@ ALONG = np.linspace(0, QUARTER, 400)
 THICKEST = 0.8
 """Of a wall, as a share of the cavity's length."""
 
-WALL = "wall_volume_ml"
-"""Column of a described table: volumes of the segments' walls between the surfaces themselves."""
+HALVES = ("upper_wall_ml", "lower_wall_ml", "upper_cavity_ml", "lower_cavity_ml")
+"""Columns of a described table: volumes of the segments' halves, of equal ranges of latitude,
+between the surfaces themselves, and between the endocardium and the long axis."""
 
 UNSNAPPED = 720
 """Mesh lines around the axis, between which no borders of sectors are joined."""
@@ -39,7 +40,7 @@ Side = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 class Described(NamedTuple):
     """A segment table, as `table.read_segments` reads it, and the apices that go with it. Of a mesh
-    and of surfaces it has `WALL`, too."""
+    and of surfaces it has `HALVES`, too."""
 
     table: pd.DataFrame
     endo_apex_z_mm: float
@@ -108,8 +109,8 @@ class Meridians:
         return found
 
 
-def segment_walls(wall: Wall, sectors: pd.DataFrame) -> np.ndarray:
-    """Volumes (17,) in mL of the segments' walls. sectors: as of `described`."""
+def halves(wall: Wall, sectors: pd.DataFrame) -> np.ndarray:
+    """Volumes (17, 4) in mL, as `HALVES`. sectors: as of `described`."""
     turns = np.radians(sectors[["angle_from_deg", "angle_to_deg"]].to_numpy(float))
     heights = sectors[["z_top_mm", "z_bottom_mm"]].to_numpy(float)
     rings = 1 - np.arcsin(np.clip(heights / wall.endo_apex, 0, 1)) / QUARTER
@@ -120,18 +121,27 @@ def segment_walls(wall: Wall, sectors: pd.DataFrame) -> np.ndarray:
     grid = np.broadcast_arrays(phi[:, :, None, None], rho[:, None, :, None], [0.0, 1.0])
     around, down, through = (each.ravel() for each in grid)
     points = wall.wall(around, down, through, rings[-1, 0]).reshape(*grid[0].shape, 3)
-    # Between the corners of small hexahedra.
+    inner = points[:, :, :, :1]
+    cavity = np.concatenate([inner * (0, 0, 1), inner], axis=3)
+    # Around the axis, chords cut something off.
+    step = np.diff(turns) / ANGLES
+    parts = [
+        cells.sum(axis=1).reshape(len(cells), 2, -1).sum(axis=2) * step / np.sin(step)
+        for cells in map(_hexahedra, (points, cavity))
+    ]
+    return np.hstack(parts) / 1e3
+
+
+def _hexahedra(points: np.ndarray) -> np.ndarray:
+    """Volumes (n, a, b) of small ones between points (n, a + 1, b + 1, 2, 3)."""
     edges = []
     for along in (1, 2, 3):
         edge = np.diff(points, axis=along)
         for across in {1, 2, 3} - {along}:
             edge = _between(edge, across)
-        edges.append(edge)
+        edges.append(edge[:, :, :, 0])
     a, b, c = edges
-    volumes = np.abs((a * np.cross(b, c)).sum(axis=-1)).sum(axis=(1, 2, 3)) / 1e3
-    # Around the axis, chords cut something off.
-    step = np.diff(turns)[:, 0] / ANGLES
-    return volumes * step / np.sin(step)
+    return np.abs((a * np.cross(b, c)).sum(axis=-1))
 
 
 def _between(values: np.ndarray, axis: int) -> np.ndarray:
@@ -140,20 +150,20 @@ def _between(values: np.ndarray, axis: int) -> np.ndarray:
     return (values.take(range(1, many), axis) + values.take(range(many - 1), axis)) / 2
 
 
-def log_walls(table: pd.DataFrame, endo_apex_z_mm: float, epi_apex_z_mm: float) -> np.ndarray:
-    """Logarithms (17,) of the segments' walls between the surfaces that a table describes, beside
-    those between the smooth surfaces through its figures; 0 where it does not tell (`WALL`)."""
-    if WALL not in table:
-        return np.zeros(len(table))
-    smooth = segment_walls(Surfaces(table, endo_apex_z_mm, epi_apex_z_mm), table)
-    return np.log(table[WALL].to_numpy(float) / smooth)
+def log_halves(table: pd.DataFrame, endo_apex_z_mm: float, epi_apex_z_mm: float) -> np.ndarray:
+    """Logarithms (17, 4) of the volumes between the surfaces that a table describes, beside those
+    between the smooth surfaces through its figures; 0 where it does not tell (`HALVES`)."""
+    if not {*HALVES} <= {*table}:
+        return np.zeros((len(table), len(HALVES)))
+    smooth = halves(Surfaces(table, endo_apex_z_mm, epi_apex_z_mm), table)
+    return np.log(table[list(HALVES)].to_numpy(float) / smooth)
 
 
 def of_mesh(imported: Mapping) -> Described:
     """Of a mesh from elsewhere, `geometry.imported` of a configuration: its own segments."""
     mesh = import_mesh(imported["file"], imported["segments"], imported["unit"])
     surfaces = FittedSurfaces.of_mesh(mesh)
-    return _with_walls(surfaces, sector_table(mesh, surfaces, UNSNAPPED))
+    return _with_halves(surfaces, sector_table(mesh, surfaces, UNSNAPPED))
 
 
 def of_surfaces(surfaces: Mapping) -> Described:
@@ -161,11 +171,11 @@ def of_surfaces(surfaces: Mapping) -> Described:
     heart = read_configured(surfaces["endocardium"], surfaces["epicardium"], surfaces)
     inner, outer = (heart.smooth[side] for side in SIDES)
     fitted = FittedSurfaces.of_lines(inner, outer, LEVEL_ENDS)
-    return _with_walls(fitted, aha_sectors(fitted))
+    return _with_halves(fitted, aha_sectors(fitted))
 
 
-def _with_walls(surfaces: FittedSurfaces, sectors: pd.DataFrame) -> Described:
+def _with_halves(surfaces: FittedSurfaces, sectors: pd.DataFrame) -> Described:
     inner, outer = surfaces.sides
     found = described(inner, outer, sectors)
-    walls = segment_walls(surfaces, found.table)
-    return found._replace(table=found.table.assign(**{WALL: walls}))
+    volumes = dict(zip(HALVES, halves(surfaces, found.table).T, strict=True))
+    return found._replace(table=found.table.assign(**volumes))

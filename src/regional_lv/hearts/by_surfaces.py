@@ -1,12 +1,12 @@
 """What the emulator's outputs have to do with a wall whose surfaces are known, where it has seen
 the segment table that describes them (`geometry.described`).
 
-By the table, a heart's segments have walls of other volumes, and its base is flat: outputs differ
-by what all hearts have, by what goes with a segment's own wall, and by what goes with the
-stiffness. These are known from real hearts (`BY_SURFACES`).
+By the table, halves of segments have other volumes, and its base is flat and its wall does not thin
+there. What that does to an output is about linear in the logarithms of these volumes (`shape_of`),
+for all segments of a level alike, in how much the basal wall thins, and in the stiffness.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 
@@ -14,26 +14,77 @@ import numpy as np
 import pandas as pd
 import torch
 
+from regional_lv.aha import LEVELS
 from regional_lv.channels import Channels
 from regional_lv.data import path
+from regional_lv.geometry.described import HALVES
 from regional_lv.inputs.space import Inputs
+from regional_lv.inputs.stiffness import StiffnessInputs
 
 BY_SURFACES = path("described_surfaces.csv")
-"""Of each output, what it is by the segment table less what it is by the surfaces: `shift`, of a
-heart whose wall is the table's, at stiffnesses of 1; `by_wall`, its change with the logarithm of
-the segment's wall (`geometry.described.log_walls`); by name of the stiffness, its change with the
-logarithm of that; and `sd`, the root mean square of what is left of a heart that none of these are
-learnt from. Of twelve real hearts (MESA), at twelve stiffnesses each; of `SHARES`, shares of what
-the table gives. Written by `benchmarks/described_surfaces.py`."""
+"""Of each output, what it is by the segment table less what it is by the surfaces, per unit of each
+of the `COLUMNS`; `sd` is the root mean square of what is left of hearts that this is not learnt
+from. Of twelve real hearts (MESA) at twelve stiffnesses each, and of sixteen drawn ones
+(`verification.shapes`) at six; of `SHARES`, shares of what the table gives. Written by
+`benchmarks/described_surfaces.py`."""
 
 SHARES = ("volume", "radial")
 """What surfaces change in proportion to its size; other strains, alike at any size."""
 
 
+PLACES = ("own", "level", "below", "above")
+OF_SHAPE = tuple(f"{place}_{half.removesuffix('_ml')}" for place in PLACES for half in HALVES)
+OF_STIFFNESS = ("own_C_a", "own_C_b", "mean_C_a", "mean_C_b")
+COLUMNS = (*OF_SHAPE, *OF_STIFFNESS, "basal_taper")
+"""Of what an output's difference is a linear function: what `shape_of` gives; `taper_of` times
+logarithms of the stiffness, of the segment's zone and of the mean of all zones; and `taper_of` the
+basal level. Slopes about all but the last one are those of all segments of a level."""
+
+BELOW = {s: s + 6 for s in LEVELS["basal"]}
+BELOW |= {7: 13, 8: 14, 9: 14, 10: 15, 11: 16, 12: 16}
+BELOW |= dict.fromkeys(LEVELS["apical"], LEVELS["apex"][0])
+"""The segment under each one."""
+
+
+def level_of(segment: int | None) -> str:
+    """Empty for the whole heart."""
+    return next((name for name, numbers in LEVELS.items() if segment in numbers), "")
+
+
+def shape_of(log_halves: np.ndarray, segment: int | None) -> np.ndarray:
+    """`OF_SHAPE` (16,), of `geometry.described.log_halves` (17, 4): of a segment, the mean of its
+    level, the segment below and those above it; of the whole heart, means of three levels."""
+    if segment is None:
+        levels = [[s - 1 for s in LEVELS[name]] for name in ("basal", "mid", "apical")]
+        means = [log_halves[at].mean(axis=0) for at in levels]
+        return np.concatenate([*means, np.zeros(len(HALVES))])
+    above = [s for s, other in BELOW.items() if other == segment]
+    below = [BELOW[segment]] if segment in BELOW else []
+    places = ([segment], LEVELS[level_of(segment)], below, above)
+    none = np.zeros((1, len(HALVES)))
+    rows = (log_halves[[s - 1 for s in at]] if at else none for at in places)
+    return np.concatenate([each.mean(axis=0) for each in rows])
+
+
+def taper_of(log_halves: np.ndarray, segment: int | None) -> float:
+    """Of a segment's wall, or of the mean one of the basal level: the lower half beside the upper
+    one."""
+    upper, lower = shape_of(log_halves, segment)[:2]
+    return float(lower - upper)
+
+
+def stiffness_of(zones: Mapping[str, Sequence[int]], segment: int | None) -> np.ndarray:
+    """Weights (4, 2 Z) of the zones' C_a and C_b, zone by zone, in `OF_STIFFNESS` but for the
+    taper; of the whole heart, each is the mean."""
+    mean = np.full(len(zones), 1 / len(zones))
+    own = mean if segment is None else np.array([float(segment in at) for at in zones.values()])
+    return np.concatenate([np.kron(each, np.eye(2)) for each in (own, mean)])
+
+
 @cache
 def _table() -> pd.DataFrame:
     table = pd.read_csv(BY_SURFACES, dtype={"segment": "Int64"})
-    return table.set_index(["quantity", table["segment"].fillna(0)]).drop(columns="segment")
+    return table.set_index(["quantity", table["segment"].fillna(0)])
 
 
 @dataclass(frozen=True)
@@ -51,17 +102,23 @@ class BySurfaces:
     sd: torch.Tensor
 
     @classmethod
-    def of(cls, channels: Channels, known: Inputs, log_walls: np.ndarray) -> "BySurfaces":
-        """known: the emulator's inputs. log_walls (17,): as `geometry.described.log_walls`."""
-        keys = [(channel.quantity, channel.segment or 0) for channel in channels]
-        rows = _table().loc[keys]
-        walls = np.array([log_walls[segment - 1] if segment else 0.0 for _, segment in keys])
-        stiffness = [name for name in known.names if name in rows]
+    def of(cls, channels: Channels, known: Inputs, log_halves: np.ndarray) -> "BySurfaces":
+        """known: the emulator's inputs. log_halves (17, 4): of `geometry.described`."""
+        zones = StiffnessInputs.from_spec(known.base["parameters"]).zones
+        stiffness = [f"{factor}_{zone}" for zone in zones for factor in ("C_a", "C_b")]
+        at = [k for k, name in enumerate(stiffness) if name in known.names]
+        rows = _table().loc[[(channel.quantity, channel.segment or 0) for channel in channels]]
+        by_shape, by_log = (rows[list(columns)].to_numpy() for columns in (OF_SHAPE, OF_STIFFNESS))
+        segments = [channel.segment for channel in channels]
+        shape = np.stack([shape_of(log_halves, segment) for segment in segments])
+        taper = np.array([taper_of(log_halves, segment) for segment in segments])
+        weights = np.stack([stiffness_of(zones, segment)[:, at] for segment in segments])
+        basal = rows["basal_taper"].to_numpy() * taper_of(log_halves, None)
         return cls(
-            torch.tensor([quantity in SHARES for quantity, _ in keys]),
-            torch.as_tensor((rows["shift"] + rows["by_wall"] * walls).to_numpy()),
-            torch.as_tensor(rows[stiffness].to_numpy()),
-            torch.tensor([known.names.index(name) for name in stiffness]),
+            torch.tensor([channel.quantity in SHARES for channel in channels]),
+            torch.as_tensor((by_shape * shape).sum(axis=1) + basal),
+            torch.as_tensor(taper[:, None] * np.einsum("df,dfs->ds", by_log, weights)),
+            torch.tensor([known.names.index(stiffness[k]) for k in at]),
             torch.as_tensor(rows["sd"].to_numpy()),
         )
 
