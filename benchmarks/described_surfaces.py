@@ -20,13 +20,14 @@ import numpy as np
 import pandas as pd
 
 from regional_lv import config as study_config
+from regional_lv.aha import level_of
 from regional_lv.channels import Channels
-from regional_lv.geometry.described import log_halves, of_surfaces
+from regional_lv.geometry.described import log_halves
 from regional_lv.geometry.from_config import make_heart
+from regional_lv.geometry.table import read_segments
 from regional_lv.hearts.by_surfaces import (
     COLUMNS,
     SHARES,
-    level_of,
     shape_of,
     stiffness_of,
     taper_of,
@@ -70,12 +71,10 @@ def simulated(surfaces: dict, logs: np.ndarray, study: dict) -> dict[str, np.nda
             inputs = Inputs.from_config(sections_of(config)).simulated
             heart = Ventricles(make_heart(config, HeartFiles(f"{folder}/{name}/")), inputs)
             found[name] = np.stack([heart.outputs(theta) for theta in np.exp(logs)])
-    return found | {"log_halves": volumes(surfaces)}
-
-
-def volumes(surfaces: dict) -> np.ndarray:
-    table, *apices = of_surfaces(surfaces)
-    return log_halves(table, *apices)
+        geometry = described["geometry"]
+        apices = geometry["endo_apex_z_mm"], geometry["epi_apex_z_mm"]
+        found["log_halves"] = log_halves(read_segments(geometry["segments"]), *apices)
+    return found
 
 
 def hearts(endocardia: Sequence[str], folder: Path) -> Iterator[tuple[str, dict, np.ndarray]]:
@@ -109,13 +108,13 @@ class Differences:
             table, logs = each["table"][:, at], each["log_stiffness"]
             size = table if channels[at[0]].quantity in SHARES else 1.0
             self.changes.append(((table - each["surfaces"][:, at]) / size).T.ravel())
-            rows, volumes = [], each["log_halves"]
+            rows, basal = [], taper_of(shape_of(each["log_halves"], None))
             for d, last in zip(at, np.eye(len(at)), strict=True):
                 segment = channels[d].segment
-                alike = (shape_of(volumes, segment), taper_of(volumes, None) * last)
-                weights = taper_of(volumes, segment) * stiffness_of(zones, segment)
-                shape, basal = (np.tile(row, (len(logs), 1)) for row in alike)
-                rows.append(np.hstack([shape, logs @ weights.T, basal]))
+                shape = shape_of(each["log_halves"], segment)
+                by_stiffness = logs @ (taper_of(shape) * stiffness_of(zones, segment)).T
+                before, after = (np.tile(row, (len(logs), 1)) for row in (shape, basal * last))
+                rows.append(np.hstack([before, by_stiffness, after]))
             self.columns.append(np.concatenate(rows))
 
     def fit(self, hearts: Sequence[int]) -> np.ndarray:
@@ -150,7 +149,8 @@ def main(folder: str, *endocardia: str) -> None:
         print(f"{name}: simulated", flush=True)
     levels: dict[tuple[str, str], list[int]] = {}
     for d, channel in enumerate(channels):
-        levels.setdefault((channel.quantity, level_of(channel.segment)), []).append(d)
+        level = level_of(channel.segment) if channel.segment else ""
+        levels.setdefault((channel.quantity, level), []).append(d)
     real, rows = len(endocardia), {}
     for at in levels.values():
         differences = Differences(found, channels, at, zones)

@@ -222,6 +222,10 @@ class Network(torch.nn.Module):
         self.last = torch.nn.Linear(width, outputs)
         self.linear = torch.nn.Linear(inputs, outputs, bias=False)
 
+    @property
+    def dtype(self) -> torch.dtype:
+        return self.last.weight.dtype
+
     def forward(self, u: torch.Tensor) -> torch.Tensor:
         first, *others = self.layers
         hidden = torch.nn.functional.silu(first(u))
@@ -321,7 +325,7 @@ class SegmentNetworks:
         """(..., D), differentiable."""
         found = z.new_empty(*z.shape[:-1], len(self.outputs))
         for ring, networks in zip(self.rings, self.networks, strict=True):
-            seen = ring.seen(z).float()
+            seen = ring.seen(z).to(networks[0].dtype)
             values = sum(network(seen).double() for network in networks) / len(networks)
             values = values.mean(-2, keepdim=True) if ring.pooled else values
             found[..., ring.outputs] = ring.offset + ring.scale * values
@@ -335,7 +339,7 @@ class SegmentNetworks:
         found = z.new_empty(*z.shape[:-1], len(self.outputs))
         slopes = z.new_empty(*found.shape, z.shape[-1])
         for ring, networks in zip(self.rings, self.networks, strict=True):
-            seen = ring.seen(z).float()
+            seen = ring.seen(z).to(networks[0].dtype)
             parts = zip(*[network.with_slopes(seen) for network in networks], strict=True)
             values, by_seen = (sum(each).double() / len(networks) for each in parts)
             by_seen = by_seen[..., : len(ring.spread)] / ring.spread * ring.scale[:, None]

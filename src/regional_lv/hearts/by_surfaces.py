@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 import torch
 
-from regional_lv.aha import LEVELS
+from regional_lv.aha import LEVELS, level_of
 from regional_lv.channels import Channels
 from regional_lv.data import path
 from regional_lv.geometry.described import HALVES
@@ -31,7 +31,6 @@ from. Of twelve real hearts (MESA) at twelve stiffnesses each, and of sixteen dr
 SHARES = ("volume", "radial")
 """What surfaces change in proportion to its size; other strains, alike at any size."""
 
-
 PLACES = ("own", "level", "below", "above")
 OF_SHAPE = tuple(f"{place}_{half.removesuffix('_ml')}" for place in PLACES for half in HALVES)
 OF_STIFFNESS = ("own_C_a", "own_C_b", "mean_C_a", "mean_C_b")
@@ -44,11 +43,6 @@ BELOW = {s: s + 6 for s in LEVELS["basal"]}
 BELOW |= {7: 13, 8: 14, 9: 14, 10: 15, 11: 16, 12: 16}
 BELOW |= dict.fromkeys(LEVELS["apical"], LEVELS["apex"][0])
 """The segment under each one."""
-
-
-def level_of(segment: int | None) -> str:
-    """Empty for the whole heart."""
-    return next((name for name, numbers in LEVELS.items() if segment in numbers), "")
 
 
 def shape_of(log_halves: np.ndarray, segment: int | None) -> np.ndarray:
@@ -66,11 +60,10 @@ def shape_of(log_halves: np.ndarray, segment: int | None) -> np.ndarray:
     return np.concatenate([each.mean(axis=0) for each in rows])
 
 
-def taper_of(log_halves: np.ndarray, segment: int | None) -> float:
+def taper_of(shape: np.ndarray) -> np.ndarray:
     """Of a segment's wall, or of the mean one of the basal level: the lower half beside the upper
-    one."""
-    upper, lower = shape_of(log_halves, segment)[:2]
-    return float(lower - upper)
+    one. shape (..., 16): as of `shape_of`."""
+    return shape[..., 1] - shape[..., 0]
 
 
 def stiffness_of(zones: Mapping[str, Sequence[int]], segment: int | None) -> np.ndarray:
@@ -111,13 +104,12 @@ class BySurfaces:
         by_shape, by_log = (rows[list(columns)].to_numpy() for columns in (OF_SHAPE, OF_STIFFNESS))
         segments = [channel.segment for channel in channels]
         shape = np.stack([shape_of(log_halves, segment) for segment in segments])
-        taper = np.array([taper_of(log_halves, segment) for segment in segments])
         weights = np.stack([stiffness_of(zones, segment)[:, at] for segment in segments])
-        basal = rows["basal_taper"].to_numpy() * taper_of(log_halves, None)
+        basal = rows["basal_taper"].to_numpy() * taper_of(shape_of(log_halves, None))
         return cls(
             torch.tensor([channel.quantity in SHARES for channel in channels]),
             torch.as_tensor((by_shape * shape).sum(axis=1) + basal),
-            torch.as_tensor(taper[:, None] * np.einsum("df,dfs->ds", by_log, weights)),
+            torch.as_tensor(np.einsum("d,df,dfs->ds", taper_of(shape), by_log, weights)),
             torch.tensor([known.names.index(stiffness[k]) for k in at]),
             torch.as_tensor(rows["sd"].to_numpy()),
         )
@@ -128,14 +120,13 @@ class BySurfaces:
 
     def __call__(self, y: torch.Tensor, there: torch.Tensor) -> torch.Tensor:
         """Outputs (M, D) by the surfaces, of those by the table."""
-        change = self.change(there)
-        return torch.where(self.shares, y * (1 - change), y - change)
+        return y - self.change(there) * self._size(y)
 
     def slopes(self, y: torch.Tensor, slopes: torch.Tensor, there: torch.Tensor) -> torch.Tensor:
         """What becomes of the derivatives (M, D, E) of outputs by the table."""
         found = slopes * self.factor(there)[..., None]
-        size = torch.where(self.shares, y, torch.ones_like(y))
-        found[:, :, self.at] -= size[..., None] * self.by_log / there[:, None, self.at]
+        by_log = self._size(y)[..., None] * self.by_log
+        found[:, :, self.at] -= by_log / there[:, None, self.at]
         return found
 
     def factor(self, there: torch.Tensor) -> torch.Tensor:
@@ -145,9 +136,13 @@ class BySurfaces:
 
     def unknown(self, y: torch.Tensor) -> torch.Tensor:
         """Standard deviations (M, D) of what the table leaves open."""
-        return self.sd * torch.where(self.shares, y, torch.ones_like(y))
+        return self.sd * self._size(y)
 
-    def select(self, kept: torch.Tensor | Sequence[int]) -> "BySurfaces":
+    def _size(self, y: torch.Tensor) -> torch.Tensor:
+        """What differences are in units of, (M, D)."""
+        return torch.where(self.shares, y, torch.ones_like(y))
+
+    def select(self, kept: Sequence[int]) -> "BySurfaces":
         """For some of the outputs, by place."""
         rows = {name: getattr(self, name)[kept] for name in ("shares", "shift", "by_log", "sd")}
         return replace(self, **rows)

@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 import torch
 
-from regional_lv.aha import LEVELS, SEGMENTS
+from regional_lv.aha import LEVELS, SEGMENTS, level_of
 from regional_lv.channels import Channel, Channels
 from regional_lv.geometry.surfaces import Surfaces
 from regional_lv.hearts.by_surfaces import BySurfaces
@@ -138,8 +138,8 @@ class Sectors:
 
 def _level_of_channel(channel: Channel) -> tuple:
     """What channels of segments have in common that are all around the axis."""
-    level = next(name for name, at in LEVELS.items() if channel.segment in at)
-    return channel.quantity, channel.load_fraction, level
+    assert channel.segment is not None
+    return channel.quantity, channel.load_fraction, level_of(channel.segment)
 
 
 @dataclass(frozen=True)
