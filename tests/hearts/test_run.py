@@ -55,14 +55,10 @@ def test_without_a_simulator_the_answer_is_the_fast_one(run, folder):
     assert all((out / name).is_file() for name in ("page.html", "findings.json", "posterior.nc"))
 
 
-def test_with_one_the_heart_is_simulated(run):
-    code, _, simulated = run("--dry-run", can_simulate=True)
-    assert code == 0 and [base.name for _, base, *_ in simulated] == ["quick.yaml"]
-
-
-def test_simulations_of_the_heart_join(run, folder):
+@pytest.mark.parametrize("way", [(), ("--full",)])
+def test_with_one_simulations_of_the_heart_join(way, run, folder):
     """On top of the heart's configuration goes what was cut to what the emulator knows."""
-    code, _, simulated = run("--full", "--dry-run", can_simulate=True)
+    code, _, simulated = run(*way, "--dry-run", can_simulate=True)
     assert code == 0
     ((path, base, _, _, dry_run, cut),) = simulated
     assert path == folder / "config.yaml" and dry_run

@@ -34,9 +34,10 @@ def _way(way: str, text: str):
 @_way(
     "full",
     "The fast answer first; then some simulations of this heart join the emulator, and what stands "
-    "out gets a name.",
+    "out gets a name. The default elsewhere; a heart that the emulator does not know gets one of its "
+    "own.",
 )
-@_way("own", "An emulator of this heart alone, from simulations of it. The default elsewhere.")
+@_way("own", "An emulator of this heart alone, from simulations of it.")
 @started.cores
 @click.option(
     "--study",
@@ -56,7 +57,7 @@ def run(
     if study and way not in (None, "own"):
         raise Mistakes(f"--study {study}: goes with --own, not with --{way}; remove one of them")
     if way is None and not study:
-        way = "own" if _can_simulate(workflow) else "fast"
+        way = "full" if _can_simulate(workflow) else "fast"
     if way in ("fast", "full"):
         cut = _fast(path, way == "full", dry_run)
         if cut is not None:

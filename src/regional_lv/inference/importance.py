@@ -27,6 +27,10 @@ FREEDOM = 5
 WIDER = 1.05
 """Of the standard deviation of coordinates that are proposed as normal."""
 
+WIDENED = 1.5
+"""Of a proposal's covariance over that of the weighted draws it follows, whose tails are thin: with
+1.2, posteriors of two dozen inputs came out 5 % too narrow beside the No-U-Turn Sampler."""
+
 EVEN = 0.02
 """Standard deviation of log weights below which they count as even."""
 
@@ -114,7 +118,7 @@ def sample(
         tempered = found.tempered(normal)
         if number < rounds - 1:
             mean, spread = moments(u, tempered)
-            proposal = Student(mean, limited(1.2 * spread, largest_sd))
+            proposal = Student(mean, limited(WIDENED * spread, largest_sd))
         else:
             if not isinstance(proposal, Mixture):
                 proposal = Mixture.split(u, tempered, largest_sd)
@@ -245,7 +249,7 @@ class Mixture:
                 continue
             pulled = own * (FREEDOM + u.shape[1]) / (FREEDOM + part.distance(u))
             mean, spread = moments(u, pulled / pulled.sum())
-            parts.append(Student(mean, limited(1.2 * spread * pulled.sum() / total, largest_sd)))
+            parts.append(Student(mean, limited(WIDENED * spread * pulled.sum() / total, largest_sd)))
             shares.append(total)
         return Mixture(parts, torch.stack(shares) / sum(shares)) if parts else self
 
