@@ -94,7 +94,7 @@ def _fast(path: Path, goes_on: bool, dry_run: bool) -> dict | None:
     # Imported here: they take seconds, and a mistake in a table need not wait for them.
     from regional_lv.hearts.fast import answer
     from regional_lv.hearts.file import shipped
-    from regional_lv.hearts.reach import OutOfReach, as_simulated, within
+    from regional_lv.hearts.reach import OutOfReach, by_table, within
 
     try:
         known = shipped()
@@ -112,7 +112,7 @@ def _fast(path: Path, goes_on: bool, dry_run: bool) -> dict | None:
             say_where(_shown(subject, files.page, files.findings, files.posterior))
         if goes_on or (dry_run and config["geometry"]["source"] == "segments"):
             with tempfile.TemporaryDirectory() as folder:
-                given = as_simulated(config, Path(folder, "segments.csv"))
+                given = by_table(config, Path(folder, "segments.csv"))
                 within_reach, _ = within(given, known.emulator, known.known)
             cut = _changed(within_reach, given)
     except OutOfReach as error:

@@ -5,7 +5,10 @@ not those that they were read off, so that a described ventricle is another one.
 the volume of wall and cavity in the upper and in the lower half of each segment.
 """
 
+import json
 from collections.abc import Callable, Mapping
+from functools import lru_cache
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -30,6 +33,9 @@ THICKEST = 0.8
 HALVES = ("upper_wall_ml", "lower_wall_ml", "upper_cavity_ml", "lower_cavity_ml")
 """Columns of a described table: volumes of the segments' halves, of equal ranges of latitude,
 between the surfaces themselves, and between the endocardium and the long axis."""
+
+FILES = ("endocardium", "epicardium", "file", "segments")
+"""Keys of a section that name files of surfaces or of a mesh."""
 
 UNSNAPPED = 720
 """Mesh lines around the axis, between which no borders of sectors are joined."""
@@ -157,6 +163,30 @@ def log_halves(table: pd.DataFrame, endo_apex_z_mm: float, epi_apex_z_mm: float)
         return np.zeros((len(table), len(HALVES)))
     smooth = halves(Surfaces(table, endo_apex_z_mm, epi_apex_z_mm), table)
     return np.log(table[list(HALVES)].to_numpy(float) / smooth)
+
+
+def by_table(geometry: Mapping, table: str | Path) -> dict:
+    """Section `geometry` of a configuration with a segment table in place of surfaces or a mesh;
+    the table (CSV) is written. Raises InputError for files that cannot be used."""
+    source = {"surfaces": "surfaces", "mesh": "imported"}[geometry["source"]]
+    given = geometry[source]
+    paths = [Path(given[key]) for key in FILES if given.get(key)]
+    found = _described(source, json.dumps(given), tuple(p.stat() for p in paths if p.exists()))
+    Path(table).parent.mkdir(parents=True, exist_ok=True)
+    found.table.to_csv(table, index=False)
+    return {
+        **geometry,
+        "source": "segments",
+        "segments": str(table),
+        "endo_apex_z_mm": found.endo_apex_z_mm,
+        "epi_apex_z_mm": found.epi_apex_z_mm,
+    }
+
+
+@lru_cache(maxsize=4)
+def _described(source: str, given: str, _states: tuple) -> Described:
+    """Kept while the files are as they were: inputs of one study are made several times."""
+    return {"surfaces": of_surfaces, "imported": of_mesh}[source](json.loads(given))
 
 
 def of_mesh(imported: Mapping) -> Described:

@@ -1,8 +1,9 @@
 """How a shape moves the nodes of a mesh: other values of the segment table, or another thickness.
 
-Meshes of one layout have the same nodes for every shape. A node of a mesh from a segment table is
-named by its place on the bullseye and its depth, which no figure of the table changes but for the
-levels' ends: rows of nodes go along with them.
+Meshes of one layout have the same nodes for every shape. A node is named by its place on the
+bullseye and its depth, which no figure of the table changes but for the levels' ends: rows of nodes
+go along with them. Nodes of a mesh from elsewhere, which a table describes, move as those of a mesh
+from this table would.
 """
 
 from collections.abc import Collection, Mapping
@@ -60,7 +61,7 @@ class NodePlaces:
     """Places of a mesh's nodes under any shape.
 
     A shape is the section `geometry` of a model (`inputs.model`): `wall_thickness_scale`, and of a
-    heart from a segment table the table, whose angles it has, and the `SHAPE_KEYS`.
+    heart with a segment table the table, whose angles it has, and the `SHAPE_KEYS`.
 
     Parameters
     ----------
@@ -84,9 +85,13 @@ class NodePlaces:
             mesh.longitudinal[self._columns], _borders(shape), np.arange(len(LEVELS) + 1)
         )
         self._across = np.stack([np.cos(self._phi), np.sin(self._phi)], axis=-1)
-        # What the mesh's file rounds, and how far its surfaces have settled.
-        self._offset: np.ndarray | float = 0.0
-        self._offset = mesh.points - self._wall(shape)
+        # What the mesh's file rounds, how far its surfaces have settled, and by what the wall of a
+        # mesh from elsewhere is not that of the table: of the line's foot, and from there on.
+        walls, across = self._table_wall(shape)
+        offset = mesh.points - walls
+        self._foot_offset = offset[self._foot]
+        self._line_offset = offset - self._foot_offset
+        self._width = np.linalg.norm(across, axis=-1)
 
     def __call__(self, shape: Mapping) -> np.ndarray:
         """Points (n, 3) mm. Raises InputError for a table without a smooth surface."""
@@ -109,7 +114,13 @@ class NodePlaces:
             np.concatenate([r.T[..., None] * self._across, z.T[..., None]], axis=-1)
             for r, z in ends
         )
-        by_figure = inner[:, self._of] + scale * self._depth * (outer - inner)[:, self._of]
+        across = self._table_wall(shape)[1]
+        width = np.linalg.norm(across, axis=-1)
+        share = ((outer - inner) * across).sum(axis=-1) / (width * self._width)
+        by_figure = inner[:, self._of] + scale * (
+            self._depth * (outer - inner)[:, self._of]
+            + share[:, self._of, None] * self._line_offset
+        )
         first = 0
         for name in SIZES:
             count = np.size(shape[name])
@@ -151,6 +162,14 @@ class NodePlaces:
         """Points (n, 3) before the wall is scaled."""
         if self._table is None:
             return self._points
+        walls, across = self._table_wall(shape)
+        # A wall that is thinner than the table's stays as many times thinner: it never folds.
+        share = np.linalg.norm(across, axis=-1) / self._width
+        return walls + self._foot_offset + share[self._of, None] * self._line_offset
+
+    def _table_wall(self, shape: Mapping) -> tuple[np.ndarray, np.ndarray]:
+        """Points (n, 3) of the wall that a shape's table describes, and the vectors (columns, 3)
+        across it."""
         surfaces, _, _, (u_endo, u_epi, *_) = self._surfaces(shape)
         inner, outer = (
             np.concatenate([r[:, None] * self._across, z[:, None]], axis=-1)
@@ -160,7 +179,7 @@ class NodePlaces:
             )
         )
         walls = (1 - self._depth) * inner[self._of] + self._depth * outer[self._of]
-        return walls + self._offset
+        return walls, outer - inner
 
 
 def _borders(shape: Mapping) -> np.ndarray:

@@ -12,7 +12,7 @@ from regional_lv.criticism.confirmation import values_of
 from regional_lv.criticism.study import Critic, critic_of, write_criticism
 from regional_lv.hearts.emulator import HeartEmulator
 from regional_lv.hearts.file import AnyHeart, read
-from regional_lv.hearts.reach import as_simulated
+from regional_lv.hearts.reach import by_table
 from regional_lv.seeds import derive
 from regional_lv.study.jobs import passes_on
 
@@ -24,7 +24,7 @@ def emulator_of(
     surfaces and meshes by their segment table: simulations tell what that leaves open."""
     described = physics["geometry"]["source"] != "segments"
     with tempfile.TemporaryDirectory() as folder:
-        table = as_simulated(physics, Path(folder, "segments.csv"))
+        table = by_table(physics, Path(folder, "segments.csv"))
         heart = any_heart.of_heart(table, channels, described)
     return heart.condition(*values_of(heart, own), derive(seed, "own simulations"))
 

@@ -11,7 +11,7 @@ from regional_lv.aha import LEVELS
 from regional_lv.channels import Channels
 from regional_lv.emulators.joint_gp import JointGP
 from regional_lv.errors import InputError
-from regional_lv.geometry.described import of_mesh, of_surfaces
+from regional_lv.geometry import described
 from regional_lv.hearts.emulator import InputMap, inputs_of
 from regional_lv.hearts.population import COLUMNS
 from regional_lv.hearts.sectors import SAME_DEG, turn_deg
@@ -50,30 +50,7 @@ def by_table(config: Mapping, table: str | Path) -> Mapping:
     geometry = config["geometry"]
     if geometry["source"] == "segments":
         return config
-    if geometry["source"] == "surfaces":
-        found = of_surfaces(geometry["surfaces"])
-    else:
-        found = of_mesh(geometry["imported"])
-    Path(table).parent.mkdir(parents=True, exist_ok=True)
-    found.table.to_csv(table, index=False)
-    by_figures = {
-        "source": "segments",
-        "segments": str(table),
-        "endo_apex_z_mm": found.endo_apex_z_mm,
-        "epi_apex_z_mm": found.epi_apex_z_mm,
-    }
-    return {**config, "geometry": {**geometry, **by_figures}}
-
-
-def as_simulated(config: Mapping, table: str | Path) -> Mapping:
-    """`by_table`, with the inputs alone that simulations of the heart itself have: the shape of
-    surfaces and of a mesh is exact there, and not among them."""
-    found = by_table(config, table)
-    if found is config:
-        return config
-    names = [set(Inputs.from_config(sections_of(each)).simulated.names) for each in (config, found)]
-    fixed = dict.fromkeys(sorted(names[1] - names[0]), "fixed")
-    return {**found, SECTION: {**found[SECTION], **fixed}}
+    return {**config, "geometry": described.by_table(geometry, table)}
 
 
 def within(config: Mapping, emulator: JointGP, known: Inputs) -> tuple[dict, list[str]]:

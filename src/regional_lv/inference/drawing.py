@@ -32,9 +32,8 @@ SPREAD = 1.2
 LARGEST_SD = 3.0
 """Of a proposal, in standard deviations of the posterior as it is expected."""
 
-LEAST_ESS, LARGEST_SHAPE = 50.0, 0.7
-"""Effective draws, and shape of the weights' tail (Vehtari et al. 2024, arXiv:1507.02646), with
-which an evidence by sampling counts."""
+LEAST_ESS = 50.0
+"""Effective draws with which an evidence by sampling counts."""
 
 SCALES, SETTLING = 300, 2
 """Draws of the scales of the noise in the linear model, to find out where they are; how often."""
@@ -62,8 +61,8 @@ class WeightedDraws:
     @property
     def reliable(self) -> bool:
         """Whether its evidence counts."""
-        fitting = self.ess >= LEAST_ESS and not self.pareto_k > LARGEST_SHAPE
-        return fitting and np.isfinite(self.evidence_error)
+        enough = self.ess >= LEAST_ESS and np.isfinite(self.evidence_error)
+        return enough and importance.is_light(self.ess, len(self.x), self.pareto_k)
 
 
 def fit_to_the_end(potential: Potential, start: Fits) -> Fits:

@@ -34,6 +34,10 @@ WIDENED = 1.5
 EVEN = 0.02
 """Standard deviation of log weights below which they count as even."""
 
+LARGEST_SHAPE, SHARE_ENOUGH = 0.7, 0.5
+"""Shape of the weights' tail with which their means count (Vehtari et al. 2024, arXiv:1507.02646);
+and effective share of the draws from which the tail has too little weight to matter."""
+
 TRUNCATION = 20
 """Draws that may carry the weight of the proposal's next form, at least: a few lucky draws of an
 early round would make it collapse."""
@@ -59,6 +63,12 @@ class Weighted:
     def ess(self) -> float:
         """Effective sample size."""
         return effective(self.weight)
+
+    @property
+    def has_light_tail(self) -> bool:
+        """Whether `is_light` says so of the smoothed weights."""
+        smoothed, k = smooth(self.log_weight)
+        return is_light(effective(torch.softmax(smoothed, 0)), len(self.u), k)
 
     @property
     def log_evidence(self) -> float:
@@ -92,7 +102,8 @@ def sample(
 
     mean (P,), covariance (P, P): of the first proposal. draws: per round. rounds: of proposals of
     one distribution; further ones are of mixtures, `most_rounds` in all (None: `rounds`). Ends when
-    the effective sample size reaches `least_ess`. largest_sd: of a proposal. normal: N, of the
+    the effective sample size reaches `least_ess` and the weights' tail is light (`is_light`).
+    largest_sd: of a proposal. normal: N, of the
     first coordinates, which are all but standard normal given the others: they are proposed as
     such, `WIDER`, and nothing is fitted to them. Fitted together, dozens of them would leave a
     hundredth of the effective draws.
@@ -113,7 +124,7 @@ def sample(
         u = every[:, normal:]
         log_weight = torch.cat(targets[recent])
         found = Weighted(every, log_weight - Mixture.equal(proposals[recent]).log_density(u))
-        if found.ess >= least_ess:
+        if found.ess >= least_ess and found.has_light_tail:
             break
         tempered = found.tempered(normal)
         if number < rounds - 1:
@@ -147,6 +158,11 @@ def smooth(log_weight: torch.Tensor) -> tuple[torch.Tensor, float]:
         return log_weight, math.nan
     smoothed, k = smoothed_weights(log_weight.numpy())
     return torch.as_tensor(smoothed), k
+
+
+def is_light(ess: float, draws: int, pareto_k: float) -> bool:
+    """Whether the tail of the weights of some draws lets their means count (`LARGEST_SHAPE`)."""
+    return ess >= SHARE_ENOUGH * draws or not pareto_k > LARGEST_SHAPE
 
 
 def resample(

@@ -2,18 +2,23 @@
 
 A model is what `physics_of` gives, in a form in which every number may vary: factors of the law by
 segment, all constants of the law by name, supports as compliances (0 holds, infinity is free), and
-the segment table's thickness, radius, length and apex. Values that an input returns are new
+the thickness, radius, length and apex of the segment table, which of surfaces and meshes describes
+them. Values that an input returns are new
 mappings; a model is never changed in place.
 """
 
+import tempfile
 from collections.abc import Mapping
+from pathlib import Path
 
 import numpy as np
 
 from regional_lv import aha
+from regional_lv.errors import InputError
 from regional_lv.geometry.shape import level_ends
 from regional_lv.geometry.table import check_apices, read_segments
 from regional_lv.inputs.physics import physics_of
+from regional_lv.inputs.shape import NO_TABLE, is_of_table
 from regional_lv.mechanics.materials import material_from_config
 from regional_lv.mechanics.supports import Base
 
@@ -26,20 +31,40 @@ def model_of(config: Mapping) -> dict:
 
     Of a heart from a segment table, `geometry` has the `table` itself, its columns `TABLE` as
     arrays (17,), `length_mm` from the base to the endocardial apex, `apex_mm`, the thickness of
-    the wall there, and where its levels end (`geometry.shape.LEVEL_KEYS`). Raises InputError for a
-    table that cannot be used.
+    the wall there, and where its levels end (`geometry.shape.LEVEL_KEYS`). One from surfaces or a
+    mesh has those of the table that describes it, if the section `inputs` names any: reading them
+    takes a second. Raises InputError for a table that cannot be used.
     """
-    geometry = config["geometry"]
     model = completed(physics_of(dict(config)))
-    if geometry["source"] != "segments":
+    geometry = config["geometry"]
+    if geometry["source"] == "segments":
+        shape = _of_table(geometry)
+    elif any(map(is_of_table, config.get("inputs", ()))):
+        shape = _described(geometry)
+    else:
         return model
+    return model | {"geometry": model["geometry"] | shape}
+
+
+def _described(geometry: Mapping) -> dict:
+    """Of a heart from surfaces or a mesh; why no table describes it, if none does."""
+    # Imported here: readers of surfaces take a second to load, and most hearts have a table.
+    from regional_lv.geometry.described import by_table
+
+    with tempfile.TemporaryDirectory() as folder:
+        try:
+            return _of_table(by_table(geometry, Path(folder, "segments.csv")))
+        except InputError as error:
+            return {NO_TABLE: f"no segment table describes the heart ({error})"}
+
+
+def _of_table(geometry: Mapping) -> dict:
     table = read_segments(geometry["segments"])
     apices = geometry["endo_apex_z_mm"], geometry["epi_apex_z_mm"]
     check_apices(geometry["segments"], table, *apices)
     shape = {"table": table, "length_mm": -apices[0], "apex_mm": apices[0] - apices[1]}
     shape |= {column: table[column].to_numpy(float) for column in TABLE}
-    shape |= level_ends(table, shape["length_mm"])
-    return model | {"geometry": model["geometry"] | shape}
+    return shape | level_ends(table, shape["length_mm"])
 
 
 def completed(physics: Mapping) -> dict:

@@ -10,6 +10,18 @@ from regional_lv.inputs.scales import Linear
 KAWEL = "Kawel et al. 2012, Circ Cardiovasc Imaging 5:500-508, doi 10.1161/CIRCIMAGING.112.973560"
 
 
+NO_TABLE = "no_table"
+"""Key of a model's section `geometry`: why no segment table describes the heart."""
+
+
+def is_of_table(word: str) -> bool:
+    """Whether a word of the section `inputs` stands for a figure of a segment table."""
+    kinds = (SegmentThickness, EndocardialRadius, Length, ApexThickness, LevelEnd)
+    stems = {SegmentThickness.stem, EndocardialRadius.name}
+    of_kind = word in {TableInput.family, *LEVEL_KEYS, *(kind.name for kind in kinds)}
+    return of_kind or word.rpartition("_")[0] in stems
+
+
 class TableInput(SegmentInput):
     """One value of the segment table's column `column`, from `less` to `more` times its own."""
 
@@ -24,9 +36,10 @@ class TableInput(SegmentInput):
 
     @classmethod
     def why_not(cls, model):
-        if cls.column not in model["geometry"]:
-            return "the heart is not made from a segment table (geometry.source)"
-        return ""
+        geometry = model["geometry"]
+        if cls.column in geometry:
+            return ""
+        return geometry.get(NO_TABLE, "the heart is not made from a segment table")
 
     def value_in(self, model):
         return float(model["geometry"][self.column][self.segment - 1])
