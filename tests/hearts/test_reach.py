@@ -3,13 +3,14 @@
 import re
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
-from regional_lv.geometry.described import Described
+from regional_lv.geometry import described
 from regional_lv.geometry.table import read_segments
-from regional_lv.hearts import file, reach
+from regional_lv.hearts import file
 from regional_lv.hearts.cohort import reach_of_emulator
-from regional_lv.hearts.reach import OutOfReach, as_simulated, within
+from regional_lv.hearts.reach import OutOfReach, by_table, within
 from regional_lv.inputs.space import Inputs, sections_of
 
 
@@ -42,12 +43,15 @@ def by_surfaces(monkeypatch):
     def by_surfaces(config):
         geometry = config["geometry"]
         table = read_segments(geometry["segments"]).drop(columns="line")
-        found = Described(table, geometry["endo_apex_z_mm"], geometry["epi_apex_z_mm"])
-        monkeypatch.setattr(reach, "of_surfaces", lambda surfaces: found)
+        apices = geometry["endo_apex_z_mm"], geometry["epi_apex_z_mm"]
+        found = described.Described(table, *apices)
+        monkeypatch.setattr(described, "of_surfaces", lambda surfaces: found)
+        described._described.cache_clear()
         surfaces = {"source": "surfaces", "segments": None, "surfaces": {}}
         return config | {"geometry": geometry | surfaces}
 
-    return by_surfaces
+    yield by_surfaces
+    described._described.cache_clear()
 
 
 @pytest.mark.parametrize("change", [None, thinner])
@@ -103,12 +107,16 @@ def test_a_table_with_other_borders(heart, any_heart, change):
     within(heart(change), any_heart.emulator, any_heart.known)
 
 
-def test_simulations_of_surfaces_have_no_inputs_of_a_table(heart, any_heart, by_surfaces, tmp_path):
+def test_simulations_of_surfaces_have_the_inputs_of_their_table(
+    heart, any_heart, by_surfaces, tmp_path
+):
     config = by_surfaces(heart(inputs={"basal_motion": "suspected"} | MEASURED))
-    assert as_simulated(heart(), tmp_path / "nowhere.csv") == heart()
-    found = as_simulated(config, tmp_path / "described.csv")
-    names = [Inputs.from_config(sections_of(each)).simulated.names for each in (config, found)]
-    assert names[0] == names[1] and "basal_motion" in names[0]
+    assert by_table(heart(), tmp_path / "nowhere.csv") == heart()
+    found = by_table(config, tmp_path / "described.csv")
+    own, of_table = (Inputs.from_config(sections_of(each)) for each in (config, found))
+    assert own.names == of_table.names and own.roles == of_table.roles
+    assert {"basal_motion", "wall_thickness_17"} <= {*own.simulated.names}
+    np.testing.assert_array_equal(own.nominal, of_table.nominal)
     cut, _ = within(found, any_heart.emulator, any_heart.known)
     assert cut["inputs"]["basal_motion"]["range"] == [0.0, pytest.approx(80.0)]
 

@@ -34,8 +34,7 @@ def _way(way: str, text: str):
 @_way(
     "full",
     "The fast answer first; then some simulations of this heart join the emulator, and what stands "
-    "out gets a name. The default elsewhere; a heart that the emulator does not know gets one of its "
-    "own.",
+    "out gets a name. The default elsewhere. A heart that the emulator does not know gets its own.",
 )
 @_way("own", "An emulator of this heart alone, from simulations of it.")
 @started.cores

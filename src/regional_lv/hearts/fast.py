@@ -41,8 +41,8 @@ RESTS_ON = (
 
 
 BY_TABLE = (
-    "the wall is described by means over its segments; of what surfaces through these change, that "
-    "which is alike in twelve real hearts is subtracted, and the rest counts among the errors"
+    "the wall is described by means over its segments; what surfaces through these change is told "
+    "by the volumes of the segments' halves, and what that leaves open counts among the errors"
 )
 
 

@@ -265,7 +265,8 @@ class Mixture:
                 continue
             pulled = own * (FREEDOM + u.shape[1]) / (FREEDOM + part.distance(u))
             mean, spread = moments(u, pulled / pulled.sum())
-            parts.append(Student(mean, limited(WIDENED * spread * pulled.sum() / total, largest_sd)))
+            spread = WIDENED * spread * pulled.sum() / total
+            parts.append(Student(mean, limited(spread, largest_sd)))
             shares.append(total)
         return Mixture(parts, torch.stack(shares) / sum(shares)) if parts else self
 
