@@ -4,6 +4,7 @@ other draws of the population, the paper's volunteer, and real hearts from surfa
     python benchmarks/other_hearts.py errors FOLDER [<heart>_endo.stl ...]
     python benchmarks/other_hearts.py cohort FOLDER [<heart>_endo.stl ...]
     python benchmarks/other_hearts.py planted FOLDER <heart>_endo.stl ...
+    python benchmarks/other_hearts.py misread FOLDER <heart>_endo.stl ...
     regional-lv cohort FOLDER
     python benchmarks/other_hearts.py score FOLDER results/<name of FOLDER>/cohort/hearts.parquet
 
@@ -21,8 +22,9 @@ out of its reach are counted.
 one simulation on the default mesh, which is finer than the emulator's, with noise of 0.02 and 2 mL;
 figures of the table are misread with a standard deviation of 0.5 mm. Some have an effect
 (`PLANTED`), two a damaged file. `truth.csv` has what was simulated. `planted`: the same of the
-hearts from surfaces alone, each with an effect (`EFFECTS` in turn). `score`: what the posteriors
-and verdicts make of it.
+hearts from surfaces alone, each with an effect (`EFFECTS` in turn). `misread`: these without an
+effect, and with walls that are not as thick as the surfaces say (sd 1 mm, each segment by itself).
+`score`: what the posteriors and verdicts make of it.
 """
 
 import json
@@ -77,6 +79,7 @@ EFFECTS = (
 """Of the hearts in turn; the first half is what `regional-lv run` suspects by default."""
 
 STRAIN_SD, VOLUME_SD_ML, READ_SD_MM = 0.02, 2.0, 0.5
+MISREAD = {"segment_thickness": {"role": "measured", "sd_mm": 1.0}}
 STIFFNESS = {"C_a": (0.3, 2.0), "C_b": (0.5, 2.0)}
 """Between which true factors of the cohort are drawn, at 8 mmHg and in a wall like the
 volunteer's."""
@@ -257,16 +260,18 @@ def in_parallel(do: Callable, todo: Sequence[tuple]) -> None:
             print(f"{done}/{len(jobs)} {jobs[job]}: {said}", flush=True)
 
 
-def measure(name: str, geometry: dict, planted: dict, seed: int, folder: Path) -> str:
+def measure(
+    name: str, geometry: dict, planted: dict, seed: int, folder: Path, misread: dict | None = None
+) -> str:
     """Write the folder of a heart that was measured once, and the truth beside. planted: effects,
-    by input."""
+    by input. misread: section `inputs` of what is otherwise than the geometry says."""
     rng = np.random.default_rng([SEED, 1, seed])
     pressure = round(float(rng.uniform(*PRESSURES_MMHG)), 1)
     own = {
         "study": "other_heart",
         "geometry": geometry,
         "loading": {"pressure_mmhg": pressure},
-        "inputs": dict.fromkeys(planted, "suspected"),
+        "inputs": dict.fromkeys(planted, "suspected") | (misread or {}),
         "subjects": {},
     }
     config = study_config.load(own)
@@ -275,8 +280,10 @@ def measure(name: str, geometry: dict, planted: dict, seed: int, folder: Path) -
     folder.mkdir(parents=True, exist_ok=True)
     described = by_table(config, folder / "described.csv")
     scale = softest(Inputs.from_config(sections_of(described))) * pressure / 8
-    for k, each in enumerate(inputs):
-        if isinstance(each, Stiffness):
+    for k, (each, role) in enumerate(zip(inputs, inputs.roles, strict=True)):
+        if role.kind == "measured":
+            x[k] = np.clip(x[k] + role.sd * rng.standard_normal(), each.low, each.high)
+        elif isinstance(each, Stiffness):
             low, high = STIFFNESS[each.name[:3]]
             factor = scale if each.stress_power else 1.0
             value = factor * float(np.exp(rng.uniform(np.log(low), np.log(high))))
@@ -346,10 +353,18 @@ def planted(folder: str, *endocardia: str) -> None:
     )
 
 
-def write_cohort(place: Path, kept: Sequence[tuple]) -> None:
+def misread(folder: str, *endocardia: str) -> None:
+    place = Path(folder)
+    place.mkdir(parents=True, exist_ok=True)
+    of_surfaces = [each for each in hearts(list(endocardia), place) if each[1] == "surfaces"]
+    kept = [(name, geometry, {}, 2000 + n) for n, (name, _, geometry) in enumerate(of_surfaces)]
+    write_cohort(place, kept, MISREAD)
+
+
+def write_cohort(place: Path, kept: Sequence[tuple], misread: dict | None = None) -> None:
     """Measure these hearts (arguments of `measure`), and write the cohort's own files."""
-    todo = [(*each, place / "hearts" / each[0]) for each in kept]
-    in_parallel(measure, [each for each in todo if not (each[-1] / "truth.json").exists()])
+    todo = [(*each, place / "hearts" / each[0], misread) for each in kept]
+    in_parallel(measure, [each for each in todo if not (each[-2] / "truth.json").exists()])
     truths = [json.loads(path.read_text()) for path in sorted(place.glob("hearts/*/truth.json"))]
     pd.DataFrame(truths).to_csv(place / "truth.csv", index=False)
     (place / "config.yaml").write_text(f"study: {place.name}\ncohort: hearts/*/\n")
@@ -389,7 +404,13 @@ def score(folder: str, answers: str) -> None:
     print(found[columns].assign(effect=pd.Series(of_effect, dtype=str)).to_string())
 
 
-COMMANDS = {"errors": errors, "cohort": cohort, "planted": planted, "score": score}
+COMMANDS = {
+    "errors": errors,
+    "cohort": cohort,
+    "planted": planted,
+    "misread": misread,
+    "score": score,
+}
 
 if __name__ == "__main__":
     COMMANDS[sys.argv[1]](*sys.argv[2:])
