@@ -18,6 +18,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from other_hearts import real_surfaces
 
 from regional_lv import config as study_config
 from regional_lv.aha import level_of
@@ -40,7 +41,6 @@ from regional_lv.study.layout import HeartFiles
 from regional_lv.verification.shapes import shapes
 
 STUDY = Path(__file__).parents[1] / "config" / "heart_emulator.yaml"
-SEPTUM = (0, 0, -1)
 FACTORS = 10
 RIDGE = 0.03
 """Beside the mean square of each column."""
@@ -80,13 +80,7 @@ def simulated(surfaces: dict, logs: np.ndarray, study: dict) -> dict[str, np.nda
 def hearts(endocardia: Sequence[str], folder: Path) -> Iterator[tuple[str, dict, np.ndarray]]:
     """Name, section `geometry.surfaces` and logarithms of the stiffness."""
     for n, endocardium in enumerate(endocardia):
-        files = {
-            "endocardium": endocardium,
-            "epicardium": endocardium.replace("_endo", "_epi"),
-            "septum": SEPTUM,
-            "unit": "mm",
-        }
-        yield Path(endocardium).stem, files, stiffness_of_hearts(n)
+        yield Path(endocardium).stem, real_surfaces(endocardium), stiffness_of_hearts(n)
     for n, shape in enumerate(shapes(DRAWN_OF_A_KIND, SEED)):
         place = folder / f"drawn_{n}"
         place.mkdir(exist_ok=True)

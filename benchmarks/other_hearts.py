@@ -106,14 +106,18 @@ def hearts(endocardia: list[str], folder: Path) -> Iterator[tuple[str, str, dict
             yield f"{group}_{n}", group, {"source": "segments", "segments": str(path), **ends}
     yield "volunteer", "volunteer", {}
     for endocardium in endocardia:
-        surfaces = {
-            "endocardium": str(Path(endocardium).resolve()),
-            "epicardium": str(Path(endocardium.replace("_endo", "_epi")).resolve()),
-            "septum": list(SEPTUM),
-            "unit": "mm",
-        }
         name = Path(endocardium).stem.removesuffix("_endo")
-        yield name, "surfaces", {"source": "surfaces", "surfaces": surfaces}
+        yield name, "surfaces", {"source": "surfaces", "surfaces": real_surfaces(endocardium)}
+
+
+def real_surfaces(endocardium: str) -> dict:
+    """Section `geometry.surfaces` of a real heart."""
+    return {
+        "endocardium": str(Path(endocardium).resolve()),
+        "epicardium": str(Path(endocardium.replace("_endo", "_epi")).resolve()),
+        "septum": list(SEPTUM),
+        "unit": "mm",
+    }
 
 
 def configuration(name: str, geometry: dict, pressure: float) -> dict:
