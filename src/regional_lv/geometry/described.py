@@ -170,8 +170,9 @@ def by_table(geometry: Mapping, table: str | Path) -> dict:
     the table (CSV) is written. Raises InputError for files that cannot be used."""
     source = {"surfaces": "surfaces", "mesh": "imported"}[geometry["source"]]
     given = geometry[source]
-    paths = [Path(given[key]) for key in FILES if given.get(key)]
-    found = _described(source, json.dumps(given), tuple(p.stat() for p in paths if p.exists()))
+    states = [Path(given[key]).stat() for key in FILES if Path(given.get(key) or "").is_file()]
+    as_they_are = tuple((state.st_mtime_ns, state.st_size) for state in states)
+    found = _described(source, json.dumps(given), as_they_are)
     Path(table).parent.mkdir(parents=True, exist_ok=True)
     found.table.to_csv(table, index=False)
     return {
@@ -184,7 +185,7 @@ def by_table(geometry: Mapping, table: str | Path) -> dict:
 
 
 @lru_cache(maxsize=4)
-def _described(source: str, given: str, _states: tuple) -> Described:
+def _described(source: str, given: str, _as_they_are: tuple) -> Described:
     """Kept while the files are as they were: inputs of one study are made several times."""
     return {"surfaces": of_surfaces, "imported": of_mesh}[source](json.loads(given))
 
