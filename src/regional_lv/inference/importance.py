@@ -28,8 +28,9 @@ WIDER = 1.05
 """Of the standard deviation of coordinates that are proposed as normal."""
 
 WIDENED = 1.5
-"""Of a proposal's covariance over that of the weighted draws it follows, whose tails are thin: with
-1.2, posteriors of two dozen inputs came out 5 % too narrow beside the No-U-Turn Sampler."""
+"""Of a proposal's covariance over that of the weighted draws it follows, whose tails are thin. With
+1.2, posteriors of 45 inputs are as wide, but the worst of twenty has 226 effective draws in place
+of 395."""
 
 EVEN = 0.02
 """Standard deviation of log weights below which they count as even."""
