@@ -11,6 +11,7 @@ from regional_lv.geometry.table import read_segments
 from regional_lv.hearts import file
 from regional_lv.hearts.cohort import reach_of_emulator
 from regional_lv.hearts.reach import OutOfReach, by_table, within
+from regional_lv.inputs import space
 from regional_lv.inputs.space import Inputs, sections_of
 
 
@@ -72,6 +73,10 @@ def uneven(table):
     table.loc[6:11, "endo_radius_mm"] *= [0.6, 1.6, 0.6, 1.6, 0.6, 1.6]
 
 
+def jagged(table):
+    table.loc[6:11, "wall_thickness_mm"] *= [0.3, 2.0, 0.3, 2.0, 0.3, 2.0]
+
+
 def turned_as_a_whole(table):
     table[["angle_from_deg", "angle_to_deg"]] += 20.0
 
@@ -119,6 +124,13 @@ def test_simulations_of_surfaces_have_the_inputs_of_their_table(
     np.testing.assert_array_equal(own.nominal, of_table.nominal)
     cut, _ = within(found, any_heart.emulator, any_heart.known)
     assert cut["inputs"]["basal_motion"]["range"] == [0.0, pytest.approx(80.0)]
+
+
+def test_surfaces_without_a_smooth_wall_by_their_table_are_exact(heart, by_surfaces, caplog):
+    config = by_surfaces(heart(jagged, inputs=MEASURED))
+    space._warn_of_exact_shape.cache_clear()  # other tests may have been warned
+    assert not Inputs.from_config(sections_of(config)).of_role("measured").any()
+    assert "no smooth surface goes through" in caplog.text and "counts as exact" in caplog.text
 
 
 @pytest.mark.parametrize(("share", "reached"), [(1.0005, True), (1.01, False)])

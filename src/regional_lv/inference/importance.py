@@ -104,10 +104,9 @@ def sample(
     mean (P,), covariance (P, P): of the first proposal. draws: per round. rounds: of proposals of
     one distribution; further ones are of mixtures, `most_rounds` in all (None: `rounds`). Ends when
     the effective sample size reaches `least_ess` and the weights' tail is light (`is_light`).
-    largest_sd: of a proposal. normal: N, of the
-    first coordinates, which are all but standard normal given the others: they are proposed as
-    such, `WIDER`, and nothing is fitted to them. Fitted together, dozens of them would leave a
-    hundredth of the effective draws.
+    largest_sd: of a proposal. normal: N, of the first coordinates, which are all but standard
+    normal given the others: they are proposed as such, `WIDER`, and nothing is fitted to them.
+    Fitted together, dozens of them would leave a hundredth of the effective draws.
     """
     proposal: Student | Mixture = Student(mean, limited(covariance, largest_sd))
     proposals, us, targets = [], [], []

@@ -3,8 +3,7 @@
 A model is what `physics_of` gives, in a form in which every number may vary: factors of the law by
 segment, all constants of the law by name, supports as compliances (0 holds, infinity is free), and
 the thickness, radius, length and apex of the segment table, which of surfaces and meshes describes
-them. Values that an input returns are new
-mappings; a model is never changed in place.
+them. Values that an input returns are new mappings; a model is never changed in place.
 """
 
 import tempfile
@@ -16,6 +15,7 @@ import numpy as np
 from regional_lv import aha
 from regional_lv.errors import InputError
 from regional_lv.geometry.shape import level_ends
+from regional_lv.geometry.surfaces import Surfaces
 from regional_lv.geometry.table import check_apices, read_segments
 from regional_lv.inputs.physics import physics_of
 from regional_lv.inputs.shape import NO_TABLE, is_of_table
@@ -53,9 +53,13 @@ def _described(geometry: Mapping) -> dict:
 
     with tempfile.TemporaryDirectory() as folder:
         try:
-            return _of_table(by_table(geometry, Path(folder, "segments.csv")))
+            given = by_table(geometry, Path(folder, "segments.csv"))
+            shape = _of_table(given)
+            # The wall moves as the smooth one through the table's figures, if there is one.
+            Surfaces(shape["table"], given["endo_apex_z_mm"], given["epi_apex_z_mm"])
         except InputError as error:
             return {NO_TABLE: f"no segment table describes the heart ({error})"}
+    return shape
 
 
 def _of_table(geometry: Mapping) -> dict:
