@@ -16,6 +16,7 @@ from regional_lv.criticism.linear_model import LinearModel
 from regional_lv.criticism.misfit import test as examine
 from regional_lv.criticism.study import Concluded, criticise
 from regional_lv.criticism.verdict import Examined, Verdict, at_bound, beyond_end
+from regional_lv.inference import averaging
 from regional_lv.inference.averaging import average
 from regional_lv.inference.evidence import fit
 from regional_lv.inference.observed import Observed
@@ -173,6 +174,16 @@ def test_plan_simulates_the_leading_models_by_their_probability():
         off = [c for c in CAUSES if c not in name.split(" + ")]
         assert (rows[off] == 0).all(axis=None) and rows[names[0]].nunique() == len(rows)
     pd.testing.assert_frame_equal(table, plan(found.averaged, settings, 5))
+
+
+def test_where_no_model_is_probable_the_first_ones_lead(monkeypatch):
+    """The data can leave two dozen, each with a few per cent."""
+    monkeypatch.setattr(averaging, "LEAST_PROBABILITY", 1.1)
+    found = judged(c1=0.5, c2=-0.2)
+    assert found.averaged.leading == [*found.averaged.drawn]
+    table = plan(found.averaged, Settings(sets=2, simulations=10, rounds=1), 5)
+    assert {*table["set"]} == {*found.averaged.names[:2]}
+    assert found.detected and found.trusted
 
 
 def test_a_round_agrees_up_to_the_stated_error_or_the_noise():

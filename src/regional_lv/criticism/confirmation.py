@@ -14,7 +14,6 @@ import numpy as np
 import pandas as pd
 import torch
 
-from regional_lv.criticism.verdict import LEAST_PROBABILITY
 from regional_lv.inference import importance
 from regional_lv.inference.averaging import Averaged
 from regional_lv.inference.emulated import InputEmulator
@@ -45,8 +44,7 @@ class Settings:
 
 def plan(averaged: Averaged, settings: Settings, seed: int) -> pd.DataFrame:
     """What to simulate: the `set` (name of the model) and the simulated inputs, by name."""
-    probability = averaged.probability
-    leading = [n for n in averaged.drawn if probability[n] >= LEAST_PROBABILITY][: settings.sets]
+    probability, leading = averaged.probability, averaged.leading[: settings.sets]
     total, parts = sum(probability[n] for n in leading), []
     points, hearts = averaged.potential.emulated, averaged.potential.observed.count
     for n in leading:

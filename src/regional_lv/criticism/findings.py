@@ -15,7 +15,7 @@ from regional_lv.criticism.confirmation import Round
 from regional_lv.criticism.contract import Findings
 from regional_lv.criticism.left_out import gain, gains
 from regional_lv.criticism.separate import separating_measurement
-from regional_lv.criticism.verdict import LEAST_PROBABILITY, PROBABILITY, Examined, Verdict
+from regional_lv.criticism.verdict import PROBABILITY, Examined, Verdict
 from regional_lv.emulators.gaussian import Z95
 from regional_lv.inference.emulated import EmulatedInputs
 from regional_lv.inference.sources import sources_of_variance
@@ -266,11 +266,8 @@ def _separating(verdict: Verdict, context: Context) -> list[dict]:
     if not verdict.groups:
         return []
     averaged = verdict.averaged
-    probable = [
-        n
-        for n in verdict.examined
-        if averaged.models[n].members and averaged.probability[n] >= LEAST_PROBABILITY
-    ]
+    leading = [n for n in averaged.leading if n in verdict.examined]
+    probable = [n for n in leading if averaged.models[n].members]
     return separating_measurement(averaged, probable, context.emulated, context.load_fractions)
 
 

@@ -17,7 +17,7 @@ from regional_lv.criticism.identifiable import absorbed_inputs
 from regional_lv.criticism.left_out import left_out
 from regional_lv.criticism.linear_model import LinearModel
 from regional_lv.criticism.misfit import test
-from regional_lv.criticism.verdict import LEAST_PROBABILITY, Examined, Verdict
+from regional_lv.criticism.verdict import Examined, Verdict
 from regional_lv.emulators.joint_gp import JointGP
 from regional_lv.inference.averaging import DRAWS, Averaged, average
 from regional_lv.inference.departure import noise_units
@@ -167,11 +167,7 @@ class Critic:
 
     def _examine(self, averaged: Averaged) -> dict[int, Examined]:
         """The model as it is, and the most probable others."""
-        leading = [
-            n
-            for n in averaged.drawn
-            if averaged.probability[n] >= LEAST_PROBABILITY and averaged.models[n].fit is not None
-        ]
+        leading = [n for n in averaged.leading if averaged.models[n].fit is not None]
         first = next((n for n in averaged.drawn if averaged.models[n].members), None)
         chosen = [averaged.base, *leading[:EXAMINED], *([] if first is None else [first])]
         return {n: self._examined(averaged, n) for n in sorted(set(chosen))}

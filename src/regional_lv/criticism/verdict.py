@@ -16,9 +16,6 @@ from regional_lv.inference.sets import Candidate
 PROBABILITY = 0.95
 """Of a cause that is named; of a group, that one of its members is present."""
 
-LEAST_PROBABILITY = 0.05
-"""Of a model that is simulated, and tested."""
-
 ADEQUATE = 0.02
 """Level of the last test, for each cause of a set: a set that misses the data at this level
 explains nothing, whatever it gains. Larger sets were chosen among more, and fit more by chance."""
@@ -99,11 +96,8 @@ class Verdict:
     @property
     def trusted(self) -> bool:
         """Whether a probable model passes the tests."""
-        return not self.detected or any(
-            self.passes(n)
-            for n in self.examined
-            if self.averaged.probability[n] >= LEAST_PROBABILITY
-        )
+        examined = (n for n in self.averaged.leading if n in self.examined)
+        return not self.detected or any(map(self.passes, examined))
 
     @property
     def leads_unconfirmed(self) -> bool:

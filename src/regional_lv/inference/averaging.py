@@ -25,7 +25,7 @@ SHARE, MOST = 0.999, 200
 """Of the probability: what models hold of which there are draws, and how many these are at most."""
 
 LEAST_PROBABILITY = 0.05
-"""Of a model that is sampled; the model as it is always is."""
+"""Of a model that is sampled, simulated and tested; the model as it is always is sampled."""
 
 DRAWS, LEAST_DRAWS = 2000, 500
 """Of a round of sampling: for all of the probability, and of one model at least."""
@@ -53,6 +53,13 @@ class Averaged:
     def drawn(self) -> dict[int, WeightedDraws]:
         """Draws of the models that have some, by their number."""
         return {n: m.drawn for n, m in enumerate(self.models) if m.drawn is not None}
+
+    @cached_property
+    def leading(self) -> list[int]:
+        """Numbers of the models with draws that are probable (`LEAST_PROBABILITY`), or of all with
+        draws where none is: the data leave many."""
+        probable = [n for n in self.drawn if self.probability[n] >= LEAST_PROBABILITY]
+        return probable or [*self.drawn]
 
     @cached_property
     def base(self) -> int:
