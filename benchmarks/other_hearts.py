@@ -33,6 +33,7 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -344,31 +345,30 @@ def cohort(folder: str, *endocardia: str) -> None:
     write_cohort(place, kept)
 
 
-def planted(folder: str, *endocardia: str) -> None:
-    place = Path(folder)
+def of_surfaces(place: Path, endocardia: Sequence[str]) -> Iterator[tuple[int, str, dict]]:
+    """Number, name and geometry of the hearts from surfaces alone."""
     place.mkdir(parents=True, exist_ok=True)
-    of_surfaces = [each for each in hearts(list(endocardia), place) if each[1] == "surfaces"]
-    write_cohort(
-        place,
-        [
-            (name, geometry, EFFECTS[n % len(EFFECTS)], 1000 + n)
-            for n, (name, _, geometry) in enumerate(of_surfaces)
-        ],
-    )
+    real = (each for each in hearts(list(endocardia), place) if each[1] == "surfaces")
+    for n, (name, _, geometry) in enumerate(real):
+        yield n, name, geometry
+
+
+def planted(folder: str, *endocardia: str) -> None:
+    real = of_surfaces(Path(folder), endocardia)
+    kept = [(name, its, EFFECTS[n % len(EFFECTS)], 1000 + n) for n, name, its in real]
+    write_cohort(Path(folder), kept)
 
 
 def misread(folder: str, *endocardia: str) -> None:
-    place = Path(folder)
-    place.mkdir(parents=True, exist_ok=True)
-    of_surfaces = [each for each in hearts(list(endocardia), place) if each[1] == "surfaces"]
-    kept = [(name, geometry, {}, 2000 + n) for n, (name, _, geometry) in enumerate(of_surfaces)]
-    write_cohort(place, kept, MISREAD)
+    kept = [(name, its, {}, 2000 + n) for n, name, its in of_surfaces(Path(folder), endocardia)]
+    write_cohort(Path(folder), kept, MISREAD)
 
 
 def write_cohort(place: Path, kept: Sequence[tuple], misread: dict | None = None) -> None:
     """Measure these hearts (arguments of `measure`), and write the cohort's own files."""
-    todo = [(*each, place / "hearts" / each[0], misread) for each in kept]
-    in_parallel(measure, [each for each in todo if not (each[-2] / "truth.json").exists()])
+    todo = [(*each, place / "hearts" / each[0]) for each in kept]
+    waiting = [each for each in todo if not (each[-1] / "truth.json").exists()]
+    in_parallel(partial(measure, misread=misread), waiting)
     truths = [json.loads(path.read_text()) for path in sorted(place.glob("hearts/*/truth.json"))]
     pd.DataFrame(truths).to_csv(place / "truth.csv", index=False)
     (place / "config.yaml").write_text(f"study: {place.name}\ncohort: hearts/*/\n")

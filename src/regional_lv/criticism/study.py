@@ -167,9 +167,8 @@ class Critic:
 
     def _examine(self, averaged: Averaged) -> dict[int, Examined]:
         """The model as it is, and the most probable others."""
-        leading = [n for n in averaged.leading if averaged.models[n].fit is not None]
         first = next((n for n in averaged.drawn if averaged.models[n].members), None)
-        chosen = [averaged.base, *leading[:EXAMINED], *([] if first is None else [first])]
+        chosen = [averaged.base, *averaged.leading[:EXAMINED], *([] if first is None else [first])]
         return {n: self._examined(averaged, n) for n in sorted(set(chosen))}
 
     def _examined(self, averaged: Averaged, number: int) -> Examined:

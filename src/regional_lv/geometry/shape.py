@@ -103,19 +103,18 @@ class NodePlaces:
         """Derivatives of the points about each number of a shape: (n, 3), of the table's columns
         (17, n, 3). Those of levels' ends cost most, and are zero where `about` does not name them.
         """
-        points = self._wall(shape)
+        if self._table is None:
+            return {"wall_thickness_scale": self._points - self._points[self._foot]}
+        walls, across = self._table_wall(shape)
+        width, points = np.linalg.norm(across, axis=-1), self._as_wide(walls, across)
         scale = shape["wall_thickness_scale"]
         found = {"wall_thickness_scale": points - points[self._foot]}
-        if self._table is None:
-            return found
         surfaces, rho, border, latitudes = self._surfaces(shape)
         ends = surfaces.changes_of_ends(self._phi, rho, border, latitudes)
         inner, outer = (
             np.concatenate([r.T[..., None] * self._across, z.T[..., None]], axis=-1)
             for r, z in ends
         )
-        across = self._table_wall(shape)[1]
-        width = np.linalg.norm(across, axis=-1)
         share = ((outer - inner) * across).sum(axis=-1) / (width * self._width)
         by_figure = inner[:, self._of] + scale * (
             self._depth * (outer - inner)[:, self._of]
@@ -162,8 +161,11 @@ class NodePlaces:
         """Points (n, 3) before the wall is scaled."""
         if self._table is None:
             return self._points
-        walls, across = self._table_wall(shape)
-        # A wall that is thinner than the table's stays as many times thinner: it never folds.
+        return self._as_wide(*self._table_wall(shape))
+
+    def _as_wide(self, walls: np.ndarray, across: np.ndarray) -> np.ndarray:
+        """Points (n, 3) of the mesh's wall, whose lines are as many times as wide as those of a
+        table's wall (`_table_wall`) as they were: a thinner one does not fold."""
         share = np.linalg.norm(across, axis=-1) / self._width
         return walls + self._foot_offset + share[self._of, None] * self._line_offset
 

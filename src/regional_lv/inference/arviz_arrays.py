@@ -6,6 +6,10 @@ ArviZ 1 needs Python 3.12; Debian 12's DOLFINx, of Python 3.11, goes with ArviZ 
 import arviz as az
 import numpy as np
 
+PARETO_K = 0.7
+"""Largest shape of the tail of importance weights that smoothing puts right (Vehtari et al. 2024,
+JMLR 25:72)."""
+
 if hasattr(az, "psislw"):
     _psislw, autocorr, kde = az.psislw, az.autocorr, az.kde
 else:

@@ -6,11 +6,8 @@ import arviz as az
 import numpy as np
 import pandas as pd
 
+from regional_lv.inference.arviz_arrays import PARETO_K
 from regional_lv.inference.posteriors import Posterior
-
-PARETO_K = 0.7
-"""Largest shape of the tail of importance weights that smoothing puts right (Vehtari et al. 2024,
-JMLR 25:72)."""
 
 
 def check_convergence(

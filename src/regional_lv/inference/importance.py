@@ -16,7 +16,7 @@ from typing import TypeAlias
 
 import torch
 
-from regional_lv.inference.arviz_arrays import smoothed_weights
+from regional_lv.inference.arviz_arrays import PARETO_K, smoothed_weights
 
 PARTS = 8
 """Distributions in a mixture."""
@@ -35,9 +35,9 @@ of 395."""
 EVEN = 0.02
 """Standard deviation of log weights below which they count as even."""
 
-LARGEST_SHAPE, SHARE_ENOUGH = 0.7, 0.5
-"""Shape of the weights' tail with which their means count (Vehtari et al. 2024, arXiv:1507.02646);
-and effective share of the draws from which the tail has too little weight to matter."""
+SHARE_ENOUGH = 0.5
+"""Effective share of the draws from which the tail of their weights has too little of it to
+matter."""
 
 TRUNCATION = 20
 """Draws that may carry the weight of the proposal's next form, at least: a few lucky draws of an
@@ -161,8 +161,8 @@ def smooth(log_weight: torch.Tensor) -> tuple[torch.Tensor, float]:
 
 
 def is_light(ess: float, draws: int, pareto_k: float) -> bool:
-    """Whether the tail of the weights of some draws lets their means count (`LARGEST_SHAPE`)."""
-    return ess >= SHARE_ENOUGH * draws or not pareto_k > LARGEST_SHAPE
+    """Whether the tail of the weights of some draws lets their means count (`PARETO_K`)."""
+    return ess >= SHARE_ENOUGH * draws or not pareto_k > PARETO_K
 
 
 def resample(
