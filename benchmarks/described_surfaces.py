@@ -21,17 +21,17 @@ import pandas as pd
 from other_hearts import real_surfaces
 
 from regional_lv import config as study_config
-from regional_lv.aha import level_of
 from regional_lv.channels import Channels
-from regional_lv.geometry.described import log_halves
+from regional_lv.geometry.described import log_volumes
 from regional_lv.geometry.from_config import make_heart
 from regional_lv.geometry.table import read_segments
 from regional_lv.hearts.by_surfaces import (
-    COLUMNS,
+    OF_SHAPE,
+    ONE,
     SHARES,
+    level_in_table,
     shape_of,
     stiffness_of,
-    taper_of,
 )
 from regional_lv.hearts.reach import by_table
 from regional_lv.inputs.space import Inputs, sections_of
@@ -45,7 +45,8 @@ FACTORS = 10
 RIDGE = 0.03
 """Beside the mean square of each column."""
 
-DRAWN_OF_A_KIND, SEED = 2, 3
+THINNING, THINNING_DRAWN, DRAWN_OF_A_KIND, SEED = "thin at the base", 24, 2, 3
+"""Most of the drawn ventricles have walls that thin at the base, as real ones do."""
 
 
 def stiffness_of_hearts(number: int) -> np.ndarray:
@@ -62,7 +63,7 @@ def stiffness_of_drawn(number: int) -> np.ndarray:
 
 
 def simulated(surfaces: dict, logs: np.ndarray, study: dict) -> dict[str, np.ndarray]:
-    """`log_stiffness` (N, 10), `table` and `surfaces`, the outputs (N, D), and `log_halves`."""
+    """`log_stiffness` (N, 10), `table` and `surfaces`, the outputs (N, D), and `log_volumes`."""
     own = study | {"geometry": study["geometry"] | {"source": "surfaces", "surfaces": surfaces}}
     found = {"log_stiffness": logs}
     with tempfile.TemporaryDirectory() as folder:
@@ -73,7 +74,7 @@ def simulated(surfaces: dict, logs: np.ndarray, study: dict) -> dict[str, np.nda
             found[name] = np.stack([heart.outputs(theta) for theta in np.exp(logs)])
         geometry = described["geometry"]
         apices = geometry["endo_apex_z_mm"], geometry["epi_apex_z_mm"]
-        found["log_halves"] = log_halves(read_segments(geometry["segments"]), *apices)
+        found["log_volumes"] = log_volumes(read_segments(geometry["segments"]), *apices)
     return found
 
 
@@ -81,7 +82,9 @@ def hearts(endocardia: Sequence[str], folder: Path) -> Iterator[tuple[str, dict,
     """Name, section `geometry.surfaces` and logarithms of the stiffness."""
     for n, endocardium in enumerate(endocardia):
         yield Path(endocardium).stem, real_surfaces(endocardium), stiffness_of_hearts(n)
-    for n, shape in enumerate(shapes(DRAWN_OF_A_KIND, SEED)):
+    drawn = [shape for shape in shapes(DRAWN_OF_A_KIND, SEED) if shape.kind != THINNING]
+    drawn += [shape for shape in shapes(THINNING_DRAWN, SEED) if shape.kind == THINNING]
+    for n, shape in enumerate(drawn):
         place = folder / f"drawn_{n}"
         place.mkdir(exist_ok=True)
         yield place.name, shape.write(place), stiffness_of_drawn(n)
@@ -91,24 +94,24 @@ class Differences:
     """By table and surfaces, of `SHARES` as shares of the former, of the outputs of a quantity and
     level of all hearts.
 
-    columns: of each heart (n, c), `COLUMNS` of which each output has a last one. changes: (n,).
+    by: `ONE` and names of `stiffness_of`. columns: of each heart (n, c), `OF_SHAPE` times each of
+    these. changes: (n,).
     """
 
     def __init__(
         self, found: Sequence[dict], channels: Channels, at: Sequence[int], zones: Mapping
     ):
+        self.by = [ONE, *stiffness_of(zones, channels[at[0]].segment)]
         self.columns, self.changes = [], []
         for each in found:
             table, logs = each["table"][:, at], each["log_stiffness"]
             size = table if channels[at[0]].quantity in SHARES else 1.0
             self.changes.append(((table - each["surfaces"][:, at]) / size).T.ravel())
-            rows, basal = [], taper_of(shape_of(each["log_halves"], None))
-            for d, last in zip(at, np.eye(len(at)), strict=True):
-                segment = channels[d].segment
-                shape = shape_of(each["log_halves"], segment)
-                by_stiffness = logs @ (taper_of(shape) * stiffness_of(zones, segment)).T
-                before, after = (np.tile(row, (len(logs), 1)) for row in (shape, basal * last))
-                rows.append(np.hstack([before, by_stiffness, after]))
+            rows, one = [], np.ones((len(logs), 1))
+            for segment in (channels[d].segment for d in at):
+                weights = np.array([*stiffness_of(zones, segment).values()])
+                by = np.hstack([one, logs @ weights.T])
+                rows.append(np.kron(by, shape_of(each["log_volumes"], segment)))
             self.columns.append(np.concatenate(rows))
 
     def fit(self, hearts: Sequence[int]) -> np.ndarray:
@@ -143,20 +146,18 @@ def main(folder: str, *endocardia: str) -> None:
         print(f"{name}: simulated", flush=True)
     levels: dict[tuple[str, str], list[int]] = {}
     for d, channel in enumerate(channels):
-        level = level_of(channel.segment) if channel.segment else ""
+        level = level_in_table(channel.segment)
         levels.setdefault((channel.quantity, level), []).append(d)
-    real, rows = len(endocardia), {}
-    for at in levels.values():
+    real, rows = len(endocardia), []
+    for (quantity, level), at in levels.items():
         differences = Differences(found, channels, at, zones)
-        fitted = differences.fit(range(len(found)))
-        alike, last = np.split(fitted, [len(COLUMNS) - 1])
+        fitted = differences.fit(range(len(found))).reshape(len(differences.by), -1)
         sd = differences.left((range(real), range(real, len(found))))
-        for d, own in zip(at, last, strict=True):
-            named = {"quantity": channels[d].quantity, "segment": channels[d].segment}
-            slopes = dict(zip(COLUMNS, (*alike, own), strict=True))
-            rows[d] = named | slopes | {"sd": sd}
-    table = pd.DataFrame([rows[d] for d in range(len(channels))]).astype({"segment": "Int64"})
-    table.round(5).to_csv(place / "described_surfaces.csv", index=False)
+        for by, slopes in zip(differences.by, fitted, strict=True):
+            row = {"quantity": quantity, "level": level, "by": by, "sd": sd}
+            rows.append(row | dict(zip(OF_SHAPE, slopes, strict=True)))
+    table = pd.DataFrame(rows).round(5)
+    table.to_csv(place / "described_surfaces.csv", index=False)
 
 
 if __name__ == "__main__":

@@ -7,11 +7,12 @@ import pandas as pd
 import pytest
 import torch
 
+from regional_lv.aha import level_of
 from regional_lv.channels import Channels
 from regional_lv.emulators.gaussian import Z95
 from regional_lv.emulators.joint_gp import JointGP
 from regional_lv.errors import InputError
-from regional_lv.hearts.by_surfaces import BY_SURFACES, BySurfaces
+from regional_lv.hearts.by_surfaces import BY_SURFACES, FACTORS, OF_SHAPE, SHARES, BySurfaces
 from regional_lv.hearts.card import document
 from regional_lv.hearts.emulator import HeartEmulator, InputMap
 from regional_lv.hearts.file import read
@@ -211,34 +212,38 @@ def test_a_damaged_file(file, tmp_path, damage):
 @pytest.fixture
 def by_surfaces(any_heart):
     """Of volumes that differ from the table's by up to a tenth."""
-    volumes = np.linspace(-0.1, 0.1, 17 * 4).reshape(17, 4)
+    volumes = np.linspace(-0.1, 0.1, 17 * 8).reshape(17, 8)
     channels = any_heart.emulator.channels
     return channels, volumes, BySurfaces.of(channels, any_heart.known, volumes)
 
 
 def test_what_surfaces_change_is_subtracted(any_heart, by_surfaces):
     channels, volumes, change = by_surfaces
-    table = pd.read_csv(BY_SURFACES)
+    table = pd.read_csv(BY_SURFACES, keep_default_na=False).set_index(["quantity", "level", "by"])
     there = torch.full((1, len(any_heart.known.names)), 0.8).double()
     y = torch.linspace(0.1, 0.4, len(channels)).double()[None]
     y[0, 0] = 100.0
-    size = np.where(table["quantity"].isin(["volume", "radial"]), y[0].numpy(), 1)
     by_table = y[0].numpy()
-    # The basal inferoseptal segment: nothing is above it, and 9 is below.
+    # The basal inferoseptal segment: nothing is above it, 9 is below, 2 and 4 are beside it.
     d = channels.names.index("radial_03")
-    row = table.iloc[d]
-    shape = [volumes[2], volumes[:6].mean(axis=0), volumes[8], np.zeros(4)]
-    expected = row["own_upper_wall":"above_lower_cavity"].to_numpy(float) @ np.concatenate(shape)
-    # All factors are alike, so that means over zones are, too.
-    stiffness = row["own_C_a":"mean_C_b"].sum() * np.log(0.8)
-    expected += (volumes[2, 1] - volumes[2, 0]) * stiffness
-    expected += row["basal_taper"] * (volumes[:6, 1] - volumes[:6, 0]).mean()
+    rows = table.loc["radial", "basal"]
+    halves, within = volumes[:, :4], volumes[:, 4:]
+    above, around = np.zeros(4), (halves[3] - halves[1]) / 2
+    shape = [halves[2], within[2], halves[:6].mean(axis=0), halves[8], above, around, above]
+    slopes = rows[list(OF_SHAPE)] @ np.concatenate(shape)
+    # All factors are alike: means over zones are, too, and no neighbour differs from another one.
+    places = ("own", "mean", "beside")
+    logs = {"one": 1.0} | {f"{factor}_{at}": np.log(0.8) for factor in FACTORS for at in places}
+    expected = sum(slopes[by] * log for by, log in logs.items())
     assert change(y, there)[0, d] == pytest.approx(by_table[d] * (1 - expected))
-    same = BySurfaces.of(channels, any_heart.known, np.zeros((17, 4)))
+    same = BySurfaces.of(channels, any_heart.known, np.zeros((17, 8)))
     np.testing.assert_allclose(same(y, there)[0], by_table)
     mixing = Mixing.of(channels, None, change)
     sd = mixing.covariance(y, torch.zeros(1, 52, 52).double(), there)[0].diagonal().sqrt()
-    np.testing.assert_allclose(sd, table["sd"] * size)
+    for channel, size, of_channel in zip(channels, by_table, sd, strict=True):
+        level = level_of(channel.segment) if channel.segment else ""
+        stated = table.loc[(channel.quantity, level, "one"), "sd"]
+        assert of_channel == pytest.approx(stated * (size if channel.quantity in SHARES else 1))
     some = ["volume_ml", "radial_03"]
     at = [channels.names.index(name) for name in some]
     np.testing.assert_allclose(mixing.select(some)(y, there), mixing(y, there)[:, at])

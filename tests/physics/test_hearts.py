@@ -8,7 +8,7 @@ from regional_lv.aha import LEVELS
 from regional_lv.channels import Channels
 from regional_lv.data import VOLUNTEER, VOLUNTEER_AHA
 from regional_lv.emulators.base import Prediction
-from regional_lv.geometry.described import log_halves
+from regional_lv.geometry.described import log_volumes
 from regional_lv.geometry.from_config import make_heart
 from regional_lv.geometry.table import read_segments
 from regional_lv.hearts.by_surfaces import BySurfaces
@@ -145,7 +145,7 @@ def test_what_a_table_leaves_out_of_surfaces(smoke_config, tmp_path):
     by_own, by_segments = found
     geometry, channels = described["geometry"], ventricle.channels
     apices = geometry["endo_apex_z_mm"], geometry["epi_apex_z_mm"]
-    volumes = log_halves(read_segments(geometry["segments"]), *apices)
+    volumes = log_volumes(read_segments(geometry["segments"]), *apices)
     change = BySurfaces.of(channels, inputs, volumes)
     corrected = change(by_segments, torch.as_tensor(inputs.nominal)[None])
     for quantity, least in (("circumferential", 2.0), ("radial", 1.3)):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from regional_lv.data import VOLUNTEER
-from regional_lv.geometry.described import HALVES, described, halves, log_halves
+from regional_lv.geometry.described import QUARTERS, described, log_volumes, quarters
 from regional_lv.geometry.surfaces import Surfaces
 from regional_lv.geometry.table import SD_COLUMNS, check_apices, read_segments
 
@@ -58,14 +58,20 @@ def test_a_wall_that_is_thicker_all_over(table, sides):
     np.testing.assert_allclose(after["endo_radius_mm"], before["endo_radius_mm"])
 
 
-def test_volumes_of_halves(table):
+def test_volumes_of_quarters(table):
     surfaces = Surfaces(table, *APICES)
-    volumes = halves(surfaces, table)
+    volumes = quarters(surfaces, table)
     cavity, wall = surfaces.volumes()
-    assert volumes[:, :2].sum() == pytest.approx(wall, rel=0.01)
-    assert volumes[:, 2:].sum() == pytest.approx(cavity, rel=0.01)
-    np.testing.assert_array_equal(log_halves(table, *APICES), 0)
+    assert volumes[:, :4].sum() == pytest.approx(wall, rel=0.01)
+    assert volumes[:, 4:].sum() == pytest.approx(cavity, rel=0.01)
+    np.testing.assert_array_equal(log_volumes(table, *APICES), 0)
+    # The wall has a tenth more, and the second part of the cavity alone, too.
+    more = volumes * np.repeat([1.1, 1.0], 4) * np.tile([1.0, 1.1], 4) ** np.repeat([0, 1], 4)
     # As a file has them.
-    text = (1.1 * volumes).astype(str)
-    told = table.assign(**dict(zip(HALVES, text.T, strict=True)))
-    np.testing.assert_allclose(log_halves(told, *APICES), np.log(1.1))
+    told = table.assign(**dict(zip(QUARTERS, more.astype(str).T, strict=True)))
+    found = log_volumes(told, *APICES)
+    np.testing.assert_allclose(found[:, :2], np.log(1.1))
+    share = volumes[:, 5::2] / (volumes[:, 4::2] + volumes[:, 5::2])
+    np.testing.assert_allclose(found[:, 2:4], np.log(1 + 0.1 * share))
+    np.testing.assert_allclose(found[:, 4:6], 0, atol=1e-9)
+    np.testing.assert_allclose(found[:, 6:], np.log(1.1))

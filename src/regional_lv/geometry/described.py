@@ -1,8 +1,8 @@
 """A ventricle between two smooth surfaces, described by a segment table.
 
 The table's figures are means over segments (`surfaces`); the smoothest surfaces through them are
-not those that they were read off, so that a described ventricle is another one. By how much tells
-the volume of wall and cavity in the upper and in the lower half of each segment.
+not those that they were read off, so that a described ventricle is another one. By how much tell
+the volumes of wall and cavity in the quarters of each segment.
 """
 
 import json
@@ -30,9 +30,13 @@ ALONG = np.linspace(0, QUARTER, 400)
 THICKEST = 0.8
 """Of a wall, as a share of the cavity's length."""
 
-HALVES = ("upper_wall_ml", "lower_wall_ml", "upper_cavity_ml", "lower_cavity_ml")
-"""Columns of a described table: volumes of the segments' halves, of equal ranges of latitude,
-between the surfaces themselves, and between the endocardium and the long axis."""
+HALVES = ("upper_wall", "lower_wall", "upper_cavity", "lower_cavity")
+"""Of segments, of equal ranges of latitude: between the surfaces themselves, and between the
+endocardium and the long axis."""
+
+QUARTERS = tuple(f"{half}_{side}_ml" for half in HALVES for side in ("first", "second"))
+"""Columns of a described table: volumes of what the `HALVES` have before and behind the middle of
+the segment, around the axis."""
 
 FILES = ("endocardium", "epicardium", "file", "segments")
 """Keys of a section that name files of surfaces or of a mesh."""
@@ -46,7 +50,7 @@ Side = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 class Described(NamedTuple):
     """A segment table, as `table.read_segments` reads it, and the apices that go with it. Of a mesh
-    and of surfaces it has `HALVES`, too."""
+    and of surfaces it has `QUARTERS`, too."""
 
     table: pd.DataFrame
     endo_apex_z_mm: float
@@ -115,8 +119,8 @@ class Meridians:
         return found
 
 
-def halves(wall: Wall, sectors: pd.DataFrame) -> np.ndarray:
-    """Volumes (17, 4) in mL, as `HALVES`. sectors: as of `described`."""
+def quarters(wall: Wall, sectors: pd.DataFrame) -> np.ndarray:
+    """Volumes (17, 8) in mL, as `QUARTERS`. sectors: as of `described`."""
     turns = np.radians(sectors[["angle_from_deg", "angle_to_deg"]].to_numpy(float))
     heights = sectors[["z_top_mm", "z_bottom_mm"]].to_numpy(float)
     rings = 1 - np.arcsin(np.clip(heights / wall.endo_apex, 0, 1)) / QUARTER
@@ -131,11 +135,11 @@ def halves(wall: Wall, sectors: pd.DataFrame) -> np.ndarray:
     cavity = np.concatenate([inner * (0, 0, 1), inner], axis=3)
     # Around the axis, chords cut something off.
     step = np.diff(turns) / ANGLES
-    parts = [
-        cells.sum(axis=1).reshape(len(cells), 2, -1).sum(axis=2) * step / np.sin(step)
-        for cells in map(_hexahedra, (points, cavity))
-    ]
-    return np.hstack(parts) / 1e3
+    volumes = []
+    for cells in map(_hexahedra, (points, cavity)):
+        parts = cells.reshape(len(cells), 2, ANGLES // 2, 2, LATITUDES // 2).sum(axis=(2, 4))
+        volumes.append(parts.swapaxes(1, 2).reshape(len(cells), -1) * step / np.sin(step))
+    return np.hstack(volumes) / 1e3
 
 
 def _hexahedra(points: np.ndarray) -> np.ndarray:
@@ -156,16 +160,21 @@ def _between(values: np.ndarray, axis: int) -> np.ndarray:
     return (values.take(range(1, many), axis) + values.take(range(many - 1), axis)) / 2
 
 
-def log_halves(table: pd.DataFrame, endo_apex_z_mm: float, epi_apex_z_mm: float) -> np.ndarray:
-    """Logarithms (17, 4) of the volumes between the surfaces that a table describes, beside those
-    between the smooth surfaces through its figures; 0 where it does not tell (`HALVES`)."""
-    if not {*HALVES} <= {*table}:
-        return np.zeros((len(table), len(HALVES)))
-    smooth = halves(Surfaces(table, endo_apex_z_mm, epi_apex_z_mm), table)
-    return np.log(table[list(HALVES)].to_numpy(float) / smooth)
+def log_volumes(table: pd.DataFrame, endo_apex_z_mm: float, epi_apex_z_mm: float) -> np.ndarray:
+    """How the volumes between the surfaces that a table describes differ from those between the
+    smooth surfaces through its figures, (17, 8): logarithms of the ratios, of each of the `HALVES`,
+    and that of its second part around the axis less that of its first one. 0 where the table does
+    not tell (`QUARTERS`)."""
+    if not {*QUARTERS} <= {*table}:
+        return np.zeros((len(table), 2 * len(HALVES)))
+    smooth = quarters(Surfaces(table, endo_apex_z_mm, epi_apex_z_mm), table)
+    found = (table[list(QUARTERS)].to_numpy(float), smooth)
+    its, theirs = (each.reshape(len(table), len(HALVES), 2) for each in found)
+    growth = np.diff(np.log(its / theirs))[..., 0]
+    return np.hstack([np.log(its.sum(axis=2) / theirs.sum(axis=2)), growth])
 
 
-def by_table(geometry: Mapping, table: str | Path) -> dict:
+def section_by_table(geometry: Mapping, table: str | Path) -> dict:
     """Section `geometry` of a configuration with a segment table in place of surfaces or a mesh;
     the table (CSV) is written. Raises InputError for files that cannot be used."""
     source = {"surfaces": "surfaces", "mesh": "imported"}[geometry["source"]]
@@ -194,7 +203,7 @@ def of_mesh(imported: Mapping) -> Described:
     """Of a mesh from elsewhere, `geometry.imported` of a configuration: its own segments."""
     mesh = import_mesh(imported["file"], imported["segments"], imported["unit"])
     surfaces = FittedSurfaces.of_mesh(mesh)
-    return _with_halves(surfaces, sector_table(mesh, surfaces, UNSNAPPED))
+    return _with_quarters(surfaces, sector_table(mesh, surfaces, UNSNAPPED))
 
 
 def of_surfaces(surfaces: Mapping) -> Described:
@@ -202,11 +211,11 @@ def of_surfaces(surfaces: Mapping) -> Described:
     heart = read_configured(surfaces["endocardium"], surfaces["epicardium"], surfaces)
     inner, outer = (heart.smooth[side] for side in SIDES)
     fitted = FittedSurfaces.of_lines(inner, outer, LEVEL_ENDS)
-    return _with_halves(fitted, aha_sectors(fitted))
+    return _with_quarters(fitted, aha_sectors(fitted))
 
 
-def _with_halves(surfaces: FittedSurfaces, sectors: pd.DataFrame) -> Described:
+def _with_quarters(surfaces: FittedSurfaces, sectors: pd.DataFrame) -> Described:
     inner, outer = surfaces.sides
     found = described(inner, outer, sectors)
-    volumes = dict(zip(HALVES, halves(surfaces, found.table).T, strict=True))
+    volumes = dict(zip(QUARTERS, quarters(surfaces, found.table).T, strict=True))
     return found._replace(table=found.table.assign(**volumes))

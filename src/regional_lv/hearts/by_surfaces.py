@@ -1,12 +1,13 @@
 """What the emulator's outputs have to do with a wall whose surfaces are known, where it has seen
 the segment table that describes them (`geometry.described`).
 
-By the table, halves of segments have other volumes, and its base is flat and its wall does not thin
-there. What that does to an output is about linear in the logarithms of these volumes (`shape_of`),
-for all segments of a level alike, in how much the basal wall thins, and in the stiffness.
+By the table, parts of segments have other volumes: its base is flat, its wall does not thin there,
+and it changes otherwise within a segment. What that does to an output is about linear in the
+logarithms of these volumes (`shape_of`), with slopes that go with those of the stiffness
+(`stiffness_of`), for all segments of a level alike.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 
@@ -22,22 +23,21 @@ from regional_lv.inputs.space import Inputs
 from regional_lv.inputs.stiffness import StiffnessInputs
 
 BY_SURFACES = path("described_surfaces.csv")
-"""Of each output, what it is by the segment table less what it is by the surfaces, per unit of each
-of the `COLUMNS`; `sd` is the root mean square of what is left of hearts that this is not learnt
-from. Of twelve real hearts (MESA) at twelve stiffnesses each, and of sixteen drawn ones
-(`verification.shapes`) at six; of `SHARES`, shares of what the table gives. Written by
+"""Of the outputs of a quantity and level, what they are by the segment table less what they are by
+the surfaces: slopes about `OF_SHAPE` (`by` is `ONE`), and by how much these grow with each of the
+logarithms `stiffness_of`. Of `SHARES`, shares of what the table gives. `sd` is the root mean square
+of what is left of hearts that this is not learnt from. Of twelve real hearts (MESA) at twelve
+stiffnesses each, and of 40 drawn ones (`verification.shapes`) at six. Written by
 `benchmarks/described_surfaces.py`."""
+
+ONE = "one"
 
 SHARES = ("volume", "radial")
 """What surfaces change in proportion to its size; other strains, alike at any size."""
 
-PLACES = ("own", "level", "below", "above")
-OF_SHAPE = tuple(f"{place}_{half.removesuffix('_ml')}" for place in PLACES for half in HALVES)
-OF_STIFFNESS = ("own_C_a", "own_C_b", "mean_C_a", "mean_C_b")
-COLUMNS = (*OF_SHAPE, *OF_STIFFNESS, "basal_taper")
-"""Of what an output's difference is a linear function: what `shape_of` gives; `taper_of` times
-logarithms of the stiffness, of the segment's zone and of the mean of all zones; and `taper_of` the
-basal level. Slopes about all but the last one are those of all segments of a level."""
+PLACES = ("own", "within", "level", "below", "above", "around", "around_above")
+FACTORS = ("C_a", "C_b")
+OF_SHAPE = tuple(f"{place}_{half}" for place in PLACES for half in HALVES)
 
 BELOW = {s: s + 6 for s in LEVELS["basal"]}
 BELOW |= {7: 13, 8: 14, 9: 14, 10: 15, 11: 16, 12: 16}
@@ -45,39 +45,70 @@ BELOW |= dict.fromkeys(LEVELS["apical"], LEVELS["apex"][0])
 """The segment under each one."""
 
 
-def shape_of(log_halves: np.ndarray, segment: int | None) -> np.ndarray:
-    """`OF_SHAPE` (16,), of `geometry.described.log_halves` (17, 4): of a segment, the mean of its
-    level, the segment below and those above it; of the whole heart, means of three levels."""
+def beside(segment: int) -> tuple[int, int]:
+    """The next segment of the level, in the order of their numbers, and the one before."""
+    level = LEVELS[level_of(segment)]
+    at = level.index(segment)
+    return level[(at + 1) % len(level)], level[at - 1]
+
+
+def shape_of(log_volumes: np.ndarray, segment: int | None) -> np.ndarray:
+    """`OF_SHAPE` (28,), of `geometry.described.log_volumes` (17, 8): of a segment, how that changes
+    within it, the mean of its level, the segment below, those above it, and how that changes around
+    the axis from one neighbour to the other, in its level and in that above; of the whole heart,
+    means of the four levels."""
+    halves, within = np.hsplit(log_volumes, 2)
+    none = np.zeros(len(HALVES))
+
+    def mean(rows: Iterable[np.ndarray]) -> np.ndarray:
+        return np.mean([*rows] or [none], axis=0)
+
+    def of(segments: Iterable[int]) -> np.ndarray:
+        return mean(halves[s - 1] for s in segments)
+
+    def around(of_level: int) -> np.ndarray:
+        after, before = beside(of_level)
+        return (halves[after - 1] - halves[before - 1]) / 2
+
     if segment is None:
-        levels = [[s - 1 for s in LEVELS[name]] for name in ("basal", "mid", "apical")]
-        means = [log_halves[at].mean(axis=0) for at in levels]
-        return np.concatenate([*means, np.zeros(len(HALVES))])
+        levels = [of(LEVELS[name]) for name in LEVELS]
+        return np.concatenate([*levels, *[none] * (len(PLACES) - len(levels))])
     above = [s for s, other in BELOW.items() if other == segment]
     below = [BELOW[segment]] if segment in BELOW else []
-    places = ([segment], LEVELS[level_of(segment)], below, above)
-    none = np.zeros((1, len(HALVES)))
-    rows = (log_halves[[s - 1 for s in at]] if at else none for at in places)
-    return np.concatenate([each.mean(axis=0) for each in rows])
+    places = (of([segment]), within[segment - 1], of(LEVELS[level_of(segment)]))
+    return np.concatenate(
+        [*places, of(below), of(above), around(segment), mean(map(around, above))]
+    )
 
 
-def taper_of(shape: np.ndarray) -> np.ndarray:
-    """Of a segment's wall, or of the mean one of the basal level: the lower half beside the upper
-    one. shape (..., 16): as of `shape_of`."""
-    return shape[..., 1] - shape[..., 0]
+def level_in_table(segment: int | None) -> str:
+    """Of a segment; none of the whole heart."""
+    return "" if segment is None else level_of(segment)
 
 
-def stiffness_of(zones: Mapping[str, Sequence[int]], segment: int | None) -> np.ndarray:
-    """Weights (4, 2 Z) of the zones' C_a and C_b, zone by zone, in `OF_STIFFNESS` but for the
-    taper; of the whole heart, each is the mean."""
-    mean = np.full(len(zones), 1 / len(zones))
-    own = mean if segment is None else np.array([float(segment in at) for at in zones.values()])
-    return np.concatenate([np.kron(each, np.eye(2)) for each in (own, mean)])
+def stiffness_of(zones: Mapping[str, Sequence[int]], segment: int | None) -> dict[str, np.ndarray]:
+    """Weights (2 Z,) of the logarithms of the zones' C_a and C_b, zone by zone, in the mean of all
+    zones; of a segment, also in its zone's, in the mean of its neighbours' and in what the next one
+    has more than the one before."""
+
+    def of(one: int) -> np.ndarray:
+        return np.array([float(one in at) for at in zones.values()])
+
+    means = {"mean": np.full(len(zones), 1 / len(zones))}
+    if segment is not None:
+        after, before = map(of, beside(segment))
+        means |= {"own": of(segment), "beside": (after + before) / 2, "across": after - before}
+    return {
+        f"{factor}_{name}": np.kron(weights, own)
+        for name, weights in means.items()
+        for factor, own in zip(FACTORS, np.eye(2), strict=True)
+    }
 
 
 @cache
 def _table() -> pd.DataFrame:
-    table = pd.read_csv(BY_SURFACES, dtype={"segment": "Int64"})
-    return table.set_index(["quantity", table["segment"].fillna(0)])
+    table = pd.read_csv(BY_SURFACES, keep_default_na=False)
+    return table.set_index(["quantity", "level", "by"]).sort_index()
 
 
 @dataclass(frozen=True)
@@ -95,23 +126,25 @@ class BySurfaces:
     sd: torch.Tensor
 
     @classmethod
-    def of(cls, channels: Channels, known: Inputs, log_halves: np.ndarray) -> "BySurfaces":
-        """known: the emulator's inputs. log_halves (17, 4): of `geometry.described`."""
+    def of(cls, channels: Channels, known: Inputs, log_volumes: np.ndarray) -> "BySurfaces":
+        """known: the emulator's inputs. log_volumes (17, 8): of `geometry.described`."""
         zones = StiffnessInputs.from_spec(known.base["parameters"]).zones
-        stiffness = [f"{factor}_{zone}" for zone in zones for factor in ("C_a", "C_b")]
+        stiffness = [f"{factor}_{zone}" for zone in zones for factor in FACTORS]
         at = [k for k, name in enumerate(stiffness) if name in known.names]
-        rows = _table().loc[[(channel.quantity, channel.segment or 0) for channel in channels]]
-        by_shape, by_log = (rows[list(columns)].to_numpy() for columns in (OF_SHAPE, OF_STIFFNESS))
-        segments = [channel.segment for channel in channels]
-        shape = np.stack([shape_of(log_halves, segment) for segment in segments])
-        weights = np.stack([stiffness_of(zones, segment)[:, at] for segment in segments])
-        basal = rows["basal_taper"].to_numpy() * taper_of(shape_of(log_halves, None))
+        shift, by_log, sd = [], [], []
+        for channel in channels:
+            rows = _table().loc[channel.quantity, level_in_table(channel.segment)]
+            slopes = rows[list(OF_SHAPE)] @ shape_of(log_volumes, channel.segment)
+            weights = stiffness_of(zones, channel.segment)
+            shift.append(slopes[ONE])
+            by_log.append(sum(slopes[by] * weight[at] for by, weight in weights.items()))
+            sd.append(rows.loc[ONE, "sd"])
         return cls(
             torch.tensor([channel.quantity in SHARES for channel in channels]),
-            torch.as_tensor((by_shape * shape).sum(axis=1) + basal),
-            torch.as_tensor(np.einsum("d,df,dfs->ds", taper_of(shape), by_log, weights)),
+            torch.tensor(shift),
+            torch.as_tensor(np.stack(by_log)),
             torch.tensor([known.names.index(stiffness[k]) for k in at]),
-            torch.as_tensor(rows["sd"].to_numpy()),
+            torch.tensor(sd),
         )
 
     def change(self, there: torch.Tensor) -> torch.Tensor:

@@ -15,7 +15,7 @@ import torch
 from regional_lv.channels import Channels
 from regional_lv.emulators.base import Prediction
 from regional_lv.emulators.joint_gp import JointGP
-from regional_lv.geometry.described import log_halves
+from regional_lv.geometry.described import log_volumes
 from regional_lv.hearts.by_surfaces import BySurfaces
 from regional_lv.hearts.difference import Difference
 from regional_lv.hearts.population import SHAPE
@@ -159,7 +159,7 @@ class HeartEmulator:
         if described:
             geometry = simulated.base["geometry"]
             apex = -geometry["length_mm"]
-            volumes = log_halves(geometry["table"], apex, apex - geometry["apex_mm"])
+            volumes = log_volumes(geometry["table"], apex, apex - geometry["apex_mm"])
             surfaces = BySurfaces.of(self.emulator.channels, known, volumes)
         if sectors is not None or described:
             self._mixing = Mixing.of(self.emulator.channels, sectors, surfaces)

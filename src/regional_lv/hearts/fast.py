@@ -42,7 +42,7 @@ RESTS_ON = (
 
 BY_TABLE = (
     "the wall is described by means over its segments; what surfaces through these change is told "
-    "by the volumes of the segments' halves, and what that leaves open counts among the errors"
+    "by the volumes of the segments' quarters, and what that leaves open counts among the errors"
 )
 
 

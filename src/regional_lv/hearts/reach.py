@@ -50,7 +50,7 @@ def by_table(config: Mapping, table: str | Path) -> Mapping:
     geometry = config["geometry"]
     if geometry["source"] == "segments":
         return config
-    return {**config, "geometry": described.by_table(geometry, table)}
+    return {**config, "geometry": described.section_by_table(geometry, table)}
 
 
 def within(config: Mapping, emulator: JointGP, known: Inputs) -> tuple[dict, list[str]]:

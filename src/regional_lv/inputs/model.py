@@ -49,11 +49,11 @@ def model_of(config: Mapping) -> dict:
 def _described(geometry: Mapping) -> dict:
     """Of a heart from surfaces or a mesh; why no table describes it, if none does."""
     # Imported here: readers of surfaces take a second to load, and most hearts have a table.
-    from regional_lv.geometry.described import by_table
+    from regional_lv.geometry.described import section_by_table
 
     with tempfile.TemporaryDirectory() as folder:
         try:
-            given = by_table(geometry, Path(folder, "segments.csv"))
+            given = section_by_table(geometry, Path(folder, "segments.csv"))
             shape = _of_table(given)
             # The wall moves as the smooth one through the table's figures, if there is one.
             Surfaces(shape["table"], given["endo_apex_z_mm"], given["epi_apex_z_mm"])

@@ -25,7 +25,7 @@ class Kind:
     tilt_deg, between the base's normal and the long axis; apex, distance of the apex from the
     ellipsoid's axis over the radius; waves, standard deviation of the amplitude over the radius of
     each of the surface's waves; scar_mm, the wall's thickness in a scar of a sixth of the
-    circumference, if any.
+    circumference, if any; thinning, share of its thickness that the wall loses at the base, if any.
     """
 
     cavity_ml: tuple[float, float] = (50, 150)
@@ -35,6 +35,7 @@ class Kind:
     apex: float = 0.25
     waves: float = 0.04
     scar_mm: tuple[float, float] | None = None
+    thinning: tuple[float, float] | None = None
 
 
 KINDS = {
@@ -46,6 +47,7 @@ KINDS = {
     "small": Kind(cavity_ml=(20, 40), thickness_mm=(4, 9)),
     "uneven": Kind(apex=0.45, waves=0.07, tilt_deg=(0, 25)),
     "thin": Kind(cavity_ml=(60, 250), thickness_mm=(3, 4)),
+    "thin at the base": Kind((40, 200), (1.8, 3.4), (6, 18), (0, 20), thinning=(0.2, 0.7)),
 }
 
 
@@ -101,6 +103,9 @@ def _draw(name: str, kind: Kind, rng: np.random.Generator) -> Shape:
         middle, level = rng.uniform(-np.pi, np.pi), rng.uniform(0.2, 1.2)
         away = ((np.cos(phi - middle) - 1) / 0.25 - ((u - level) / 0.4) ** 2) / 2
         wall += (rng.uniform(*kind.scar_mm) - wall) * np.exp(away)
+    if kind.thinning is not None:
+        near = np.exp(-((np.maximum(u, 0) / rng.uniform(0.15, 0.4)) ** 2))
+        wall *= 1 - rng.uniform(*kind.thinning) * near
     turn, shift = Rotation.random(random_state=rng), rng.uniform(-100, 100, 3)
     endocardium, epicardium = _cut(place, normal), _cut(place + wall[..., None] * outwards, normal)
     for surface in (endocardium, epicardium):
