@@ -175,6 +175,17 @@ def test_a_heart_without_causes_to_try():
     assert quiet["words"][1:] == ["No cause was found."]
 
 
+def test_an_improbable_model_without_a_misfit():
+    found = example(misfit=misfit(OUTPUTS, 0.8), base_probability=0.02)
+    text = " ".join(found["words"])
+    assert "No cause was found" not in text and "has a probability of 2 % only" in text
+    assert "septal load and focal scar in segment 7" in text
+    assert words.answer(found).startswith("The tests find no misfit, but other models are far")
+    probable = example(misfit=misfit(OUTPUTS, 0.8), base_probability=0.3)
+    assert "No cause was found." in probable["words"]
+    assert words.answer(probable).startswith("The model as it is fits the measurements.")
+
+
 def test_at_the_end_of_its_range_a_cause_acts_like():
     found = {"named": ["focal_scar"], "acts_like": ["septal_load"]}
     assert "Something else acts like septal load" in verdict(**found)

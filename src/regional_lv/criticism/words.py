@@ -182,6 +182,8 @@ def answer(content: Findings) -> str:
     groups = [f"one of {_list(_called(content, group), 'or')}" for group in content["groups"]]
     if not content["misfit"]["detected"]:
         text = "The model as it is fits the measurements"
+        if _is_improbable(content):
+            text = "The tests find no misfit, but other models are far more probable"
     elif content["explained"] and (content["named"] or groups):
         found = [*_called(content, content["named"]), *groups]
         text = f"{certainty(content)}: {_list(found)}"
@@ -215,7 +217,7 @@ def verdict(content: Findings) -> list[str]:
     sentences = [untrusted(content), misfit(content["misfit"])]
     sentences += [f"{c['says'].capitalize()}." for c in content["data_checks"] if not c["passed"]]
     if not content["misfit"]["detected"]:
-        sentences.append("No cause was found.")
+        sentences.append(_not_found(content))
     elif content["explained"]:
         sentences += _explained(content)
     else:
@@ -229,6 +231,24 @@ def verdict(content: Findings) -> list[str]:
                 f"Nothing can be concluded about {cause(found['name'])}: {found['why']}."
             )
     return [sentence for sentence in sentences if sentence]
+
+
+def _is_improbable(content: Findings) -> bool:
+    """Whether the model as it is is, beside all others."""
+    return content["base_probability"] < 1 - content["least_probability"]
+
+
+def _not_found(content: Findings) -> str:
+    if not (content["sets"] and _is_improbable(content)):
+        return "No cause was found."
+    first = content["sets"][0]
+    names = [cause(*at) for at in zip(first["causes"], first["components"], strict=True)]
+    return (
+        "No cause is named, since the tests find no misfit. But the model as it is has a "
+        f"probability of {percent(content['base_probability'])} only: something is probably wrong, "
+        "and the data do not tell what. The most probable set of causes has "
+        f"{percent(first['probability'])}: {_list(names)}."
+    )
 
 
 def best_set(content: Findings) -> Set | None:
