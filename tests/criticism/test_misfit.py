@@ -10,7 +10,7 @@ from scipy import stats
 
 from regional_lv.channels import Channels
 from regional_lv.criticism import linear_model, misfit
-from regional_lv.criticism.identifiable import identify
+from regional_lv.criticism.identifiable import absorbed_inputs, identify
 from regional_lv.criticism.left_out import gain, gains, left_out
 from regional_lv.criticism.outliers import why_not
 from regional_lv.criticism.patterns import contrasts, groups_of, hearts_of
@@ -177,6 +177,19 @@ def test_what_parameters_absorb_is_not_identifiable():
     assert known["c1"].identifiable and 0 < known["c1"].absorbed < 1
     assert {t.name for t in tested.causes[-2:]} == {"c2", "c4"}
     assert all(t.p_value == t.p_single == 1.0 for t in tested.causes[-2:])
+
+
+def test_what_parameters_leave_of_a_strong_effect_is_searched():
+    study = Study(heart_inputs())
+    linear = study.model(study.data(truth_of(study.inputs), 1, 3)[0])
+    by_input = linear.by_input.clone()
+    by_input[:, FREE] += 100 * by_input[:, 4]
+    by_input[:, OTHER] = by_input[:, 4]
+    linear = replace(linear, by_input=by_input)
+    strong, like = (identify(linear, linear.fit(linear.y[None]), k) for k in (FREE, OTHER))
+    assert min(strong.absorbed, like.absorbed) > 0.98
+    assert strong.identifiable and not like.identifiable
+    assert absorbed_inputs(linear) == [OTHER]
 
 
 def test_what_data_know_of_an_input_is_in_its_unit():

@@ -18,7 +18,8 @@ WEAK_PRIOR = 0.01
 the prior must not give back."""
 
 ABSORBED = 0.98
-"""Share of an effect's information beyond which the parameters take it up as a whole."""
+"""Share of an effect's information beyond which the parameters take it up as a whole, if what they
+leave does not tell of the input (`LARGEST_SHARE`)."""
 
 LIKE = 0.9
 """Correlation of two effects from which one is said to act like the other."""
@@ -43,7 +44,8 @@ def absorbed_inputs(linear: LinearModel) -> list[int]:
     """Places of the suspected inputs whose effect the parameters take up as a whole: no measurement
     tells of them, and a model in which one is free is as good as that without it."""
     here = linear.fit(linear.y[None])
-    return [k for k in linear.doubted if identify(linear, here, k).absorbed > ABSORBED]
+    found = {k: identify(linear, here, k) for k in linear.doubted}
+    return [k for k, one in found.items() if not one.identifiable and one.absorbed > ABSORBED]
 
 
 def identify(linear: LinearModel, found: LinearFit, at: int) -> Identified:
