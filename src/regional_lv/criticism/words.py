@@ -234,7 +234,7 @@ def verdict(content: Findings) -> list[str]:
 
 
 def _is_improbable(content: Findings) -> bool:
-    """Whether the model as it is is, beside all others."""
+    """Whether the others together are all but certain, beside the model as it is."""
     return content["base_probability"] < 1 - content["least_probability"]
 
 

@@ -35,8 +35,8 @@ HALVES = ("upper_wall", "lower_wall", "upper_cavity", "lower_cavity")
 endocardium and the long axis."""
 
 QUARTERS = tuple(f"{half}_{side}_ml" for half in HALVES for side in ("first", "second"))
-"""Columns of a described table: volumes of what the `HALVES` have before and behind the middle of
-the segment, around the axis."""
+"""Columns of a described table: volumes of the `HALVES` in the first and in the second half of the
+segment's range of angles."""
 
 FILES = ("endocardium", "epicardium", "file", "segments")
 """Keys of a section that name files of surfaces or of a mesh."""
@@ -162,9 +162,9 @@ def _between(values: np.ndarray, axis: int) -> np.ndarray:
 
 def log_volumes(table: pd.DataFrame, endo_apex_z_mm: float, epi_apex_z_mm: float) -> np.ndarray:
     """How the volumes between the surfaces that a table describes differ from those between the
-    smooth surfaces through its figures, (17, 8): logarithms of the ratios, of each of the `HALVES`,
-    and that of its second part around the axis less that of its first one. 0 where the table does
-    not tell (`QUARTERS`)."""
+    smooth surfaces through its figures, (17, 8): logarithm of the ratio, of each of the `HALVES`,
+    and what it is in the second half of the segment's angles less what it is in the first one. 0
+    where the table does not tell (`QUARTERS`)."""
     if not {*QUARTERS} <= {*table}:
         return np.zeros((len(table), 2 * len(HALVES)))
     smooth = quarters(Surfaces(table, endo_apex_z_mm, epi_apex_z_mm), table)
