@@ -29,7 +29,6 @@ from regional_lv.hearts.by_surfaces import (
     OF_SHAPE,
     ONE,
     SHARES,
-    level_in_table,
     shape_of,
     stiffness_of,
 )
@@ -146,8 +145,7 @@ def main(folder: str, *endocardia: str) -> None:
         print(f"{name}: simulated", flush=True)
     levels: dict[tuple[str, str], list[int]] = {}
     for d, channel in enumerate(channels):
-        level = level_in_table(channel.segment)
-        levels.setdefault((channel.quantity, level), []).append(d)
+        levels.setdefault((channel.quantity, channel.level), []).append(d)
     real, rows = len(endocardia), []
     for (quantity, level), at in levels.items():
         differences = Differences(found, channels, at, zones)

@@ -92,3 +92,10 @@ def outputs_from_published(table: np.ndarray) -> np.ndarray:
 def level_of(segment: int) -> str:
     """The level of a segment's number."""
     return next(level for level, numbers in LEVELS.items() if segment in numbers)
+
+
+def beside(segment: int) -> tuple[int, int]:
+    """The next segment of the level, in the order of their numbers, and the one before."""
+    level = LEVELS[level_of(segment)]
+    at = level.index(segment)
+    return level[(at + 1) % len(level)], level[at - 1]

@@ -11,6 +11,7 @@ from functools import cached_property
 
 import numpy as np
 
+from regional_lv.aha import level_of
 from regional_lv.errors import InputError
 from regional_lv.quantities import QUANTITIES, Quantity
 
@@ -52,6 +53,11 @@ class Channel:
     def segment(self) -> int | None:
         """AHA number of a segment's channel, else None."""
         return int(self.place) if self.place.isdigit() else None
+
+    @property
+    def level(self) -> str:
+        """Level of a segment's channel, else empty."""
+        return "" if self.segment is None else level_of(self.segment)
 
     @classmethod
     def parse(cls, name: str) -> "Channel":

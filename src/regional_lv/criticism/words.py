@@ -242,12 +242,11 @@ def _not_found(content: Findings) -> str:
     if not (content["sets"] and _is_improbable(content)):
         return "No cause was found."
     first = content["sets"][0]
-    names = [cause(*at) for at in zip(first["causes"], first["components"], strict=True)]
     return (
         "No cause is named, since the tests find no misfit. But the model as it is has a "
         f"probability of {percent(content['base_probability'])} only: something is probably wrong, "
         "and the data do not tell what. The most probable set of causes has "
-        f"{percent(first['probability'])}: {_list(names)}."
+        f"{percent(first['probability'])}: {_placed(first['causes'], first['components'])}."
     )
 
 
@@ -276,6 +275,11 @@ def _cause_of(content: Findings, name: str) -> Cause:
 
 def _called(content: Findings, names: Sequence[str]) -> list[str]:
     return [cause(name, _cause_of(content, name)["component"]) for name in names]
+
+
+def _placed(names: Sequence[str], components: Sequence[str]) -> str:
+    """The causes of a set, in its own places."""
+    return _list([cause(*at) for at in zip(names, components, strict=True)])
 
 
 def _estimated(content: Findings, name: str) -> str:
@@ -377,7 +381,7 @@ def separating(content: Findings) -> list[str]:
     for pair in content["separating"]:
         best = pair["channels"][0]
         a, b = (
-            _list([cause(*at) for at in zip(names, components, strict=True)])
+            _placed(names, components)
             for names, components in zip(pair["pair"], pair["components"], strict=True)
         )
         gap = abs(best["difference_in_noise_sd"])

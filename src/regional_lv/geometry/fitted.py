@@ -16,7 +16,7 @@ from typing import Self, TypeAlias
 import numpy as np
 import pandas as pd
 
-from regional_lv.aha import LEVELS, SEGMENTS
+from regional_lv.aha import LEVELS, SEGMENTS, beside
 from regional_lv.errors import InputError
 from regional_lv.geometry.elements import facet_cells
 from regional_lv.geometry.mesh import ENDOCARDIUM, EPICARDIUM, Mesh
@@ -252,7 +252,7 @@ def sector_table(mesh: Mesh, surfaces: FittedSurfaces, circumferential: int) -> 
         if name == "apex":
             continue
         for s in numbers:
-            following = numbers[(s - numbers[0] + 1) % len(numbers)]
+            following, _ = beside(s)
             half = (middle[s] - middle[following]) % 360 / 2
             mine, theirs = mesh.segment == s, mesh.segment == following
             off = (angle - middle[following] - half + 180) % 360 - 180

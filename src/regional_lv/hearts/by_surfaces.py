@@ -3,7 +3,7 @@ the segment table that describes them (`geometry.described`).
 
 By the table, parts of segments have other volumes: its base is flat, its wall does not thin there,
 and it changes otherwise within a segment. What that does to an output is about linear in the
-logarithms of these volumes (`shape_of`), with slopes that go with those of the stiffness
+logarithms of these volumes (`shape_of`), with slopes that are linear in those of the stiffness
 (`stiffness_of`), for all segments of a level alike.
 """
 
@@ -15,7 +15,7 @@ import numpy as np
 import pandas as pd
 import torch
 
-from regional_lv.aha import LEVELS, level_of
+from regional_lv.aha import LEVELS, beside, level_of
 from regional_lv.channels import Channels
 from regional_lv.data import path
 from regional_lv.geometry.described import HALVES
@@ -45,13 +45,6 @@ BELOW |= dict.fromkeys(LEVELS["apical"], LEVELS["apex"][0])
 """The segment under each one."""
 
 
-def beside(segment: int) -> tuple[int, int]:
-    """The next segment of the level, in the order of their numbers, and the one before."""
-    level = LEVELS[level_of(segment)]
-    at = level.index(segment)
-    return level[(at + 1) % len(level)], level[at - 1]
-
-
 def shape_of(log_volumes: np.ndarray, segment: int | None) -> np.ndarray:
     """`OF_SHAPE` (28,), of `geometry.described.log_volumes` (17, 8): of a segment, how that changes
     within it, the mean of its level, the segment below, those above it, and how that changes around
@@ -79,11 +72,6 @@ def shape_of(log_volumes: np.ndarray, segment: int | None) -> np.ndarray:
     return np.concatenate(
         [*places, of(below), of(above), around(segment), mean(map(around, above))]
     )
-
-
-def level_in_table(segment: int | None) -> str:
-    """Of a segment; none of the whole heart."""
-    return "" if segment is None else level_of(segment)
 
 
 def stiffness_of(zones: Mapping[str, Sequence[int]], segment: int | None) -> dict[str, np.ndarray]:
@@ -128,14 +116,13 @@ class BySurfaces:
     @classmethod
     def of(cls, channels: Channels, known: Inputs, log_volumes: np.ndarray) -> "BySurfaces":
         """known: the emulator's inputs. log_volumes (17, 8): of `geometry.described`."""
-        zones = StiffnessInputs.from_spec(known.base["parameters"]).zones
-        stiffness = [f"{factor}_{zone}" for zone in zones for factor in FACTORS]
-        at = [k for k, name in enumerate(stiffness) if name in known.names]
+        stiffness = StiffnessInputs.from_spec(known.base["parameters"])
+        at = [k for k, name in enumerate(stiffness.names) if name in known.names]
         shift, by_log, sd = [], [], []
         for channel in channels:
-            rows = _table().loc[channel.quantity, level_in_table(channel.segment)]
+            rows = _table().loc[channel.quantity, channel.level]
             slopes = rows[list(OF_SHAPE)] @ shape_of(log_volumes, channel.segment)
-            weights = stiffness_of(zones, channel.segment)
+            weights = stiffness_of(stiffness.zones, channel.segment)
             shift.append(slopes[ONE])
             by_log.append(sum(slopes[by] * weight[at] for by, weight in weights.items()))
             sd.append(rows.loc[ONE, "sd"])
@@ -143,7 +130,7 @@ class BySurfaces:
             torch.tensor([channel.quantity in SHARES for channel in channels]),
             torch.tensor(shift),
             torch.as_tensor(np.stack(by_log)),
-            torch.tensor([known.names.index(stiffness[k]) for k in at]),
+            torch.tensor([known.names.index(stiffness.names[k]) for k in at]),
             torch.tensor(sd),
         )
 

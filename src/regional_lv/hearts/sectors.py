@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 import torch
 
-from regional_lv.aha import LEVELS, SEGMENTS, level_of
+from regional_lv.aha import LEVELS, SEGMENTS
 from regional_lv.channels import Channel, Channels
 from regional_lv.geometry.surfaces import Surfaces
 from regional_lv.hearts.by_surfaces import BySurfaces
@@ -138,8 +138,7 @@ class Sectors:
 
 def _level_of_channel(channel: Channel) -> tuple:
     """What channels of segments have in common that are all around the axis."""
-    assert channel.segment is not None
-    return channel.quantity, channel.load_fraction, level_of(channel.segment)
+    return channel.quantity, channel.load_fraction, channel.level
 
 
 @dataclass(frozen=True)

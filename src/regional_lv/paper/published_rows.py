@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from regional_lv.aha import level_of, outputs_from_published
+from regional_lv.aha import outputs_from_published
 from regional_lv.channels import Channels
 from regional_lv.simulation.batches import make_runner, run_all, tabulate
 
@@ -41,7 +41,7 @@ def simulate_published_rows(
         "row": np.repeat(chosen + 1, len(channels)),
         "output": np.tile(channels.names, len(chosen)),
         "quantity": np.tile([c.quantity for c in channels], len(chosen)),
-        "level": np.tile([level_of(c.segment) if c.segment else "" for c in channels], len(chosen)),
+        "level": np.tile([c.level for c in channels], len(chosen)),
         "simulated": simulated[list(channels.names)].to_numpy().ravel(),
         "published": published[chosen].ravel(),
     }
