@@ -15,7 +15,7 @@ import sys
 import pandas as pd
 from hidden_hearts import hearts_of, results_of
 
-from regional_lv.criticism.benchmark import fixed, reduced
+from regional_lv.hidden_effects.blind import reduced
 
 
 def held(stiffness: list[dict], which: str, values: dict[str, float]) -> int:
@@ -35,7 +35,7 @@ def main(path: str) -> None:
             continue
         inputs = critic.inputs
         measured = [inputs.names[k] for k in inputs.of_role("measured").nonzero()[0]]
-        critic.inputs = fixed(inputs, measured)
+        critic.inputs = inputs.fixing(measured)
         found = reduced(critic.conclude([], has_simulator=False).findings)
         for way, content in (("measured", answers[critic.name]), ("exact", found)):
             named = [*content["named"], *map("|".join, content["groups"])]

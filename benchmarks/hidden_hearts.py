@@ -8,10 +8,10 @@ from typing import NamedTuple
 import pandas as pd
 
 from regional_lv import config as study_config
-from regional_lv.criticism.benchmark import fixed, measured_of
 from regional_lv.criticism.settings import settings_of
 from regional_lv.criticism.study import Critic, Settings
 from regional_lv.emulators.joint_gp import JointGP
+from regional_lv.hidden_effects.blind import measured_of
 from regional_lv.inputs.space import sections_of
 
 
@@ -41,6 +41,8 @@ def hearts_of(path: str) -> Iterator[Heart]:
         subjects = pd.read_parquet(results / "hidden_effects" / "subjects" / file.name)
         for _, row in subjects.iterrows():
             name, measured = row["subject"], {row["subject"]: measured_of(row)}
-            critic = Critic(name, measured, emulator, physics, given, config["seed"])
-            critic.inputs = fixed(critic.inputs, row["left_out"].split())
+            left_out = row["left_out"].split()
+            critic = Critic(
+                name, measured, emulator, physics, given, config["seed"], left_out=left_out
+            )
             yield Heart(critic, truth.loc[name], json.loads(truth.loc[name, "values"]))

@@ -30,7 +30,7 @@ import torch
 from hidden_hearts import Heart, hearts_of, results_of
 from pyro.infer import MCMC, NUTS
 
-from regional_lv.criticism.benchmark_score import truth_of
+from regional_lv.hidden_effects.score import truth_of
 from regional_lv.inference.drawing import ITERATIONS, LEAST_GAIN, sample
 from regional_lv.inference.evidence import Fits, fit
 from regional_lv.inference.potential import Potential

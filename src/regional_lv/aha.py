@@ -99,3 +99,15 @@ def beside(segment: int) -> tuple[int, int]:
     level = LEVELS[level_of(segment)]
     at = level.index(segment)
     return level[(at + 1) % len(level)], level[at - 1]
+
+
+def adjoin(one: int, two: int) -> bool:
+    """Whether two segments share a border: in one level, or in one wall of adjacent levels."""
+    upper, lower = sorted((one, two))
+    if level_of(upper) == level_of(lower):
+        return upper != lower and lower in beside(upper)
+    if upper in LEVELS["basal"]:
+        return lower == upper + len(LEVELS["basal"])
+    if upper in LEVELS["mid"]:
+        return any({upper, lower} <= set(wall) for wall in WALLS.values())
+    return True  # the apex adjoins all apical segments

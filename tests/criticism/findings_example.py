@@ -34,7 +34,8 @@ def example(
     outputs: Sequence[str] = Channels.of().names,
     **changes,
 ) -> Findings:
-    """The findings; `changes` replace what they hold. Their words are those of `words.verdict`."""
+    """The findings; `changes` replace what they hold. The first set with the causes of `best` is
+    the best one, and the words are those of `words.verdict`."""
     parameters = parameters or StiffnessInputs()
     found: Findings = {
         "subject": "heart",
@@ -98,6 +99,9 @@ def example(
         "words": [],
     }
     found |= changes  # type: ignore[typeddict-item]
+    fits = [set(each["causes"]) == set(found["best"] or ["nothing"]) for each in found["sets"]]
+    for n, each in enumerate(found["sets"]):
+        each["best"] = fits[n] and not any(fits[:n])
     found["words"] = words.verdict(found)
     return found
 
@@ -181,6 +185,7 @@ def one_set(
     return Set(
         causes=causes,
         components=components,
+        best=False,
         fit=[1.0] * len(causes),
         probability=probability,
         log_evidence=float(np.log(probability / BASE)) + len(causes),

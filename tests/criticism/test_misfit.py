@@ -360,6 +360,7 @@ def test_hearts_err_independently():
         ({"volume_ml": 5.0}, "all of the volume is off"),
         ({"radial_03": 5.0, "circumferential_03": -2.5}, "radial_03 and circumferential_03"),
         ({"radial_03": 5.0, "radial_09": 2.5}, "radial_03 and radial_09"),
+        ({"radial_03": 5.0, "radial_08": 2.5}, ""),  # of one wall, but not below each other
         ({f"radial_{s:02d}": 4.0 for s in (1, 3, 5, 10, 13)}, "are radial and above"),
         ({f"radial_{s:02d}": 4.0 for s in range(1, 10)}, "too many"),
     ],

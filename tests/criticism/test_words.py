@@ -4,7 +4,7 @@ import pytest
 
 from regional_lv.channels import Channels
 from regional_lv.criticism import words
-from tests.criticism.findings_example import example, misfit
+from tests.criticism.findings_example import example, misfit, one_set
 
 OUTPUTS = Channels.of().names
 
@@ -108,6 +108,17 @@ def test_a_cause_in_two_places_is_confirmed_as_one():
     assert "Named: focal scar in segment 7" in text and "Suspected" not in text
 
 
+def test_a_set_in_other_places_that_is_not_confirmed_hides_no_best_set():
+    """Two scars are as probable; simulations confirm the second one, on which the answer stands."""
+    first = one_set(["focal_scar"], ["7"], 0.50)
+    best = one_set(["focal_scar"], ["8"], 0.46, confirmed=True)
+    found = example(best=["focal_scar"], named=["focal_scar"], sets=[first, best])
+    found["sets"][0]["best"], found["sets"][1]["best"] = False, True
+    found["hypotheses"][1]["component"] = "8"
+    assert words.answer(found).startswith("Named: focal scar in segment 8")
+    assert "not confirmed" not in " ".join(words.verdict(found))
+
+
 def test_what_no_simulation_confirms_is_suspected():
     found = example()
     best = {**found["sets"][0], "confirmed": False}
@@ -118,8 +129,9 @@ def test_what_no_simulation_confirms_is_suspected():
     assert "does not agree with 12 simulations" in text and "is 2.6 times the sds" in text
     few = verdict(sets=sets)
     assert "Suspected" in few and "too few simulations of it are known" in few
-    none = {**part, "simulations": 0, "emulator_error_sd": [], "channels": []}
+    none = {**part, "simulations": 0, "failed": 3, "emulator_error_sd": [], "channels": []}
     alone = example(sets=sets, confirmation=none)
+    assert "3 simulations did not converge. No simulation stands" in " ".join(alone["words"])
     assert "rests on the emulator alone" in " ".join(alone["words"])
     assert words.answer(alone).startswith("Suspected")
 
@@ -140,6 +152,7 @@ def test_other_answers_that_are_probable_are_told():
 
 def test_causes_that_replace_each_other_are_one_group():
     gap = {"output": "volume_ml", "load_fraction": 0.5, "noise": 1.0, "difference_in_noise_sd": -4}
+    gap["subject"] = "anna"
     pair = {"pair": [["septal_load"], ["fibre_rotation"]], "components": [[""], [""]]}
     separating = [pair | {"channels": [gap]}]
     group = {"named": [], "groups": [["septal_load", "fibre_rotation"]], "separating": separating}
@@ -152,6 +165,16 @@ def test_causes_that_replace_each_other_are_one_group():
         "rotation best: they differ there by 4.0 sd of a noise of 1 mL." in text
     )
     assert "one of septal load or fibre rotation" in words.answer(found)
+    assert "anna" not in text
+    check = {"name": "volume_preserving", "passed": False, "says": "as Almansi strains they can"}
+    several = example(
+        **group,
+        best=["septal_load"],
+        subjects=["anna", "ben"],
+        data_checks=[check | {"subject": "ben"}],
+    )
+    text = " ".join(several["words"])
+    assert "anna: The volume at 50 %" in text and "ben: As Almansi strains they can." in text
 
 
 def test_where_no_model_fits_this_is_said_first():

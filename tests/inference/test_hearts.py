@@ -7,9 +7,11 @@ import pytest
 import torch
 
 from regional_lv.channels import Channels
+from regional_lv.criticism.separate import separating_measurement
 from regional_lv.emulators.base import Prediction, row_jacobian
 from regional_lv.errors import InputError
 from regional_lv.inference.averaging import average
+from regional_lv.inference.emulated import EmulatedInputs
 from regional_lv.inference.evidence import fit
 from regional_lv.inference.hearts import JointInputs, potential_of_tables, read_known_theta
 from regional_lv.inference.potential import Potential
@@ -291,3 +293,28 @@ def test_known_stiffness_of_some_subjects(tmp_path):
     known.assign(C_a_septal=["1", "x", "2"]).to_csv(paths[0], index_label="subject")
     with pytest.raises(InputError, match=r"row s1: C_a_septal is x, no finite number"):
         read_known_theta(paths[:1], ["s0", "s1"], [*known])
+
+
+@pytest.mark.parametrize("hearts", [1, 2])
+def test_what_would_tell_rivals_apart_is_said_by_heart(hearts):
+    """As the emulator predicts them at each rival's fit, heart by heart; c0 and c1 are rivals."""
+    inputs = inputs_of(measured=False)
+    tables = tables_of(inputs, values_of(inputs, hearts, c1=0.5))
+    emulator = OfChannels(inputs)
+    potential = potential_of_tables(emulator, inputs, tables, 1.0)
+    averaged = average(potential, 1, 0, draws=200)
+    names = averaged.names
+    rivals = [names.index("c0"), names.index("c1")]
+    emulated = EmulatedInputs(emulator, inputs)
+    (pair,) = separating_measurement(averaged, rivals, emulated, [*tables], [0.5])
+    assert pair["pair"] == [["c0"], ["c1"]] and len(pair["channels"]) == 3
+    gaps = np.abs([found["difference_in_noise_sd"] for found in pair["channels"]])
+    assert (np.diff(gaps) <= 0).all()
+    largest = pair["channels"][0]
+    assert largest["subject"] in tables
+    if largest["load_fraction"] == 1:
+        x = [averaged.models[n].fit.x[:, : len(potential.inputs)] for n in rivals]
+        s = [*tables].index(largest["subject"])
+        mean = [emulated.mean(potential.emulated.of_each(each)[:, s])[0] for each in x]
+        gap = (mean[0] - mean[1])[NAMES.index(largest["output"])] / largest["noise"]
+        assert float(gap) == pytest.approx(largest["difference_in_noise_sd"])

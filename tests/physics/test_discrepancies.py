@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import ufl
 
-from regional_lv.criticism.discrepancies import DISCREPANCIES, HydrostaticPressure, changed
 from regional_lv.geometry.mesh import ENDOCARDIUM, read_mesh
+from regional_lv.hidden_effects.discrepancies import DISCREPANCIES, HydrostaticPressure, changed
 from regional_lv.inputs.space import Inputs, sections_of
 from regional_lv.mechanics import dolfinx_api as api
 from regional_lv.mechanics.equilibrium import deformation_gradient, deformed_normal

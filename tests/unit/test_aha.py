@@ -73,3 +73,20 @@ def test_derived_seeds_depend_on_every_name():
     assert len(seeds) == 5
     assert all(0 <= seed < 2**31 for seed in seeds)
     assert derive(1, "a") == derive(1, "a")
+
+
+def test_segments_that_share_a_border():
+    pairs = {tuple(sorted(pair)) for n in range(1, 18) for pair in _bordering(n)}
+    for one in range(1, 18):
+        for two in range(1, 18):
+            assert aha.adjoin(one, two) == (tuple(sorted((one, two))) in pairs)
+
+
+def _bordering(n):
+    """Within the level to the next, and down; written out from the AHA's figure."""
+    following = {6: 1, 12: 7, 16: 13}.get(n, n + 1)
+    below = {7: 13, 8: 14, 9: 14, 10: 15, 11: 16, 12: 16}
+    yield from [(n, following)] if n < 17 else []
+    yield from [(n, n + 6)] if n < 7 else []
+    yield from [(n, below[n])] if n in below else []
+    yield from [(n, 17)] if 12 < n < 17 else []

@@ -14,6 +14,14 @@ if DOUBTS:
         "seed": config["seed"],
     }
 
+    def own_emulator(_):
+        if JOINED:
+            raise InputError(
+                "all_inputs.emulator: the hidden effects need the study's own emulator; write "
+                "joint_gp"
+            )
+        return EMULATOR_OF_INPUTS
+
     rule hidden_effects:
         """What is found of effects injected at random."""
         input:
@@ -36,7 +44,7 @@ if DOUBTS:
         resources:
             **needs(minutes=120),
         params:
-            call="criticism.injection:inject_batch",
+            call="hidden_effects.injection:inject_batch",
             physics=INPUTS,
             hearts=BENCHMARK["hearts"],
             noise=BENCHMARK["noise"],
@@ -48,7 +56,7 @@ if DOUBTS:
         """Blind: reads the measured hearts alone."""
         input:
             subjects=f"{HIDDEN}/subjects/batch-{{batch}}.parquet",
-            emulator_file=EMULATOR_OF_INPUTS,
+            emulator_file=own_emulator,
             mesh=LAYOUT.heart().mesh,
             predictor=LAYOUT.inputs_predictor(),
         output:
@@ -62,7 +70,7 @@ if DOUBTS:
             **needs(mem_mb=3000, minutes=240),
         params:
             **BENCHMARK_STEP,
-            call="criticism.benchmark:criticise_batch",
+            call="hidden_effects.blind:criticise_batch",
         script:
             "../scripts/call.py"
 
@@ -71,7 +79,7 @@ if DOUBTS:
         input:
             subjects=f"{HIDDEN}/subjects/batch-{{batch}}.parquet",
             truth=f"{R}/truth/hidden_effects/batch-{{batch}}.parquet",
-            emulator_file=EMULATOR_OF_INPUTS,
+            emulator_file=own_emulator,
         output:
             models=f"{HIDDEN}/true_models/batch-{{batch}}.parquet",
         log:
@@ -83,7 +91,7 @@ if DOUBTS:
             **needs(mem_mb=3000, minutes=120),
         params:
             **BENCHMARK_STEP,
-            call="criticism.benchmark_score:sample_true_models",
+            call="hidden_effects.score:sample_true_models",
         script:
             "../scripts/call.py"
 
@@ -103,7 +111,7 @@ if DOUBTS:
             f"{LOGS}/hidden_effects/score_benchmark.log",
         localrule: True
         params:
-            call="criticism.benchmark_score:score_benchmark",
+            call="hidden_effects.score:score_benchmark",
         script:
             "../scripts/call.py"
 

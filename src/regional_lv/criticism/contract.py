@@ -54,14 +54,14 @@ class Histogram(TypedDict):
 class Cause(TypedDict):
     """A cause that was searched, whether or not it is named.
 
-    name: of the cause; component: its most probable place, if it has several (the number of a
-    segment). parameter, description, source, unit, range: of the input. base: the value that the
-    model assumes. z: its score in the model as it is, signed; p_value over the catalogue,
-    p_value_single by itself. probability: that it is present; component_probability: given that,
-    of the place. estimate, interval95, posterior: of the models that hold it (None where there are
-    no draws of any). at_bound: whether the data require more than the range. identifiable, why,
-    absorbed, sd: whether the stiffness could imitate it, in words; the share of its effect that it
-    takes up; and the sd of a first estimate from the model as it is.
+    name: of the cause; component: its place in the best set, else the most probable one, if it has
+    several (the number of a segment). parameter, description, source, unit, range: of the input.
+    base: the value that the model assumes. z: its score in the model as it is, signed; p_value over
+    the catalogue, p_value_single by itself. probability: that it is present; component_probability:
+    given that, of the place. estimate, interval95, posterior: of the models that hold it (None
+    where there are no draws of any). at_bound: whether the data require more than the range.
+    identifiable, why, absorbed, sd: whether the stiffness could imitate it, in words; the share of
+    its effect that it takes up; and the sd of a first estimate from the model as it is.
     """
 
     name: str
@@ -88,11 +88,13 @@ class Cause(TypedDict):
 
 
 class Set(TypedDict):
-    """A set of causes; `fit`: of each, its most probable value. simulations: how many of it are
+    """A set of causes; best: whether what is named stands on it; `fit`: of each cause, its most
+    probable value. simulations: how many of it are
     known; confirmed: whether these are enough, and agree with the emulator."""
 
     causes: list[str]
     components: list[str]
+    best: bool
     fit: list[float]
     probability: float
     log_evidence: float

@@ -25,7 +25,9 @@ def write_extended(findings: str | Path, config: Mapping, extended: str | Path) 
             f"{findings}: no cause is named that the model could take up, so that there is nothing "
             "to extend; read its `words`"
         )
-    inputs = config["inputs"] | {input_name(cause): "inferred" for cause in named}
+    inputs = config["inputs"] | {
+        input_name(cause): {"role": "inferred", "range": cause["range"]} for cause in named
+    }
     study = {**config, "study": f"{config['study']}_extended", "inputs": inputs}
     first = (
         f"# The study {config['study']} with what its criticism of {content['subject']} named:\n"

@@ -18,12 +18,13 @@ from regional_lv.criticism.separate import separating_measurement
 from regional_lv.criticism.verdict import PROBABILITY, Examined, Verdict
 from regional_lv.emulators.gaussian import Z95
 from regional_lv.inference.emulated import EmulatedInputs
+from regional_lv.inference.hearts import own_name
 from regional_lv.inference.sources import sources_of_variance
 from regional_lv.inputs.catalogue import INPUTS
 from regional_lv.measured import shortcomings
 
 LISTED = 20
-"""Sets that the findings list, the most probable first."""
+"""Sets that the findings list, the most probable first, and the best one in any case."""
 
 BINS = 40
 """Of a histogram."""
@@ -131,12 +132,15 @@ def _misfit(
 def _causes(verdict: Verdict) -> list[contract.Cause]:
     """Of every suspected cause, the most conspicuous first."""
     averaged, inputs = verdict.averaged, verdict.potential.inputs
+    best = {} if verdict.best is None else verdict.causes_of(verdict.best)
     rows: list[contract.Cause] = []
     for test in verdict.base.tested.causes:
         probability, known = averaged.probability_of_cause(test.name), test.identified
-        place, share = averaged.place_of(test.name) if probability > 0 else (test.place, 1.0)
-        k = averaged.input_of(test.name, place)
-        each, drawn = inputs[k], averaged.values_where_free(k)
+        k = best.get(test.name, averaged.most_probable_of(test.name))
+        drawn = averaged.values_where_free(k)
+        if drawn is None:  # nothing but the tests speak of it, in their own place
+            k = test.at
+        each, share = inputs[k], averaged.probability_of(k) / probability if probability else 1.0
         base = float(inputs.nominal[k])
         estimate, low, high, posterior = None, each.low, each.high, None
         if drawn is not None:
@@ -192,7 +196,7 @@ def _sets(verdict: Verdict, context: Context) -> list[contract.Set]:
     averaged, inputs = verdict.averaged, verdict.potential.inputs
     rows: list[contract.Set] = []
     for n, model in enumerate(averaged.models):
-        if not model.members or len(rows) == LISTED:
+        if not model.members or (len(rows) >= LISTED and n != verdict.best):
             continue
         fit: list[float] = []
         if model.fit is not None:
@@ -204,6 +208,7 @@ def _sets(verdict: Verdict, context: Context) -> list[contract.Set]:
             {
                 "causes": [inputs[k].cause for k in model.members],
                 "components": [inputs[k].place for k in model.members],
+                "best": n == verdict.best,
                 "fit": fit,
                 "probability": float(averaged.probability[n]),
                 "log_evidence": model.log_evidence,
@@ -268,7 +273,10 @@ def _separating(verdict: Verdict, context: Context) -> list[dict]:
     averaged = verdict.averaged
     leading = [n for n in averaged.leading if n in verdict.examined]
     probable = [n for n in leading if averaged.models[n].members]
-    return separating_measurement(averaged, probable, context.emulated, context.load_fractions)
+    hearts = [*context.tables]
+    return separating_measurement(
+        averaged, probable, context.emulated, hearts, context.load_fractions
+    )
 
 
 def _summary(row: pd.Series, prefix: str = "") -> contract.Summary:
@@ -316,15 +324,22 @@ def _noise(verdict: Verdict) -> list[contract.Noise]:
     ]
 
 
+def _inferred_of(name: str, verdict: Verdict, context: Context) -> int:
+    """How many inputs are inferred from what was measured in one heart."""
+    inputs = verdict.potential.inputs
+    others = tuple(own_name(heart, "") for heart in context.tables if heart != name)
+    inferred = inputs.subset(inputs.of_role("inferred")).names
+    return sum(not each.startswith(others) for each in inferred)
+
+
 def _limits(verdict: Verdict, context: Context) -> list[str]:
     """What the data do not support, in sentences."""
     potential, families = verdict.potential, verdict.base.tested.families
     observed, measured = context.emulated.emulator.channels, potential.observed.channels
-    inferred = int(potential.inputs.of_role("inferred").sum())
     limits = [
         f"{name}: {text}"
         for name, table in context.tables.items()
-        for text in shortcomings(table, inferred)
+        for text in shortcomings(table, _inferred_of(name, verdict, context))
     ]
     if not families:
         limits.append("no more channels than parameters: they can be fitted whatever is wrong")
@@ -346,9 +361,9 @@ def _limits(verdict: Verdict, context: Context) -> list[str]:
             f"the posterior has {verdict.averaged.ess:.0f} effective draws only: estimates and "
             "intervals are rough"
         )
-    searched = {potential.inputs[k].cause for k in potential.suspected}
-    known = {kind.name for kind in INPUTS.values() if kind.is_cause}
-    if others := sorted(known - searched - set(potential.inputs.names)):
+    one = context.emulated.inputs
+    possible = {k.name for k in INPUTS.values() if k.is_cause and not k.why_not(one.base)}
+    if others := sorted(possible - {each.cause for each in one}):
         limits.append(
             f"{len(others)} causes of the catalogue were not searched, because `inputs` "
             f"does not make them suspected: {', '.join(others)}"

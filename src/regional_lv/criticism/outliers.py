@@ -1,6 +1,5 @@
 """Whether what is far off are outliers: few channels that stand alone, with nothing in common."""
 
-import itertools
 from collections.abc import Sequence
 
 import numpy as np
@@ -81,20 +80,6 @@ def _pair_of_outliers(z: torch.Tensor, channels: Sequence[Channel]) -> tuple[str
             if far == other or not (one.segment and two.segment):
                 continue
             same = one.quantity == two.quantity
-            if one.segment == two.segment or (same and _neighbours(one.segment, two.segment)):
+            if one.segment == two.segment or (same and aha.adjoin(one.segment, two.segment)):
                 return one.name, two.name
     return None
-
-
-def _neighbours(one: int, two: int) -> bool:
-    """Whether two segments share a border: in one ring, or in one wall of adjacent levels."""
-    rings = [list(ring) for ring in aha.LEVELS.values()]
-    for ring in rings:
-        if one in ring and two in ring:
-            apart = abs(ring.index(one) - ring.index(two))
-            return apart in (1, len(ring) - 1)
-    adjacent = any(
-        {one, two} & set(upper) and {one, two} & set(lower)
-        for upper, lower in itertools.pairwise(rings)
-    )
-    return adjacent and any({one, two} <= set(wall) for wall in aha.WALLS.values())

@@ -40,7 +40,7 @@ PLANNING = 500
 """Draws of a round of sampling, of a posterior that says where to simulate."""
 
 EXAMINED = 4
-"""Sets that are tested, at most, beside the model as it is."""
+"""Of the leading models, those that are tested in any case."""
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,7 @@ class Critic:
     emulator: over all inputs and all that the study observes. physics: what
         `inputs.space.sections_of` gives. seed: the study's.
     known_theta: by heart and factor, of hearts whose factors are known but for a common number
-        each.
+        each. left_out: names of inputs at their nominal values in every model.
     """
 
     def __init__(
@@ -96,9 +96,10 @@ class Critic:
         settings: Settings,
         seed: int,
         known_theta: pd.DataFrame | None = None,
+        left_out: Sequence[str] = (),
     ):
         self.name, self.tables, self.emulator = name, dict(tables), emulator
-        self.inputs = Inputs.from_config(physics)
+        self.inputs = Inputs.from_config(physics).fixing(left_out)
         self.settings, self.known_theta = settings, known_theta
         self.seed = derive(seed, "criticism", name)
 
@@ -166,10 +167,16 @@ class Critic:
         return average(identifiable, self.settings.largest_set, self.seed, draws, base)
 
     def _examine(self, averaged: Averaged) -> dict[int, Examined]:
-        """The model as it is, and the most probable others."""
+        """The model as it is and the most probable others, as many of these until one fits."""
         first = next((n for n in averaged.drawn if averaged.models[n].members), None)
         chosen = [averaged.base, *averaged.leading[:EXAMINED], *([] if first is None else [first])]
-        return {n: self._examined(averaged, n) for n in sorted(set(chosen))}
+        found = {n: self._examined(averaged, n) for n in sorted(set(chosen))}
+        for n in averaged.leading:
+            if any(f.fits(len(averaged.models[m].members)) for m, f in found.items()):
+                break
+            if n not in found:
+                found[n] = self._examined(averaged, n)
+        return dict(sorted(found.items()))
 
     def _examined(self, averaged: Averaged, number: int) -> Examined:
         fitted = averaged.models[number].fit
@@ -293,7 +300,7 @@ def write_criticism(
     """Confirm by simulations and conclude; write these, the findings and the posterior.
 
     mesh, predictor: the study's, of all inputs. physics: what `inputs.space.sections_of` gives.
-    simulations: those of all rounds (Parquet, `simulations.tabulate`, and their `round`). findings,
+    simulations: those of all rounds (Parquet, `batches.tabulate`, and their `round`). findings,
     posterior: of `write_concluded`.
     """
 

@@ -215,7 +215,7 @@ def untrusted(content: Findings) -> str:
 def verdict(content: Findings) -> list[str]:
     """The verdict in sentences, from the findings."""
     sentences = [untrusted(content), misfit(content["misfit"])]
-    sentences += [f"{c['says'].capitalize()}." for c in content["data_checks"] if not c["passed"]]
+    sentences += [_of_check(content, c) for c in content["data_checks"] if not c["passed"]]
     if not content["misfit"]["detected"]:
         sentences.append(_not_found(content))
     elif content["explained"]:
@@ -231,6 +231,16 @@ def verdict(content: Findings) -> list[str]:
                 f"Nothing can be concluded about {cause(found['name'])}: {found['why']}."
             )
     return [sentence for sentence in sentences if sentence]
+
+
+def _sentence(text: str) -> str:
+    """With a capital; names within it keep theirs."""
+    return text[:1].upper() + text[1:]
+
+
+def _of_check(content: Findings, check: dict) -> str:
+    heart = f"{check['subject']}: " if len(content["subjects"]) > 1 else ""
+    return f"{heart}{_sentence(check['says'])}."
 
 
 def _is_improbable(content: Findings) -> bool:
@@ -251,11 +261,8 @@ def _not_found(content: Findings) -> str:
 
 
 def best_set(content: Findings) -> Set | None:
-    """The most probable one of the causes that are the best, each of them in one place or more."""
-    if content["best"] is None:
-        return None
-    best = set(content["best"])
-    return next((s for s in content["sets"] if set(s["causes"]) == best), None)
+    """That on which stands what is named."""
+    return next((s for s in content["sets"] if s["best"]), None)
 
 
 def certainty(content: Findings) -> str:
@@ -385,8 +392,10 @@ def separating(content: Findings) -> list[str]:
             for names, components in zip(pair["pair"], pair["components"], strict=True)
         )
         gap = abs(best["difference_in_noise_sd"])
+        heart = f"{best['subject']}: " if len(content["subjects"]) > 1 else ""
+        what = _sentence(f"{channel(best['output'])}{at_load(best['load_fraction'])}")
         sentences.append(
-            f"{channel(best['output']).capitalize()}{at_load(best['load_fraction'])} would "
+            f"{heart}{what} would "
             f"separate {a} from {b} best: they differ there by {gap:.1f} sd "
             f"of a noise of {_with_unit(best['noise'], Channel.parse(best['output']).unit)}."
         )
@@ -397,8 +406,9 @@ def confirmation(content: Findings) -> list[str]:
     """What the simulations of the leading models say of the emulator that the answer rests on."""
     part, best = content["confirmation"], best_set(content)
     if not part["simulations"]:
-        return ["No simulation stands behind this: it rests on the emulator alone."]
-    known = "1 simulation" if part["simulations"] == 1 else f"{part['simulations']} simulations"
+        failed = [_failed(part["failed"])] if part["failed"] else []
+        return [*failed, "No simulation stands behind this: it rests on the emulator alone."]
+    known = _simulations(part["simulations"])
     sentences = []
     if part["emulator_error_sd"]:
         verdict = "agrees" if part["agrees"] else "does not agree"
@@ -416,14 +426,21 @@ def confirmation(content: Findings) -> list[str]:
     if part["agrees"] and best is not None and not best["confirmed"]:
         sentences.append("The best set is not confirmed: too few simulations of it are known.")
     if part["failed"]:
-        those = "1 simulation" if part["failed"] == 1 else f"{part['failed']} simulations"
-        sentences.append(f"{those} did not converge.")
+        sentences.append(_failed(part["failed"]))
     if (share := part["probability_not_simulated"]) >= 1 - content["least_probability"]:
         sentences.append(
             f"Sets that were never simulated have {percent(share)} of the probability: more "
             "simulations may change this."
         )
     return sentences
+
+
+def _simulations(count: int) -> str:
+    return "1 simulation" if count == 1 else f"{count} simulations"
+
+
+def _failed(count: int) -> str:
+    return f"{_simulations(count)} did not converge."
 
 
 def _list(names: list[str], last: str = "and") -> str:

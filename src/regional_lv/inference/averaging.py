@@ -91,18 +91,9 @@ class Averaged:
         places = set(self.potential.causes[name])
         return self._total(lambda model: places & set(model.members))
 
-    def place_of(self, name: str) -> tuple[str, float]:
-        """The most probable place of a suspected cause, and its probability given the cause (NaN of
-        an impossible one)."""
-        total = self.probability_of_cause(name)
-        most = max(self.potential.causes[name], key=self.probability_of)
-        share = self.probability_of(most) / total if total else np.nan
-        return self.potential.inputs[most].place, share
-
-    def input_of(self, name: str, place: str) -> int:
-        """Place of the input that is a suspected cause in one of its places."""
-        inputs = self.potential.inputs
-        return next(k for k in self.potential.causes[name] if inputs[k].place == place)
+    def most_probable_of(self, name: str) -> int:
+        """Which suspected input a cause is most probably, by its place among all inputs."""
+        return max(self.potential.causes[name], key=self.probability_of)
 
     def values_where_free(self, k: int) -> np.ndarray | None:
         """Equally weighted draws (N,) of an input, in its unit, over the models in which it is

@@ -38,7 +38,7 @@ class EmulatedInputs:
     """
 
     def __init__(self, emulator: InputEmulator, inputs: Inputs):
-        self.emulator, self.coordinates = emulator, inputs.coordinates
+        self.emulator, self.inputs, self.coordinates = emulator, inputs, inputs.coordinates
         self._outputs = AllInputs(inputs, emulator.channels)
 
     def mean(self, x: torch.Tensor) -> torch.Tensor:
@@ -53,6 +53,10 @@ class EmulatedInputs:
     def simulated_names(self) -> tuple[str, ...]:
         """Of the inputs that the simulator has."""
         return self.emulator.coordinates.names
+
+    def of_each(self, x: torch.Tensor) -> torch.Tensor:
+        """Scaled coordinates (M, 1, K): of the only heart."""
+        return x[:, None]
 
     def simulated_at(self, x: torch.Tensor) -> torch.Tensor:
         """Values (M, k) of the simulated inputs at which most of the channels are looked up."""

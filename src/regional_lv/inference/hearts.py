@@ -117,6 +117,11 @@ def _common(inputs: Inputs, known: pd.DataFrame) -> Iterator[Column]:
         yield CommonFactor(factor, *_room([*own.values()], known)), Role("inferred"), (ALL, [*own])
 
 
+def own_name(heart: str, name: str) -> str:
+    """What an input of one of several hearts is called."""
+    return f"{heart}: {name}"
+
+
 def _own(inputs: Inputs, hearts: Sequence[str], is_known: bool) -> Iterator[Column]:
     shared = set(_common_to_all(inputs))
     if is_known:
@@ -125,7 +130,7 @@ def _own(inputs: Inputs, hearts: Sequence[str], is_known: bool) -> Iterator[Colu
         for k in range(len(inputs)):
             if k not in shared:
                 each = copy.copy(inputs[k])
-                each.name = f"{heart}: {each.name}" if len(hearts) > 1 else each.name
+                each.name = own_name(heart, each.name) if len(hearts) > 1 else each.name
                 yield each, inputs.roles[k], (s, k)
 
 
@@ -184,6 +189,10 @@ class Hearts:
     def simulated_names(self) -> tuple[str, ...]:
         """Of the inputs that the simulator has."""
         return self.emulated.simulated_names
+
+    def of_each(self, x: torch.Tensor) -> torch.Tensor:
+        """Scaled coordinates (M, S, K) of each heart's inputs."""
+        return self.joint.of_each(x)
 
     def simulated_at(self, x: torch.Tensor) -> torch.Tensor:
         """Values (M S, k) of each heart's simulated inputs, draw by draw."""

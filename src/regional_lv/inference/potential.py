@@ -44,6 +44,9 @@ class Emulated(Protocol):
     def simulated_names(self) -> tuple[str, ...]:
         """Of the k inputs that the simulator has."""
 
+    def of_each(self, x: torch.Tensor) -> torch.Tensor:
+        """Scaled coordinates (M, S, K of one heart) of the inputs of each of S hearts."""
+
     def simulated_at(self, x: torch.Tensor) -> torch.Tensor:
         """Values (n, k) of these at which the simulator stands behind most of the outputs: a row
         for each heart of each point."""

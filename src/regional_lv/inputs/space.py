@@ -87,6 +87,12 @@ class Inputs(InputSequence[Input]):
         _check_closed_forms(free, every)
         return cls(base, free, roles)
 
+    def fixing(self, names: Iterable[str]) -> "Inputs":
+        """The same, some of them at their nominal values in every model."""
+        roles = dict(zip(self.names, self.roles, strict=True))
+        fixed = {name: replace(roles[name], kind="fixed") for name in names}
+        return Inputs(self.base, self, roles | fixed)
+
     def subset(self, kept: Iterable[bool]) -> "Inputs":
         """Those of a mask (K,)."""
         members = [each for each, keep in zip(self, kept, strict=True) if keep]

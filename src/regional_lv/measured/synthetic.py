@@ -27,6 +27,11 @@ def synthetic_subject(
     return table[table["sd"].notna()].reset_index(drop=True)
 
 
+def unit_noise(tails: float, size: int, rng: np.random.Generator) -> np.ndarray:
+    """Noise (size,) of unit scale: Gaussian, or Student's t with 1 / `tails` degrees of freedom."""
+    return rng.standard_t(1 / tails, size) if tails else rng.standard_normal(size)
+
+
 def write_truth(path: str | Path, theta: dict, effects: dict, noise: dict, seed: int) -> None:
     """Write what a synthetic subject was made from, as JSON."""
     truth = {"theta": theta, "effects": effects, "noise": noise, "seed": seed}

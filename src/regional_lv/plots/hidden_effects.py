@@ -8,8 +8,8 @@ import pandas as pd
 import seaborn
 from matplotlib.axes import Axes
 
-from regional_lv.criticism.groups import EFFECTS, FAR, MODELS
-from regional_lv.criticism.rates import confusions, rate
+from regional_lv.hidden_effects.groups import EFFECTS, FAR, MODELS
+from regional_lv.hidden_effects.rates import confusions, rate
 from regional_lv.plots import style
 
 EDGES = (0, 1, 2, 3, 4, 6, 9, 15, 1000)

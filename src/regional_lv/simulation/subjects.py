@@ -5,13 +5,13 @@ from pathlib import Path
 
 import numpy as np
 
-from regional_lv.criticism.injection import unit_noise
 from regional_lv.errors import InputError
 from regional_lv.inputs.closed_forms import ClosedForm, HeavyTails
 from regional_lv.inputs.model import model_of
 from regional_lv.inputs.space import Inputs, catalogue
 from regional_lv.inputs.stiffness import Stiffness
 from regional_lv.measured import synthetic_subject, write_measured, write_truth
+from regional_lv.measured.synthetic import unit_noise
 from regional_lv.simulation.ventricles import Ventricles
 
 

@@ -1,8 +1,8 @@
-"""Hidden effects: many hearts criticised blind; `benchmark_score` compares them with the truth."""
+"""Many hearts criticised blind; `score` compares what is found with the truth."""
 
 import json
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import cached_property
 from pathlib import Path
 
@@ -14,43 +14,28 @@ from regional_lv.criticism import confirmation
 from regional_lv.criticism.contract import Findings
 from regional_lv.criticism.study import Critic, Settings, criticise
 from regional_lv.emulators.joint_gp import JointGP
-from regional_lv.inputs.space import Inputs, Role
 from regional_lv.measured import synthetic_subject
 from regional_lv.study.progress import Progress
 
 OF_HEART = (
     "named",
     "groups",
-    "acts_like",
     "explained",
     "trusted",
-    "best",
     "base_probability",
     "unlisted_probability",
     "stiffness",
-    "ess",
 )
 OF_CAUSE = (
     "name",
     "component",
     "probability",
-    "component_probability",
     "estimate",
     "interval95",
     "at_bound",
     "identifiable",
-    "z",
-    "p_value",
 )
-OF_CONFIRMATION = (
-    "simulations",
-    "simulations_of_best",
-    "failed",
-    "emulator_error_sd",
-    "largest_error_sd",
-    "agrees",
-    "probability_not_simulated",
-)
+OF_CONFIRMATION = ("simulations", "largest_error_sd", "agrees")
 """What is kept of `contract.Findings`, `Cause` and `Confirmation`."""
 
 
@@ -59,7 +44,7 @@ class Simulate:
 
     Parameters
     ----------
-    mesh, physics, predictor: as for `simulations.make_runner`; read when they are needed.
+    mesh, physics, predictor: as for `batches.make_runner`; read when they are needed.
     """
 
     def __init__(self, mesh: str | Path, physics: Mapping, predictor: str | Path):
@@ -104,8 +89,8 @@ def criticise_batch(
     progress, found = Progress(f"hidden effects batch {batch}", len(table)), {}
     for _, row in table.iterrows():
         name, started, before = row["subject"], time.process_time(), simulate.seconds
-        critic = Critic(name, {name: measured_of(row)}, emulator, physics, given, seed)
-        critic.inputs = fixed(critic.inputs, row["left_out"].split())
+        tables, left_out = {name: measured_of(row)}, row["left_out"].split()
+        critic = Critic(name, tables, emulator, physics, given, seed, left_out=left_out)
         content = criticise(critic, simulate).findings
         simulated = simulate.seconds - before
         times = {"seconds": time.process_time() - started - simulated}
@@ -120,12 +105,6 @@ def measured_of(row: pd.Series) -> pd.DataFrame:
     noise = {channel.kind.noise: float(row[f"sd_{channel.name}"]) for channel in channels}
     values = row[list(channels.names)].to_numpy(float)
     return synthetic_subject(values, channels, noise, np.zeros(len(channels)))
-
-
-def fixed(inputs: Inputs, names: Sequence[str]) -> Inputs:
-    """The same inputs, some of them at their nominal values in every model."""
-    roles = dict(zip(inputs.names, inputs.roles, strict=True))
-    return Inputs(inputs.base, inputs, roles | {name: Role("fixed") for name in names})
 
 
 def reduced(findings: Findings) -> dict:

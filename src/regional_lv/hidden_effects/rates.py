@@ -20,8 +20,8 @@ def weighted_rate(hits: pd.Series, weights: pd.Series) -> dict:
 def _share(hits: float, of: float) -> dict:
     if not of:
         return {"share": None, "low": None, "high": None}
-    low, high = proportion_confint(hits, of, method="beta")
-    return {"share": hits / of, "low": float(low), "high": float(high)}
+    low, high = proportion_confint(min(hits, of), of, method="beta")  # sums of weights round
+    return {"share": min(hits / of, 1.0), "low": float(low), "high": float(high)}
 
 
 def confusions(cases: pd.DataFrame) -> pd.DataFrame:

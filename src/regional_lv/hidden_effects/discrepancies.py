@@ -11,8 +11,8 @@ import numpy as np
 from scipy import optimize
 
 from regional_lv.aha import WALLS
+from regional_lv.channels import Channels
 from regional_lv.emulators.reduction import VOLUME
-from regional_lv.errors import InputError
 from regional_lv.geometry.mesh import ENDOCARDIUM
 from regional_lv.inputs.model import completed
 from regional_lv.inputs.space import Inputs, catalogue
@@ -41,6 +41,10 @@ class Discrepancy(ABC):
     name: ClassVar[str]
     has_stiffness: ClassVar[bool] = True
 
+    def why_not(self, channels: Channels) -> str:
+        """Why ventricles of which these channels are observed cannot have it; empty if they can."""
+        return ""
+
     @abstractmethod
     def outputs(
         self, ventricles: Ventricles, x: np.ndarray, rng: np.random.Generator
@@ -59,6 +63,9 @@ class OtherLaw(Discrepancy):
 
     name = "other_law"
     has_stiffness = False
+
+    def why_not(self, channels):
+        return "" if VOLUME in channels.quantities else "no volume is observed"
 
     def outputs(self, ventricles, x, rng):
         volume = ventricles.channels.names.index(f"{VOLUME}_ml")
@@ -173,13 +180,7 @@ class SmoothBias(Discrepancy):
 
     def outputs(self, ventricles, x, rng):
         channels = ventricles.channels
-        strains = [name for name in channels.quantities if QUANTITIES[name].is_strain]
-        if not strains:
-            raise InputError(
-                "criticism.benchmark.hearts.unlisted: no strain is observed that could be biased "
-                "(observables.quantities); write 0"
-            )
-        quantity = str(rng.choice(strains))
+        quantity = str(rng.choice(_strains(channels)))
         field = self._field(rng)
         outputs = ventricles.outputs(x)
         for i, channel in enumerate(channels):
@@ -187,12 +188,19 @@ class SmoothBias(Discrepancy):
                 outputs[i] += field[channel.segment - 1]
         return outputs, quantity
 
+    def why_not(self, channels):
+        return "" if _strains(channels) else "no strain is observed"
+
     def _field(self, rng: np.random.Generator) -> np.ndarray:
         """(17,), by AHA segment."""
         angle, level = _places()
         slope, phase = rng.uniform(-1, 1), rng.uniform(0, 2 * np.pi)
         field = (1 + slope * level) * np.cos(angle - phase)
         return self.size * field / np.sqrt(np.mean(field**2))
+
+
+def _strains(channels: Channels) -> list[str]:
+    return [name for name in channels.quantities if QUANTITIES[name].is_strain]
 
 
 def _places() -> tuple[np.ndarray, np.ndarray]:

@@ -9,10 +9,16 @@ import torch
 from statsmodels.regression.linear_model import GLS
 
 from regional_lv.channels import Channels
-from regional_lv.criticism import benchmark_score
-from regional_lv.criticism.benchmark import fixed, measured_of
-from regional_lv.criticism.benchmark_score import OF_TRUE_MODEL, expected_scores, reliabilities
-from regional_lv.criticism.rates import rate, weighted_rate
+from regional_lv.errors import InputError
+from regional_lv.hidden_effects.blind import measured_of
+from regional_lv.hidden_effects.rates import rate, weighted_rate
+from regional_lv.hidden_effects.score import (
+    OF_TRUE_MODEL,
+    expected_scores,
+    reliabilities,
+    score_benchmark,
+)
+from regional_lv.inputs.space import Inputs, Role
 from regional_lv.measured import read_measured, synthetic_subject, write_measured
 from regional_lv.plots import hidden_effects
 from tests.inference.toys import linear_problem, toy_inputs
@@ -22,7 +28,7 @@ TRUTH = 1.0
 
 
 def found(named=(), groups=(), places=(), probability=None, stiffness=((0.8, 1.2), (1.1, 1.3))):
-    """Findings of a heart, as of `benchmark.reduced`."""
+    """Findings of a heart, as of `blind.reduced`."""
     places, probability = dict(places), probability or {}
     causes = [
         {
@@ -104,8 +110,30 @@ def score(tmp_path_factory):
     folder = tmp_path_factory.mktemp("score")
     given = [[file] for file in hearts.write(folder)]
     names = ("cases.csv", "stiffness.csv", "confusion.csv", "reliability.csv", "summary.json")
-    benchmark_score.score_benchmark(*given, *(folder / name for name in names))
+    score_benchmark(*given, *(folder / name for name in names))
     return folder
+
+
+def test_hearts_without_effects_are_scored_alone(tmp_path):
+    hearts = Hearts()
+    for i in range(4):
+        hearts.add("nulls", found(["basal_motion"] if i == 3 else []))
+    given = [[file] for file in hearts.write(tmp_path)]
+    names = ("cases.csv", "stiffness.csv", "confusion.csv", "reliability.csv", "summary.json")
+    score_benchmark(*given, *(tmp_path / name for name in names))
+    content = json.loads((tmp_path / "summary.json").read_text())
+    assert content["nulls"]["wrong_named"]["hits"] == 1
+    assert content["singles"]["effects_found"]["of"] == 0
+    tables = {f"{name}_file": tmp_path / f"{name}.csv" for name in ("cases", "stiffness")}
+    reliability = tmp_path / "reliability.csv"
+    hidden_effects.draw(
+        **tables, reliability_file=reliability, png=tmp_path / "a.png", csv=tmp_path / "a.csv"
+    )
+
+
+def test_a_benchmark_without_hearts_names_its_key(tmp_path):
+    with pytest.raises(InputError, match=r"criticism\.benchmark\.hearts: no heart was criticised"):
+        score_benchmark([], [], [], *[tmp_path / "any"] * 5)
 
 
 @pytest.fixture(scope="module")
@@ -181,6 +209,10 @@ def test_rates_have_exact_intervals():
     same = weighted_rate(hits, pd.Series(np.full(100, 3.0)))
     assert (same["low"], same["high"]) == wanted
     assert rate(pd.Series([False] * 10))["low"] == 0.0
+    weights = np.random.default_rng(1).uniform(0.1, 1, 60)
+    for size in range(2, 60):  # whose sums do not add up to the last digit
+        all_hit = weighted_rate(pd.Series([True] * size), pd.Series(weights[:size]))
+        assert all_hit["share"] == all_hit["high"] == 1.0
 
 
 def test_expected_score_is_the_effect_over_its_standard_error():
@@ -196,9 +228,13 @@ def test_expected_score_is_the_effect_over_its_standard_error():
 
 
 def test_inputs_left_out_keep_their_nominal_values():
-    inputs = fixed(toy_inputs(inferred=2, suspected=3), ["c1"])
+    """Those that the study gives, if it gives any."""
+    members = toy_inputs(inferred=2, suspected=3)
+    roles = dict.fromkeys(("c0", "c1", "c2"), Role("suspected", value=0.4))
+    inputs = Inputs({}, members, roles).fixing(["c1"])
     assert inputs.names == ("t0", "t1", "c0", "c1", "c2")
     assert inputs.of_role("suspected").tolist() == [False, False, True, False, True]
+    assert inputs.nominal.tolist()[2:] == [0.4] * 3
 
 
 def test_injected_rows_are_measured_tables(tmp_path):

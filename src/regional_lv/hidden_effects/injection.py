@@ -12,14 +12,15 @@ import pandas as pd
 from scipy import special
 
 from regional_lv.channels import Channels
-from regional_lv.criticism.discrepancies import DISCREPANCIES
-from regional_lv.criticism.groups import EFFECTS
 from regional_lv.errors import InputError
+from regional_lv.hidden_effects.discrepancies import DISCREPANCIES
+from regional_lv.hidden_effects.groups import EFFECTS
 from regional_lv.inputs.base import Input
 from regional_lv.inputs.closed_forms import HeavyTails
 from regional_lv.inputs.shape import EndocardialRadius, SegmentThickness
 from regional_lv.inputs.space import Inputs, Role, catalogue
 from regional_lv.measured import synthetic_subject
+from regional_lv.measured.synthetic import unit_noise
 from regional_lv.mechanics.dolfinx_api import release_unused
 from regional_lv.seeds import derive
 from regional_lv.simulation.ventricles import Ventricles
@@ -107,6 +108,13 @@ def _check(counts: Mapping[str, int], inputs: Inputs, physical: Sequence[str]) -
                 f"criticism.benchmark.hearts.{group}: such a heart has {size} of the causes that "
                 f"`inputs` suspects and that are not of the noise, which are {len(physical)}; "
                 "write 0, or suspect more"
+            )
+    channels = Channels.from_config(inputs.base)
+    for name, discrepancy in DISCREPANCIES.items():
+        if counts["unlisted"] and (reason := discrepancy.why_not(channels)):
+            raise InputError(
+                f"criticism.benchmark.hearts.unlisted: {reason} (observables.quantities), so that "
+                f"no heart can have {name}; write 0"
             )
     if counts["misread"] and SegmentThickness.why_not(inputs.base):
         raise InputError(
@@ -234,13 +242,11 @@ class Injection:
 def with_table(inputs: Inputs) -> Inputs:
     """The inputs, and those of the segment table that are not among them."""
     roles = dict(zip(inputs.names, inputs.roles, strict=True))
-    every = [e for e in catalogue(inputs.base) if e.name in roles or type(e) in MISREAD]
+    own = dict(zip(inputs.names, inputs, strict=True))  # with the ranges that the study gives
+    every = [
+        own.get(e.name, e) for e in catalogue(inputs.base) if e.name in own or type(e) in MISREAD
+    ]
     return Inputs(inputs.base, every, {e.name: roles.get(e.name, Role("fixed")) for e in every})
-
-
-def unit_noise(tails: float, size: int, rng: np.random.Generator) -> np.ndarray:
-    """Noise (size,) of unit scale: Gaussian, or Student's t with 1 / `tails` degrees of freedom."""
-    return rng.standard_t(1 / tails, size) if tails else rng.standard_normal(size)
 
 
 # ---------------------------------------------------------------------------------------- files

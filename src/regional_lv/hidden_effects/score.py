@@ -12,13 +12,13 @@ import torch
 from scipy import stats
 
 from regional_lv.criticism import misfit
-from regional_lv.criticism.benchmark import measured_of
-from regional_lv.criticism.groups import EFFECTS, FAR, LISTED, MODELS
 from regional_lv.criticism.misfit import LinearModel
-from regional_lv.criticism.rates import confusions, rate, weighted_rate
 from regional_lv.criticism.study import Critic, Settings
 from regional_lv.emulators.joint_gp import JointGP
 from regional_lv.errors import InputError
+from regional_lv.hidden_effects.blind import measured_of
+from regional_lv.hidden_effects.groups import EFFECTS, FAR, LISTED, MODELS
+from regional_lv.hidden_effects.rates import confusions, rate, weighted_rate
 from regional_lv.inference import importance
 from regional_lv.inference.averaging import LEVELS, RESAMPLED
 from regional_lv.inference.drawing import ITERATIONS, LEAST_GAIN, sample
@@ -49,6 +49,13 @@ OF_TRUE_MODEL = [
 ]
 """Columns of the table of true models."""
 
+OF_EFFECT = [
+    *("place", "value", "expected_z", "contains", "covered"),
+    *("probability", "estimate", "identifiable", "at_bound"),
+    *("low", "high", "true_low", "true_high"),
+]
+"""Columns of the table of cases that only hearts with an effect have."""
+
 OF_RELIABILITY = ["lower", "upper", "count", "probability", "share", "low", "high"]
 """Columns of the table of reliability."""
 
@@ -72,7 +79,7 @@ def sample_true_models(
     `cause` and `place`, the true `value`, `expected_z` (effects: `expected_scores`), ends of the
     95 % interval (`low`, `high`), and the p-value of the model's misfit test (`p_value`). Unlisted
     hearts have no true model: of them the values alone, and of their inferred inputs only if
-    `has_stiffness`. Other arguments as for `benchmark.criticise_batch`.
+    `has_stiffness`. Other arguments as for `blind.criticise_batch`.
     """
     emulator, given = JointGP.load(emulator_file), Settings.from_config(settings)
     known = pd.read_parquet(truth).set_index("subject")
@@ -179,14 +186,17 @@ def score_benchmark(
     (`cases`), a row per heart and inferred input (`stiffness`), the table of confusions, that of
     probabilities (`reliabilities`), all CSV, and the rates that count (`summarise`, JSON).
 
-    findings, truth, models: batches of `benchmark.criticise_batch`, `injection.inject_batch` and
+    findings, truth, models: batches of `blind.criticise_batch`, `injection.inject_batch` and
     `sample_true_models`.
     """
     found: dict[str, dict] = {}
     for path in findings:
         found |= json.loads(Path(path).read_text())
     if not found:
-        raise InputError(f"{findings[0]}: no heart was criticised; make the benchmark again")
+        raise InputError(
+            "criticism.benchmark.hearts: no heart was criticised; ask for some, and see in the "
+            "truth whether those that were drawn could be inflated"
+        )
     known = pd.concat(map(pd.read_parquet, truth), ignore_index=True).set_index("subject")
     true = pd.concat(map(pd.read_parquet, models), ignore_index=True)
     effects, inferred = (true[true["role"] == role] for role in ("effect", "inferred"))
@@ -214,7 +224,7 @@ def score_benchmark(
 def cases_of(name: str, heart: pd.Series, own: Mapping, effects: pd.DataFrame) -> list[dict]:
     """Rows of the table of cases of one heart.
 
-    heart: its row of the truth; own: its findings (`benchmark.reduced`); effects: its rows of the
+    heart: its row of the truth; own: its findings (`blind.reduced`); effects: its rows of the
     true models. `wrong_named`: a cause is named that is absent, or in a wrong place, or a group is
     of absent ones. `contains`: whether the answer has the effect, in its place; `covered`: whether
     the interval of one that it has holds its value.
@@ -245,7 +255,7 @@ def cases_of(name: str, heart: pd.Series, own: Mapping, effects: pd.DataFrame) -
     }
     if effects.empty:
         none = heart["unlisted"] or {"misread": "misread table"}.get(heart["group"], "none")
-        return [common | {"effect": none, "contains": np.nan, "covered": np.nan}]
+        return [common | {"effect": none} | dict.fromkeys(OF_EFFECT, np.nan)]
     rows = []
     for _, effect in effects.iterrows():
         cause, contains = causes[effect["cause"]], effect["cause"] in answer

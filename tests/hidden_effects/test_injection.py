@@ -9,18 +9,19 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from regional_lv.criticism import injection
-from regional_lv.criticism.discrepancies import DISCREPANCIES
-from regional_lv.criticism.groups import EFFECTS
-from regional_lv.criticism.injection import (
+from regional_lv.errors import InputError
+from regional_lv.hidden_effects import injection
+from regional_lv.hidden_effects.discrepancies import DISCREPANCIES
+from regional_lv.hidden_effects.groups import EFFECTS
+from regional_lv.hidden_effects.injection import (
     Injection,
     PlannedHeart,
     draw_values,
     inject,
     plan_hearts,
 )
-from regional_lv.errors import InputError
 from regional_lv.inputs.space import Inputs, sections_of
+from regional_lv.measured.synthetic import unit_noise
 from regional_lv.simulation.ventricles import Ventricles
 
 ROLES = {
@@ -105,6 +106,8 @@ def test_a_misread_table_is_wrong_in_all_segments(inputs):
         own = values[:, of_stem] / whole.nominal[of_stem]
         assert own.shape[1] == 17 and own.mean() == pytest.approx(1.0, abs=0.01)
         assert own.std() == pytest.approx(sd, rel=0.08)
+    assert "C_a_septal" in whole.names
+    assert all(whole[whole.names.index(e.name)] is e for e in inputs)  # with the study's ranges
     null = drawn([replace(heart, group="nulls")] * 3, whole)
     radii = [name.startswith("endo_radius") for name in whole.names]
     assert (null[:, radii] == whole.nominal[radii]).all()
@@ -112,7 +115,7 @@ def test_a_misread_table_is_wrong_in_all_segments(inputs):
 
 def test_heavy_tails_have_outliers():
     rng = np.random.default_rng(0)
-    heavy, plain = (injection.unit_noise(tails, 20000, rng) for tails in (0.4, 0.0))
+    heavy, plain = (unit_noise(tails, 20000, rng) for tails in (0.4, 0.0))
     # Of Student's t with 2.5 degrees of freedom 4.1 % lie beyond 4 scales; of a Gaussian none.
     assert np.mean(np.abs(heavy) > 4) == pytest.approx(0.041, abs=0.006)
     assert np.abs(plain).max() < 5 and plain.std() == pytest.approx(1.0, abs=0.03)
