@@ -6,8 +6,11 @@ stated, the posterior is made again and simulated again.
 """
 
 import logging
-from collections.abc import Sequence
+import time
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
 from typing import Protocol, Self, TypeVar
 
 import numpy as np
@@ -146,9 +149,30 @@ def conditioned(
     return emulator, found
 
 
-def simulate(runner, rows: pd.DataFrame) -> pd.DataFrame:
-    """The rows of a `plan`, simulated by a `Runner`."""
-    from regional_lv.simulation.batches import run_all, tabulate
+class Simulate:
+    """Simulates rows of a `plan`, and counts the CPU `seconds` that it takes.
 
-    thetas = rows[list(runner.coordinates.names)].to_numpy()
-    return tabulate(rows, run_all(runner, thetas, "confirmation"), runner.channels)
+    Parameters
+    ----------
+    mesh, physics, predictor: as for `batches.make_runner`; read when they are needed.
+    """
+
+    def __init__(self, mesh: str | Path, physics: Mapping, predictor: str | Path):
+        self._given = mesh, physics, predictor
+        self.seconds = 0.0
+
+    def __call__(self, rows: pd.DataFrame) -> pd.DataFrame:
+        """A table as of `batches.tabulate`."""
+        from regional_lv.simulation.batches import run_all, tabulate  # DOLFINx loads for seconds
+
+        started = time.process_time()
+        thetas = rows[list(self._runner.coordinates.names)].to_numpy()
+        made = tabulate(rows, run_all(self._runner, thetas, "confirmation"), self._runner.channels)
+        self.seconds += time.process_time() - started
+        return made
+
+    @cached_property
+    def _runner(self):
+        from regional_lv.simulation.batches import make_runner
+
+        return make_runner(*self._given)

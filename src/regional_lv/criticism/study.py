@@ -210,7 +210,7 @@ def _confirmed(averaged: Averaged, rounds: Sequence[Round], noise_sd) -> frozens
 def criticise(critic: Critic, simulate: Callable[[pd.DataFrame], pd.DataFrame] | None) -> Concluded:
     """All steps at once.
 
-    simulate: makes what a plan asks for, as `confirmation.simulate` does; without it nothing is
+    simulate: makes what a plan asks for, as `confirmation.Simulate` does; without it nothing is
     confirmed.
     """
     rounds: list[pd.DataFrame] = []
@@ -303,13 +303,7 @@ def write_criticism(
     simulations: those of all rounds (Parquet, `batches.tabulate`, and their `round`). findings,
     posterior: of `write_concluded`.
     """
-
-    def simulate(design: pd.DataFrame) -> pd.DataFrame:
-        from regional_lv.simulation.batches import make_runner  # DOLFINx takes seconds to load
-
-        return confirmation.simulate(make_runner(mesh, physics, predictor), design)
-
-    concluded = criticise(critic, simulate)
+    concluded = criticise(critic, confirmation.Simulate(mesh, physics, predictor))
     made = [table.assign(round=number) for number, table in enumerate(concluded.rounds)]
     pd.concat(made).to_parquet(simulations, index=False)
     write_concluded(critic, concluded, findings, posterior)

@@ -3,14 +3,13 @@
 import json
 import time
 from collections.abc import Mapping
-from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
 from regional_lv.channels import Channels
-from regional_lv.criticism import confirmation
+from regional_lv.criticism.confirmation import Simulate
 from regional_lv.criticism.contract import Findings
 from regional_lv.criticism.study import Critic, Settings, criticise
 from regional_lv.emulators.joint_gp import JointGP
@@ -37,32 +36,6 @@ OF_CAUSE = (
 )
 OF_CONFIRMATION = ("simulations", "largest_error_sd", "agrees")
 """What is kept of `contract.Findings`, `Cause` and `Confirmation`."""
-
-
-class Simulate:
-    """Simulates what a confirmation asks for, and counts the CPU seconds that it takes.
-
-    Parameters
-    ----------
-    mesh, physics, predictor: as for `batches.make_runner`; read when they are needed.
-    """
-
-    def __init__(self, mesh: str | Path, physics: Mapping, predictor: str | Path):
-        self._given = mesh, physics, predictor
-        self.seconds = 0.0
-
-    def __call__(self, rows: pd.DataFrame) -> pd.DataFrame:
-        """As `confirmation.simulate`."""
-        started = time.process_time()
-        made = confirmation.simulate(self._runner, rows)
-        self.seconds += time.process_time() - started
-        return made
-
-    @cached_property
-    def _runner(self):
-        from regional_lv.simulation.batches import make_runner  # DOLFINx takes seconds to load
-
-        return make_runner(*self._given)
 
 
 def criticise_batch(
