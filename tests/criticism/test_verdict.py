@@ -65,7 +65,7 @@ def judged(seed=2, confirmed="all", half=1.0, alike=None, outside=0.0, **values)
             tested = examine(linear, suspected, 99, seed)
             examined[n] = Examined(linear, tested, left_out(linear))
     known = None if confirmed is None else frozenset(examined if confirmed == "all" else ())
-    return Verdict(averaged, dict(sorted(examined.items())), 0.05, known).conclude()
+    return Verdict.of(averaged, dict(sorted(examined.items())), 0.05, known)
 
 
 def test_effects_are_named():

@@ -144,9 +144,7 @@ class Critic:
         potential = self.potential(emulator)
         averaged = self._average(potential, DRAWS)
         confirmed = _confirmed(averaged, found, self._noise_sd) if has_simulator else None
-        verdict = Verdict(
-            averaged, self._examine(averaged), self.settings.level, confirmed
-        ).conclude()
+        verdict = Verdict.of(averaged, self._examine(averaged), self.settings.level, confirmed)
         context = Context(
             subject=self.name,
             tables=self.tables,

@@ -1,7 +1,7 @@
 """The verdict on one subject, or on several together: which models pass, and what is named."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import torch
 
@@ -45,14 +45,15 @@ class Examined:
         return self.linear.testable and self.tested.p_value > ADEQUATE * max(size, 1)
 
 
-@dataclass
+@dataclass(frozen=True)
 class Verdict:
-    """What is concluded.
+    """What is concluded (`Verdict.of`).
 
     examined: by number of the model, the model as it is among them. confirmed: numbers of the
     models that simulations stand behind; None where there is no simulator to ask. best: number of
     the most probable set of causes that is confirmed (or of all, without a simulator) and fits, or
-    of the first if none does; None if there is none.
+    of the first if none does; None if there is none. named: its causes that are certain; groups: of
+    causes of which one is; proxies: causes of which the data require more than the range.
     """
 
     averaged: Averaged
@@ -63,6 +64,19 @@ class Verdict:
     named: list[str] = field(default_factory=list)
     groups: list[list[str]] = field(default_factory=list)
     proxies: list[str] = field(default_factory=list)
+
+    @classmethod
+    def of(
+        cls,
+        averaged: Averaged,
+        examined: Mapping[int, Examined],
+        level: float,
+        confirmed: frozenset[int] | None,
+    ) -> "Verdict":
+        """Choose the best set, and name its causes that are certain, and groups of which one is."""
+        nothing = cls(averaged, examined, level, confirmed)
+        best = nothing._best() if nothing.detected else None
+        return nothing if best is None else replace(nothing, best=best)._with_names()
 
     @property
     def potential(self) -> Potential:
@@ -116,14 +130,6 @@ class Verdict:
         inputs = self.potential.inputs
         return {inputs[k].cause: k for k in self.averaged.models[number].members}
 
-    def conclude(self) -> "Verdict":
-        """Choose the best set, and name its causes that are certain, and groups of which one is."""
-        if self.detected:
-            self.best = self._best()
-        if self.best is not None:
-            self._name()
-        return self
-
     def _best(self) -> int | None:
         """The most probable set that fits; if none does that could replace the first, the first."""
         probability, first = self.averaged.probability, None
@@ -139,7 +145,10 @@ class Verdict:
                 return number
         return first
 
-    def _name(self) -> None:
+    def _with_names(self) -> "Verdict":
+        named: list[str] = []
+        groups: list[list[str]] = []
+        proxies: list[str] = []
         rest = self.averaged.probability[self.averaged.base] + self.averaged.departure_probability
         assert self.best is not None
         for cause, k in self.causes_of(self.best).items():
@@ -149,15 +158,16 @@ class Verdict:
             if self.at_bound(self.best, k):
                 # Of all listed causes this one comes nearest, or it is not worth a word.
                 if probability >= PROBABILITY * (1 - rest):
-                    self.proxies.append(cause)
+                    proxies.append(cause)
             elif not self.adequate:
                 continue
             elif probability >= PROBABILITY:
-                self.named.append(cause)
+                named.append(cause)
             else:
                 group = self._group(cause, rest)
-                if group and sorted(group) not in map(sorted, self.groups):
-                    self.groups.append(group)
+                if group and sorted(group) not in map(sorted, groups):
+                    groups.append(group)
+        return replace(self, named=named, groups=groups, proxies=proxies)
 
     def _group(self, cause: str, rest: float) -> list[str]:
         """The fewest causes, `cause` first, of which at least one is present with `PROBABILITY`;
