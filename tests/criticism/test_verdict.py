@@ -150,7 +150,7 @@ def test_how_far_beyond_the_end():
     error = potential.settle(x, zero)
     fitted = fit(potential, free, zero, x, error, 60, 1e-9)
     assert float(fitted.x[0, k]) == pytest.approx(1.0)
-    covariance = error[0] + torch.diag(potential.noise_sd().square())
+    covariance = error[0] + torch.diag(study.noise.sd.square())
     column = study.slopes[:, k]
     sd = float(column @ torch.linalg.inv(covariance) @ column) ** -0.5
     assert beyond_end(potential, fitted, k) == pytest.approx(0.5 / sd, rel=1e-6)

@@ -13,7 +13,15 @@ from regional_lv.inference.likelihood import Noise
 from regional_lv.inference.potential import Potential
 from regional_lv.inputs.scales import Logarithmic
 from regional_lv.inputs.space import Inputs, Role
-from tests.inference.toys import Emulator, Toy, closed_form, known_noise, linear, toy_inputs
+from tests.inference.toys import (
+    Emulator,
+    Toy,
+    closed_form,
+    known_noise,
+    linear,
+    linear_problem,
+    toy_inputs,
+)
 
 
 def fitted(potential, members=()):
@@ -194,3 +202,27 @@ def test_errors_that_differ_within_a_posterior(truth, kept, monkeypatch):
     assert found.log_evidence == pytest.approx(np.log(evidence), abs=4 * found.evidence_error)
     mean = integrate.simpson(density * t, x=t) / evidence
     assert float(found.weight @ found.x[:, 0]) == pytest.approx(mean, abs=0.02)
+
+
+def test_measured_inputs_with_near_ends():
+    """Thirty that the outputs do not see keep their priors, cut where their ranges end, one and a
+    half sds away; drawn without these ends, one draw in seventy would be within all of them."""
+    ends = [(f"m{i}", -0.15, 0.15) for i in range(30)]
+    inputs = toy_inputs(2, measured=(0.1,) * 30, ends=ends)
+    potential, slopes, _ = linear_problem(inputs, 8, [0.2, -0.1] + [0.0] * 30)
+    slopes[:, 2:] = 0
+    found = sample(potential, fitted(potential), 1000, 0)
+    assert found.reliable and found.ess > 200
+    sd = (found.weight @ found.x[:, 2:].square()).sqrt()
+    cut = stats.truncnorm(-1.5, 1.5, scale=0.1)
+    assert float(sd.mean()) == pytest.approx(cut.std(), rel=0.03)
+
+
+def test_a_model_whose_draws_are_all_lost_has_none(monkeypatch):
+    inputs = toy_inputs(2)
+    potential, _, _ = linear_problem(inputs, 8, [0.2, -0.1])
+    start = fitted(potential)
+    nothing = torch.full((1,), -torch.inf).double()
+    monkeypatch.setattr(potential, "log_density", lambda mean, x, error: nothing.expand(len(x)))
+    found = sample(potential, start, 100, 0)
+    assert not found.reliable and found.ess == 0

@@ -49,7 +49,8 @@ ITERATIONS, LEAST_GAIN = 60, 1e-5
 class WeightedDraws:
     """Weighted draws of one model: coordinates x (N, P), normalised Pareto-smoothed `weight` (N,);
     log evidence and its standard error, effective sample size, and shape of the weights' tail (NaN
-    where these are even). Draws of an approximation have an infinite error."""
+    where these are even). Draws of an approximation have an infinite error. The evidence is that
+    with the emulator's covariance at every draw, or with that at the fit (`sample`)."""
 
     x: torch.Tensor
     weight: torch.Tensor
@@ -72,13 +73,16 @@ def fit_to_the_end(potential: Potential, start: Fits) -> Fits:
 
 
 def approximate(potential: Potential, fitted: Fits, draws: int, seed: int) -> WeightedDraws:
-    """Draws of the normal distribution that resembles a model (M = 1), cut at its ranges."""
+    """Draws of the normal distribution that resembles a model (M = 1), reflected at the ends of its
+    ranges."""
     generator = torch.Generator().manual_seed(seed)
     free, x = fitted.free[0], fitted.x.repeat(draws, 1)
     factor = torch.linalg.cholesky(fitted.covariance[0][free][:, free])
     deviates = torch.randn(draws, len(factor), generator=generator, dtype=x.dtype)
     x[:, free] = fitted.mean[0, free] + deviates @ factor.mT
-    x = torch.minimum(torch.maximum(x, potential.low), potential.high)
+    x = potential.low + (x - potential.low).abs()
+    x = potential.high - (potential.high - x).abs()
+    x = torch.maximum(x, potential.low)  # of what lies a whole range beyond the other end
     weight = torch.full((draws,), 1 / draws, dtype=x.dtype)
     return WeightedDraws(x, weight, float(fitted.log_evidence), np.inf, float(draws), np.nan)
 
@@ -99,7 +103,7 @@ def sample(potential: Potential, fitted: Fits, draws: int, seed: int) -> Weighte
         x, slope = coordinates.constrain_with_log_det(v)
         mean, own = potential.predict(x, fitted.amplitude)
         value, by_own = (potential.log_density(mean, x, error) for error in (fitted.error, own))
-        made.append((x, (by_own - value).nan_to_num(-torch.inf)))
+        made.append((x, torch.nan_to_num(by_own - value, nan=-torch.inf, neginf=-torch.inf)))
         return value + uniform + slope
 
     found = importance.sample(
@@ -122,6 +126,8 @@ def sample(potential: Potential, fitted: Fits, draws: int, seed: int) -> Weighte
 
 def _drawn(x: torch.Tensor, found: importance.Weighted) -> WeightedDraws:
     """Draws x (N, P), their weights smoothed."""
+    if found.is_lost:
+        return WeightedDraws(x, found.weight, -np.inf, np.inf, 0.0, np.nan)
     log_weight, k = importance.smooth(found.log_weight)
     weight = torch.softmax(log_weight, 0)
     ess = importance.effective(weight)
@@ -194,8 +200,8 @@ class Standardised:
         self._at_fit = self._root * whitening[0]
 
     def constrain_with_log_det(self, v: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Coordinates x (N, P) of the model, and log |dx / dv| (N,), -inf where a measured input
-        would be beyond its range."""
+        """Coordinates x (N, P) of the model, and log |dx / dv| (N,), -inf where round-off leaves
+        none."""
         x, stretch = self._with_others(v)
         if not self.measured:
             return x, stretch
@@ -229,9 +235,11 @@ class Standardised:
         step = torch.cholesky_solve(found.gradient[:, at, None], factor)
         step = step + torch.linalg.solve_triangular(factor.mT, v[:, :m, None], upper=True)
         wanted, x = x[:, at] + step[..., 0], x.clone()
-        x[:, at] = torch.minimum(torch.maximum(wanted, potential.low[at]), potential.high[at])
-        lost = lost | (x[:, at] != wanted).any(-1)
-        stretch = -factor.diagonal(dim1=-2, dim2=-1).log().sum(-1)
+        # Dozens of them, each a little beyond its range now and then, would lose most draws.
+        ends = BoundedTransform(potential.low[at], potential.high[at], self._transform.width[:m])
+        x[:, at] = ends.constrain(wanted)
+        stretch = ends.log_slope(wanted).sum(-1)
+        stretch = stretch - factor.diagonal(dim1=-2, dim2=-1).log().sum(-1)
         return x, torch.where(lost, -torch.inf, stretch)
 
     def _normal(self, log_sigma):

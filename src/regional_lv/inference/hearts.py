@@ -277,7 +277,9 @@ def read_known_theta(
     absent = [s for s in subjects if s not in values.index]
     if absent:
         raise InputError(f"{where}: no row for {', '.join(absent)}; add a row for each subject")
-    values = values[~values.index.duplicated()].loc[[*subjects]]
+    values = values.reset_index().drop_duplicates().set_index("subject").loc[[*subjects]]
+    if len(twice := values.index[values.index.duplicated()]):
+        raise InputError(f"{where}: different rows of {twice[0]}; keep one for each subject")
     numbers = values.apply(pd.to_numeric, errors="coerce")
     wrong = ~((numbers > 0) & np.isfinite(numbers))
     for subject, column in wrong.stack()[lambda each: each].index:

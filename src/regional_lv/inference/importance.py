@@ -3,9 +3,11 @@
 Proposals are Student t distributions in coordinates without bounds, fitted to the weighted draws of
 the rounds before (population Monte Carlo, Cappe et al. 2004, doi 10.1198/106186004X12803); a
 posterior that one of them does not resemble gets a mixture of several (Cappe et al. 2008,
-doi 10.1007/s11222-008-9059-x). In the end all draws of the later rounds count, weighted against the
-mixture of all their proposals (Cornuet et al. 2012, doi 10.1111/j.1467-9469.2011.00756.x). It needs
-no gradient and gives the evidence as well.
+doi 10.1007/s11222-008-9059-x). While proposals are fitted, all draws of the later rounds count,
+weighted against the mixture of their proposals (Cornuet et al. 2012,
+doi 10.1111/j.1467-9469.2011.00756.x). The draws that are kept are new ones from this mixture: a
+proposal that was fitted to a draw of large weight lies on it and takes that weight away, so that
+evidence and tails would come out too small. It needs no gradient and gives the evidence as well.
 """
 
 import math
@@ -35,6 +37,9 @@ of 395."""
 EVEN = 0.02
 """Standard deviation of log weights below which they count as even."""
 
+KEPT_ROUNDS = 2
+"""Draws that are kept, in those of a round."""
+
 SHARE_ENOUGH = 0.5
 """Effective share of the draws from which the tail of their weights has too little of it to
 matter."""
@@ -50,24 +55,32 @@ Limit: TypeAlias = float | torch.Tensor
 
 @dataclass(frozen=True)
 class Weighted:
-    """Draws u (N, P), the last ones that were made, and their log weights (N,), not normalised."""
+    """Draws u (N, P), the last ones that were made, and their log weights (N,), not normalised:
+    -inf of a draw that is lost."""
 
     u: torch.Tensor
     log_weight: torch.Tensor
 
+    @property
+    def is_lost(self) -> bool:
+        """Whether no draw is left."""
+        return bool(self.log_weight.isneginf().all())
+
     @cached_property
     def weight(self) -> torch.Tensor:
-        """Normalised, (N,)."""
-        return torch.softmax(self.log_weight, 0)
+        """Normalised, (N,); even where all are lost."""
+        return torch.softmax(torch.zeros_like(self.u[:, 0]) if self.is_lost else self.log_weight, 0)
 
     @property
     def ess(self) -> float:
         """Effective sample size."""
-        return effective(self.weight)
+        return 0.0 if self.is_lost else effective(self.weight)
 
     @property
     def has_light_tail(self) -> bool:
         """Whether `is_light` says so of the smoothed weights."""
+        if self.is_lost:
+            return False
         smoothed, k = smooth(self.log_weight)
         return is_light(effective(torch.softmax(smoothed, 0)), len(self.u), k)
 
@@ -78,6 +91,8 @@ class Weighted:
     @property
     def evidence_error(self) -> float:
         """Standard error of the log evidence."""
+        if self.is_lost:
+            return math.inf
         return math.sqrt(max(1 / self.ess - 1 / len(self.u), 0.0))
 
     def tempered(self, normal: int = 0) -> torch.Tensor:
@@ -103,29 +118,40 @@ def sample(
 
     mean (P,), covariance (P, P): of the first proposal. draws: per round. rounds: of proposals of
     one distribution; further ones are of mixtures, `most_rounds` in all (None: `rounds`). Ends when
-    the effective sample size reaches `least_ess` and the weights' tail is light (`is_light`).
+    the effective sample size reaches `least_ess` and the weights' tail is light (`is_light`); then
+    `KEPT_ROUNDS` rounds are drawn from the last proposals, which alone are returned.
     largest_sd: of a proposal. normal: N, of the first coordinates, which are all but standard
     normal given the others: they are proposed as such, `WIDER`, and nothing is fitted to them.
     Fitted together, dozens of them would leave a hundredth of the effective draws.
     """
     proposal: Student | Mixture = Student(mean, limited(covariance, largest_sd))
-    proposals, us, targets = [], [], []
-    for number in range(most_rounds or rounds):
-        u = proposal.draw(draws, generator)
-        beside = WIDER * torch.randn(draws, normal, generator=generator, dtype=u.dtype)
-        proposals.append(proposal)
-        us.append(torch.cat([beside, u], 1))
-        target = log_density(us[-1]) + 0.5 * (beside / WIDER).square().sum(1)
+    proposals: list[Student | Mixture] = []
+    us, targets = [], []
+
+    def drawn(proposal, count: int) -> tuple[torch.Tensor, torch.Tensor]:
+        """Draws (count, N + P), and their log densities over that of the normal coordinates."""
+        u = proposal.draw(count, generator)
+        beside = WIDER * torch.randn(count, normal, generator=generator, dtype=u.dtype)
+        u = torch.cat([beside, u], 1)
+        target = log_density(u) + 0.5 * (beside / WIDER).square().sum(1)
         target = target + normal * (math.log(WIDER) + 0.5 * math.log(2 * math.pi))
-        targets.append(torch.nan_to_num(target, nan=-math.inf, posinf=-math.inf))
+        return u, torch.nan_to_num(target, nan=-math.inf, posinf=-math.inf, neginf=-math.inf)
+
+    for number in range(most_rounds or rounds):
+        u, target = drawn(proposal, draws)
+        proposals.append(proposal)
+        us.append(u)
+        targets.append(target)
         # The first rounds only show the way.
         recent = slice(number // 2, None)
+        together = Mixture.equal(proposals[recent])
         every = torch.cat(us[recent])
         u = every[:, normal:]
-        log_weight = torch.cat(targets[recent])
-        found = Weighted(every, log_weight - Mixture.equal(proposals[recent]).log_density(u))
+        found = Weighted(every, torch.cat(targets[recent]) - together.log_density(u))
         if found.ess >= least_ess and found.has_light_tail:
             break
+        if found.is_lost:
+            continue
         tempered = found.tempered(normal)
         if number < rounds - 1:
             mean, spread = moments(u, tempered)
@@ -134,7 +160,8 @@ def sample(
             if not isinstance(proposal, Mixture):
                 proposal = Mixture.split(u, tempered, largest_sd)
             proposal = proposal.adapted(u, tempered, largest_sd)
-    return found
+    u, target = drawn(together, KEPT_ROUNDS * draws)
+    return Weighted(u, target - together.log_density(u[:, normal:]))
 
 
 def effective(weight: torch.Tensor) -> float:
@@ -151,10 +178,10 @@ def moments(u: torch.Tensor, weight: torch.Tensor) -> tuple[torch.Tensor, torch.
 def smooth(log_weight: torch.Tensor) -> tuple[torch.Tensor, float]:
     """Pareto-smoothed log weights (N,) and the shape k of their tail (Vehtari et al. 2024).
 
-    Weights that are all but even are left as they are, and have no k (NaN): a tail fitted to
-    round-off says nothing.
+    Weights that are all but even, but for draws that are lost, are left as they are, and have no k
+    (NaN): a tail fitted to round-off says nothing.
     """
-    if log_weight.std() < EVEN:
+    if not log_weight[~log_weight.isneginf()].std() >= EVEN:
         return log_weight, math.nan
     smoothed, k = smoothed_weights(log_weight.numpy())
     return torch.as_tensor(smoothed), k

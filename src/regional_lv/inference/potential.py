@@ -300,8 +300,12 @@ class Potential:
     @torch.no_grad()
     def replicates(self, x: torch.Tensor, amplitude: torch.Tensor, generator) -> torch.Tensor:
         """Measurements (M, D) as they may be at x (M, P): with the emulator's error, a departure of
-        `amplitude` (M,) and normal noise."""
+        `amplitude` (M,), and normal noise or that of heavy tails."""
         deviates = torch.randn(len(x), len(self.y), generator=generator, dtype=x.dtype)
+        if self.tails is not None:
+            # Student's t of normal deviates that have as much chance to be so large.
+            share = torch.special.ndtr(deviates).numpy()
+            deviates = torch.as_tensor(stats.t.ppf(share, self._freedom(x).numpy()))
         # Draws of importance sampling repeat points.
         points = torch.cat([x, amplitude[:, None]], dim=1)
         points, owner = torch.unique(points, dim=0, return_inverse=True)
@@ -316,10 +320,6 @@ class Potential:
             missed = torch.linalg.solve_triangular(whitening, split, upper=False)[..., 0]
             y[here] = mean[at] + self.observed.join(missed)
         return y
-
-    def noise_sd(self, unknown: float = 1.0) -> torch.Tensor:
-        """Of the D outputs; where its scale is inferred, `unknown` times the unit of that."""
-        return (self.noise.sd.square() + (unknown * self.noise.units).square().sum(0)).sqrt()
 
     def weights(
         self, x: torch.Tensor, residual: torch.Tensor, whitening: torch.Tensor

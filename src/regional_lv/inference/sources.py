@@ -21,7 +21,7 @@ def sources_of_variance(averaged: Averaged) -> pd.DataFrame:
     to 1.
 
     Columns: `noise` of the measurement; `emulator`, its errors; each measured input; `ranges`, what
-    is known by the ends of ranges alone; `models`, between them.
+    is known by the ends of ranges alone; `models`, between them, and departures of no listed shape.
     """
     potential = averaged.potential
     inferred = np.flatnonzero(potential.inputs.of_role("inferred"))
@@ -34,7 +34,8 @@ def sources_of_variance(averaged: Averaged) -> pd.DataFrame:
         [_within(potential, Fits.join(fits[i : i + potential.chunk])) for i in starts]
     )
     parts = np.tensordot(weight, within[:, :, inferred].numpy(), axes=1)
-    between = weight @ (means - weight @ means) ** 2
+    parts, departures = parts[:-1], parts[-1]
+    between = departures + weight @ (means - weight @ means) ** 2
     columns = [NOISE, EMULATOR, *(_measured(potential)), RANGES, MODELS]
     table = pd.DataFrame(
         np.vstack([parts, between]).T,
@@ -49,20 +50,26 @@ def _measured(potential: Potential) -> list[str]:
 
 
 def _within(potential: Potential, fitted: Fits) -> torch.Tensor:
-    """Variances (M, sources, K) of M models, in the order of the columns."""
+    """Variances (M, sources, K) of M models, in the order of the columns; the last one is that of a
+    smooth departure."""
     count = len(potential.inputs)
     covariance = fitted.covariance[:, :count, :count]
     mean, slopes = potential.linearise(fitted.x)
     whitening = potential.whitening(fitted.x, fitted.error)
     error = potential.observed.dense(fitted.error)
+    departure = torch.zeros_like(error)
+    if potential.departure is not None:
+        shape = potential.observed.dense(potential.departure[None])
+        departure = fitted.amplitude[:, None, None].square() * shape
     weights = potential.weights(fitted.x, potential.y - mean, whitening)
     # d(estimate)/d(whitened residual), then back in the units of the outputs.
     white = potential.observed.dense(whitening)
     gain = covariance @ (weights[:, None] * (white @ slopes).mT) @ white
     total = torch.linalg.inv(white.mT @ white)
-    parts = [((gain @ part) * gain).sum(-1) for part in (total - error, error)]
+    parts = [((gain @ part) * gain).sum(-1) for part in (total - error, error - departure)]
+    by_departure = ((gain @ departure) * gain).sum(-1)
     if len(potential.measured):
         columns = covariance[:, :, potential.measured.at].square()
         parts += (columns * potential.measured.precision(fitted.x)[:, None]).unbind(-1)
-    rest = covariance.diagonal(dim1=-2, dim2=-1) - torch.stack(parts).sum(0)
-    return torch.stack([*parts, rest.clamp(min=0.0)], 1)
+    rest = covariance.diagonal(dim1=-2, dim2=-1) - torch.stack([*parts, by_departure]).sum(0)
+    return torch.stack([*parts, rest.clamp(min=0.0), by_departure], 1)
