@@ -2,6 +2,7 @@
 
 import json
 import re
+from shutil import copyfile
 
 import numpy as np
 import pandas as pd
@@ -57,7 +58,8 @@ def group(tmp_path_factory):
     fields = [vars(heart) for heart in hearts]
     batches = {"0000": fields[:4], "0001": fields[4:]}
     for batch, own in batches.items():
-        answer_batch(own, shared, [str(folder)], results / "hearts" / batch, answer=answer_as_known)
+        out = results / "hearts" / batch
+        answer_batch(own, shared, [str(folder)], checked, out, answer=answer_as_known)
     return results
 
 
@@ -92,13 +94,31 @@ def test_a_failing_heart_fails_alone(group):
 
 
 def test_a_full_disk_is_no_hearts_fault(tmp_path):
-    def full(config, folder):
+    def full(config, folder, notes):
         raise OSError(28, "No space left on device")
 
     heart = folders.write_heart(tmp_path / "anna")
     fields = {"name": "anna", "file": str(heart / "config.yaml")}
+    given = [fields], {"study": "group"}, [], left_out(tmp_path), tmp_path / "batch"
     with pytest.raises(OSError, match="No space left"):
-        answer_batch([fields], {"study": "group"}, [], tmp_path / "batch", answer=full)
+        answer_batch(*given, answer=full)
+
+
+def left_out(folder, **reasons):
+    """The file of a check that leaves hearts out."""
+    (folder / "checked.json").write_text(json.dumps({"left_out": reasons}))
+    return folder / "checked.json"
+
+
+def test_the_page_of_a_heart_that_is_left_out_says_why(tmp_path):
+    folder = folders.write_heart(tmp_path / "anna")
+    fields = {"name": "anna", "file": str(folder / "config.yaml")}
+    checked = left_out(tmp_path, anna="looks like kPa", bert="is missing")
+    out = tmp_path / "batch"
+    answer_batch([fields], {"study": "group"}, [], checked, out, answer=answer_as_known)
+    assert (out / "anna" / "page.html").read_text() == (
+        "anna\nthis heart is left out of its cohort: looks like kPa"
+    )
 
 
 def test_every_heart_has_a_row(tables):
@@ -192,6 +212,12 @@ def page(tables, name, folder) -> str:
 
 
 def test_page(tables, tmp_path):
+    hearts = pd.read_parquet(tables / "hearts.parquet")
+    hearts["page"] = hearts["page"].str.replace("bert", "50%#1")
+    hearts.to_parquet(tables / "odd.parquet", index=False)
+    for end in ("population", "causes"):
+        copyfile(tables / f"hearts_{end}.csv", tables / f"odd_{end}.csv")
+    assert 'href="hearts/0000/50%25%231/page.html">bert' in page(tables, "odd", tmp_path)
     html = page(tables, "hearts", tmp_path)
     assert not re.search(r'(src|href)="https?:', html)
     assert "10 hearts were listed; 7 were answered" in html and "3 failed" in html
