@@ -11,7 +11,7 @@ from matplotlib.image import imread
 
 from regional_lv import config as study_config
 from regional_lv.errors import InputError
-from regional_lv.hearts import hierarchy
+from regional_lv.hearts import hierarchy, summary
 from regional_lv.hearts.batches import answer_batch
 from regional_lv.hearts.cohort import read_cohort
 from regional_lv.hearts.listing import list_hearts, model_of_hearts
@@ -63,14 +63,14 @@ def group(tmp_path_factory):
     return results
 
 
-def summarise(results, batches=("0000", "0001"), name="hearts"):
+def summarise(results, batches=("0000", "0001"), name="hearts", prior=(1.0, 1.0)):
     table = results / f"{name}.parquet"
     summarise_cohort(
         sorted(NAMES),
         [results / "hearts" / batch for batch in batches],
         results / "checked.json",
         PARAMETERS,
-        (1.0, 1.0),
+        prior,
         2026,
         table,
         results / f"{name}_population.csv",
@@ -157,6 +157,23 @@ def test_population_and_causes(tables):
 def test_the_order_of_batches_does_not_matter(tables):
     again = summarise(tables, ("0001", "0000"), "again")
     assert again.read_bytes() == (tables / "hearts.parquet").read_bytes()
+
+
+def test_a_cause_is_expected_as_in_one_heart_by_itself(tables):
+    """As probable as not, which is a uniform prior of the share."""
+    again = summarise(tables, name="default", prior=None)
+    assert again.read_bytes() == (tables / "hearts.parquet").read_bytes()
+
+
+def test_a_heart_with_few_draws_of_what_the_others_expect(tables, monkeypatch):
+    """Those with a load by themselves, of 400 draws."""
+    monkeypatch.setattr(summary, "DRAWS_PER_FACTOR", 38)
+    monkeypatch.setattr(hierarchy, "FEWEST", 3)
+    hearts = pd.read_parquet(summarise(tables, name="drawn")).set_index("heart")
+    few = hearts["warnings"].str.contains("only 3.. effective draws", na=False)
+    assert list(hearts.index[few]) == ["anna", "cleo"]
+    pooled = hearts["C_a_septal_pooled"].dropna()
+    assert list(pooled.index) == ["bert", "hugo", "ines", "jack"]
 
 
 def test_few_hearts(tables, monkeypatch, tmp_path):
