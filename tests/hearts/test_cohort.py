@@ -14,6 +14,7 @@ from regional_lv.geometry.surfaces import Surfaces
 from regional_lv.geometry.table import read_segments
 from regional_lv.hearts.cohort import read_cohort
 from regional_lv.hearts.listing import batches_of, list_hearts, model_of_hearts
+from regional_lv.inputs.space import warn_of_exact_shape
 from tests.hearts.folders import NAMES, write_cohort, write_heart
 
 
@@ -208,8 +209,11 @@ def test_what_is_logged_of_a_heart_is_among_its_warnings(group, caplog):
     def check_reach(config):
         for _ in range(2):
             logging.getLogger("regional_lv.geometry.surfaces").warning("a hole was closed")
+        warn_of_exact_shape("segment_thickness", "it has no table")
 
     found = read(group, check_reach)
+    said = [warning for heart in found.hearts.values() for warning in heart.warnings]
+    assert sum("counts as exact" in warning for warning in said) == len(found.hearts)
     assert all(heart.warnings.count("a hole was closed") == 1 for heart in found.hearts.values())
     assert not caplog.text
     logging.getLogger("regional_lv.hearts").warning("shown")

@@ -129,7 +129,7 @@ def test_simulations_of_surfaces_have_the_inputs_of_their_table(
 
 def test_surfaces_without_a_smooth_wall_by_their_table_are_exact(heart, by_surfaces, caplog):
     config = by_surfaces(heart(jagged, inputs=MEASURED))
-    space._warn_of_exact_shape.cache_clear()  # other tests may have been warned
+    space.warn_of_exact_shape.cache_clear()  # other tests may have been warned
     assert not Inputs.from_config(sections_of(config)).of_role("measured").any()
     assert "no smooth surface goes through" in caplog.text and "counts as exact" in caplog.text
 

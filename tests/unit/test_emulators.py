@@ -305,6 +305,12 @@ def test_optimiser_steps_back_from_where_there_is_no_cholesky_factor():
     assert 1 < x.item() < 2
 
 
+def test_optimiser_says_if_there_is_nowhere_to_start(caplog):
+    x = torch.nn.Parameter(torch.zeros(1, dtype=torch.float64))
+    assert optimise.fit([("x", x)], lambda: x.log().sum(), {}, 50) == optimise.TOO_FAR
+    assert x.item() == 0 and "cannot be evaluated where its parameters start" in caplog.text
+
+
 @pytest.mark.parametrize(
     "blocks", [[slice(0, 4)], [slice(0, 2), slice(2, 4)], [slice(0, 1), slice(1, 4)]]
 )

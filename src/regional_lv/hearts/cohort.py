@@ -23,6 +23,7 @@ from regional_lv.geometry.surfaces import Surfaces
 from regional_lv.geometry.table import read_segments
 from regional_lv.hearts import ONE_HEART, checks
 from regional_lv.hearts.listing import Listed, model_of_hearts
+from regional_lv.inputs.space import warn_of_exact_shape
 from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.measured.plausibility import data_warnings, too_small
 from regional_lv.study.layout import HeartFiles
@@ -168,7 +169,8 @@ def read_cohort(
     left_out: dict[str, str] = {}
     for listed in hearts:
         with failing_alone(listed.name, left_out):
-            # Warnings are among the heart's own.
+            # Warnings are among the heart's own, also those that a process shows once.
+            warn_of_exact_shape.cache_clear()
             with warnings.catch_warnings(action="ignore"), collected_warnings() as logged:
                 heart = read_heart(listed, shared, folders)
                 check_reach(heart.config)
