@@ -321,7 +321,7 @@ class ExactGP(Emulator):
 
 _STATE = ("nugget", "mean", "weights", "output_b")
 
-_CACHED = ("sparse", "_known", "_few", "_by_simulation")
+_CACHED = ("sparse", "_known", "_for_variance", "_by_simulation")
 """Properties that are made when first asked for, those of subclasses among them."""
 
 

@@ -108,11 +108,11 @@ def _check_model(config: Mapping, known: Inputs) -> None:
         if mine != its:
             _refuse(f"parameters.{key}: {mine} is not the emulator's {its}")
     model = Inputs.from_config(sections_of(config)).base
-    here = inputs_of(model, known)
-    for name, each in zip(known.names, here, strict=True):
-        if each is None:
-            _refuse(f"{SECTION}.{name}: this study has no such input, and the emulator has it")
-    values = [each.value_in(model) for each in here if each is not None]
+    try:
+        here = inputs_of(model, known)
+    except InputError as error:
+        raise OutOfReach(f"{error}; {REMEDY}") from None
+    values = [each.value_in(model) for each in here]
     # Of a stiffness nothing is known beforehand.
     there = known.model([1.0 if value is None else value for value in values])
     for section in COMPARED:
