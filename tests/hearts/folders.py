@@ -1,7 +1,7 @@
 """Folders of hearts as a user fills them in, and answers of hearts without an emulator."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -51,7 +51,7 @@ def write_cohort(folder: Path, names=NAMES, **sections) -> Path:
     return folder
 
 
-def answer_as_known(config: Mapping, folder: Path) -> None:
+def answer_as_known(config: Mapping, folder: Path, notes: Sequence[str] = ()) -> None:
     """In place of an answer: a posterior of hearts of a population (log stiffness normal about 0.2
     with an sd of 0.25), and models of which every second heart's holds a septal load.
 
@@ -80,7 +80,7 @@ def answer_as_known(config: Mapping, folder: Path) -> None:
     trusted = name != "dora"
     findings = example(subject=name, subjects=[name], stiffness=stiffness, trusted=trusted)
     write_findings(findings, folder / "findings.json")
-    (folder / "page.html").write_text(name)
+    (folder / "page.html").write_text("\n".join([name, *notes]))
     load = 6.0 if name in ("anna", "cleo") else -3.0
     causes = ["septal_load", "focal_scar"]
     evidence, prior = np.array([0.0, load, 0.0, load]), np.array([1 / 3, 1 / 6, 1 / 6, 1 / 3])

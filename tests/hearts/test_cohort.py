@@ -14,6 +14,7 @@ from regional_lv.geometry.surfaces import Surfaces
 from regional_lv.geometry.table import read_segments
 from regional_lv.hearts.cohort import read_cohort
 from regional_lv.hearts.listing import batches_of, list_hearts, model_of_hearts
+from regional_lv.inputs.space import warn_of_exact_shape
 from tests.hearts.folders import NAMES, write_cohort, write_heart
 
 
@@ -65,6 +66,28 @@ def test_hearts_of_folders(group, monkeypatch):
     assert anna["inputs"]["end_diastolic_pressure"] == "suspected"
     assert bert["inputs"]["end_diastolic_pressure"]["role"] == "measured"
     assert any("still is the example" in line for line in found.hearts["anna"].warnings)
+
+
+def test_a_role_takes_the_place_of_the_one_below_with_its_keys(group):
+    roles = {"segment_thickness": {"role": "fixed"}, "endo_radius": {"sd_mm": 2.0}}
+    edit(group, lambda c: c.update(inputs={"endo_radius": {"role": "measured", "sd_mm": 1.0}}))
+    edit(group / "hearts" / "bert", lambda c: c.update(inputs=roles))
+    inputs = read(group).hearts["bert"].config["inputs"]
+    assert inputs["segment_thickness"] == {"role": "fixed"}
+    assert inputs["endo_radius"] == {"role": "measured", "sd_mm": 2.0}
+
+
+def test_files_that_lie_in_the_cohorts_folder(group):
+    """They are found from a heart's own and from a table in another folder, with a warning, and
+    are among those that a heart is made from."""
+    (group / "strains").mkdir()
+    shared = shutil.move(group / "hearts" / "anna" / "measured.csv", group / "strains" / "a.csv")
+    subjects = {"patient": {"source": "file", "measured": "strains/a.csv"}}
+    edit(group / "hearts" / "anna", lambda c: c.update(subjects=subjects))
+    (said,) = [line for line in read(group).hearts["anna"].warnings if "a.csv" in line]
+    assert said.startswith("subjects.patient.measured: strains/a.csv is not in")
+    anna = list_hearts(str(group / "hearts" / "*/"))[0]
+    assert anna.files([]) and shared.samefile(anna.files([str(group)])[-1])
 
 
 def test_volumes_without_a_mesh_are_those_of_the_mesh(smoke_config, tmp_path):
@@ -151,6 +174,14 @@ def test_a_heart_listed_twice(group):
         InputError, match=r"^zoe: measured values, .* those of anna: a heart listed"
     ):
         read(group)
+    # In another order of its rows, too.
+    measured = group / "hearts" / "zoe" / "measured.csv"
+    head, *rows = measured.read_text().splitlines()
+    measured.write_text("\n".join([head, *rows[::-1]]) + "\n")
+    with pytest.raises(
+        InputError, match=r"^zoe: measured values, .* those of anna: a heart listed"
+    ):
+        read(group)
     # Of another pressure it is another question about the same measurement.
     edit(group / "hearts" / "zoe", lambda c: c.update(loading={"pressure_mmhg": 10}))
     assert "the measured values are those of anna" in read(group).hearts["zoe"].warnings
@@ -178,8 +209,11 @@ def test_what_is_logged_of_a_heart_is_among_its_warnings(group, caplog):
     def check_reach(config):
         for _ in range(2):
             logging.getLogger("regional_lv.geometry.surfaces").warning("a hole was closed")
+        warn_of_exact_shape("segment_thickness", "it has no table")
 
     found = read(group, check_reach)
+    said = [warning for heart in found.hearts.values() for warning in heart.warnings]
+    assert sum("counts as exact" in warning for warning in said) == len(found.hearts)
     assert all(heart.warnings.count("a hole was closed") == 1 for heart in found.hearts.values())
     assert not caplog.text
     logging.getLogger("regional_lv.hearts").warning("shown")
@@ -225,6 +259,15 @@ def test_half_out_of_range(group):
     with pytest.raises(InputError, match="3 of 6 hearts cannot be answered") as raised:
         read(group, check_reach)
     assert "\nbert: wall_thickness_7 is 40 mm" in str(raised.value)
+
+
+def test_an_error_of_the_software_leaves_one_heart_out(group, caplog):
+    def check_reach(config):
+        if "bert" in config["subjects"]:
+            raise ValueError("not positive definite")
+
+    assert read(group, check_reach).left_out == {"bert": "ValueError: not positive definite"}
+    assert "Traceback" in caplog.text
 
 
 def test_models_that_differ(group):

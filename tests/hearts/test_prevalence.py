@@ -6,6 +6,7 @@ from scipy import special, stats
 
 from regional_lv.hearts.prevalence import (
     SOME,
+    default_prior,
     infer_prevalence,
     log_bayes_factors,
     weights_given_others,
@@ -113,18 +114,23 @@ def test_evidence_of_one_heart():
 
 
 def test_models_given_other_hearts():
-    """The odds of one cause change as the other hearts change what is expected of it."""
+    """As probable as the table says that a heart has a cause (`Prevalence.probability`)."""
     inputs = toy_inputs(2, suspected=3, half=2.0)
     potential, _, _ = linear_problem(inputs, 12, [0.5, -0.3, 0.0, 0.3, 0.0])
     data = average(potential, 2, 0).to_datatree(100, 0)
     own = data.sample_stats["probability"].to_numpy()
     holds = data.sample_stats["holds"].sel(cause="c1").to_numpy()
-    weighed = own * weights_given_others(data, {"c1": 0.02}, (1.0, 4.0))
-    odds = weighed[holds].sum() / weighed[~holds].sum()
-    prior = float(data.constant_data["prior_probability"].sel(cause="c1"))
-    change = special.logit(0.02) - special.logit(0.2)
-    expected = special.logit(prior) + log_bayes_factors(data)["c1"] + change
-    assert np.log(odds) == pytest.approx(expected, abs=1e-6)
+    found = infer_prevalence([15.0, 15.0, -0.5, log_bayes_factors(data)["c1"]], (1.0, 4.0))
+    weighed = own * weights_given_others(data, {"c1": found.expected[-1]})
+    weighed /= weighed.sum()
+    assert weighed[holds].sum() == pytest.approx(found.probability[-1], abs=1e-6)
     # Models that differ in other causes alone stay as probable beside each other.
-    np.testing.assert_allclose((weighed / own)[~holds], 1.0)
-    assert np.ptp((weighed / own)[holds]) < 1e-9
+    for same in (holds, ~holds):
+        np.testing.assert_allclose((weighed / own)[same], (weighed / own)[same][0])
+
+
+def test_hearts_that_say_nothing_change_no_answer():
+    found = infer_prevalence([2.0, 0.0, 0.0], default_prior(0.08))
+    np.testing.assert_allclose(found.expected[0], 0.08, rtol=1e-3)
+    alone = special.expit(special.logit(0.08) + 2.0)
+    np.testing.assert_allclose(found.probability[0], alone, rtol=1e-3)

@@ -48,7 +48,8 @@ def by_surfaces(monkeypatch):
         found = described.Described(table, *apices)
         monkeypatch.setattr(described, "of_surfaces", lambda surfaces: found)
         described._described.cache_clear()
-        surfaces = {"source": "surfaces", "segments": None, "surfaces": {}}
+        files = {"endocardium": "endo.stl", "epicardium": "epi.stl"}
+        surfaces = {"source": "surfaces", "segments": None, "surfaces": files}
         return config | {"geometry": geometry | surfaces}
 
     yield by_surfaces
@@ -65,7 +66,7 @@ def test_surfaces_are_as_near_as_the_table_that_describes_them(
     if change is None:
         check(config)
     else:
-        with pytest.raises(OutOfReach, match="wall_thickness_5"):
+        with pytest.raises(OutOfReach, match=r"^endo\.stl and epi\.stl: wall_thickness_5"):
             check(config)
 
 
@@ -128,7 +129,7 @@ def test_simulations_of_surfaces_have_the_inputs_of_their_table(
 
 def test_surfaces_without_a_smooth_wall_by_their_table_are_exact(heart, by_surfaces, caplog):
     config = by_surfaces(heart(jagged, inputs=MEASURED))
-    space._warn_of_exact_shape.cache_clear()  # other tests may have been warned
+    space.warn_of_exact_shape.cache_clear()  # other tests may have been warned
     assert not Inputs.from_config(sections_of(config)).of_role("measured").any()
     assert "no smooth surface goes through" in caplog.text and "counts as exact" in caplog.text
 
@@ -159,7 +160,7 @@ THICKER = {
     [
         (thinner, {}, "segments.csv: wall_thickness_5 is 2.2; in hearts of this length"),
         (uneven, {}, "segments.csv: endo_radius_"),
-        (septum_wider, {}, "segments.csv, line 8: the sector begins \\+8 degrees"),
+        (septum_wider, {}, "segments.csv, segment 7: the sector begins \\+8 degrees"),
         (lower(2.4), {}, "segments.csv: basal_end is 0.439; in hearts of this length"),
         (None, {"inputs": {"helix_epi": "suspected"}}, "inputs.helix_epi: the emulator has no"),
         (None, {"fibres": {"helix_endo_deg": 50}}, "fibres.helix_endo_deg: is not as in"),
@@ -175,6 +176,17 @@ THICKER = {
             None,
             {"supports": {"epicardium_kpa_per_mm": 0.01}, "inputs": {"C_a": "inferred"}},
             "supports.epicardium_kpa_per_mm: is not as in",
+        ),
+        # What a study fixes, or counts as its own: 6 mmHg at 8 mmHg, at 12.
+        (
+            None,
+            {"loading": {"pressure_mmhg": 12, "septal_pressure_mmhg": 9.1}, "inputs": {}},
+            "inputs.septal_load: 9.1 is outside of 0 to 9 mmHg, which",
+        ),
+        (
+            None,
+            {"observables": {"strain_exponent": 4}, "inputs": {"strain_measure": "suspected"}},
+            "inputs.strain_measure: 4 is outside of -3 to 3, which",
         ),
     ],
 )

@@ -2,12 +2,17 @@
 
 import importlib
 
+import pandas as pd
 import pytest
 import yaml
 from click.testing import CliRunner
 
 from regional_lv.cli import main
+from regional_lv.errors import InputError
 from regional_lv.hearts import file as any_heart_file
+from regional_lv.hearts.full import write_design
+from regional_lv.hearts.reach import OutOfReach, within
+from regional_lv.inputs.space import sections_of
 
 cli = importlib.import_module("regional_lv.cli.run")  # the name in the package is the command's
 
@@ -65,6 +70,21 @@ def test_with_one_simulations_of_the_heart_join(way, run, folder):
     assert yaml.safe_load(base.read_text())["all_inputs"]["emulator"] == "shipped"
     assert cut["parameters"]["bounds"] == {"C_a": [pytest.approx(0.12), 5.0]}
     assert cut["inputs"]["basal_motion"]["range"] == [0.0, pytest.approx(80.0)]
+
+
+def test_nothing_is_simulated_beyond_what_the_emulator_knows(heart, file, any_heart, tmp_path):
+    files = tmp_path / "train.parquet", tmp_path / "test.parquet"
+
+    def write(config):
+        write_design(file, sections_of(config), {"train": 8, "test": 2}, 1, *files)
+
+    with pytest.raises(InputError, match=r"C_a is cut to 0\.12 to 5, .*inputs\.<name>"):
+        write(heart())
+    with pytest.raises(OutOfReach, match="wall_thickness_"):
+        write(heart(lambda table: table.__setitem__("wall_thickness_mm", 2.2)))
+    assert not files[0].exists()
+    write(within(heart(), any_heart.emulator, any_heart.known)[0])
+    assert len(pd.read_parquet(files[0])) == 8
 
 
 def test_a_heart_out_of_reach_goes_the_long_way(run, folder, heart):

@@ -2,6 +2,7 @@
 
 import json
 import re
+from shutil import copyfile
 
 import numpy as np
 import pandas as pd
@@ -10,7 +11,7 @@ from matplotlib.image import imread
 
 from regional_lv import config as study_config
 from regional_lv.errors import InputError
-from regional_lv.hearts import hierarchy
+from regional_lv.hearts import hierarchy, summary
 from regional_lv.hearts.batches import answer_batch
 from regional_lv.hearts.cohort import read_cohort
 from regional_lv.hearts.listing import list_hearts, model_of_hearts
@@ -57,18 +58,19 @@ def group(tmp_path_factory):
     fields = [vars(heart) for heart in hearts]
     batches = {"0000": fields[:4], "0001": fields[4:]}
     for batch, own in batches.items():
-        answer_batch(own, shared, [str(folder)], results / "hearts" / batch, answer=answer_as_known)
+        out = results / "hearts" / batch
+        answer_batch(own, shared, [str(folder)], checked, out, answer=answer_as_known)
     return results
 
 
-def summarise(results, batches=("0000", "0001"), name="hearts"):
+def summarise(results, batches=("0000", "0001"), name="hearts", prior=(1.0, 1.0)):
     table = results / f"{name}.parquet"
     summarise_cohort(
         sorted(NAMES),
         [results / "hearts" / batch for batch in batches],
         results / "checked.json",
         PARAMETERS,
-        (1.0, 1.0),
+        prior,
         2026,
         table,
         results / f"{name}_population.csv",
@@ -92,13 +94,31 @@ def test_a_failing_heart_fails_alone(group):
 
 
 def test_a_full_disk_is_no_hearts_fault(tmp_path):
-    def full(config, folder):
+    def full(config, folder, notes):
         raise OSError(28, "No space left on device")
 
     heart = folders.write_heart(tmp_path / "anna")
     fields = {"name": "anna", "file": str(heart / "config.yaml")}
+    given = [fields], {"study": "group"}, [], left_out(tmp_path), tmp_path / "batch"
     with pytest.raises(OSError, match="No space left"):
-        answer_batch([fields], {"study": "group"}, [], tmp_path / "batch", answer=full)
+        answer_batch(*given, answer=full)
+
+
+def left_out(folder, **reasons):
+    """The file of a check that leaves hearts out."""
+    (folder / "checked.json").write_text(json.dumps({"left_out": reasons}))
+    return folder / "checked.json"
+
+
+def test_the_page_of_a_heart_that_is_left_out_says_why(tmp_path):
+    folder = folders.write_heart(tmp_path / "anna")
+    fields = {"name": "anna", "file": str(folder / "config.yaml")}
+    checked = left_out(tmp_path, anna="looks like kPa", bert="is missing")
+    out = tmp_path / "batch"
+    answer_batch([fields], {"study": "group"}, [], checked, out, answer=answer_as_known)
+    assert (out / "anna" / "page.html").read_text() == (
+        "anna\nthis heart is left out of its cohort: looks like kPa"
+    )
 
 
 def test_every_heart_has_a_row(tables):
@@ -137,6 +157,23 @@ def test_population_and_causes(tables):
 def test_the_order_of_batches_does_not_matter(tables):
     again = summarise(tables, ("0001", "0000"), "again")
     assert again.read_bytes() == (tables / "hearts.parquet").read_bytes()
+
+
+def test_a_cause_is_expected_as_in_one_heart_by_itself(tables):
+    """As probable as not, which is a uniform prior of the share."""
+    again = summarise(tables, name="default", prior=None)
+    assert again.read_bytes() == (tables / "hearts.parquet").read_bytes()
+
+
+def test_a_heart_with_few_draws_of_what_the_others_expect(tables, monkeypatch):
+    """Those with a load by themselves, of 400 draws."""
+    monkeypatch.setattr(summary, "DRAWS_PER_FACTOR", 38)
+    monkeypatch.setattr(hierarchy, "FEWEST", 3)
+    hearts = pd.read_parquet(summarise(tables, name="drawn")).set_index("heart")
+    few = hearts["warnings"].str.contains("only 3.. effective draws", na=False)
+    assert list(hearts.index[few]) == ["anna", "cleo"]
+    pooled = hearts["C_a_septal_pooled"].dropna()
+    assert list(pooled.index) == ["bert", "hugo", "ines", "jack"]
 
 
 def test_few_hearts(tables, monkeypatch, tmp_path):
@@ -192,6 +229,12 @@ def page(tables, name, folder) -> str:
 
 
 def test_page(tables, tmp_path):
+    hearts = pd.read_parquet(tables / "hearts.parquet")
+    hearts["page"] = hearts["page"].str.replace("bert", "50%#1")
+    hearts.to_parquet(tables / "odd.parquet", index=False)
+    for end in ("population", "causes"):
+        copyfile(tables / f"hearts_{end}.csv", tables / f"odd_{end}.csv")
+    assert 'href="hearts/0000/50%25%231/page.html">bert' in page(tables, "odd", tmp_path)
     html = page(tables, "hearts", tmp_path)
     assert not re.search(r'(src|href)="https?:', html)
     assert "10 hearts were listed; 7 were answered" in html and "3 failed" in html

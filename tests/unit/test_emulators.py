@@ -20,7 +20,7 @@ from regional_lv.config.sections.emulators import Emulators
 from regional_lv.emulators import exact_gp, optimise
 from regional_lv.emulators.base import Architecture, Emulator, TrainingSet
 from regional_lv.emulators.exact_gp import ExactGP, leave_one_out, shrinkage_of
-from regional_lv.emulators.kernels import KERNELS, make_kernel, weighted_slopes
+from regional_lv.emulators.kernels import ZONAL, make_kernel, weighted_slopes
 from regional_lv.emulators.recalibration import (
     Calibration,
     fit_freedom,
@@ -230,7 +230,7 @@ def some_kernel(name):
     return kernel.initialize(lengthscale=scales).requires_grad_(False)
 
 
-@pytest.mark.parametrize("name", KERNELS)
+@pytest.mark.parametrize("name", [*OFFERED, ZONAL])
 def test_slopes_of_kernels(name):
     rng = np.random.default_rng(24)
     a, b, weights = (torch.as_tensor(rng.normal(size=s)) for s in ((3, 4), (6, 4), (6, 2)))
@@ -303,6 +303,12 @@ def test_optimiser_steps_back_from_where_there_is_no_cholesky_factor():
 
     optimise.fit([("x", x)], loss, {}, 50)
     assert 1 < x.item() < 2
+
+
+def test_optimiser_says_if_there_is_nowhere_to_start(caplog):
+    x = torch.nn.Parameter(torch.zeros(1, dtype=torch.float64))
+    assert optimise.fit([("x", x)], lambda: x.log().sum(), {}, 50) == optimise.TOO_FAR
+    assert x.item() == 0 and "cannot be evaluated where its parameters start" in caplog.text
 
 
 @pytest.mark.parametrize(

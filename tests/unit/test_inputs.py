@@ -80,7 +80,7 @@ def test_a_shape_without_a_table_counts_as_exact(tmp_path, caplog):
     (tmp_path / "heart.vtu").touch()
     geometry = {"source": "mesh", "imported": {"file": str(tmp_path / "heart.vtu")}}
     given = {"segment_thickness": {"role": "measured", "sd_mm": 1.0}}
-    space._warn_of_exact_shape.cache_clear()  # other tests may have been warned
+    space.warn_of_exact_shape.cache_clear()  # other tests may have been warned
     found, _ = (Inputs.from_config(loaded(geometry=geometry, inputs=given)) for _ in range(2))
     assert found.of_role("inferred").all()
     assert "no segment table describes the heart" in caplog.text and "heart.vtu" in caplog.text

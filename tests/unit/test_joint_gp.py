@@ -2,6 +2,7 @@
 
 import copy
 import json
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -255,6 +256,18 @@ def test_the_stated_error_of_a_part_of_the_observations():
     error = (found.mean - toy(at)).abs()
     covered = [(error < 1.96 * each.sd).double().mean() for each in (exact, found)]
     assert covered[1] > covered[0] - 0.05
+
+
+@pytest.mark.parametrize("calibration", ["student", "intervals"])
+def test_without_stiffness_among_the_inputs(calibration):
+    fixed = replace(COORDINATES, softness=())
+    theta = points(40, 1)
+    settings = {"max_observations": 120, "iterations": 10, "calibration": calibration}
+    known = KNOWN | {"parameters": fixed}
+    found = create("joint_gp", settings).fit(theta, *simulated(theta), **known)
+    there = points(40, 2)
+    errors = found.errors_of(there, simulated(there)[0]).abs()
+    assert 0.7 < (errors < 2).double().mean()
 
 
 def test_it_is_kept_and_selected(emulator, tmp_path):

@@ -184,6 +184,13 @@ def test_what_is_in_proportion_to_the_volume_of_discs_needs_no_learning():
     torch.testing.assert_close(networks(z), given[1], rtol=1e-6, atol=1e-8)
 
 
+def test_a_training_of_ten_steps():
+    """As many as a warm-up of a tenth has one of."""
+    given = (torch.as_tensor(each) for each in simulated(10, 6))
+    networks = SegmentNetworks(COORDINATES, OUTPUTS, 8, 2, 1).fit(*given, passes=2, seed=0)
+    assert torch.isfinite(networks(torch.as_tensor(simulated(3, 7)[0]))).all()
+
+
 def test_networks_learn_from_segments_what_a_process_cannot(emulator):
     plain = error(fitted())
     assert np.median(error(emulator)) < 0.6 * np.median(plain)

@@ -137,7 +137,12 @@ def disagreements(rules: dict) -> list[str]:
     return wrong
 
 
-@pytest.mark.parametrize("study", ["smoke", "published", "published_heart", "smoke examples/roles"])
+JOINED = "smoke ../src/regional_lv/hearts/one_heart"
+
+
+@pytest.mark.parametrize(
+    "study", ["smoke", "published", "published_heart", "smoke examples/roles", JOINED]
+)
 def test_rules_and_functions_agree(listing, study):
     rules = called(listing(study))
     assert len(rules) > 30 and ("criticise_subject" in rules) == (study != "published")

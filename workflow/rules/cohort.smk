@@ -11,6 +11,7 @@ if config["cohort"]["hearts"]:
     COHORT_BATCHES = batches_of([*LISTED], config["cohort"]["hearts_per_batch"])
     # Beside the code, what any heart is answered by.
     ANY_HEART = tuple(os.path.relpath(path) for path in (ONE_HEART, SHIPPED) if path.is_file())
+    ANY_HEART += (DESCRIBED,)
     # What the files of the configuration say themselves: a heart's own comes on top of it.
     OF_COHORT = {
         "shared": {key: value for key, value in gathered.items() if key != "cohort"},
@@ -39,8 +40,8 @@ if config["cohort"]["hearts"]:
         """Posterior, verdict and page of each heart of a batch; hearts of other batches do not
         matter to it."""
         input:
-            ancient(COHORT.checked),
             lambda wildcards: files_of_hearts(COHORT_BATCHES[wildcards.batch]),
+            checked=ancient(COHORT.checked),
         output:
             folder=directory(COHORT.batch("{batch}").folder),
         log:

@@ -324,6 +324,9 @@ def code_of(*modules, files=()):
     return f"{modules[0]} {dependencies.digest([*own, *files, *plugins])}"
 
 
+# By what the emulator of any heart takes surfaces and meshes into account.
+DESCRIBED = os.path.relpath(packaged("described_surfaces.csv"))
+
 # What functions require by these names, and rules need not say.
 OF_STUDY = {
     "parameters": PARAMETER_SPEC,
@@ -521,4 +524,4 @@ def fields_of(names):
 
 def files_of_hearts(names):
     """The files that hearts of a cohort are made of."""
-    return [given(file) for name in names for file in LISTED[name].files()]
+    return [given(file) for name in names for file in LISTED[name].files(OF_COHORT["folders"])]

@@ -20,6 +20,7 @@ if DOUBTS:
         never a truth.
         """
         input:
+            given(DESCRIBED) if JOINED else [],
             **({"own": LAYOUT.inputs_screened("train")} if JOINED else {}),
             emulator_file=EMULATOR_OF_INPUTS,
             mesh=LAYOUT.heart().mesh,

@@ -41,6 +41,7 @@ if DOUBTS:
     rule design_inputs:
         input:
             [SEGMENT_TABLE] if config["geometry"]["source"] == "segments" else [],
+            **({"emulator_file": EMULATOR_OF_INPUTS} if JOINED else {}),
         output:
             train=f"{OVER_INPUTS}/design/train.parquet",
             test=f"{OVER_INPUTS}/design/test.parquet",
@@ -48,7 +49,7 @@ if DOUBTS:
             f"{LOGS}/all_inputs/design_inputs.log",
         localrule: True
         params:
-            call=DESIGN,
+            call="hearts.full:write_design" if JOINED else DESIGN,
             physics=INPUTS,
             sizes={"train": ALL_INPUTS["simulations"], "test": ALL_INPUTS["test"]},
         script:

@@ -190,7 +190,9 @@ class ExactGP(Emulator):
         by_theta = torch.cat([self.linearise(part)[1] for part in theta.split(ROWS_AT_ONCE)])
         slopes = by_theta / self.output_sd[:, None]
         slopes = torch.linalg.solve_triangular(factor, slopes, upper=False)
-        slopes, stiffness = slopes[..., list(self.coordinates.softness)], self._stiffness(theta)
+        # Of a study that fixes all stiffness, the inputs that it has count in its place.
+        about = list(self.coordinates.softness) or range(theta.shape[1])
+        slopes, stiffness = slopes[..., about], self._stiffness(theta)
         self.calibration = Calibration.fit(kind, errors, slopes, stiffness)
         self.info = {
             "calibration": kind,
@@ -201,8 +203,11 @@ class ExactGP(Emulator):
         }
 
     def _stiffness(self, theta: torch.Tensor) -> torch.Tensor:
-        """Mean (...) over the factors of log theta (..., P)."""
-        return theta[..., list(self.coordinates.softness)].log().mean(-1)
+        """Mean (...) over the factors of log theta (..., P); 0 where there are none."""
+        factors = theta[..., list(self.coordinates.softness)]
+        if not factors.shape[-1]:
+            return theta.new_zeros(theta.shape[:-1])
+        return factors.log().mean(-1)
 
     def _set_output_covariance(self) -> None:
         self.output_covariance = self.output_sd[:, None] * self.output_b * self.output_sd
@@ -316,7 +321,7 @@ class ExactGP(Emulator):
 
 _STATE = ("nugget", "mean", "weights", "output_b")
 
-_CACHED = ("sparse", "_known", "_few", "_by_simulation")
+_CACHED = ("sparse", "_known", "_for_variance", "_by_simulation")
 """Properties that are made when first asked for, those of subclasses among them."""
 
 

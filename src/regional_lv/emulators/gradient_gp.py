@@ -208,7 +208,7 @@ class GradientGP(ExactGP):
         return given
 
     @cached_property
-    def _few(self) -> Factorised:
+    def _for_variance(self) -> Factorised:
         """The observations that the variance is computed from."""
         if self.variance_seen is self.seen:
             return self._known
@@ -218,7 +218,7 @@ class GradientGP(ExactGP):
     def _predict(self, theta):
         x = self.standardise(theta.reshape(-1, theta.shape[-1]))
         k = crossed(self.model.of_values, x, self.inputs, self.variance_seen)
-        variance = stated_variance(k, self._few, self.nugget).reshape(theta.shape[:-1])
+        variance = stated_variance(k, self._for_variance, self.nugget).reshape(theta.shape[:-1])
         scale = self.calibration.scale(self._stiffness(theta))
         return self._separable(self.predict_mean(theta), scale * variance)
 
@@ -246,7 +246,7 @@ class GradientGP(ExactGP):
         given.inputs = torch.cat([self.inputs, self.standardise(theta)])
         new = ObservedDerivatives.of_all(torch.arange(m), torch.arange(theta.shape[1]))
         given.variance_seen = self.variance_seen.joined(ObservedDerivatives(n + new.at, new.along))
-        few = given._few
+        few = given._for_variance
         found = error.new_zeros(len(few.cholesky), error.shape[1])
         observed = self._observed(error, slopes, new)
         found[n : n + m], found[len(found) - len(new) :] = observed[:m], observed[m:]
@@ -261,7 +261,7 @@ class GradientGP(ExactGP):
         """Without a simulation's derivatives, too; variances as they are stated."""
         errors, variances = self._left_out(precision, targets, self.seen)
         if self.variance_seen is not self.seen:
-            few = projected_precision(self._few.cholesky, self._few.constant)
+            few = projected_precision(self._for_variance.cholesky, self._for_variance.constant)
             _, variances = self._left_out(few, torch.zeros_like(few[:, :1]), self.variance_seen)
         return errors, variances
 

@@ -16,9 +16,6 @@ from regional_lv.emulators.base import row_jacobian
 ZONAL = "zonal_rq"
 """The product over the zones of rational quadratic kernels of their factors, one alpha."""
 
-KERNELS = ("rq", "rbf", "matern52", ZONAL)
-"""Names for `make_kernel`."""
-
 IN_CACHE = 400_000
 """Correlations that are computed at a time, 3 MB."""
 

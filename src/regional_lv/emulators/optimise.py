@@ -1,11 +1,14 @@
 """L-BFGS, deterministic; for losses of the whole data at hand."""
 
+import logging
 from collections.abc import Callable, Iterable, Mapping
 
 import numpy as np
 import torch
 from scipy.optimize import minimize
 from torch.nn.utils import parameters_to_vector, vector_to_parameters
+
+log = logging.getLogger(__name__)
 
 TOO_FAR = 1e12
 """Loss of a step that cannot be evaluated."""
@@ -21,7 +24,8 @@ def fit(
 
     parameters: as `named_parameters` of a module gives them. bounds: by the last part of a name
     (`raw_lengthscale`), for all entries of the parameter; what has none is free. A loss that is not
-    finite, or that fails for want of a Cholesky factor, counts as a step too far.
+    finite, or that fails for want of a Cholesky factor, counts as a step too far; where it is
+    that from the start, the parameters stay as they are, with a warning.
     """
     names, tensors = zip(*parameters, strict=True)
     limits = [
@@ -60,5 +64,7 @@ def fit(
         bounds=limits,
         options={"maxiter": iterations, "maxfun": 2 * iterations},
     )
+    if found.fun >= TOO_FAR:
+        log.warning("the loss cannot be evaluated where its parameters start; they stay there")
     put(found.x)
     return float(found.fun)

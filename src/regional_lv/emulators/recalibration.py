@@ -15,10 +15,6 @@ from scipy.special import gammaln
 
 from regional_lv.emulators.gaussian import Z95
 
-KINDS = ("none", "variance_factor", "variance_trend", "student", "intervals")
-"""What is fitted: nothing, a factor, a trend and a factor, these and the tails of the errors; a
-trend, and a factor by which intervals of the outputs hold."""
-
 FREEDOMS = (3.0, 1e4)
 """Least and most degrees of freedom of errors with a t."""
 
@@ -51,7 +47,7 @@ class Calibration:
     ) -> "Calibration":
         """By errors (N, D) at means of log theta `stiffness` (N,), whitened by their predicted
         covariance, and slopes (N, D, P) of the outputs about the factors, whitened by it or a
-        multiple of it. kind: one of `KINDS`."""
+        multiple of it. kind: what is fitted, as the setting `calibration` of the exact GP says."""
         if kind == "none":
             return cls()
         trend, freedom = (0.0, 0.0), math.inf

@@ -428,7 +428,8 @@ def _train(network: Network, ring: Ring, z, v, slopes, passes: int) -> None:
     of_slopes = 1 / (weight[..., None, None] * slopes.square()).sum(-1).mean()
     n, outputs = len(z), ring.outputs.shape[1]
     batch = min(BATCH, -(-n // LEAST_STEPS))
-    steps = passes * -(-n // batch)
+    # The schedule's warm-up may not be of exactly one step, whose length is then zero.
+    steps = max(passes * -(-n // batch), round(1 / WARM_UP) + 1)
     layers = [layer.weight for layer in network.layers]
     others = [each for each in network.parameters() if all(each is not one for one in layers)]
     optimisers = (

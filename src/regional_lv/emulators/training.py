@@ -124,7 +124,8 @@ def train_emulator(
 def predict_each(
     emulator: Emulator, theta: torch.Tensor, y: torch.Tensor
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """Means and sds (N, D) at theta (N, P), each by the emulator of its own outputs y (N, D)."""
+    """Means and sds (N, D) at theta (N, P), each row by the emulator localised to that row's y
+    (N, D)."""
     # One by one: a local emulator differs from case to case, and covariances of all take room.
     found = [emulator.localise(observed).predict(at) for at, observed in zip(theta, y, strict=True)]
     return torch.stack([each.mean for each in found]), torch.stack([each.sd for each in found])

@@ -103,11 +103,12 @@ def _table() -> pd.DataFrame:
 class BySurfaces:
     """Outputs (D,) of a heart by its surfaces, of those by its table.
 
-    shares (D,): of which outputs differences are shares. shift (D,); by_log (D, S): about the
-    logarithms of the emulator's inputs at the places `at` (S,). sd (D,): of what is not known.
+    relative (D,): of which outputs differences are shares of what the table gives. shift (D,);
+    by_log (D, S): about the logarithms of the emulator's inputs at the places `at` (S,). sd (D,):
+    of what is not known.
     """
 
-    shares: torch.Tensor
+    relative: torch.Tensor
     shift: torch.Tensor
     by_log: torch.Tensor
     at: torch.Tensor
@@ -134,13 +135,14 @@ class BySurfaces:
             torch.tensor(sd),
         )
 
-    def change(self, there: torch.Tensor) -> torch.Tensor:
-        """What is subtracted (M, D), at the emulator's inputs (M, E)."""
+    def correction(self, there: torch.Tensor) -> torch.Tensor:
+        """Outputs by the table less those by the surfaces (M, D), as shares of the former where
+        they are `relative`, at the emulator's inputs (M, E)."""
         return self.shift + there[:, self.at].log() @ self.by_log.T
 
     def __call__(self, y: torch.Tensor, there: torch.Tensor) -> torch.Tensor:
         """Outputs (M, D) by the surfaces, of those by the table."""
-        return y - self.change(there) * self._size(y)
+        return y - self.correction(there) * self._size(y)
 
     def slopes(self, y: torch.Tensor, slopes: torch.Tensor, there: torch.Tensor) -> torch.Tensor:
         """What becomes of the derivatives (M, D, E) of outputs by the table."""
@@ -151,8 +153,8 @@ class BySurfaces:
 
     def factor(self, there: torch.Tensor) -> torch.Tensor:
         """What errors of outputs by the table are multiplied by, (M, D)."""
-        change = self.change(there)
-        return torch.where(self.shares, 1 - change, torch.ones_like(change))
+        correction = self.correction(there)
+        return torch.where(self.relative, 1 - correction, torch.ones_like(correction))
 
     def unknown(self, y: torch.Tensor) -> torch.Tensor:
         """Standard deviations (M, D) of what the table leaves open."""
@@ -160,9 +162,9 @@ class BySurfaces:
 
     def _size(self, y: torch.Tensor) -> torch.Tensor:
         """What differences are in units of, (M, D)."""
-        return torch.where(self.shares, y, torch.ones_like(y))
+        return torch.where(self.relative, y, torch.ones_like(y))
 
     def select(self, kept: Sequence[int]) -> "BySurfaces":
         """For some of the outputs, by place."""
-        rows = {name: getattr(self, name)[kept] for name in ("shares", "shift", "by_log", "sd")}
+        rows = {name: getattr(self, name)[kept] for name in ("relative", "shift", "by_log", "sd")}
         return replace(self, **rows)

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import torch
 
 from regional_lv.emulators.errors_by_causes import count_on, errors_by
 from regional_lv.emulators.gaussian import Z95
@@ -73,38 +74,16 @@ def ship(
     Raises InputError for a file that would be too large.
     """
     emulator = JointGP.load(emulator_file)
-    counts = pd.read_csv(summary).iloc[0]
     theta, y, _ = read_simulations(test, emulator.parameters, emulator.outputs)
     inputs = Inputs.from_config(physics).simulated
     suspected = inputs.subset(inputs.of_role("suspected"))
     nominal = dict(zip(suspected.names, suspected.nominal.tolist(), strict=True))
-    few = count_on(emulator, theta, nominal) <= FEW_ON
-    factor = 1.0
-    if few.any():
-        factor = calibrating_factor(emulator.of_study_mesh.errors_of(theta[few], y[few]).numpy())
-    emulator = emulator.rescaled(factor)
-    on_mesh = emulator.of_study_mesh
+    emulator, rescaled = _calibrated(emulator, theta, y, nominal)
     kinds = pd.read_parquet(test, columns=[HEART])[HEART].to_numpy()
     groups = {kind: kinds == kind for kind in dict.fromkeys(sorted(kinds))}
     groups["all"] = np.ones(len(kinds), dtype=bool)
-    card = {
-        "simulations": len(emulator.learnt_from),
-        "tried": int(counts["simulations"]),
-        "finer": emulator.processes[-1].info["rows"] if len(emulator.processes) > 1 else 0,
-        "networks": {
-            key.removeprefix("network_"): value
-            for key, value in emulator.settings.items()
-            if key.startswith("network_")
-        },
-        "observations": len(emulator.processes[0].seen) + len(emulator.processes[0].inputs),
-        "rescaled": {"factor": factor, "simulations": int(few.sum())},
-        "cpu_s_median": float(counts["cpu_s_median"]),
-        "mesh": dict(mesh),
-        "seed": seed,
-        "versions": versions(),
-        "errors": errors_by(on_mesh, theta, y, groups, HEART).to_dict("records"),
-        "ranges": _ranges(emulator),
-    }
+    errors = errors_by(emulator.of_study_mesh, theta, y, groups, HEART).to_dict("records")
+    card = _card(emulator, pd.read_csv(summary).iloc[0], rescaled, mesh, seed, errors)
     write(emulator, physics, card, shipped)
     size = os.path.getsize(shipped) / 1e6
     if size > LARGEST_MB:
@@ -114,6 +93,48 @@ def ship(
         )
     # What the file's precision changes is in the card, too.
     write(emulator, physics, card | {"shortened": _change(emulator, read(shipped))}, shipped)
+
+
+def _calibrated(
+    emulator: JointGP, theta: torch.Tensor, y: torch.Tensor, nominal: Mapping[str, float]
+) -> tuple[JointGP, dict]:
+    """The emulator with errors on the study's mesh that are stated as large as they are at other
+    simulations theta (n, P), y (n, D), with few causes on; and what the card says of it. nominal:
+    of the suspected inputs, by name."""
+    few = count_on(emulator, theta, nominal) <= FEW_ON
+    factor = 1.0
+    if few.any():
+        factor = calibrating_factor(emulator.of_study_mesh.errors_of(theta[few], y[few]).numpy())
+    return emulator.rescaled(factor), {"factor": factor, "simulations": int(few.sum())}
+
+
+def _card(
+    emulator: JointGP,
+    counts: pd.Series,
+    rescaled: Mapping,
+    mesh: Mapping,
+    seed: int,
+    errors: Sequence[Mapping],
+) -> dict:
+    """What an emulator says of itself. counts: of the screening of what it learnt from."""
+    return {
+        "simulations": len(emulator.learnt_from),
+        "tried": int(counts["simulations"]),
+        "finer": emulator.processes[-1].info["rows"] if len(emulator.processes) > 1 else 0,
+        "networks": {
+            key.removeprefix("network_"): value
+            for key, value in emulator.settings.items()
+            if key.startswith("network_")
+        },
+        "observations": len(emulator.processes[0].seen) + len(emulator.processes[0].inputs),
+        "rescaled": rescaled,
+        "cpu_s_median": float(counts["cpu_s_median"]),
+        "mesh": dict(mesh),
+        "seed": seed,
+        "versions": versions(),
+        "errors": errors,
+        "ranges": _ranges(emulator),
+    }
 
 
 def calibrating_factor(errors: np.ndarray) -> float:
@@ -148,9 +169,10 @@ def document(any_heart: AnyHeart) -> str:
     card, base = any_heart.card, any_heart.known.base
     units = {each.name: each.unit for each in any_heart.known}
     learnt = (
-        f"{card['simulations']} of {card['tried']} simulations, each of another ventricle, with "
-        f"derivatives about all {len(units)} inputs"
+        f"{card['simulations']:,} of {card['tried']:,} simulations, each of another ventricle, "
+        f"with derivatives about all {len(units)} inputs"
     )
+    observed = "values and derivatives" if len(any_heart.emulator.processes[0].seen) else "values"
     networks = "none"
     if card["networks"]["passes"]:
         networks = (
@@ -161,7 +183,7 @@ def document(any_heart: AnyHeart) -> str:
     facts = {
         "learnt from": learnt,
         "networks": networks,
-        "process of the errors": f"{card['observations']} values and derivatives",
+        "process of the errors": f"{card['observations']:,} {observed}",
         "errors stated": "times {factor:.2f}, so that 95 % intervals hold 95 % of {simulations} "
         f"others with at most {FEW_ON} causes on".format(**card["rescaled"]),
         "corrected by": f"{card['finer']} of them on a finer mesh",

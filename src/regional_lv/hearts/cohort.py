@@ -23,6 +23,7 @@ from regional_lv.geometry.surfaces import Surfaces
 from regional_lv.geometry.table import read_segments
 from regional_lv.hearts import ONE_HEART, checks
 from regional_lv.hearts.listing import Listed, model_of_hearts
+from regional_lv.inputs.space import warn_of_exact_shape
 from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.measured.plausibility import data_warnings, too_small
 from regional_lv.study.layout import HeartFiles
@@ -37,6 +38,9 @@ OTHER_SIZE = 3.0
 
 OTHER_NOISE = 25.0
 """The same of the noise of the strains: fractions and per cent differ by 100."""
+
+OF_THE_MACHINE = (OSError, MemoryError)
+"""What no heart is to blame for: the job fails, and is done again as a whole."""
 
 MOST_LEFT_OUT = 0.5
 """Share of the hearts without which a cohort is no longer the one that was meant."""
@@ -101,7 +105,9 @@ def read_heart(listed: Listed, shared: Mapping, folders: Sequence[str]) -> Heart
     measured = checks.read_subject(listed.name, config, channels)
     found = checks.heart_warnings(config)
     if listed.keys is None:
-        found += checks.place_warnings(Path(listed.file), listed.own(), config)
+        own = listed.own()
+        by_its_name = dict.fromkeys(own.get("subjects") or {}, config["subjects"][listed.name])
+        found += checks.place_warnings(Path(listed.file), own, config | {"subjects": by_its_name})
     cavity, wall, thickness = _sizes(config)
     found += checks.uneven(thickness) + checks.unusual(thickness["thickness_mm"].median(), cavity)
     if complaint := too_small(measured.table, cavity):
@@ -162,16 +168,15 @@ def read_cohort(
     read: dict[str, Heart] = {}
     left_out: dict[str, str] = {}
     for listed in hearts:
-        try:
-            # Warnings are among the heart's own.
+        with failing_alone(listed.name, left_out):
+            # Warnings are among the heart's own, also those that a process shows once.
+            warn_of_exact_shape.cache_clear()
             with warnings.catch_warnings(action="ignore"), collected_warnings() as logged:
                 heart = read_heart(listed, shared, folders)
                 check_reach(heart.config)
             # What surfaces say of themselves, they say whenever they are read.
             heart.warnings.extend(dict.fromkeys(logged))
             read[listed.name] = heart
-        except InputError as error:
-            left_out[listed.name] = str(error)
     if lines := [*_same(read), *_other_models(read, model)]:
         raise InputError("\n".join(lines))
     left_out |= _other_units(read)
@@ -183,6 +188,20 @@ def read_cohort(
         )
     kept = {name: heart for name, heart in read.items() if name not in left_out}
     return Cohort(kept, {h.name: left_out[h.name] for h in hearts if h.name in left_out})
+
+
+@contextmanager
+def failing_alone(name: str, reasons: dict[str, str]) -> Iterator[None]:
+    """What fails about a heart meanwhile is put among the `reasons`, by its name."""
+    try:
+        yield
+    except OF_THE_MACHINE:
+        raise
+    except InputError as error:
+        reasons[name] = str(error)
+    except Exception as error:
+        log.exception("%s", name)
+        reasons[name] = f"{type(error).__name__}: {error}"
 
 
 @contextmanager
@@ -210,7 +229,7 @@ def _same(hearts: Mapping[str, Heart]) -> Iterator[str]:
     others."""
     known: dict[str, Heart] = {}
     for name, heart in hearts.items():
-        values = heart.table.sort_values("output")[["output", "value"]].to_csv()
+        values = heart.table.sort_values("output")[["output", "value"]].to_csv(index=False)
         other = known.setdefault(values, heart)
         if other is heart:
             continue
@@ -279,14 +298,13 @@ def reach_of_emulator() -> Callable[[Mapping], object]:
     """What raises InputError for a configuration that the emulator of any heart does not know."""
     # Imported here: the workflow, which lists hearts, plans without PyTorch.
     from regional_lv.hearts.file import shipped
-    from regional_lv.hearts.reach import by_table, within
+    from regional_lv.hearts.reach import within_by_table
 
     known = shipped()
 
     def check(config: Mapping) -> None:
         with tempfile.TemporaryDirectory() as folder:
-            described = by_table(config, Path(folder) / "segments.csv")
-            within(described, known.emulator, known.known)
+            within_by_table(config, known, Path(folder, "segments.csv"))
 
     return check
 

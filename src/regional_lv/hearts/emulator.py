@@ -15,6 +15,7 @@ import torch
 from regional_lv.channels import Channels
 from regional_lv.emulators.base import Prediction
 from regional_lv.emulators.joint_gp import JointGP
+from regional_lv.errors import InputError
 from regional_lv.geometry.described import log_volumes
 from regional_lv.hearts.by_surfaces import BySurfaces
 from regional_lv.hearts.difference import Difference
@@ -25,7 +26,7 @@ from regional_lv.inputs.closed_forms import LENGTH_POWERS
 from regional_lv.inputs.coordinates import Coordinates
 from regional_lv.inputs.evaluation import carry
 from regional_lv.inputs.shape import Length
-from regional_lv.inputs.space import Inputs, catalogue
+from regional_lv.inputs.space import SECTION, Inputs, catalogue
 
 
 def length_power(each: Input) -> int:
@@ -33,10 +34,16 @@ def length_power(each: Input) -> int:
     return 1 if each.unit == "mm" else each.length_power
 
 
-def inputs_of(model: Mapping, known: Inputs) -> list[Input | None]:
-    """The emulator's inputs as another model has them, None for those that it cannot have."""
+def inputs_of(model: Mapping, known: Inputs) -> list[Input]:
+    """The emulator's inputs as another model has them. Raises InputError for one that this cannot
+    have."""
     here = {each.name: each for each in catalogue(model)}
-    return [here.get(name) for name in known.names]
+    for name in known.names:
+        if name not in here:
+            raise InputError(
+                f"{SECTION}.{name}: this study has no such input, and the emulator has it"
+            )
+    return [here[name] for name in known.names]
 
 
 class InputMap:
@@ -50,11 +57,12 @@ class InputMap:
     ----------
     known: the emulator's inputs, in the model that they are about.
     inputs: the study's, simulated ones alone.
+
+    Raises InputError for a study without one of the emulator's inputs.
     """
 
     def __init__(self, known: Inputs, inputs: Inputs):
-        here = [each for each in inputs_of(inputs.base, known) if each is not None]
-        self._here = here
+        here = self._here = inputs_of(inputs.base, known)
         # Of a stiffness nothing is known beforehand: it is among the study's.
         values = [each.value_in(inputs.base) for each in here]
         self._values = torch.tensor(

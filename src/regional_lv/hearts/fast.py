@@ -13,7 +13,7 @@ from regional_lv.errors import InputError
 from regional_lv.geometry.from_config import make_heart
 from regional_lv.geometry.meshing import write_plain
 from regional_lv.hearts.file import AnyHeart, shipped
-from regional_lv.hearts.reach import by_table, within
+from regional_lv.hearts.reach import within_by_table
 from regional_lv.inputs.physics import physics_of, why_not_scaling
 from regional_lv.inputs.space import sections_of
 from regional_lv.inputs.stiffness import StiffnessInputs
@@ -46,25 +46,28 @@ BY_TABLE = (
 )
 
 
-def answer(heart: Mapping, folder: str | Path, any_heart: AnyHeart | None = None) -> None:
+def answer(
+    heart: Mapping,
+    folder: str | Path,
+    any_heart: AnyHeart | None = None,
+    notes: Sequence[str] = (),
+) -> None:
     """Write what can be said of one heart: what was measured, findings (`criticism.contract`), the
     posterior averaged over models, figures, and a page.
 
     heart: a checked configuration with one subject, measured by the user. folder: of the answer
     (`study.layout.AnswerFiles`); made if it is not there. any_heart: the emulator; the one that
-    comes with the package by default, read once in a process. What stands out is suspected, never
-    named: nothing is simulated of this heart.
+    comes with the package by default, read once in a process. notes: what the page says besides, a
+    sentence each. What stands out is suspected, never named: nothing is simulated of this heart.
 
     Raises `reach.OutOfReach` for a heart that the emulator does not know, before anything is
     computed, and InputError for files that cannot be used.
     """
     known, files = any_heart or shipped(), AnswerFiles(str(folder))
     described = heart["geometry"]["source"] != "segments"
-    heart = by_table(heart, files.segments)
-    config, notes = within(heart, known.emulator, known.known)
+    config, cut = within_by_table(heart, known, files.segments)
     (subject,) = config["subjects"]
-    if described:
-        notes = [BY_TABLE, *notes]
+    notes = [*notes, *([BY_TABLE] if described else []), *cut]
     Path(folder).mkdir(parents=True, exist_ok=True)
     import_subject(config, subject, files.measured)
     critic = critic_of_heart(config, subject, files.measured, known, described)

@@ -10,11 +10,36 @@ import pandas as pd
 from regional_lv.channels import Channels
 from regional_lv.criticism.confirmation import values_of
 from regional_lv.criticism.study import Critic, critic_of, write_criticism
+from regional_lv.errors import InputError
 from regional_lv.hearts.emulator import HeartEmulator
 from regional_lv.hearts.file import AnyHeart, read
-from regional_lv.hearts.reach import by_table
+from regional_lv.hearts.reach import by_table, within_by_table
 from regional_lv.seeds import derive
+from regional_lv.simulation import design
 from regional_lv.study.jobs import passes_on
+
+
+def write_design(
+    emulator_file: str | Path,
+    physics: Mapping,
+    sizes: Mapping[str, int],
+    seed: int,
+    train: str | Path,
+    test: str | Path,
+) -> None:
+    """`simulation.design.write_design` for a heart that the emulator of any heart knows.
+
+    Raises InputError for another one (`hearts.reach.OutOfReach`), and for ranges beyond what it
+    knows, before anything is simulated.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        _, cut = within_by_table(physics, read(emulator_file), Path(folder, "segments.csv"))
+    if cut:
+        raise InputError(
+            f"all_inputs.emulator: shipped, and {'; '.join(cut)}; give these ranges "
+            "(parameters.bounds, inputs.<name>.range), as regional-lv run does"
+        )
+    design.write_design(physics, sizes, seed, train, test)
 
 
 def emulator_of(

@@ -45,8 +45,8 @@ LEVELS = (0.025, 0.5, 0.975)
 @dataclass(frozen=True)
 class Population:
     """Posterior of a population of H hearts, with P factors: draws of the mean (M, P) and the
-    covariance (M, P, P) of log stiffness; of each heart mean, sd, and quantiles `LEVELS` (3, H, P)
-    of log stiffness given all others, and its shrinkage (H, P).
+    covariance (M, P, P) of log stiffness; of each heart quantiles `LEVELS` (3, H, P) of log
+    stiffness given all others, and its shrinkage (H, P).
 
     shrinkage: the variance that a heart's factor would have, were the population known, over the
     population's: 0 where its own data determine it, 1 where all that is known of it is the
@@ -55,8 +55,6 @@ class Population:
 
     mean: np.ndarray
     covariance: np.ndarray
-    heart_mean: np.ndarray
-    heart_sd: np.ndarray
     heart_quantiles: np.ndarray
     shrinkage: np.ndarray
     rhat: float
@@ -133,17 +131,23 @@ def infer_population(
     return Population(
         mean=mean.reshape(-1, size),
         covariance=covariance.reshape(-1, size, size),
-        heart_mean=np.mean(of_hearts, axis=(0, 1)),
-        heart_sd=np.std(of_hearts, axis=(0, 1)),
         heart_quantiles=np.quantile(of_hearts, LEVELS, axis=(0, 1)),
         shrinkage=shrinkage,
         rhat=_rhat(mean, np.sqrt(_diagonal(covariance))),
     )
 
 
-def _stretched(hearts, mean, u, inverse, axes, rng) -> tuple[np.ndarray, np.ndarray]:
-    """All hearts u (chains, H, P) moved away from the mean along each of the `axes`, and the
-    inverse covariance of the population (chains, P, P) with them, by Metropolis' rule.
+def _stretched(
+    hearts: NormalLikelihood,
+    mean: np.ndarray,
+    u: np.ndarray,
+    inverse: np.ndarray,
+    axes: np.ndarray,
+    rng: np.random.Generator,
+) -> tuple[np.ndarray, np.ndarray]:
+    """All hearts u (chains, H, P) moved away from the mean (chains, P) along each of the axes
+    (A, P), and the inverse covariance of the population (chains, P, P) with them, by Metropolis'
+    rule.
 
     Where hearts are known less well than they differ, the covariance follows the hearts and these
     the covariance, and without such moves of both together neither changes much (Yu and Meng 2011,

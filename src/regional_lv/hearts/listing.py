@@ -63,13 +63,13 @@ class Listed:
         check_file(self.file, remedy=f"give each heart's folder a {CONFIG} (regional-lv new)")
         return study_config.read(self.file)
 
-    def files(self) -> list[str]:
+    def files(self, folders: Sequence[str]) -> list[str]:
         """What it is made from: its configuration and the files that this names, if they are
-        there."""
+        there, in its own folder or in the cohort's `folders`."""
         # Of a table only its own row concerns it.
         own = [self.file] if self.keys is None and Path(self.file).is_file() else []
         try:
-            return own + study_config.files_of(self.own(), [self.folder])
+            return own + study_config.files_of(self.own(), [self.folder, *folders])
         except InputError:
             return own
 

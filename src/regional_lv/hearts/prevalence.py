@@ -6,6 +6,9 @@ that what was measured of all hearts has the density
 
     p(data | f)  ~  product over hearts of (1 - f + f B_i).
 
+By default the Beta prior has the cause's prior probability in one heart by itself as its mean, so
+that hearts which say nothing change no answer of another one.
+
 Hearts are independent given f; a heart that has the cause has a size of its own, uniform within the
 range of the input, so that what is alike in all hearts is that they have it, not how much. (The
 joint criticism of several hearts of one geometry, `criticism.study.Critic`, has one size for all.)
@@ -22,6 +25,9 @@ from scipy import special, stats
 
 NODES = 4001
 """Of the integral over the share, equally probable by its prior."""
+
+AS_MANY = 2.0
+"""Hearts that the default prior of the share counts as: as many as a uniform one."""
 
 LEVELS = (0.025, 0.5, 0.975)
 
@@ -67,18 +73,23 @@ def log_bayes_factors(data: xr.DataTree) -> Mapping[str, float]:
     return found
 
 
-def weights_given_others(
-    data: xr.DataTree, expected: Mapping[str, float], prior: Sequence[float]
-) -> np.ndarray:
-    """By what the data of all other hearts multiply the probability of each model of one heart
-    (model,), up to a constant: by the change of the odds of the causes that it holds.
+def weights_given_others(data: xr.DataTree, expected: Mapping[str, float]) -> np.ndarray:
+    """Factors (model,) on the probabilities of the models of one heart: for each cause that a model
+    holds, its odds given the other hearts over its prior odds in this one by itself.
 
-    data: as of `Averaged.to_datatree`; expected: by cause, `Prevalence.expected` of this heart; the
-    prior that this was inferred with. Each cause is taken by itself, as its prevalence was.
+    data: as of `Averaged.to_datatree`; expected: by cause, `Prevalence.expected` of this heart.
+    Each cause is taken by itself, as its prevalence was.
     """
-    change = special.logit([*expected.values()]) - np.log(prior[0] / prior[1])
+    by_itself = data.constant_data["prior_probability"].sel(cause=[*expected]).to_numpy()
+    change = special.logit([*expected.values()]) - special.logit(by_itself)
     holds = data.sample_stats["holds"].sel(cause=[*expected]).transpose("model", "cause")
     return np.exp(holds.to_numpy() @ change)
+
+
+def default_prior(by_itself: float) -> tuple[float, float]:
+    """Parameters of the Beta prior of the share, from the cause's prior probability in a heart by
+    itself."""
+    return AS_MANY * by_itself, AS_MANY * (1 - by_itself)
 
 
 def infer_prevalence(

@@ -12,7 +12,9 @@ from regional_lv.channels import Channels
 from regional_lv.emulators.joint_gp import JointGP
 from regional_lv.errors import InputError
 from regional_lv.geometry import described
+from regional_lv.hearts.checks import geometry_of
 from regional_lv.hearts.emulator import InputMap, inputs_of
+from regional_lv.hearts.file import AnyHeart
 from regional_lv.hearts.population import COLUMNS
 from regional_lv.hearts.sectors import SAME_DEG, turn_deg
 from regional_lv.inputs.base import Input
@@ -35,6 +37,8 @@ NOT_COMPARED = {
 }
 """Keys that stand for inputs, or are compared as what they make."""
 
+SAME = 1e-9
+"""Share by which numbers may differ that are the same."""
 
 ROUNDED = 1e-3
 """Logarithm of what figures of a shape may be beyond the learnt range: tables are rounded."""
@@ -53,23 +57,38 @@ def by_table(config: Mapping, table: str | Path) -> Mapping:
     return {**config, "geometry": described.section_by_table(geometry, table)}
 
 
-def within(config: Mapping, emulator: JointGP, known: Inputs) -> tuple[dict, list[str]]:
+def within_by_table(
+    config: Mapping, any_heart: AnyHeart, table: str | Path
+) -> tuple[dict, list[str]]:
+    """`within` of a heart `by_table`."""
+    described = by_table(config, table)
+    return within(described, any_heart.emulator, any_heart.known, geometry_of(config))
+
+
+def within(
+    config: Mapping, emulator: JointGP, known: Inputs, made_of: str | None = None
+) -> tuple[dict, list[str]]:
     """The study of a heart, with ranges of its inputs cut to what the emulator knows, and what was
     cut, a sentence each.
 
-    config: checked. known: the emulator's inputs, in the model that they are about.
+    config: checked, or what `inputs.space.sections_of` takes of it. known: the emulator's inputs,
+    in the model that they are about. made_of: the user's files of the heart, for messages; the
+    segment table by default.
 
     Raises OutOfReach, with the entry and the range, for a heart that it does not know.
     """
     _check_model(config, known)
+    made_of = made_of or geometry_of(config)
     inputs = Inputs.from_config(sections_of(config)).simulated
-    _check_borders(config, known, inputs)
+    _check_borders(made_of, known, inputs)
     unknown = set(Channels.from_config(config).names) - set(emulator.outputs)
     if unknown:
         _refuse(f"observables: {min(unknown)} is nothing that the emulator predicts")
     input_map = InputMap(known, inputs)
-    _check_shape(config, emulator, known, inputs, input_map)
-    return _cut(config, known, inputs, input_map)
+    there = input_map(torch.as_tensor(inputs.nominal)[None])[0]
+    _check_values(known, there, input_map.factor)
+    _check_shape(made_of, emulator, known, there, input_map.factor)
+    return _cut(config, known, inputs, input_map.factor)
 
 
 def _refuse(why: str) -> None:
@@ -89,11 +108,11 @@ def _check_model(config: Mapping, known: Inputs) -> None:
         if mine != its:
             _refuse(f"parameters.{key}: {mine} is not the emulator's {its}")
     model = Inputs.from_config(sections_of(config)).base
-    here = inputs_of(model, known)
-    for name, each in zip(known.names, here, strict=True):
-        if each is None:
-            _refuse(f"{SECTION}.{name}: this study has no such input, and the emulator has it")
-    values = [each.value_in(model) for each in here if each is not None]
+    try:
+        here = inputs_of(model, known)
+    except InputError as error:
+        raise OutOfReach(f"{error}; {REMEDY}") from None
+    values = [each.value_in(model) for each in here]
     # Of a stiffness nothing is known beforehand.
     there = known.model([1.0 if value is None else value for value in values])
     for section in COMPARED:
@@ -111,11 +130,11 @@ def _differing(one, other, path: tuple[str, ...]) -> Iterator[tuple[str, ...]]:
     elif isinstance(one, str) or one is None or other is None:
         if one != other:
             yield path
-    elif np.shape(one) != np.shape(other) or not np.allclose(one, other, rtol=1e-9):
+    elif np.shape(one) != np.shape(other) or not np.allclose(one, other, rtol=SAME):
         yield path
 
 
-def _check_borders(config: Mapping, known: Inputs, inputs: Inputs) -> None:
+def _check_borders(made_of: str, known: Inputs, inputs: Inputs) -> None:
     """Raise OutOfReach for zones that begin elsewhere around the axis than the emulator's."""
     table, other = (each.base["geometry"]["table"] for each in (inputs, known))
     _, away = turn_deg(table, other)
@@ -125,14 +144,32 @@ def _check_borders(config: Mapping, known: Inputs, inputs: Inputs) -> None:
         for s, following in zip(numbers, np.roll(numbers, -1).tolist(), strict=True):
             if zone_of(s) != zone_of(following) and abs(away[s - 1]) > SAME_DEG:
                 _refuse(
-                    f"{config['geometry']['segments']}, line {table['line'].iloc[s - 1]}: the "
-                    f"sector begins {away[s - 1]:+.0f} degrees from where the emulator has it, and "
-                    f"{SAME_DEG:g} are possible"
+                    f"{made_of}, segment {s}: the sector begins {away[s - 1]:+.0f} degrees from "
+                    f"where the emulator has it, and {SAME_DEG:g} are possible"
                 )
 
 
+def _check_values(known: Inputs, there: torch.Tensor, factor: torch.Tensor) -> None:
+    """Raise OutOfReach for a value beyond the emulator's range, whether the study fixes it or not.
+    The shape is for `_check_shape`; of a stiffness nothing is known beforehand."""
+    for e, each in enumerate(known):
+        low, high = float(known.lower[e]), float(known.upper[e])
+        within = low - SAME * (high - low) <= there[e] <= high + SAME * (high - low)
+        if within or each.nominal is None or each.name in COLUMNS:
+            continue
+        value, low, high = (float(number / factor[e]) for number in (there[e], low, high))
+        _refuse(
+            f"{SECTION}.{each.name}: {value:.3g} is outside of {low:.3g} to {high:.3g}"
+            f"{_unit(each)}, which the emulator knows at this size and pressure"
+        )
+
+
+def _unit(each: Input) -> str:
+    return "" if each.unit == "1" else f" {each.unit}"
+
+
 def _check_shape(
-    config: Mapping, emulator: JointGP, known: Inputs, inputs: Inputs, input_map: InputMap
+    made_of: str, emulator: JointGP, known: Inputs, there: torch.Tensor, factor: torch.Tensor
 ) -> None:
     """Raise OutOfReach for a shape that is unlike all that the emulator has learnt from: a figure
     beyond their range, or all of them farther from their middle, in the normal distribution of
@@ -140,7 +177,7 @@ def _check_shape(
     would have it."""
     places = [known.names.index(name) for name in COLUMNS]
     learnt = np.log(emulator.learnt_from[:, places].numpy())
-    here = input_map(torch.as_tensor(inputs.nominal)[None])[0, places].log().numpy()
+    here = there[places].log().numpy()
     low, high = learnt.min(axis=0), learnt.max(axis=0)
     middle, precision = learnt.mean(axis=0), np.linalg.pinv(np.cov(learnt.T), hermitian=True)
     off, spread = here - middle, learnt - middle
@@ -150,35 +187,29 @@ def _check_shape(
         return
     alone = np.abs(precision @ off) / np.sqrt(precision.diagonal())
     worst = int((beyond if beyond.max() > 0 else alone).argmax())
-    factor = float(input_map.factor[places[worst]])
-    value, least, most = (np.exp(each[worst]) / factor for each in (here, low, high))
+    size = float(factor[places[worst]])
+    value, least, most = (np.exp(each[worst]) / size for each in (here, low, high))
     _refuse(
-        f"{config['geometry']['segments']}: {COLUMNS[worst]} is {value:.3g}; in hearts of this "
+        f"{made_of}: {COLUMNS[worst]} is {value:.3g}; in hearts of this "
         f"length the emulator knows {least:.3g} to {most:.3g}, together with figures of the other "
         "segments that are like it"
     )
 
 
 def _cut(
-    config: Mapping, known: Inputs, inputs: Inputs, input_map: InputMap
+    config: Mapping, known: Inputs, inputs: Inputs, factor: torch.Tensor
 ) -> tuple[dict, list[str]]:
     """Ranges of the study's inputs cut to the emulator's."""
-    factor = input_map.factor.numpy()
     places = {name: e for e, name in enumerate(known.names)}
     changed = copy.deepcopy(dict(config))
     bounds, notes = changed["parameters"]["bounds"], {}
-    for each, role, nominal in zip(inputs, inputs.roles, inputs.nominal, strict=True):
+    for each, role in zip(inputs, inputs.roles, strict=True):
         if each.name not in places:
             if not each.carries and each.name != Length.name:
                 _refuse(f"{SECTION}.{each.name}: the emulator has no such input")
             continue
         e = places[each.name]
         low, high = (float(end / factor[e]) for end in (known.lower[e], known.upper[e]))
-        if each.nominal is not None and not low <= nominal <= high:
-            _refuse(
-                f"{SECTION}.{each.name}: {nominal:g} {each.unit} is outside of {low:.3g} to "
-                f"{high:.3g}"
-            )
         if low <= each.low and each.high <= high:
             continue
         low, high = max(low, each.low), min(high, each.high)
@@ -188,8 +219,8 @@ def _cut(
         else:
             changed[SECTION][each.name] = _entry(each, role, low, high)
         notes[of or each.name] = (
-            f"the range of {of or each.name} is cut to {low:.3g} to {high:.3g} {each.unit}, beyond "
-            "which the emulator knows nothing at this size and pressure"
+            f"the range of {of or each.name} is cut to {low:.3g} to {high:.3g}{_unit(each)}, "
+            "beyond which the emulator knows nothing at this size and pressure"
         )
     return changed, list(notes.values())
 

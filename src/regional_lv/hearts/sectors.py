@@ -146,15 +146,16 @@ class Mixing:
     """Outputs of a heart, of those of the emulator's segments.
 
     channels: of the heart, d of them. weights (D, D) of the emulator's outputs, of which `kept`
-    (d,) are the heart's. beside (D, D): weights of squared changes at a level in the variance of
-    what is interpolated there. described (2, D): standard deviations, as they are and as shares, of
-    what means over other segments leave open. surfaces: of a heart whose table describes them.
+    (d,) are the heart's. interpolation_weights (D, D): of squared changes at a level in the
+    variance of what is interpolated there. table_sd (2, D): standard deviations, as they are and as
+    shares, of what means over other segments leave open. surfaces: of a heart whose table describes
+    them.
     """
 
     channels: Channels
     weights: torch.Tensor
-    beside: torch.Tensor
-    described: torch.Tensor
+    interpolation_weights: torch.Tensor
+    table_sd: torch.Tensor
     kept: torch.Tensor
     surfaces: BySurfaces | None = None
 
@@ -165,10 +166,10 @@ class Mixing:
         """Of the emulator's channels; of the same segments without `sectors`."""
         size, mixed = len(channels), np.eye(len(SEGMENTS)) if sectors is None else sectors.weights
         weights = torch.eye(size, dtype=torch.float64)
-        beside, described = torch.zeros_like(weights), torch.zeros(2, size, dtype=torch.float64)
+        of_changes, table_sd = torch.zeros_like(weights), torch.zeros(2, size, dtype=torch.float64)
         for d, one in enumerate(channels):
             if surfaces is None:
-                described[int(one.kind.is_positive), d] = BY_SECTORS[one.quantity]
+                table_sd[int(one.kind.is_positive), d] = BY_SECTORS[one.quantity]
             for e, other in enumerate(channels):
                 if (
                     one.segment
@@ -176,9 +177,9 @@ class Mixing:
                     and _level_of_channel(one) == _level_of_channel(other)
                 ):
                     weights[d, e] = mixed[one.segment - 1, other.segment - 1]
-                    beside[d, e] = UNKNOWN**2
-        beside /= (beside > 0).sum(dim=1, keepdim=True).clamp(min=1)
-        return cls(channels, weights, beside, described, torch.arange(size), surfaces)
+                    of_changes[d, e] = UNKNOWN**2
+        of_changes /= (of_changes > 0).sum(dim=1, keepdim=True).clamp(min=1)
+        return cls(channels, weights, of_changes, table_sd, torch.arange(size), surfaces)
 
     def mixed(self, outputs: torch.Tensor) -> torch.Tensor:
         """What is interpolated (..., d) of the emulator's outputs, or derivatives, (..., D)."""
@@ -203,8 +204,8 @@ class Mixing:
     ) -> torch.Tensor:
         """Covariance (M, d, d), of the emulator's mean (M, D) and covariance (M, D, D), and of what
         the interpolation does not know."""
-        unknown = (mean @ self.weights.T - mean).square() @ self.beside.T
-        unknown += (self.described[0] + self.described[1] * mean).square()
+        unknown = (mean @ self.weights.T - mean).square() @ self.interpolation_weights.T
+        unknown += (self.table_sd[0] + self.table_sd[1] * mean).square()
         unknown = unknown[:, self.kept]
         kept = self.weights[self.kept]
         found = kept @ covariance @ kept.T
@@ -217,7 +218,10 @@ class Mixing:
     @property
     def known(self) -> "Mixing":
         """The same where simulations tell what means over segments leave open."""
-        nothing = {name: torch.zeros_like(getattr(self, name)) for name in ("beside", "described")}
+        nothing = {
+            name: torch.zeros_like(getattr(self, name))
+            for name in ("interpolation_weights", "table_sd")
+        }
         surfaces = self.surfaces
         if surfaces is not None:
             surfaces = replace(surfaces, sd=torch.zeros_like(surfaces.sd))

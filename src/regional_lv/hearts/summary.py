@@ -17,6 +17,7 @@ from regional_lv.hearts import hierarchy
 from regional_lv.hearts.hierarchy import infer_population
 from regional_lv.hearts.likelihoods import NormalLikelihood
 from regional_lv.hearts.prevalence import (
+    default_prior,
     infer_prevalence,
     log_bayes_factors,
     weights_given_others,
@@ -27,6 +28,15 @@ from regional_lv.seeds import derive
 from regional_lv.study.layout import AnswerFiles, BatchFiles
 
 log = logging.getLogger(__name__)
+
+DRAWS_PER_FACTOR = 20
+"""Effective draws, by factor, from which on the precision of a heart's factors is by less than a
+tenth too large: of n draws of P factors by n / (n - P - 2)."""
+
+TOO_FEW = (
+    "left out of the population: models that the other hearts make probable have only {:.0f} "
+    "effective draws of this one"
+)
 
 POPULATION = [
     "parameter",
@@ -56,11 +66,12 @@ CAUSES = [
 
 class Answered(NamedTuple):
     """A heart that was answered: its row, whether its stiffness can be trusted, log Bayes factors
-    of causes, and the file of its posterior."""
+    of causes and their prior probabilities, and the file of its posterior."""
 
     row: dict
     trusted: bool
     log_factors: Mapping[str, float]
+    prior: Mapping[str, float]
     posterior: str
 
 
@@ -69,7 +80,7 @@ def summarise_cohort(
     batches: Sequence[str | Path],
     checked: str | Path,
     parameters: StiffnessInputs,
-    prevalence_prior: Sequence[float],
+    prevalence_prior: Sequence[float] | None,
     seed: int,
     table: str | Path,
     population: str | Path,
@@ -78,7 +89,8 @@ def summarise_cohort(
     """Write the tables of a cohort.
 
     hearts: names of all that are listed. batches: folders of `batches.answer_batch`. checked: of
-    `cohort.check_cohort`.
+    `cohort.check_cohort`. prevalence_prior: of the share of hearts with a cause, both parameters of
+    a Beta distribution; None for `prevalence.default_prior`.
 
     table (Parquet): a row for each heart. `heart`, `reason` why it was not answered (empty if it
     was); what was read of it; `trusted`, `misfit_p_value`, `causes`, `verdict` and more of its
@@ -90,8 +102,9 @@ def summarise_cohort(
     than `hierarchy.FEWEST`. causes (CSV): `CAUSES`; hearts: in how many it was searched; present:
     how many have it more probably than not, given all others.
 
-    Hearts whose stiffness cannot be trusted have a row, and count for nothing else. Raises
-    InputError if no heart was answered.
+    Hearts whose stiffness cannot be trusted have a row, and count for nothing else; those whose
+    draws are too few for what the others expect are left out of the population, with a warning.
+    Raises InputError if no heart was answered.
     """
     reasons, known = _read_reasons(batches, checked)
     places = {path.name: path for batch in batches for path in Path(batch).iterdir()}
@@ -112,11 +125,16 @@ def summarise_cohort(
     of_hearts = pd.DataFrame(rows).set_index("heart")
     trusted = {name: one for name, one in answered.items() if one.trusted}
     of_causes, probabilities, expected = _prevalences(trusted, prevalence_prior)
-    likelihoods = [
-        _likelihood(one.posterior, parameters, expected[name], prevalence_prior)
-        for name, one in trusted.items()
-    ]
-    of_factors, pooled = _pool([*trusted], likelihoods, parameters, derive(seed, "population"))
+    likelihoods = {}
+    for name, one in trusted.items():
+        found, effective = _likelihood(one.posterior, parameters, expected[name])
+        if effective >= DRAWS_PER_FACTOR * len(parameters):
+            likelihoods[name] = found
+            continue
+        log.warning("%s: %s", name, line := TOO_FEW.format(effective))
+        of_hearts.loc[name, "warnings"] = f"{of_hearts.loc[name, 'warnings']}\n{line}".strip()
+    given = [*likelihoods], [*likelihoods.values()]
+    of_factors, pooled = _pool(*given, parameters, derive(seed, "population"))
     of_hearts = pd.concat([of_hearts, pooled, probabilities], axis=1).loc[[*hearts]]
     of_hearts.rename_axis("heart").reset_index().to_parquet(table, index=False)
     of_factors.to_csv(population, index=False, float_format="%.8g")
@@ -138,9 +156,11 @@ def _read_of(known: Mapping) -> dict:
 
 def _read_answer(files: AnswerFiles) -> Answered:
     findings = read_findings(files.findings)
-    log_factors = log_bayes_factors(load(files.posterior))
+    data = load(files.posterior)
+    log_factors = log_bayes_factors(data)
+    prior = data.constant_data["prior_probability"].to_series().to_dict()
     row = _row(findings) | {f"{c}_log_bayes_factor": value for c, value in log_factors.items()}
-    return Answered(row, findings["trusted"], log_factors, files.posterior)
+    return Answered(row, findings["trusted"], log_factors, prior, files.posterior)
 
 
 def _row(findings: Findings) -> dict:
@@ -199,23 +219,24 @@ def _pool(
 
 
 def _likelihood(
-    file: str, parameters: StiffnessInputs, expected: Mapping[str, float], prior: Sequence[float]
-) -> NormalLikelihood:
+    file: str, parameters: StiffnessInputs, expected: Mapping[str, float]
+) -> tuple[NormalLikelihood, float]:
     """What the data of a heart say of its stiffness, averaged over models as probable as the other
-    hearts make them."""
+    hearts make them; and how many equally weighted draws say as much."""
     data, names = load(file), [*parameters.names]
     draws = data.posterior["value"].sel(input=names).stack(n=("chain", "draw"))
     lower, upper = (
         data.constant_data[end].sel(input=names).to_numpy() for end in ("lower", "upper")
     )
-    of_models = weights_given_others(data, expected, prior)
+    of_models = weights_given_others(data, expected)
     weights = of_models[data.posterior["model_number"].to_numpy().ravel()]
     values = draws.transpose("n", "input").to_numpy()
-    return NormalLikelihood.of_draws(values, lower, upper, weights)
+    effective = float(weights.sum() ** 2 / np.square(weights).sum())
+    return NormalLikelihood.of_draws(values, lower, upper, weights), effective
 
 
 def _prevalences(
-    hearts: Mapping[str, Answered], prior: Sequence[float]
+    hearts: Mapping[str, Answered], given: Sequence[float] | None
 ) -> tuple[pd.DataFrame, pd.DataFrame, dict[str, dict[str, float]]]:
     """In how many hearts causes are; the probability in each given all others; and by heart and
     cause how probable the others alone make it."""
@@ -224,6 +245,8 @@ def _prevalences(
     expected: dict[str, dict[str, float]] = {name: {} for name in hearts}
     for cause in factors:
         searched = factors[cause].dropna()
+        by_itself = float(np.mean([hearts[name].prior[cause] for name in searched.index]))
+        prior = given or default_prior(by_itself)
         found = infer_prevalence(searched.to_numpy(float), prior, factors.shape[1])
         low, middle, high = found.share
         columns[f"{cause}_pooled_probability"] = pd.Series(found.probability, searched.index)

@@ -264,7 +264,7 @@ def _meant(word: str, asked: dict, every: Sequence[Input], model: Mapping) -> li
         if kind == "fixed" and word in INPUTS:
             return []  # what a study does not have stays as it is
         if kind == "measured" and (kind_of := INPUTS.get(word)) and kind_of.why_not(model):
-            _warn_of_exact_shape(word, kind_of.why_not(model))
+            warn_of_exact_shape(word, kind_of.why_not(model))
             return []
         raise InputError(f"{SECTION}.{word}: {why_unknown(word, every, model)}")
     able = [[each for each in group if kind in each.roles] for group in (by_name, by_word)]
@@ -297,7 +297,7 @@ def _meant(word: str, asked: dict, every: Sequence[Input], model: Mapping) -> li
 
 
 @cache
-def _warn_of_exact_shape(word: str, why: str) -> None:
+def warn_of_exact_shape(word: str, why: str) -> None:
     """Once in a process, however often its inputs are made."""
     log.warning("%s.%s: %s; its shape counts as exact where it is simulated", SECTION, word, why)
 

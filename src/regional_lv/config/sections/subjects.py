@@ -432,9 +432,12 @@ class Cohort(Section, reruns="the answers of all hearts"):
     """Hearts that one job answers, on average at most. Which are together depends on their names,
     so that another heart changes one batch only."""
     prevalence_prior: Annotated[
-        list[Positive], Field(min_length=2, max_length=2), Note(reruns="the summary")
-    ] = [1.0, 1.0]
-    """Both parameters of the Beta prior of the share of hearts that have a cause."""
+        Annotated[list[Positive], Field(min_length=2, max_length=2)] | None,
+        Note(reruns="the summary"),
+    ] = None
+    """Both parameters of the Beta prior of the share of hearts that have a cause, such as `[1, 1]`
+    for a uniform one. Null: its mean is the cause's prior probability in a heart by itself, and it
+    counts as much as two hearts."""
 
     @model_validator(mode="before")
     @classmethod
