@@ -17,7 +17,8 @@ from regional_lv.paper.posteriors.classification import (
     stiffness,
 )
 from regional_lv.paper.posteriors.sets import add_noise
-from regional_lv.paper.scenarios import draw_scenario, scenario_size, write_scenario
+from regional_lv.paper.scenarios import draw_scenario, write_scenario
+from regional_lv.simulation.scenarios import scenario_size
 
 PARAMETERS, CHANNELS = StiffnessInputs(), Channels.of()
 HEALTHY = {"mean": 1.0, "sd": 0.05}

@@ -95,6 +95,18 @@ def test_any_parameters_and_channels_by_name(tmp_path, simulations):
         read_tables(tmp_path / "x.csv", tmp_path / "both.parquet", parameters, channels)
 
 
+def test_the_stiff_zone_of_a_scenario_comes_along(tmp_path, simulations):
+    theta, y = simulations
+    zone = [PARAMETERS.zone_names[i % 5] for i in range(ROWS)]
+    both = pd.concat([theta.assign(zone=zone), y], axis=1)
+    both.to_csv(tmp_path / "both.csv", index=False)
+    how = *[tmp_path / "both.csv"] * 2, PARAMETERS, CHANNELS
+    assert read_tables(*how, PARAMETERS.zone_names)["zone"].tolist() == zone
+    assert "zone" not in read_tables(*how)
+    with pytest.raises(InputError, match=r"row 1, column zone: 'anterior' is no .* \(all\)"):
+        read_tables(*how, ("all",))
+
+
 def spoil(table: pd.DataFrame, row: int, column: str, value) -> pd.DataFrame:
     table = table.astype(object)
     table.loc[row, column] = value
@@ -284,6 +296,21 @@ def test_config_refuses_before_anything_runs(mistake, files):
     with pytest.raises(InputError) as error:
         config.load(study(files, **changes))
     assert expected in str(error.value)
+
+
+def test_config_asks_for_the_zones_of_a_scenario_and_no_more_rows(tmp_path, files, simulations):
+    tables = {name: dict(inputs=str(files[0]), outputs=str(files[1])) for name in ("train", "one")}
+    scenarios = {"sets": {"one": {"kind": "local", "mu": 2.0, "samples_per_zone": 6}}}
+    given = study(files, simulations={"tables": tables}, scenarios=scenarios)
+    with pytest.raises(InputError, match=r"tables\.one: .*inputs\.csv: no column zone; name"):
+        config.load(given)
+    zone = np.repeat(PARAMETERS.zone_names, 6)
+    simulations[0].assign(zone=zone).to_csv(tmp_path / "zoned.csv", index=False)
+    tables["one"]["inputs"] = str(tmp_path / "zoned.csv")
+    config.load(given)
+    scenarios["sets"]["one"]["samples_per_zone"] = 5
+    with pytest.raises(InputError, match=r"tables\.one: 30 rows for the 25 ventricles of"):
+        config.load(given)
 
 
 def test_config_reads_the_tables(files, simulations):

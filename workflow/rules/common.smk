@@ -45,7 +45,6 @@ from regional_lv.study.layout import Layout  # noqa: E402
 from regional_lv.measured import states_noise  # noqa: E402
 from regional_lv.inputs.stiffness import StiffnessInputs  # noqa: E402
 from regional_lv.inputs.physics import physics_of, why_not_scaling  # noqa: E402
-from regional_lv.paper.scenarios import scenario_size  # noqa: E402
 from regional_lv.data.published import (  # noqa: E402
     FILES,
     HEART_MESH,
@@ -60,6 +59,7 @@ from regional_lv.data.published import (  # noqa: E402
     volunteer_available,
 )
 from regional_lv.seeds import derive  # noqa: E402
+from regional_lv.simulation.scenarios import scenario_size, stiff_zones  # noqa: E402
 
 # Of several configurations the last one counts first, for the paths in them too; those that were
 # named count before the workflow's own.

@@ -58,10 +58,3 @@ def write_scenario(
 ) -> None:
     """Write the ventricles of `draw_scenario` (Parquet)."""
     draw_scenario(name, scenario, healthy, parameters, seed).to_parquet(table, index=False)
-
-
-def scenario_size(scenario: dict, parameters: StiffnessInputs) -> int:
-    """Number of ventricles of an entry of `scenarios.sets`."""
-    if scenario["kind"] == "global":
-        return scenario["samples"]
-    return len(parameters.zones) * scenario["samples_per_zone"]
