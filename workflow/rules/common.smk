@@ -454,15 +454,12 @@ def to_rank(name):
 
 
 def shortlist():
-    """Emulators whose posteriors on the test set are compared: named, or the best of the ranking
-    and the paper's."""
-    wanted = config["emulators"]["shortlist"]
-    if wanted["names"]:
-        return wanted["names"]
+    """Emulators whose posteriors on the test set are compared; if they are named, the ranking need
+    not be there."""
+    if named := config["emulators"]["shortlist"]["names"]:
+        return named
     file = checkpoints.rank_emulators.get().output.shortlist
-    best = json.loads(Path(file).read_text())["shortlist"]
-    also = [name for name in wanted["also"] if name in config["emulators"]["names"]]
-    return list(dict.fromkeys([*best, *also]))
+    return json.loads(Path(file).read_text())["shortlist"]
 
 
 def of_shortlist(*files):
