@@ -74,6 +74,17 @@ def test_correlations_and_their_errors_over_cases():
     assert correlate(draws[:1], PARAMETERS)[0]["se"].isna().all()
 
 
+def test_a_parameter_that_never_moved_has_no_correlations():
+    draws = np.random.default_rng(3).normal(size=(3, 200, 10))
+    draws[1, :, 1] = 1.3
+    between, zones = correlate(draws, PARAMETERS)
+    for table, name, still in ((between, "parameter", "C_b_anterior"), (zones, "zone", "anterior")):
+        its = (table[f"{name}_1"] == still) | (table[f"{name}_2"] == still)
+        assert (table.loc[its, "cases"] == 2).all() and (table.loc[~its, "cases"] == 3).all()
+        assert np.isfinite(table[["mean", "se"]]).all(axis=None)
+    assert correlate(draws[1:2], PARAMETERS)[1]["mean"].isna().sum() == 9
+
+
 def test_hpd_widths_of_stiff_zones_apart():
     """Four cases, whose intervals are twice as wide in the stiff zone."""
     rows = [
