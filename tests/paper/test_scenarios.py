@@ -17,7 +17,7 @@ from regional_lv.paper.posteriors.classification import (
     stiffness,
 )
 from regional_lv.paper.posteriors.sets import add_noise
-from regional_lv.paper.scenarios import draw_scenario, write_scenario
+from regional_lv.paper.scenarios import draw_scenario, labels_of, write_scenario
 from regional_lv.simulation.scenarios import scenario_size
 
 PARAMETERS, CHANNELS = StiffnessInputs(), Channels.of()
@@ -65,6 +65,11 @@ def test_scenarios_of_other_zones_and_factors(tmp_path):
         assert mine[f"C_c_{zone}"].mean() == pytest.approx(2.0, abs=0.1)
         assert mine[f"C_b_{zone}"].between(0.9, 2.5).all() and mine[f"C_b_{zone}"].max() > 2.3
         assert other[f"C_c_{zone}"].mean() == pytest.approx(1.0, abs=0.02)
+
+
+def test_scenarios_of_the_same_mean_go_by_their_names():
+    sets = {"a": LOCAL, "b": GLOBAL, "c": LOCAL | {"sd": 0.2}}
+    assert labels_of(sets) == {"a": "a", "b": "global, μ = 1.7", "c": "c"}
 
 
 def test_noise_of_a_twin():

@@ -58,6 +58,7 @@ from regional_lv.data.published import (  # noqa: E402
     VOLUNTEER_SLICES,
     volunteer_available,
 )
+from regional_lv.paper.scenarios import labels_of  # noqa: E402
 from regional_lv.seeds import derive  # noqa: E402
 from regional_lv.simulation.scenarios import scenario_size, stiff_zones  # noqa: E402
 

@@ -1,5 +1,7 @@
 """Simulated disease: ventricles of which one zone, or every zone, is stiffened."""
 
+from collections import Counter
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -46,6 +48,14 @@ def draw_scenario(
     table.insert(1, "scale", name)
     table["zone"] = zones
     return table
+
+
+def labels_of(scenarios: Mapping[str, Mapping]) -> dict[str, str]:
+    """What figures call the scenarios (`scenarios.sets`): by kind and mean, or by name where others
+    have the same."""
+    labels = {name: f"{each['kind']}, μ = {each['mu']:g}" for name, each in scenarios.items()}
+    count = Counter(labels.values())
+    return {name: label if count[label] == 1 else name for name, label in labels.items()}
 
 
 def write_scenario(
