@@ -7,7 +7,7 @@ import pytest
 from regional_lv import aha, config
 from regional_lv.channels import Channels
 from regional_lv.errors import InputError
-from regional_lv.inputs.stiffness import StiffnessInputs
+from regional_lv.inputs.stiffness import ZONES, StiffnessInputs
 from regional_lv.simulation.tables import import_simulations, read_tables, split
 
 PARAMETERS, CHANNELS = StiffnessInputs(), Channels.of()
@@ -206,6 +206,8 @@ def study(files, **changes) -> dict:
     }
 
 
+OTHERS = {zone: [*segments] for zone, segments in ZONES["paper"].items()}
+OTHERS |= {"anterior": [1, 7, 13], "apical": [14, 15, 16, 17]}
 PUBLISHED = {"inputs": "published", "outputs": "published"}
 
 
@@ -249,6 +251,13 @@ CONFIG_MISTAKES = {
     "published table of others": (
         {
             "parameters": {"zones": "whole"},
+            "simulations": {"tables": {"train": PUBLISHED}},
+        },
+        "leave `parameters`, `observables` and `loading.frames` at their defaults",
+    ),
+    "published table of other zones of the same names": (
+        {
+            "parameters": {"zones": OTHERS},
             "simulations": {"tables": {"train": PUBLISHED}},
         },
         "leave `parameters`, `observables` and `loading.frames` at their defaults",

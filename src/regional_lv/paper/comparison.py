@@ -15,6 +15,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from regional_lv.channels import Channels
+from regional_lv.emulators.reduction import VOLUME
 from regional_lv.errors import InputError
 from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.paper import KEYS
@@ -138,6 +140,7 @@ def compare_study(
     volunteer: Sequence[Path],
     estimates: Sequence[Path],
     choice: Path,
+    channels: Channels,
     csv: Path,
     md: Path,
 ) -> None:
@@ -150,7 +153,7 @@ def compare_study(
     names the `final` emulator.
     """
     ours = from_simulations({Path(path).stem: path for path in screened})
-    ours += from_reduction(explained)
+    ours += from_reduction(explained, channels)
     ours += from_test_posteriors(
         {name: paths[0] for name, paths in by_emulator(coverage).items()},
         {name: paths[0] for name, paths in by_emulator(diagnostics).items()},
@@ -193,10 +196,11 @@ def from_simulations(screened: dict[str, Path]) -> list[dict]:
     return found
 
 
-def from_reduction(explained: Path) -> list[dict]:
-    """Principal components of the strains that are kept, and the volume."""
+def from_reduction(explained: Path, channels: Channels) -> list[dict]:
+    """Principal components of the strains that are kept, and the volumes among the channels."""
     kept = int(pd.read_csv(explained)["kept"].sum())
-    return [row_of("reduced_outputs", kept + 1, set="train")]
+    volumes = int(channels.of_quantity(VOLUME).sum())
+    return [row_of("reduced_outputs", kept + volumes, set="train")]
 
 
 def from_ranking(ranking: Path, pairs: Path, final: str) -> list[dict]:

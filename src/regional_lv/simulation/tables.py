@@ -27,7 +27,7 @@ ZONE = "zone"
 
 def published_order(parameters: StiffnessInputs, channels: Channels) -> bool:
     """Whether they are the paper's, for which there are tables without a header."""
-    return parameters.names == StiffnessInputs().names and channels == Channels.of()
+    return parameters.of_paper and channels == Channels.of()
 
 
 def read_tables(
