@@ -241,6 +241,7 @@ def test_a_study_is_collected(study, tmp_path):
     assert ours["parameter_mse", "dnn", "test", "all", "mean"] == 0.03
     assert chosen["parameter_mse", "mvgp", "test", "all", "mean"] == 0.01
     assert ours["pairs_rejected", "", "test", "", "count"] == 1
+    assert "exact in the paper, and known to 0.5 % here" in written["md"].read_text()
     unexplained = table[table["reason"] == paper.UNEXPLAINED]
     assert set(unexplained["quantity"]) == {"observations"}  # three here, of a real volunteer 33
     study["volunteer"] = []

@@ -19,6 +19,7 @@ from regional_lv.channels import Channels
 from regional_lv.emulators.reduction import VOLUME
 from regional_lv.errors import InputError
 from regional_lv.inputs.stiffness import StiffnessInputs
+from regional_lv.measured.tables import VOLUME_SHARE
 from regional_lv.paper import KEYS
 from regional_lv.paper.page import QUANTITIES, write_page
 from regional_lv.paper.posteriors.verdicts import by_emulator, chosen
@@ -47,7 +48,8 @@ Every number that the paper prints as a result, and this study's. The paper chos
 study's choice" is the emulator that this study chose, beside its own MVGP. "Shortlist" is the
 extreme over the shortlisted emulators. `<` and `>` are bounds that the paper states. A reason is
 given where the ratio is beyond {factor} either way or, for some quantities, the difference beyond a
-limit ({limits}), and where nothing was computed. The same as one table:
+limit ({limits}), and where nothing was computed. The
+volunteer's volume is exact in the paper, and known to {volume:g} % here. The same as one table:
 `results/<study>/tables/paper_comparison.csv`."""
 
 ABSENT = "not computed in this study"
@@ -170,7 +172,8 @@ def _save(table: pd.DataFrame, csv: Path, md: Path) -> None:
     Path(csv).parent.mkdir(parents=True, exist_ok=True)
     table.to_csv(csv, index=False, float_format="%.8g")
     limits = ", ".join(f"{QUANTITIES[name]} {value:g}" for name, value in DIFFERENCE.items())
-    write_page(table, HEADING.format(factor=FACTOR, limits=limits), md)
+    volume = 100 * VOLUME_SHARE
+    write_page(table, HEADING.format(factor=FACTOR, limits=limits, volume=volume), md)
 
 
 # ------------------------------------------------------------------- what this study has to offer
