@@ -25,7 +25,7 @@ from regional_lv.paper.plots import (
     sbc,
     uncertainty,
 )
-from regional_lv.paper.posteriors import verdicts
+from regional_lv.paper.posteriors.sets_table import NOISE, read_sets
 from regional_lv.paper.tables import posteriors
 from regional_lv.plots import strain_field, style
 from regional_lv.tables import subjects
@@ -100,7 +100,7 @@ def local_sets(tmp_path):
 def test_sets_know_their_stiffened_zone(tmp_path):
     local = recovered(tmp_path / "a.csv", 2.0)
     everywhere = recovered(tmp_path / "b.csv", 1.7, kind="global")
-    table = verdicts.read_sets([local, everywhere], ["a", "b"], PARAMETERS)
+    table = read_sets([local, everywhere], ["a", "b"], PARAMETERS)
     share = table.groupby("set")["stiffened"].mean()
     assert share["a"] == pytest.approx(0.2) and share["b"] == 1.0
     stiff = table[(table["set"] == "a") & table["stiffened"]]
@@ -121,7 +121,7 @@ def test_bullseye_map(local_sets, paths, zones, truth, titles):
 
 def test_rmse_is_that_of_the_map(tmp_path):
     recovered(tmp_path / "a.csv", 2.0)
-    table = verdicts.read_sets([tmp_path / "a.csv"], ["a"], PARAMETERS)
+    table = read_sets([tmp_path / "a.csv"], ["a"], PARAMETERS)
     table["map"] = table["truth"] + 0.3
     assert bullseye_map.summarise(table)["rmse"].to_numpy() == pytest.approx(0.3)
 
@@ -134,7 +134,7 @@ def test_map_errors(local_sets, tmp_path, paths, titles):
     map_errors.draw([*recoveries, *noisy], labels, PARAMETERS, *paths)
     table = read(paths)
     by_noise = table.groupby("noise")["rmse"].mean()
-    assert by_noise[verdicts.NOISE[1]] > 4 * by_noise[verdicts.NOISE[0]]
+    assert by_noise[NOISE[1]] > 4 * by_noise[NOISE[0]]
     assert set(table["stiffened"]) == {True, False}
     assert "3 OF 60 POSTERIORS FAILED" in titles[0]
 
@@ -144,7 +144,7 @@ def test_hpd_widths(local_sets, paths, titles):
     hpd_widths.draw(2 * recoveries, labels, PARAMETERS, *paths)
     table = read(paths).set_index(["noise", "set", "parameters"])
     raw = pd.read_csv(recoveries[2])["hpd_width95"]
-    mine = table.loc[(verdicts.NOISE[0], labels[2], "all parameters")]
+    mine = table.loc[(NOISE[0], labels[2], "all parameters")]
     assert mine["median"] == pytest.approx(raw.median())
     stiff = table.xs("of the stiffened zone", level="parameters")["median"]
     other = table.xs("of the other zones", level="parameters")["median"]
@@ -200,7 +200,7 @@ def test_roc(tmp_path, paths):
     table = read(paths)
     assert len(table) == 4 * len(rows)
     shown = table.groupby(["noise", "set"])["auc"].unique()
-    for at, noise in enumerate(verdicts.NOISE):
+    for at, noise in enumerate(NOISE):
         assert shown[noise]["a"].tolist() == [given[2 * at]]
         assert shown[noise]["b"].tolist() == [given[2 * at + 1]]
 

@@ -12,7 +12,6 @@ from regional_lv.paper.posteriors.classification import (
     areas_of,
     auc_interval,
     curve_of,
-    map_errors_by_zone,
     score_classification,
     stiffness,
 )
@@ -105,8 +104,10 @@ def test_roc_and_area():
     assert np.sum(np.diff(false) * (true[1:] + true[:-1]) / 2) == pytest.approx(5.5 / 6)
     # Rows may count several times, or not at all.
     twice = np.array([0, 0, 2, 1, 1])
-    assert area(label, score, twice) == pytest.approx(0.75)
-    assert np.isnan(area(label[:3], score[:3])) and np.isnan(area(label, score, label * 1))
+    assert areas_of(label, score, twice[None]) == pytest.approx(0.75)
+    assert np.isnan(area(label[:3], score[:3])) and np.isnan(
+        areas_of(label, score, label[None] * 1)
+    )
     alone = curve_of(label[:3], score[:3])
     assert alone["false_positive_rate"].isna().all()
     assert alone["true_positive_rate"].tolist() == pytest.approx([0, 1 / 3, 2 / 3, 1])
@@ -153,19 +154,3 @@ def test_global_stiffening_is_compared_with_healthy_zones_elsewhere(tmp_path, mo
     assert both["negatives"] == 2
     score_classification(own, [], tmp_path / "roc.csv", tmp_path / "auc.csv", 1)
     assert pd.read_csv(tmp_path / "auc.csv")["auc"].isna().all()
-
-
-def test_errors_by_zone():
-    errors = pd.DataFrame(
-        {
-            "zone": ["septal", "septal", "apical"],
-            "quantity": "C_a",
-            "stiffened": [True, True, False],
-            "truth": [2.0, 2.0, 1.0],
-            "map": [2.2, 2.0, 1.1],
-        }
-    )
-    table = map_errors_by_zone(errors)
-    assert table["cases"].tolist() == [2, 1]
-    assert table.loc[0, "bias"] == pytest.approx(0.1)
-    assert table.loc[0, "mse"] == pytest.approx(0.02)

@@ -30,7 +30,7 @@ from regional_lv.paper.plots import (
     sbc,
     uncertainty,
 )
-from regional_lv.paper.posteriors import verdicts
+from regional_lv.paper.posteriors.sets_table import read_sets
 from regional_lv.paper.tables import posteriors
 from regional_lv.plots import (
     bullseye_posterior,
@@ -317,7 +317,7 @@ def test_scenario_figures(parameters, tmp_path, paths):
         recovered(tmp_path / "global.csv", parameters, "global"),
     ]
     labels = ["local", "global"]
-    table = verdicts.read_sets(files, labels, parameters)
+    table = read_sets(files, labels, parameters)
     assert set(table["quantity"]) == set(parameters.factors)
     assert set(table["of"]) == set(parameters.zones)
     bullseye_map.draw(files, labels, "stiffened", "Stiffening", parameters, *paths)

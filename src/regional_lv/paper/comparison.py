@@ -22,7 +22,7 @@ from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.measured.tables import VOLUME_SHARE
 from regional_lv.paper import KEYS
 from regional_lv.paper.page import QUANTITIES, write_page
-from regional_lv.paper.posteriors.verdicts import by_emulator, chosen
+from regional_lv.paper.posteriors.files import by_emulator, chosen
 from regional_lv.typed_tables import require_columns
 
 COLUMNS = ("place", *KEYS, "relation", "value", "unit")

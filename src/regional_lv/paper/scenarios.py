@@ -50,6 +50,11 @@ def draw_scenario(
     return table
 
 
+def stiffened(zone, stiff):
+    """Whether `zone` is a stiff one, where `stiff` is a zone or `all`; of columns, row by row."""
+    return (zone == stiff) | (stiff == "all")
+
+
 def labels_of(scenarios: Mapping[str, Mapping]) -> dict[str, str]:
     """What figures call the scenarios (`scenarios.sets`): by kind and mean, or by name where others
     have the same."""

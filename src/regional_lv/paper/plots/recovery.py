@@ -11,7 +11,8 @@ from matplotlib.lines import Line2D
 
 from regional_lv.emulators import label_of
 from regional_lv.inputs.stiffness import StiffnessInputs
-from regional_lv.paper.posteriors.verdicts import chosen, failed_cases, warning_of
+from regional_lv.paper.posteriors.files import chosen
+from regional_lv.paper.posteriors.verdicts import failed_cases, warning_of
 from regional_lv.plots import style
 
 MANY = 18

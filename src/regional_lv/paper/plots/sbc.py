@@ -9,7 +9,7 @@ from scipy import stats
 
 from regional_lv.emulators import label_of
 from regional_lv.inputs.stiffness import StiffnessInputs
-from regional_lv.paper.posteriors.verdicts import chosen
+from regional_lv.paper.posteriors.files import chosen
 from regional_lv.plots import style
 
 BAND = 0.99

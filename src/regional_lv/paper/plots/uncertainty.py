@@ -9,7 +9,8 @@ import seaborn
 
 from regional_lv.emulators import label_of
 from regional_lv.inputs.stiffness import StiffnessInputs
-from regional_lv.paper.posteriors.verdicts import by_emulator, warning_of
+from regional_lv.paper.posteriors.files import by_emulator
+from regional_lv.paper.posteriors.verdicts import warning_of
 from regional_lv.plots import style
 
 COLOURS = (style.BLUE, style.ORANGE, style.VERMILLION, style.GREEN, style.PINK, style.SKY)
