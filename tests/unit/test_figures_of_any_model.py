@@ -164,7 +164,7 @@ def recovered(path, parameters, kind="local"):
             rows.append(
                 {"case": str(case), "parameter": p.name, "truth": truth, "map": truth + 0.1}
                 | {"lower95": truth - width, "upper95": truth + width, "hpd_width95": width}
-                | {"covered": True, "zone": stiff, "verdict": "passed", "crps": 0.1}
+                | {"covered95": True, "zone": stiff, "verdict": "passed", "crps": 0.1}
             )
     pd.DataFrame(rows).to_csv(path, index=False)
     return path

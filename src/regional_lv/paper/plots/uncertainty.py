@@ -29,9 +29,9 @@ def draw(
     """Draw the coverage of 95 % intervals per parameter, and the mean CRPS of every test case.
 
     coverages: `coverage.csv`, errors: `map_mse.csv` (case, mse, crps, verdict) of the emulators,
-    both `posteriors/<emulator>/test/...` in the same order. Bars on the coverage are binomial 95 %
-    intervals; boxes are quartiles with whiskers at 5 and 95 %. The table: panel, emulator, item
-    (parameter or case), value, lower, upper.
+    both `posteriors/<emulator>/test/...` in the same order. Bars on the coverage are 95 % intervals
+    (all: cases as clusters); boxes are quartiles with whiskers at 5 and 95 %. The table: panel,
+    emulator, item (parameter or case), value, lower, upper.
     """
     emulators = list(by_emulator(coverages))
     wide = 0.55 * (len(parameters) - 10) if len(parameters) > 10 else 0.0
