@@ -124,7 +124,8 @@ class Table(Section):
                     "paths"
                 )
         else:
-            scenario, stiff = study.scenarios.sets.get(name), ()
+            scenario = study.scenarios.sets.get(name)
+            stiff: tuple[str, ...] = ()
             if scenario is not None:
                 stiff = stiff_zones(scenario.model_dump(), parameters)
             mistakes = complaints(self.read, study, stiff)
