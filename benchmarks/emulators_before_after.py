@@ -48,8 +48,9 @@ def measure(arguments: argparse.Namespace, folder: Path) -> None:
     from regional_lv.channels import Channels
     from regional_lv.emulators import training
     from regional_lv.inputs.stiffness import StiffnessInputs
+    from regional_lv.paper.posteriors.files import TABLES
     from regional_lv.paper.posteriors.sets import sample_set_batch
-    from regional_lv.paper.posteriors.summaries import TABLES, summarise_posteriors
+    from regional_lv.paper.posteriors.summaries import summarise_posteriors
     from regional_lv.study import dependencies
 
     torch.set_num_threads(1)

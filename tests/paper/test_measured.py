@@ -83,8 +83,9 @@ def test_volunteer_of_chosen_slices_and_of_extrema(tmp_path):
 
 
 def test_frame_that_the_slices_lack(tmp_path):
-    with pytest.raises(InputError, match=r"slice1.csv: no frame 5; choose 1 to 4, or extrema"):
-        published_volunteer(*volunteer_slices(tmp_path), 5)
+    for frame in (0, 5):
+        with pytest.raises(InputError, match=rf"slice1.csv: no frame {frame}; choose 1 to 4, or e"):
+            published_volunteer(*volunteer_slices(tmp_path), frame)
 
 
 def test_published_simulation_gets_official_segment_numbers(tmp_path):

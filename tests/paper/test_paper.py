@@ -4,6 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from regional_lv.channels import Channels
 from regional_lv.emulators import REGISTRY
 from regional_lv.errors import InputError
 from regional_lv.inputs.stiffness import StiffnessInputs
@@ -193,8 +194,17 @@ def study(tmp_path):
     )
     files["estimates"] = [file("ranking.csv", pd.DataFrame(ranked)), file("pairs.csv", pairs)]
     (tmp_path / "final.json").write_text('{"final": "exact_gp"}')
-    files["choice"] = tmp_path / "final.json"
+    files["choice"], files["channels"] = tmp_path / "final.json", Channels.of()
     return files
+
+
+def test_reduced_outputs_count_the_volumes_of_every_load(study):
+    for channels, expected in (
+        (Channels.of(load_fractions=[0.5]), 5),
+        (Channels.of(["radial"]), 3),
+    ):
+        (row,) = paper.from_reduction(study["explained"], channels)
+        assert row["value"] == expected
 
 
 def test_simulations_out_of_tables_have_no_scale(tmp_path):
@@ -231,6 +241,7 @@ def test_a_study_is_collected(study, tmp_path):
     assert ours["parameter_mse", "dnn", "test", "all", "mean"] == 0.03
     assert chosen["parameter_mse", "mvgp", "test", "all", "mean"] == 0.01
     assert ours["pairs_rejected", "", "test", "", "count"] == 1
+    assert "exact in the paper, and known to 0.5 % here" in written["md"].read_text()
     unexplained = table[table["reason"] == paper.UNEXPLAINED]
     assert set(unexplained["quantity"]) == {"observations"}  # three here, of a real volunteer 33
     study["volunteer"] = []

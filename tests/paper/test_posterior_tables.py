@@ -15,7 +15,6 @@ from regional_lv.paper.posteriors.correlations import correlate, zone_correlatio
 from regional_lv.paper.posteriors.noise_prior import count_outside
 from regional_lv.paper.posteriors.rank_calibration import tabulate, test_ranks
 from regional_lv.paper.posteriors.resimulation import summarise
-from regional_lv.paper.posteriors.summaries import hpd_widths
 
 PARAMETERS = StiffnessInputs()
 
@@ -74,26 +73,15 @@ def test_correlations_and_their_errors_over_cases():
     assert correlate(draws[:1], PARAMETERS)[0]["se"].isna().all()
 
 
-def test_hpd_widths_of_stiff_zones_apart():
-    """Four cases, whose intervals are twice as wide in the stiff zone."""
-    rows = [
-        {"case": str(case), "parameter": name, "zone": "septal"}
-        | {"hpd_width95": width * (2 if name.endswith("septal") else 1)}
-        for case, width in enumerate((0.1, 0.9, 0.2, 0.4))
-        for name in PARAMETERS.names
-    ]
-    table = hpd_widths(pd.DataFrame(rows), PARAMETERS)
-    stiff = table[table["stiffened"]]
-    assert stiff["parameter"].tolist() == ["C_a_septal", "C_b_septal", "all"]
-    assert stiff["cases"].tolist() == [4, 4, 8]
-    known = {"min": 0.1, "median": 0.3, "mean": 0.4, "max": 0.9}
-    for name, width in known.items():
-        np.testing.assert_allclose(table[name], width * (1 + table["stiffened"]), err_msg=name)
-    alone = table["parameter"] != "all"
-    for name, width in (("q25", 0.175), ("q75", 0.525)):
-        found, stiffened = table.loc[alone, name], table.loc[alone, "stiffened"]
-        np.testing.assert_allclose(found, width * (1 + stiffened), err_msg=name)
-    assert table["parameter"].iloc[-1] == "all" and table["zone"].iloc[-1] == "all"
+def test_a_parameter_that_never_moved_has_no_correlations():
+    draws = np.random.default_rng(3).normal(size=(3, 200, 10))
+    draws[1, :, 1] = 1.3
+    between, zones = correlate(draws, PARAMETERS)
+    for table, name, still in ((between, "parameter", "C_b_anterior"), (zones, "zone", "anterior")):
+        its = (table[f"{name}_1"] == still) | (table[f"{name}_2"] == still)
+        assert (table.loc[its, "cases"] == 2).all() and (table.loc[~its, "cases"] == 3).all()
+        assert np.isfinite(table[["mean", "se"]]).all(axis=None)
+    assert correlate(draws[1:2], PARAMETERS)[1]["mean"].isna().sum() == 9
 
 
 def candidate(folder, name, coverage, upper, crps):
@@ -273,16 +261,6 @@ def test_stiffness_is_the_factors_and_their_geometric_mean(parameters):
     assert found.shape == (3, 4, len(parameters.zones), factors + 1)
     np.testing.assert_array_equal(found[..., :-1].reshape(theta.shape), theta)
     np.testing.assert_allclose(found[..., -1], np.exp(np.log(found[..., :-1]).mean(-1)))
-
-
-def test_hpd_widths_of_zones_whose_names_have_underscores():
-    rows = [
-        {"case": "1", "parameter": name, "zone": "segment_03", "hpd_width95": 0.1}
-        for name in SEGMENTS.names
-    ]
-    table = hpd_widths(pd.DataFrame(rows), SEGMENTS)
-    assert table.loc[table["stiffened"], "parameter"].tolist() == ["C_a_segment_03", "all"]
-    assert table["zone"].tolist() == [*SEGMENTS.zones, "all", "all"]
 
 
 def test_errors_at_posterior_draws_of_other_quantities():

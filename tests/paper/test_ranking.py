@@ -167,7 +167,7 @@ def study(tmp_path):
     return tmp_path
 
 
-def rank(study, size: int, estimator: str = "weighted"):
+def rank(study, size: int, estimator: str = "weighted", named=None, also=()):
     names = ["vgp", "mvgp", "dnn"]
     own, fits = ([study / folder / name for name in names] for folder in ("estimates", "emulators"))
     ranking.rank_emulators(
@@ -182,6 +182,8 @@ def rank(study, size: int, estimator: str = "weighted"):
         study / "test.parquet",
         size,
         estimator,
+        named,
+        also,
         study / "ranking.csv",
         study / "pairs.csv",
         study / "shortlist.json",
@@ -201,8 +203,16 @@ def test_ranking_orders_chooses_and_says_why(study):
     assert rank(study, 9)[1]["shortlist"] == ["dnn", "mvgp", "vgp"]
 
 
+def test_shortlist_holds_what_is_asked_for_beside_the_best(study):
+    """`also` ends with `emulators.final`, which may be `auto`; what is not ranked stays out."""
+    chosen = rank(study, 1, also=["local_gp", "dnn", "vgp", "auto"])[1]
+    assert (chosen["shortlist"], chosen["best_of_ranking"]) == (["dnn", "vgp"], ["dnn"])
+    chosen = rank(study, 1, named=["mvgp"], also=["vgp"])[1]
+    assert (chosen["shortlist"], chosen["best_of_ranking"]) == (["mvgp"], ["dnn"])
+
+
 def test_tables_and_box_plots(study):
-    rank(study, 1)
+    rank(study, 1, also=["vgp"])
     s1 = made(tables.ranking, study / "ranking.csv", study)
     assert s1["emulator"].tolist() == ["DNN", "MVGP", "VGP"] and s1["output_mse"].notna().all()
     pairs = made(tables.pairs, study / "pairs.csv", study)
@@ -220,7 +230,7 @@ def test_tables_and_box_plots(study):
     )
     data = pd.read_csv(study / "box.csv")
     assert len(data) == 3 * 2 * CASES
-    assert data.loc[data["shortlisted"], "emulator"].unique().tolist() == ["dnn"]
+    assert data.loc[data["shortlisted"], "emulator"].unique().tolist() == ["vgp", "dnn"]
 
 
 def test_errors_on_a_second_test_set_stand_beside(study):

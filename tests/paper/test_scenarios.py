@@ -12,12 +12,12 @@ from regional_lv.paper.posteriors.classification import (
     areas_of,
     auc_interval,
     curve_of,
-    map_errors_by_zone,
     score_classification,
     stiffness,
 )
 from regional_lv.paper.posteriors.sets import add_noise
-from regional_lv.paper.scenarios import draw_scenario, scenario_size, write_scenario
+from regional_lv.paper.scenarios import draw_scenario, labels_of, write_scenario
+from regional_lv.simulation.scenarios import scenario_size
 
 PARAMETERS, CHANNELS = StiffnessInputs(), Channels.of()
 HEALTHY = {"mean": 1.0, "sd": 0.05}
@@ -66,6 +66,11 @@ def test_scenarios_of_other_zones_and_factors(tmp_path):
         assert other[f"C_c_{zone}"].mean() == pytest.approx(1.0, abs=0.02)
 
 
+def test_scenarios_of_the_same_mean_go_by_their_names():
+    sets = {"a": LOCAL, "b": GLOBAL, "c": LOCAL | {"sd": 0.2}}
+    assert labels_of(sets) == {"a": "a", "b": "global, μ = 1.7", "c": "c"}
+
+
 def test_noise_of_a_twin():
     noise = {"volume": 2.0, "circumferential": 0.02, "radial": 0.05, "longitudinal": None}
     y = np.zeros((300, 52))
@@ -99,8 +104,10 @@ def test_roc_and_area():
     assert np.sum(np.diff(false) * (true[1:] + true[:-1]) / 2) == pytest.approx(5.5 / 6)
     # Rows may count several times, or not at all.
     twice = np.array([0, 0, 2, 1, 1])
-    assert area(label, score, twice) == pytest.approx(0.75)
-    assert np.isnan(area(label[:3], score[:3])) and np.isnan(area(label, score, label * 1))
+    assert areas_of(label, score, twice[None]) == pytest.approx(0.75)
+    assert np.isnan(area(label[:3], score[:3])) and np.isnan(
+        areas_of(label, score, label[None] * 1)
+    )
     alone = curve_of(label[:3], score[:3])
     assert alone["false_positive_rate"].isna().all()
     assert alone["true_positive_rate"].tolist() == pytest.approx([0, 1 / 3, 2 / 3, 1])
@@ -147,19 +154,3 @@ def test_global_stiffening_is_compared_with_healthy_zones_elsewhere(tmp_path, mo
     assert both["negatives"] == 2
     score_classification(own, [], tmp_path / "roc.csv", tmp_path / "auc.csv", 1)
     assert pd.read_csv(tmp_path / "auc.csv")["auc"].isna().all()
-
-
-def test_errors_by_zone():
-    errors = pd.DataFrame(
-        {
-            "zone": ["septal", "septal", "apical"],
-            "quantity": "C_a",
-            "stiffened": [True, True, False],
-            "truth": [2.0, 2.0, 1.0],
-            "map": [2.2, 2.0, 1.1],
-        }
-    )
-    table = map_errors_by_zone(errors)
-    assert table["cases"].tolist() == [2, 1]
-    assert table.loc[0, "bias"] == pytest.approx(0.1)
-    assert table.loc[0, "mse"] == pytest.approx(0.02)

@@ -151,6 +151,21 @@ MISTAKES = [
         "subjects.anna.slices: ",
         "name one of 1 and 2",
     ),
+    (
+        changed("subjects.anna", {"source": "published_volunteer", "frame": 0}),
+        "subjects.anna.frame: 0",
+        "too small",
+    ),
+    (
+        changed("subjects.anna", {"source": "published_volunteer", "frame": 16}),
+        "subjects.anna.frame: 16",
+        "too large",
+    ),
+    (
+        changed("trust.resimulated_draws", 1201),
+        "trust.resimulated_draws: 1201 of the 1200 draws",
+        "lower it",
+    ),
 ]
 
 

@@ -140,7 +140,9 @@ def test_set(tmp_path):
         for case, low in (("0", 0.9), ("1", 0.8), ("2", 1.05))
         for name in PARAMETERS.names
     ]
-    columns = "case parameter truth map mean sd lower95 upper95 covered crps variance_ratio".split()
+    columns = (
+        "case parameter truth map mean sd lower95 upper95 covered95 crps variance_ratio".split()
+    )
     pd.DataFrame(rows, columns=columns).to_csv(tmp_path / "recovery.csv", index=False)
     covered = pd.DataFrame({"parameter": [*PARAMETERS.names, "all"]})
     covered = covered.assign(cases=3, failed=1, bias=0.1, mse=0.01, mean_mse=0.04)

@@ -14,6 +14,7 @@ from regional_lv.criticism import case_posterior
 from regional_lv.errors import InputError
 from regional_lv.inference.posteriors import load, write
 from regional_lv.inputs.stiffness import ZONES, StiffnessInputs
+from regional_lv.mechanics.materials import MATERIALS, Factor
 from regional_lv.paper.plots import (
     bullseye_map,
     correlations,
@@ -29,7 +30,7 @@ from regional_lv.paper.plots import (
     sbc,
     uncertainty,
 )
-from regional_lv.paper.posteriors import verdicts
+from regional_lv.paper.posteriors.sets_table import read_sets
 from regional_lv.paper.tables import posteriors
 from regional_lv.plots import (
     bullseye_posterior,
@@ -41,6 +42,7 @@ from regional_lv.plots import (
     traces,
     zones,
 )
+from regional_lv.registry import temporary
 from regional_lv.tables import subjects
 from tests.criticism.findings_example import example, write_posterior
 from tests.unit.test_figures import ring_mesh
@@ -162,7 +164,7 @@ def recovered(path, parameters, kind="local"):
             rows.append(
                 {"case": str(case), "parameter": p.name, "truth": truth, "map": truth + 0.1}
                 | {"lower95": truth - width, "upper95": truth + width, "hpd_width95": width}
-                | {"covered": True, "zone": stiff, "verdict": "passed", "crps": 0.1}
+                | {"covered95": True, "zone": stiff, "verdict": "passed", "crps": 0.1}
             )
     pd.DataFrame(rows).to_csv(path, index=False)
     return path
@@ -315,7 +317,7 @@ def test_scenario_figures(parameters, tmp_path, paths):
         recovered(tmp_path / "global.csv", parameters, "global"),
     ]
     labels = ["local", "global"]
-    table = verdicts.read_sets(files, labels, parameters)
+    table = read_sets(files, labels, parameters)
     assert set(table["quantity"]) == set(parameters.factors)
     assert set(table["of"]) == set(parameters.zones)
     bullseye_map.draw(files, labels, "stiffened", "Stiffening", parameters, *paths)
@@ -405,16 +407,20 @@ def test_uncertainty_and_traces_of_emulators(parameters, subject, tmp_path, path
     assert list(table["parameter"]) == [*parameters.names, "all"]
 
 
-def test_noise_prior(parameters, tmp_path, paths):
+def test_noise_prior(parameters, tmp_path, paths, monkeypatch):
     rows = [
         (scale, name, 1.0, 0.9, 1.1, 2, 33, "passed")
         for scale in (0.05, 0.3)
-        for name in ("sigma_torsion", *parameters.names)
+        for name in (*(f"sigma_{q}" for q in CHANNELS.quantities[1:]), *parameters.names)
     ]
     columns = "prior_scale parameter median lower95 upper95 outside outputs verdict".split()
     pd.DataFrame(rows, columns=columns).to_csv(tmp_path / "noise.csv", index=False)
+    figures, save = [], style.save
+    monkeypatch.setattr(style, "save", lambda fig, *rest: (figures.append(fig), save(fig, *rest)))
     noise_prior.draw(tmp_path / "noise.csv", "heart", "file", parameters, *paths)
     assert read(paths)["width95"].to_numpy() == pytest.approx(0.2)
+    legend = figures[0].axes[0].get_legend().get_texts()
+    assert tuple(text.get_text() for text in legend) == CHANNELS.quantities[1:]
 
 
 def test_checks_of_the_chain(parameters, tmp_path, paths):
@@ -467,6 +473,10 @@ def test_residuals_of_a_criticism(parameters, paths):
 def test_labels_and_colours():
     assert style.label("C_a_segment_03") == "$C_{a}$ segment 03"
     assert style.label("sigma_radial") == r"$\sigma$ radial"
+    assert style.label("all") == "all"
+    with temporary():
+        MATERIALS.add(type("Plugin", (), {"name": "plugin", "factors": [Factor("mu", "")]}))
+        assert style.label("mu_free_wall") == "mu free wall"
     colours = style.factor_colours(f"C_{i}" for i in range(8))
     assert list(colours.values())[:2] == [style.BLUE, style.VERMILLION]
     assert len(set(list(colours.values())[:6])) == 6 and len(colours) == 8

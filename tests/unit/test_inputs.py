@@ -105,6 +105,11 @@ def test_nominal_values_are_the_model_as_it_is(model, every):
         assert same(found[section], {**model[section]}), section
 
 
+def test_models_of_other_shapes_are_not_the_same():
+    assert same({"a": np.ones(3)}, {"a": [1.0, 1.0, 1.0 + 1e-14]})
+    assert not same(np.ones(1), np.ones(3)) and not same(np.ones(2), np.ones(3))
+
+
 @pytest.mark.parametrize(
     ("section", "roles"),
     [

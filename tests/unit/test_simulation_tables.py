@@ -7,7 +7,7 @@ import pytest
 from regional_lv import aha, config
 from regional_lv.channels import Channels
 from regional_lv.errors import InputError
-from regional_lv.inputs.stiffness import StiffnessInputs
+from regional_lv.inputs.stiffness import ZONES, StiffnessInputs
 from regional_lv.simulation.tables import import_simulations, read_tables, split
 
 PARAMETERS, CHANNELS = StiffnessInputs(), Channels.of()
@@ -93,6 +93,18 @@ def test_any_parameters_and_channels_by_name(tmp_path, simulations):
     theta.to_csv(tmp_path / "x.csv", index=False, header=False)
     with pytest.raises(InputError, match=r"x\.csv: has no header, and the published order is that"):
         read_tables(tmp_path / "x.csv", tmp_path / "both.parquet", parameters, channels)
+
+
+def test_the_stiff_zone_of_a_scenario_comes_along(tmp_path, simulations):
+    theta, y = simulations
+    zone = [PARAMETERS.zone_names[i % 5] for i in range(ROWS)]
+    both = pd.concat([theta.assign(zone=zone), y], axis=1)
+    both.to_csv(tmp_path / "both.csv", index=False)
+    how = *[tmp_path / "both.csv"] * 2, PARAMETERS, CHANNELS
+    assert read_tables(*how, PARAMETERS.zone_names)["zone"].tolist() == zone
+    assert "zone" not in read_tables(*how)
+    with pytest.raises(InputError, match=r"row 1, column zone: 'anterior' is no .* \(all\)"):
+        read_tables(*how, ("all",))
 
 
 def spoil(table: pd.DataFrame, row: int, column: str, value) -> pd.DataFrame:
@@ -194,6 +206,8 @@ def study(files, **changes) -> dict:
     }
 
 
+OTHERS = {zone: [*segments] for zone, segments in ZONES["paper"].items()}
+OTHERS |= {"anterior": [1, 7, 13], "apical": [14, 15, 16, 17]}
 PUBLISHED = {"inputs": "published", "outputs": "published"}
 
 
@@ -241,6 +255,13 @@ CONFIG_MISTAKES = {
         },
         "leave `parameters`, `observables` and `loading.frames` at their defaults",
     ),
+    "published table of other zones of the same names": (
+        {
+            "parameters": {"zones": OTHERS},
+            "simulations": {"tables": {"train": PUBLISHED}},
+        },
+        "leave `parameters`, `observables` and `loading.frames` at their defaults",
+    ),
     "other channels": (
         {"loading": {"frames": [0.5]}},
         "no column volume_ml@0.5, circumferential_01@0.5",
@@ -284,6 +305,21 @@ def test_config_refuses_before_anything_runs(mistake, files):
     with pytest.raises(InputError) as error:
         config.load(study(files, **changes))
     assert expected in str(error.value)
+
+
+def test_config_asks_for_the_zones_of_a_scenario_and_no_more_rows(tmp_path, files, simulations):
+    tables = {name: dict(inputs=str(files[0]), outputs=str(files[1])) for name in ("train", "one")}
+    scenarios = {"sets": {"one": {"kind": "local", "mu": 2.0, "samples_per_zone": 6}}}
+    given = study(files, simulations={"tables": tables}, scenarios=scenarios)
+    with pytest.raises(InputError, match=r"tables\.one: .*inputs\.csv: no column zone; name"):
+        config.load(given)
+    zone = np.repeat(PARAMETERS.zone_names, 6)
+    simulations[0].assign(zone=zone).to_csv(tmp_path / "zoned.csv", index=False)
+    tables["one"]["inputs"] = str(tmp_path / "zoned.csv")
+    config.load(given)
+    scenarios["sets"]["one"]["samples_per_zone"] = 5
+    with pytest.raises(InputError, match=r"tables\.one: 30 rows for the 25 ventricles of"):
+        config.load(given)
 
 
 def test_config_reads_the_tables(files, simulations):

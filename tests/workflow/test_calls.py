@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from regional_lv.inputs.stiffness import ZONES
 from regional_lv.seeds import derive
 from regional_lv.study.jobs import NOT_PASSED, arguments_of, function_of
 from regional_lv.study.layout import Layout
@@ -214,6 +215,43 @@ def test_random_numbers_of_rules_are_those_of_the_library(listing):
     assert seeds == {name: derive(2026, "subject", name) for name in seeds}
     assert noise["test"] is noise["local_3_0"] is None
     assert noise["local_3_0-noisy"]["circumferential"] > 0
+
+
+SHOWS = """
+include: "{root}/Snakefile"
+
+import json
+
+files = TABULATED.get("paper_comparison", {{}}).get("input", {{}}).get("volunteer", [])
+seen = [name for name in PLOTS if name in ("roc", "bullseye_local", "bullseye_baseline")]
+print("SHOWS", json.dumps([seen, sorted({{Path(file).parent.name for file in files}})]))
+"""
+
+
+@pytest.mark.parametrize(
+    ("zones", "figures", "volunteer"),
+    [
+        ("paper", ["bullseye_local", "bullseye_baseline", "roc"], ["as_published"]),
+        # Of the paper's names, over other segments: no comparison.
+        (
+            ZONES["paper"] | {"anterior": [1, 7, 13], "apical": [14, 15, 16, 17]},
+            ["bullseye_local", "bullseye_baseline", "roc"],
+            [],
+        ),
+        # No zone is left at baseline.
+        ("whole", ["bullseye_local"], []),
+    ],
+)
+def test_figures_and_comparison_are_those_that_a_study_can_have(
+    root, tmp_path, zones, figures, volunteer
+):
+    """The paper's volunteer is not that of one frame."""
+    of = {"source": "published_volunteer"}
+    subjects = {"early": of | {"frame": 1}, "as_published": of}
+    given = {"study": "mine", "parameters": {"zones": zones}, "subjects": subjects}
+    (tmp_path / "mine.yaml").write_text(json.dumps(given))
+    done = listed(tmp_path, SHOWS.format(root=root), "--configfile", tmp_path / "mine.yaml")
+    assert printed(done.stdout.splitlines(), "SHOWS") == [[figures, volunteer]], done.stderr
 
 
 def test_a_shortlist_that_is_missing_is_made_again(listing):

@@ -45,7 +45,6 @@ from regional_lv.study.layout import Layout  # noqa: E402
 from regional_lv.measured import states_noise  # noqa: E402
 from regional_lv.inputs.stiffness import StiffnessInputs  # noqa: E402
 from regional_lv.inputs.physics import physics_of, why_not_scaling  # noqa: E402
-from regional_lv.paper.scenarios import scenario_size  # noqa: E402
 from regional_lv.data.published import (  # noqa: E402
     FILES,
     HEART_MESH,
@@ -59,7 +58,9 @@ from regional_lv.data.published import (  # noqa: E402
     VOLUNTEER_SLICES,
     volunteer_available,
 )
+from regional_lv.paper.scenarios import labels_of  # noqa: E402
 from regional_lv.seeds import derive  # noqa: E402
+from regional_lv.simulation.scenarios import scenario_size, stiff_zones  # noqa: E402
 
 # Of several configurations the last one counts first, for the paths in them too; those that were
 # named count before the workflow's own.
@@ -457,15 +458,12 @@ def to_rank(name):
 
 
 def shortlist():
-    """Emulators whose posteriors on the test set are compared: named, or the best of the ranking
-    and the paper's."""
-    wanted = config["emulators"]["shortlist"]
-    if wanted["names"]:
-        return wanted["names"]
+    """Emulators whose posteriors on the test set are compared; if they are named, the ranking need
+    not be there."""
+    if named := config["emulators"]["shortlist"]["names"]:
+        return named
     file = checkpoints.rank_emulators.get().output.shortlist
-    best = json.loads(Path(file).read_text())["shortlist"]
-    also = [name for name in wanted["also"] if name in config["emulators"]["names"]]
-    return list(dict.fromkeys([*best, *also]))
+    return json.loads(Path(file).read_text())["shortlist"]
 
 
 def of_shortlist(*files):

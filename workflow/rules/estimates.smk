@@ -100,6 +100,8 @@ checkpoint rank_emulators:
         names=RANKED,
         size=config["emulators"]["shortlist"]["size"],
         estimator=config["emulators"]["shortlist"]["estimator"],
+        named=config["emulators"]["shortlist"]["names"],
+        also=[*config["emulators"]["shortlist"]["also"], config["emulators"]["final"]],
     script:
         "../scripts/call.py"
 

@@ -8,15 +8,15 @@ POSTERIORS = LAYOUT.posteriors(EMULATOR)
 CHOICE = f"{R}/posteriors/final.json"
 LOCAL = [name for name, scenario in SCENARIOS.items() if scenario["kind"] == "local"]
 GLOBAL = [name for name in SCENARIOS if name not in LOCAL]
-SCENARIO_LABELS = {
-    name: f"{scenario['kind']}, μ = {scenario['mu']:g}" for name, scenario in SCENARIOS.items()
-}
+# What leaves zones at baseline: of one zone, there is no other.
+HEALTHY_BESIDE = LOCAL if len(PARAMETERS.zones) > 1 else []
+SCENARIO_LABELS = labels_of(SCENARIOS)
 LABELS = list(SCENARIO_LABELS.values())
 RECOVERIES = expand(POSTERIORS.of_set("{name}", "recovery"), name=[*SCENARIOS, *NOISY])
 BULLSEYES = {
     "local": (LOCAL, "stiffened", "Local stiffening"),
     "global": (GLOBAL, "stiffened", "Global stiffening"),
-    "baseline": (LOCAL, "baseline", "Local stiffening"),
+    "baseline": (HEALTHY_BESIDE, "baseline", "Local stiffening"),
 }
 NOISE_TITLES = {"": "", "-noisy": ", with measurement noise"}
 TRACED = {
@@ -247,7 +247,7 @@ PLOTS = {
         "params": SOURCE_OF,
     },
 }
-if LOCAL:
+if HEALTHY_BESIDE:
     PLOTS["roc"] = {
         "job": "scenarios",
         "category": "Scenarios",

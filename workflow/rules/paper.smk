@@ -2,10 +2,10 @@
 
 from regional_lv.paper import path as papers  # noqa: E402
 
-# The paper has one volunteer: the first of the study's that is theirs.
+# The paper's volunteer is that of its vector of strains, not of one frame or of some slices.
 VOLUNTEER_FILES = [
     file
-    for subject in VOLUNTEERS[:1]
+    for subject in [s for s in VOLUNTEERS if config["subjects"][s]["frame"] is None][:1]
     for file in (
         LAYOUT.table(f"{subject}/convergence", "csv"),
         *(
@@ -15,7 +15,7 @@ VOLUNTEER_FILES = [
     )
 ]
 
-if PARAMETERS.names == StiffnessInputs().names:
+if PARAMETERS.of_paper:
     TABULATED["paper_comparison"] = {
         "job": "paper",
         "category": "Paper",

@@ -1,12 +1,8 @@
 """Posteriors: of the test set and the scenarios in batches, of every subject, their convergence."""
 
-SET_TABLES = [
-    f"{name}.csv"
-    for name in (
-        *("diagnostics", "recovery", "coverage", "map_mse", "hpd"),
-        *("correlations", "zone_correlations"),
-    )
-]
+from regional_lv.paper.posteriors.files import TABLES as OF_SET  # noqa: E402
+
+SET_TABLES = [f"{name}.csv" for name in OF_SET]
 # What there is of an emulator on the test set.
 OF_TEST_SET = [
     *(
@@ -15,7 +11,7 @@ OF_TEST_SET = [
     ),
     *(f"{R}/emulators/{{emulator}}/test_{file}" for file in ("predictions.parquet", "errors.csv")),
 ]
-SCENARIO_TABLES = ["zone_classification.csv", "map_errors_by_zone.csv", "roc.csv", "auc.csv"]
+SCENARIO_TABLES = ["zone_classification.csv", "roc.csv", "auc.csv"]
 SUMMARIES = (
     [
         *expand(f"{R}/posteriors/{EMULATOR}/test/{{table}}", table=SET_TABLES),
@@ -124,10 +120,7 @@ if SCENARIOS:
                 for name, folder in OF_SCENARIOS.items()
                 for call, made in {
                     f"tables/{name}": {"tables": [f"{folder}/{table}" for table in SET_TABLES]},
-                    f"zones/{name}": {
-                        "classified": f"{folder}/zone_classification.csv",
-                        "by_zone": f"{folder}/map_errors_by_zone.csv",
-                    },
+                    f"zones/{name}": {"classified": f"{folder}/zone_classification.csv"},
                     f"scores/{name}": {table: f"{folder}/{table}.csv" for table in ("roc", "auc")},
                 }.items()
                 for key, files in made.items()

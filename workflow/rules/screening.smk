@@ -19,6 +19,11 @@ if FROM_TABLES:
             own_test="test" in TABLE_SETS,
             holdout=config["simulations"]["holdout"],
             rows=config["simulations"]["rows"],
+            stiff=lambda wildcards: (
+                stiff_zones(SCENARIOS[wildcards.set], PARAMETERS)
+                if wildcards.set in SCENARIOS
+                else []
+            ),
         script:
             "../scripts/call.py"
 

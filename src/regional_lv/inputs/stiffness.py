@@ -188,6 +188,16 @@ class StiffnessInputs(InputSequence[Stiffness]):
         """Mask (P,) of the inputs that all stresses of their zone are proportional to."""
         return np.array([each.stress_power == 1 for each in self])
 
+    @property
+    def of_paper(self) -> bool:
+        """Whether law, factors and zones are the paper's, within whatever bounds."""
+        paper = StiffnessInputs()
+        return (
+            self.law == paper.law
+            and self.names == paper.names
+            and np.array_equal(self.segment_zone, paper.segment_zone)
+        )
+
     # ----------------------------------------------------------------------- zones and factors
 
     @property
@@ -239,14 +249,6 @@ class StiffnessInputs(InputSequence[Stiffness]):
 def from_spec(spec: Mapping) -> StiffnessInputs | Coordinates:
     """What a `spec` of either describes."""
     return (StiffnessInputs if "law" in spec else Coordinates).from_spec(spec)
-
-
-def label(name: str) -> str:
-    """`C_a_anterior` as figures show it, with the factor as mathematics."""
-    parts = name.split("_", 2)
-    if len(parts) < 3:
-        return name
-    return f"${parts[0]}_{{{parts[1]}}}$ {parts[2].replace('_', ' ')}"
 
 
 def repeated(theta: np.ndarray) -> tuple[int, int] | None:

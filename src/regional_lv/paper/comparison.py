@@ -15,11 +15,14 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from regional_lv.channels import Channels
+from regional_lv.emulators.reduction import VOLUME
 from regional_lv.errors import InputError
 from regional_lv.inputs.stiffness import StiffnessInputs
+from regional_lv.measured.tables import VOLUME_SHARE
 from regional_lv.paper import KEYS
 from regional_lv.paper.page import QUANTITIES, write_page
-from regional_lv.paper.posteriors.verdicts import by_emulator, chosen
+from regional_lv.paper.posteriors.files import by_emulator, chosen
 from regional_lv.typed_tables import require_columns
 
 COLUMNS = ("place", *KEYS, "relation", "value", "unit")
@@ -45,7 +48,8 @@ Every number that the paper prints as a result, and this study's. The paper chos
 study's choice" is the emulator that this study chose, beside its own MVGP. "Shortlist" is the
 extreme over the shortlisted emulators. `<` and `>` are bounds that the paper states. A reason is
 given where the ratio is beyond {factor} either way or, for some quantities, the difference beyond a
-limit ({limits}), and where nothing was computed. The same as one table:
+limit ({limits}), and where nothing was computed. The
+volunteer's volume is exact in the paper, and known to {volume:g} % here. The same as one table:
 `results/<study>/tables/paper_comparison.csv`."""
 
 ABSENT = "not computed in this study"
@@ -138,6 +142,7 @@ def compare_study(
     volunteer: Sequence[Path],
     estimates: Sequence[Path],
     choice: Path,
+    channels: Channels,
     csv: Path,
     md: Path,
 ) -> None:
@@ -150,7 +155,7 @@ def compare_study(
     names the `final` emulator.
     """
     ours = from_simulations({Path(path).stem: path for path in screened})
-    ours += from_reduction(explained)
+    ours += from_reduction(explained, channels)
     ours += from_test_posteriors(
         {name: paths[0] for name, paths in by_emulator(coverage).items()},
         {name: paths[0] for name, paths in by_emulator(diagnostics).items()},
@@ -167,7 +172,8 @@ def _save(table: pd.DataFrame, csv: Path, md: Path) -> None:
     Path(csv).parent.mkdir(parents=True, exist_ok=True)
     table.to_csv(csv, index=False, float_format="%.8g")
     limits = ", ".join(f"{QUANTITIES[name]} {value:g}" for name, value in DIFFERENCE.items())
-    write_page(table, HEADING.format(factor=FACTOR, limits=limits), md)
+    volume = 100 * VOLUME_SHARE
+    write_page(table, HEADING.format(factor=FACTOR, limits=limits, volume=volume), md)
 
 
 # ------------------------------------------------------------------- what this study has to offer
@@ -193,10 +199,11 @@ def from_simulations(screened: dict[str, Path]) -> list[dict]:
     return found
 
 
-def from_reduction(explained: Path) -> list[dict]:
-    """Principal components of the strains that are kept, and the volume."""
+def from_reduction(explained: Path, channels: Channels) -> list[dict]:
+    """Principal components of the strains that are kept, and the volumes among the channels."""
     kept = int(pd.read_csv(explained)["kept"].sum())
-    return [row_of("reduced_outputs", kept + 1, set="train")]
+    volumes = int(channels.of_quantity(VOLUME).sum())
+    return [row_of("reduced_outputs", kept + volumes, set="train")]
 
 
 def from_ranking(ranking: Path, pairs: Path, final: str) -> list[dict]:

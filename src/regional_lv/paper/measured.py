@@ -102,7 +102,7 @@ def _slice(path: str | Path, frame: Frame) -> np.ndarray:
     curves = curves[1:].reshape(-1, 2, 6)
     if frame == "extrema":
         return np.stack([curves[:, 0].min(0), curves[:, 1].max(0)])
-    if frame > len(curves):
+    if not 1 <= frame <= len(curves):
         raise error_at(path, None, f"no frame {frame}; choose 1 to {len(curves)}, or extrema")
     return curves[frame - 1]
 

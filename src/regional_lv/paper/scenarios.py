@@ -1,5 +1,7 @@
 """Simulated disease: ventricles of which one zone, or every zone, is stiffened."""
 
+from collections import Counter
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -48,6 +50,19 @@ def draw_scenario(
     return table
 
 
+def stiffened(zone, stiff):
+    """Whether `zone` is a stiff one, where `stiff` is a zone or `all`; of columns, row by row."""
+    return (zone == stiff) | (stiff == "all")
+
+
+def labels_of(scenarios: Mapping[str, Mapping]) -> dict[str, str]:
+    """What figures call the scenarios (`scenarios.sets`): by kind and mean, or by name where others
+    have the same."""
+    labels = {name: f"{each['kind']}, μ = {each['mu']:g}" for name, each in scenarios.items()}
+    count = Counter(labels.values())
+    return {name: label if count[label] == 1 else name for name, label in labels.items()}
+
+
 def write_scenario(
     name: str,
     scenario: dict,
@@ -58,10 +73,3 @@ def write_scenario(
 ) -> None:
     """Write the ventricles of `draw_scenario` (Parquet)."""
     draw_scenario(name, scenario, healthy, parameters, seed).to_parquet(table, index=False)
-
-
-def scenario_size(scenario: dict, parameters: StiffnessInputs) -> int:
-    """Number of ventricles of an entry of `scenarios.sets`."""
-    if scenario["kind"] == "global":
-        return scenario["samples"]
-    return len(parameters.zones) * scenario["samples_per_zone"]

@@ -3,14 +3,13 @@
 from collections.abc import Mapping
 from pathlib import Path
 
-import numpy as np
 import pandas as pd
-import pyvista
 from matplotlib.axes import Axes
 
 from regional_lv import aha
 from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.plots import bullseye, heart, measured_strains, style
+from regional_lv.plots.zones import picture
 from regional_lv.quantities import QUANTITIES
 
 SUBDIVISION = 3
@@ -58,7 +57,5 @@ def draw(
 
 def _heart(ax: Axes, mesh: Path, parameters: StiffnessInputs) -> None:
     grid = heart.cut(heart.straight_cells(mesh, SUBDIVISION))
-    colours = [pyvista.Color(colour).int_rgb for colour in parameters.colours.values()]
-    zone = parameters.segment_zone[np.asarray(grid.cell_data["segment"]) - 1]
-    ax.imshow(heart.render(grid, np.array(colours)[zone]))
+    ax.imshow(picture(grid, parameters))
     ax.set_title("Unloaded heart, cut open")

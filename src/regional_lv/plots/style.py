@@ -21,7 +21,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullLocator
 
 from regional_lv.channels import Channel
-from regional_lv.inputs import stiffness
+from regional_lv.mechanics.materials import MATERIALS
 
 BLUE, ORANGE, GREEN = "#0072B2", "#E69F00", "#009E73"
 VERMILLION, SKY, PINK = "#D55E00", "#56B4E9", "#CC79A7"
@@ -132,10 +132,15 @@ def quantity_colours(quantities: Iterable[str]) -> dict[str, str]:
 
 
 def label(name: str) -> str:
-    """`C_a_anterior` as a reader sees it; names of noise scales likewise."""
+    """`C_a_anterior` as a reader sees it, with the factor of a law as mathematics; names of noise
+    scales likewise."""
     if name.startswith("sigma_"):
         return rf"$\sigma$ {name.removeprefix('sigma_')}"
-    return stiffness.label(name)
+    factors = {factor.name for law in MATERIALS for factor in MATERIALS[law].factors}
+    for factor in sorted(factors, key=len, reverse=True):
+        if name.startswith(f"{factor}_"):
+            return f"{factor_label(factor)} {zone_label(name.removeprefix(f'{factor}_'))}"
+    return name
 
 
 def factor_label(factor: str) -> str:

@@ -25,7 +25,7 @@ def draw(mesh: Path, parameters: StiffnessInputs, png: Path, csv: Path) -> None:
     fig = style.figure(11.0, 4.6)
     left, middle, right = fig.subplots(1, 3, width_ratios=[1, 1, 1.25])
     for ax, title, shown in ((left, "Whole", grid), (middle, "Cut open", heart.cut(grid))):
-        ax.imshow(_picture(shown, parameters))
+        ax.imshow(picture(shown, parameters))
         ax.set_title(title)
         ax.set_axis_off()
 
@@ -40,7 +40,7 @@ def draw(mesh: Path, parameters: StiffnessInputs, png: Path, csv: Path) -> None:
     style.save(fig, _table(grid, parameters), png, csv)
 
 
-def _picture(grid: pyvista.UnstructuredGrid, parameters: StiffnessInputs) -> np.ndarray:
+def picture(grid: pyvista.UnstructuredGrid, parameters: StiffnessInputs) -> np.ndarray:
     """The grid with the colours of its zones."""
     colours = [pyvista.Color(colour).int_rgb for colour in parameters.colours.values()]
     zone = parameters.segment_zone[np.asarray(grid.cell_data["segment"]) - 1]

@@ -1,6 +1,7 @@
 """Finished simulations from tables, in place of the simulator: read, checked, split, kept."""
 
 import logging
+from collections.abc import Collection
 from pathlib import Path
 
 import numpy as np
@@ -20,17 +21,27 @@ log = logging.getLogger(__name__)
 SENSITIVITY = "sensitivity"
 """Optional column of an outputs table (Parquet): d(outputs)/d(theta), D x P numbers, row by row."""
 
+ZONE = "zone"
+"""Column of a scenario's inputs table: the stiff zone of each row, or `all`."""
+
 
 def published_order(parameters: StiffnessInputs, channels: Channels) -> bool:
     """Whether they are the paper's, for which there are tables without a header."""
-    return parameters.names == StiffnessInputs().names and channels == Channels.of()
+    return parameters.of_paper and channels == Channels.of()
 
 
 def read_tables(
-    inputs: str | Path, outputs: str | Path, parameters: StiffnessInputs, channels: Channels
+    inputs: str | Path,
+    outputs: str | Path,
+    parameters: StiffnessInputs,
+    channels: Channels,
+    stiff: Collection[str] = (),
 ) -> pd.DataFrame:
     """The simulations of two tables with as many rows: `sample`, the P parameters, the D outputs
     and, if the outputs have it, `sensitivity`.
+
+    stiff: of a scenario, what the column `zone` of its inputs may hold (`stiff_zones`); the table
+    then has it, too.
 
     A table is Parquet or CSV with columns named as the parameters and the channels (others are
     ignored; one file may be both). Where these are the paper's, it may be CSV without a header in
@@ -38,11 +49,13 @@ def read_tables(
     circumferential, radial and longitudinal strains in the published order of the segments.
 
     Raises InputError, with file and row or column, for a table that has other columns, cells that
-    are no finite numbers, parameters outside their bounds, or another number of rows.
+    are no finite numbers, parameters outside their bounds, zones that are none of `stiff`, or
+    another number of rows.
     """
     published = published_order(parameters, channels)
-    theta = _read(inputs, parameters.names, published)[list(parameters.names)].to_numpy()
-    y = _read(outputs, channels.names, published)
+    x = _read(inputs, parameters.names, published, ZONE)
+    y = _read(outputs, channels.names, published, SENSITIVITY)
+    theta = x[list(parameters.names)].to_numpy()
     if len(theta) != len(y):
         raise InputError(
             f"{outputs}: {len(y)} rows of outputs to {len(theta)} rows of inputs ({inputs}); give "
@@ -68,7 +81,20 @@ def read_tables(
         _check_sensitivities(outputs, y[SENSITIVITY], len(channels) * len(parameters))
     table = pd.DataFrame({"sample": np.arange(len(theta))})
     table[list(parameters.names)] = theta
+    if stiff:
+        _check_zones(inputs, x, stiff)
+        table[ZONE] = x[ZONE]
     return table.join(y)
+
+
+def _check_zones(path: str | Path, table: pd.DataFrame, stiff: Collection[str]) -> None:
+    remedy = f"name the stiff zone of every row ({', '.join(stiff)})"
+    require_columns(path, table, (ZONE,), remedy)
+    for row, zone in enumerate(table[ZONE], start=1):
+        if zone not in stiff:
+            raise InputError(
+                f"{path}: row {row}, column {ZONE}: {zone!r} is no such zone; {remedy}"
+            )
 
 
 def _check_sensitivities(path: str | Path, rows: pd.Series, size: int) -> None:
@@ -84,8 +110,8 @@ def _check_sensitivities(path: str | Path, rows: pd.Series, size: int) -> None:
             )
 
 
-def _read(path: str | Path, names: tuple[str, ...], published: bool) -> pd.DataFrame:
-    """The columns `names` as numbers, and the sensitivities if there are any.
+def _read(path: str | Path, names: tuple[str, ...], published: bool, also: str) -> pd.DataFrame:
+    """The columns `names` as numbers, and the column `also` as it is, if there is one.
 
     published: whether the file may be without a header, in the published order.
     """
@@ -123,7 +149,7 @@ def _read(path: str | Path, names: tuple[str, ...], published: bool) -> pd.DataF
     if values is table and outputs:
         numbers = aha.outputs_from_published(numbers)
     read = pd.DataFrame(numbers, columns=list(names))
-    return read.join(table[SENSITIVITY]) if SENSITIVITY in table else read
+    return read.join(table[also]) if also in table else read
 
 
 def _numbers(column: pd.Series) -> pd.Series:
@@ -178,16 +204,18 @@ def import_simulations(
     channels: Channels,
     seed: int,
     kept: str | Path,
+    stiff: Collection[str] = (),
 ) -> None:
     """Write the set `set` in the form of screened simulations (Parquet).
 
     inputs, outputs: the set's own tables, or those of `train` for what is held out of it: the set
     `holdout`, or `test` unless the test set has tables of its own (`own_test`). rows: how many
-    training simulations to keep at most. `sample` is the row in the tables, from 0.
+    training simulations to keep at most. stiff: as in `read_tables`. `sample` is the row in the
+    tables, from 0.
 
     Raises InputError as `read_tables` and `split` do.
     """
-    table = read_tables(inputs, outputs, parameters, channels)
+    table = read_tables(inputs, outputs, parameters, channels, stiff)
     part = "holdout" if set == "test" and not own_test else set
     if part in ("train", "holdout"):
         table = table.iloc[split(len(table), holdout, rows, seed)[part]]

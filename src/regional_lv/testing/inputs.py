@@ -19,6 +19,8 @@ def same(one, other) -> bool:
     if isinstance(one, dict):
         return one.keys() == other.keys() and all(same(one[k], other[k]) for k in one)
     if isinstance(one, float | tuple | list | np.ndarray):
+        if np.shape(one) != np.shape(other):
+            return False
         try:
             return np.allclose(one, other, rtol=1e-12, atol=1e-13)
         except TypeError:

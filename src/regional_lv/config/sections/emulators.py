@@ -45,9 +45,10 @@ class Choice(Section):
     """Emulators to fit and compare."""
     shortlist: Shortlist = Shortlist()
     final: Annotated[str, Note(reruns="posteriors of scenarios and subjects, and figures")] = "auto"
-    """The emulator whose posteriors scenarios, subjects and figures use; one of the shortlist, or
-    `auto`: of those whose 95 % intervals do not certainly cover less than 90 %, the one with the
-    least CRPS."""
+    """The emulator whose posteriors scenarios, subjects and figures use: one of
+    `emulators.shortlist.names`, or of `emulators.names` if those are null, which then joins the
+    best of the ranking; or `auto`: of those whose 95 % intervals do not certainly cover less than
+    90 %, the one with the least CRPS."""
 
 
 class Emulators(

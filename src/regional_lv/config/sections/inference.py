@@ -149,6 +149,14 @@ class Trust(Section, reruns="that check"):
     resimulated_draws: Count = 5
     """Draws of each of them."""
 
+    def check(self, key, study) -> Iterator[str]:
+        kept = study.nuts.chains * study.nuts.draws
+        if self.resimulated_draws > kept:
+            yield (
+                f"{key}.resimulated_draws: {self.resimulated_draws} of the {kept} draws of a "
+                "posterior (nuts.chains times nuts.draws); lower it"
+            )
+
 
 class TestPosteriors(Section, reruns="posteriors of simulated cases and what summarises them"):
     """Posteriors of simulated cases, test set and scenarios."""

@@ -85,7 +85,9 @@ class Table(Section):
     inputs: FilePath
     """Parameters: Parquet or CSV with named columns (C_a_anterior, ...), or, of the paper's
     parameters, CSV without a header in the published order; `published` is the paper's table: of
-    `train` its 5,661 training simulations, of `test` the first 128 of its test simulations."""
+    `train` its 5,661 training simulations, of `test` the first 128 of its test simulations. Of a
+    scenario, named columns with one more, `zone`: the stiff zone of each row, or `all` with `kind:
+    global`."""
     outputs: FilePath
     """Outputs, row by row those of the inputs: named columns (volume_ml, circumferential_01,
     circumferential_01@0.5, ...), or the published order; `published` as for the inputs."""
@@ -94,14 +96,17 @@ class Table(Section):
     def published(self) -> bool:
         return PUBLISHED in (self.inputs, self.outputs)
 
-    def read(self, study):
-        """The table, for the parameters and channels of the study. Raises InputError."""
+    def read(self, study, stiff=()):
+        """The table, for the parameters and channels of the study; stiff: as in `read_tables`.
+        Raises InputError."""
         # Imported here because pandas takes longer to load than the rest of this module.
         from regional_lv.simulation.tables import read_tables
 
-        return read_tables(**self.model_dump(), parameters=study.theta, channels=study.channels)
+        files = self.model_dump()
+        return read_tables(**files, parameters=study.theta, channels=study.channels, stiff=stiff)
 
     def check(self, key, study) -> Iterator[str]:
+        from regional_lv.simulation.scenarios import scenario_size, stiff_zones
         from regional_lv.simulation.tables import SENSITIVITY, published_order
 
         parameters, channels, columns = study.theta, study.channels, ()
@@ -119,11 +124,23 @@ class Table(Section):
                     "paths"
                 )
         else:
-            mistakes = complaints(self.read, study)
+            scenario = study.scenarios.sets.get(name)
+            stiff: tuple[str, ...] = ()
+            if scenario is not None:
+                stiff = stiff_zones(scenario.model_dump(), parameters)
+            mistakes = complaints(self.read, study, stiff)
             yield from (f"{key}: {mistake}" for mistake in mistakes)
             if mistakes:
                 return
-            columns = self.read(study).columns
+            table = self.read(study)
+            columns = table.columns
+            if scenario is not None:
+                size = scenario_size(scenario.model_dump(), parameters)
+                if len(table) > size:
+                    yield (
+                        f"{key}: {len(table)} rows for the {size} ventricles of "
+                        f"scenarios.sets.{name}; raise its number of samples, or remove rows"
+                    )
         learner = "gradient_gp"
         if name == "train" and learner in study.emulators.names and SENSITIVITY not in columns:
             yield (
@@ -139,7 +156,7 @@ class Tabulated(Simulations):
     source: Literal["table"]
     tables: dict[Name, Table] = {}
     """Finished simulations by set: `train`, `test` (or rows held out of `train`), and any
-    scenario."""
+    scenario, with no more rows than it has ventricles."""
     holdout: Natural | None = None
     """Training simulations that are held out (seeded). Without a table `test` they are the test
     set. Beside one they are a second test set, `holdout`, on which the emulators' point estimates

@@ -372,7 +372,8 @@ class Volunteer(Published):
 
     source: Literal["published_volunteer"]
     frame: Annotated[
-        Annotated[Literal["extrema"], WORD] | Annotated[Natural | None, OTHER],
+        Annotated[Literal["extrema"], WORD]
+        | Annotated[Annotated[Whole, Field(ge=1, le=15)] | None, OTHER],
         TEXT_OR_ELSE,
         Note(remedy="give the number of a frame, or extrema"),
     ] = None

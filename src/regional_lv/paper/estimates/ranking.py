@@ -36,6 +36,8 @@ def rank_emulators(
     test: Path,
     size: int,
     estimator: str,
+    named: Sequence[str] | None,
+    also: Sequence[str],
     ranking: Path,
     pairs: Path,
     shortlist: Path | None = None,
@@ -46,7 +48,7 @@ def rank_emulators(
     names: of the emulators, in the order of their files: `estimates` (`estimate_parameters`),
     `checked` (`simulate_estimates`), `costs` (`measure_cost`), `fits` and `predictions`
     (`train_emulator` and `predict_test_set`). train: the screened table; test: that of the set
-    that was estimated, the test set or what is held out beside it.
+    that was estimated, the test set or what is held out beside it. named, also: as in `choose`.
     """
     sd = pd.read_parquet(train, columns=list(channels.names)).std()
     truth = pd.read_parquet(test, columns=["sample", *channels.names])
@@ -74,7 +76,7 @@ def rank_emulators(
     compare_pairs(estimated).to_csv(pairs, index=False)
     if shortlist is None:
         return
-    chosen = choose(table, size, estimator)
+    chosen = choose(table, size, estimator, named, also)
     Path(shortlist).write_text(json.dumps(chosen, indent=2) + "\n")
     log.info("shortlist: %s", ", ".join(chosen["shortlist"]))
 
@@ -173,11 +175,22 @@ def compare_pairs(estimates: dict[str, pd.DataFrame]) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=columns)
 
 
-def choose(table: pd.DataFrame, size: int, estimator: str) -> dict:
-    """The first `size` of a ranking: shortlist (names, best first) and the rule in words."""
+def choose(
+    table: pd.DataFrame,
+    size: int,
+    estimator: str,
+    named: Sequence[str] | None,
+    also: Sequence[str],
+) -> dict:
+    """The emulators whose posteriors are compared: `shortlist`, which is `named` or, if that is
+    None, the best of the ranking and what is ranked of `also`; `best_of_ranking`, the first `size`;
+    the `rule` for these in words."""
     words = {"least_squares": "least squares", "weighted": "weighted by predictive covariance"}
+    ranked = table["emulator"].tolist()
+    best = ranked[:size]
     return {
-        "shortlist": table["emulator"].head(size).tolist(),
+        "shortlist": named or list(dict.fromkeys([*best, *(n for n in also if n in ranked)])),
+        "best_of_ranking": best,
         "rule": f"the {min(size, len(table))} of {len(table)} emulators with the least parameter "
         f"MSE (mean over {table['cases'].iloc[0]} test cases; estimates {words[estimator]})",
     }

@@ -10,7 +10,8 @@ from matplotlib.colors import Normalize
 
 from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.paper.plots import scenarios
-from regional_lv.paper.posteriors import verdicts
+from regional_lv.paper.posteriors.sets_table import read_sets
+from regional_lv.paper.posteriors.verdicts import warning_of_sets
 from regional_lv.plots import bullseye, style
 
 ZONES_SHOWN = {"stiffened": "stiffened zones", "baseline": "zones left at baseline"}
@@ -32,7 +33,7 @@ def draw(
     zones of a case count. The numbers under a MAP are its root mean square error. The table: set,
     quantity, zone, cases, truth, map (means), rmse, failed (posteriors, of the convergence check).
     """
-    table = verdicts.read_sets(recoveries, labels, parameters)
+    table = read_sets(recoveries, labels, parameters)
     chosen = table[table["stiffened"] == (zones == "stiffened")]
     summary = summarise(chosen)
     norm = Normalize(*_limits(summary))
@@ -59,7 +60,7 @@ def draw(
         ax.text(-0.06, 0.5, label, transform=ax.transAxes, rotation=90, ha="center", va="center")
     fig.colorbar(scale, ax=list(axes.ravel()), label="mean stiffness factor", shrink=0.8)
     head = f"{title}, {ZONES_SHOWN[zones]}: mean over cases, ± RMSE of the MAP"
-    style.suptitle(fig, head, verdicts.warning_of_sets(table))
+    style.suptitle(fig, head, warning_of_sets(table))
     style.save(fig, summary, png, csv)
 
 

@@ -12,7 +12,8 @@ from matplotlib.collections import Collection
 
 from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.paper.plots import scenarios
-from regional_lv.paper.posteriors import verdicts
+from regional_lv.paper.posteriors.sets_table import read_sets
+from regional_lv.paper.posteriors.verdicts import warning_of_sets
 from regional_lv.plots import style
 
 SCALE = {"vmin": -1, "vmax": 1, "cmap": "PuOr"}
@@ -56,7 +57,7 @@ def draw(
     for ax in axes[1:]:
         ax.set_yticklabels([])
     fig.colorbar(image, ax=list(axes), label="posterior correlation", shrink=0.75)
-    warning = verdicts.warning_of_sets(verdicts.read_sets(recoveries, labels, parameters))
+    warning = warning_of_sets(read_sets(recoveries, labels, parameters))
     style.suptitle(fig, title, warning)
     style.save(fig, joined, png, csv)
 

@@ -11,7 +11,7 @@ import pandas as pd
 from regional_lv.criticism.case_posterior import CasePosterior, read
 from regional_lv.emulators import label_of
 from regional_lv.inference.posteriors import case_names
-from regional_lv.paper.posteriors.verdicts import by_emulator
+from regional_lv.paper.posteriors.files import by_emulator
 from regional_lv.plots import style
 from regional_lv.plots.traces import legend, marginal_panel, mark, trace_panel
 

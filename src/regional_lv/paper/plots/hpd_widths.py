@@ -10,7 +10,8 @@ from matplotlib.patches import Patch
 
 from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.paper.plots import scenarios
-from regional_lv.paper.posteriors import verdicts
+from regional_lv.paper.posteriors.sets_table import read_sets
+from regional_lv.paper.posteriors.verdicts import warning_of_sets
 from regional_lv.plots import style
 
 GROUPS = {
@@ -34,7 +35,7 @@ def draw(
     recoveries: `recovery.csv` of the sets `labels` and then of their noisy twins. The table:
     noise, set, parameters (which), then STATISTICS.
     """
-    table = verdicts.read_sets(recoveries, labels, parameters)
+    table = read_sets(recoveries, labels, parameters)
     groups = _groups(table)
     fig = style.figure(11.0, 4.8)
     axes = scenarios.panels(fig, 1, 2)[0]  # noise widens the intervals by two decades
@@ -63,7 +64,7 @@ def draw(
     style.suptitle(
         fig,
         f"Widths of the 95 % HPD intervals (of the prior: {_prior_width(parameters)})",
-        verdicts.warning_of_sets(table),
+        warning_of_sets(table),
     )
     style.save(fig, _statistics(groups), png, csv)
 
@@ -77,7 +78,7 @@ def _prior_width(parameters: StiffnessInputs) -> str:
 
 
 def _groups(table: pd.DataFrame) -> pd.DataFrame:
-    """Rows of `verdicts.read_sets` once for each of GROUPS that they belong to: `parameters`."""
+    """Rows of `read_sets` once for each of GROUPS that they belong to: `parameters`."""
     of = np.where(table["stiffened"], "of the stiffened zone", "of the other zones")
     return pd.concat([table.assign(parameters="all parameters"), table.assign(parameters=of)])
 

@@ -11,7 +11,8 @@ from matplotlib.lines import Line2D
 from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.paper.plots import scenarios
 from regional_lv.paper.plots.bullseye_map import summarise
-from regional_lv.paper.posteriors import verdicts
+from regional_lv.paper.posteriors.sets_table import NOISE, read_sets
+from regional_lv.paper.posteriors.verdicts import warning_of_sets
 from regional_lv.plots import bullseye, style
 
 
@@ -29,14 +30,14 @@ def draw(
     recoveries: `recovery.csv` of the sets `labels` and then of their noisy twins. The table: noise,
     stiffened, set, quantity, zone, cases, truth, map, rmse, failed.
     """
-    table = verdicts.read_sets(recoveries, labels, parameters)
+    table = read_sets(recoveries, labels, parameters)
     summary = summarise(table, ["noise", "stiffened"])
     factors = parameters.factors
     many = len(parameters.zones) > bullseye.FEW_ZONES
     # Without noise errors are some 1,000 times smaller: each column has its own axis.
     fig = style.figure(18.0 if many else 10.5, 2.6 * len(factors) + 1.2)
     axes = scenarios.panels(fig, len(factors), 2, sharex=True, sharey="col")
-    for column, noise in zip(axes.T, verdicts.NOISE, strict=True):
+    for column, noise in zip(axes.T, NOISE, strict=True):
         column[0].set_title(noise)
         for ax, factor in zip(column, factors, strict=True):
             chosen = (summary["noise"] == noise) & (summary["quantity"] == factor)
@@ -47,7 +48,7 @@ def draw(
         ax.tick_params(axis="x", rotation=60)
     fig.legend(handles=_legend(labels), loc="outside lower center", ncols=len(labels) + 2)
     title = "Error of the MAP by zone and severity (axes differ between columns)"
-    style.suptitle(fig, title, verdicts.warning_of_sets(table))
+    style.suptitle(fig, title, warning_of_sets(table))
     style.save(fig, summary, png, csv)
 
 

@@ -11,8 +11,6 @@ from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.paper.posteriors.verdicts import warning_of
 from regional_lv.plots import style
 
-COLOURS = (style.BLUE, style.GREEN, style.ORANGE)
-
 
 @style.context
 def draw(
@@ -32,9 +30,11 @@ def draw(
     table["width95"] = table["upper95"] - table["lower95"]
     fig = style.figure(11.0, 3.9)
     noise, outside, widths = fig.subplots(1, 3)
-    names = [n for n in table["parameter"].unique() if n.startswith("sigma_")]
-    for name, colour in zip(names, COLOURS, strict=False):
-        mine = table[table["parameter"] == name]
+    scales = [n for n in table["parameter"].unique() if n.startswith("sigma_")]
+    for quantity, colour in style.quantity_colours(
+        n.removeprefix("sigma_") for n in scales
+    ).items():
+        mine = table[table["parameter"] == f"sigma_{quantity}"]
         noise.fill_between(
             mine["prior_scale"],
             mine["lower95"],
@@ -51,10 +51,10 @@ def draw(
             marker="o",
             ax=noise,
             estimator=None,
-            label=name.removeprefix("sigma_"),
+            label=quantity,
         )
     noise.set(ylabel="noise scale (standardised units)", title="median and 95 % HPD interval")
-    noise.legend(title="strain")
+    noise.legend(title="quantity")
     once = table.drop_duplicates("prior_scale")
     seaborn.lineplot(
         once,

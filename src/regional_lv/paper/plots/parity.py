@@ -10,7 +10,7 @@ from regional_lv.channels import Channel, Channels
 from regional_lv.emulators import label_of
 from regional_lv.emulators.gaussian import Z95
 from regional_lv.inputs.stiffness import StiffnessInputs
-from regional_lv.paper.posteriors.verdicts import chosen
+from regional_lv.paper.posteriors.files import chosen
 from regional_lv.plots import bullseye, style
 
 

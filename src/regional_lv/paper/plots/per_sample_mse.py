@@ -31,7 +31,7 @@ MEANS: dict = {
 def draw(
     names: Sequence[str], estimates: Sequence[Path], shortlist: Path, png: Path, csv: Path
 ) -> None:
-    """Draw box plots of the MSE of each test sample's ten parameters, linear and logarithmic.
+    """Draw box plots of the MSE of each test sample's factors, linear and logarithmic.
 
     names: emulators; estimates: their tables of point estimates (Parquet), in the same order.
     shortlist: JSON; its emulators are named in vermillion. Boxes are quartiles, whiskers reach to
@@ -74,8 +74,8 @@ def draw(
         ax.set_xticks(range(len(names)), labels, rotation=35, ha="right")
         for name, tick in zip(names, ax.get_xticklabels(), strict=True):
             tick.set_color(style.VERMILLION if name in chosen else style.BLACK)
-        ax.set(xlabel="", ylabel="MSE of the ten parameters of a sample")
-    cut = f", {beyond} samples above" if beyond else ""
+        ax.set(xlabel="", ylabel="MSE of the factors of a sample")
+    cut = f", {beyond} points above" if beyond else ""
     axes[0].set(title=f"(A) linear scale{cut}", ylim=(0, top))
     # Scaled after the boxes are drawn: quartiles and means are those of the MSE, not of its log.
     axes[1].set(title="(B) logarithmic scale", yscale="log")

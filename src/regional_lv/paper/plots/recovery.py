@@ -11,7 +11,8 @@ from matplotlib.lines import Line2D
 
 from regional_lv.emulators import label_of
 from regional_lv.inputs.stiffness import StiffnessInputs
-from regional_lv.paper.posteriors.verdicts import chosen, failed_cases, warning_of
+from regional_lv.paper.posteriors.files import chosen
+from regional_lv.paper.posteriors.verdicts import failed_cases, warning_of
 from regional_lv.plots import style
 
 MANY = 18
@@ -35,8 +36,8 @@ def draw(
 ) -> None:
     """Draw errors of MAP and 95 % interval against the truth per parameter, and coverage.
 
-    recovery: CSV with case, parameter, truth, map, lower95, upper95, covered. coverage: CSV with
-    parameter (each and "all"), coverage50/80/95 and their binomial 95 % intervals, drawn with them
+    recovery: CSV with case, parameter, truth, map, lower95, upper95, covered95. coverage: CSV with
+    parameter (each and "all"), coverage50/80/95 and their 95 % intervals, drawn with them
     (`coverage95_lower`, `coverage95_upper`, ...). diagnostics: verdict of every case; intervals of
     posteriors that failed are grey and dashed. choice: JSON with the emulator's name. The table
     holds the rows of `recovery` with their verdict, and of `coverage`, told apart by the column
@@ -54,7 +55,7 @@ def draw(
     fig.set_layout_engine("constrained", h_pad=0.09)
     grid = fig.add_gridspec(rows + 1, columns, height_ratios=[1] * rows + [0.95])
     table["outcome"] = np.select(
-        [table["failed"], table["covered"].astype(bool)], ["failed", "covers"], "misses"
+        [table["failed"], table["covered95"].astype(bool)], ["failed", "covers"], "misses"
     )
     for (at, zone), (row, column) in zip(
         np.ndindex(places.shape[:2]), places.reshape(-1, 2), strict=True
@@ -112,7 +113,7 @@ def _panel(ax: Axes, part: pd.DataFrame) -> None:
     mse = ((part["map"] - part["truth"]) ** 2).mean()
     # Above the axes: intervals of any length stay clear of it.
     title = style.label(part["parameter"].iloc[0])
-    covered = 100 * part["covered"].astype(bool).mean()
+    covered = 100 * part["covered95"].astype(bool).mean()
     ax.set_title(f"{title}\nMSE {mse:.2g}, covered {covered:.1f} %", fontsize=9)
 
 
@@ -152,7 +153,10 @@ def _coverage(ax: Axes, table: pd.DataFrame, parameters: Sequence[str]) -> None:
         labels = [style.in_lines(label) for label in labels]
     ax.set_xticks(range(len(names)), labels, rotation=90 if many else 0)
     ax.set(xlabel="", ylabel="intervals that cover (%)", ylim=(None, 101))
-    ax.set_title("Coverage of the 50, 80 and 95 % intervals, with binomial 95 % intervals")
+    title = (
+        "Coverage of the 50, 80 and 95 % intervals, with 95 % intervals (all: cases as clusters)"
+    )
+    ax.set_title(title)
 
 
 def _legend(table: pd.DataFrame) -> list[Line2D]:

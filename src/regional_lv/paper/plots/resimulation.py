@@ -45,7 +45,7 @@ def draw(resimulated: Path, png: Path, csv: Path) -> None:
         ax.text(
             0.03,
             0.97,
-            f"sd {z.std():.2f}\n95 % bars\ncover {inside:.0f} %",
+            f"rms {np.sqrt((z**2).mean()):.2f}\n95 % bars\ncover {inside:.0f} %",
             va="top",
             transform=ax.transAxes,
             fontsize=8,

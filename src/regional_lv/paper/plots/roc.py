@@ -9,7 +9,8 @@ import seaborn
 
 from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.paper.plots import scenarios
-from regional_lv.paper.posteriors import verdicts
+from regional_lv.paper.posteriors.sets_table import NOISE, read_sets
+from regional_lv.paper.posteriors.verdicts import warning_of_sets
 from regional_lv.plots import style
 
 LINES = ("-", "--", "-.")
@@ -38,7 +39,7 @@ def draw(
     axes = scenarios.panels(fig, 2, len(labels), sharex=True, sharey=True)
     parts = []
     for ax, (noise, label), curve, area in zip(
-        axes.ravel(), product(verdicts.NOISE, labels), curves, areas, strict=True
+        axes.ravel(), product(NOISE, labels), curves, areas, strict=True
     ):
         table = pd.read_csv(curve).merge(pd.read_csv(area), on=["quantity", "zone"])
         _panel(ax, table[table["zone"] == "all"], parameters.factors)
@@ -50,7 +51,7 @@ def draw(
         ax.set_xlabel("false positive rate\n(baseline zones called stiff)")
     for ax in axes[:, 0]:
         ax.set_ylabel("true positive rate\n(stiffened zones called stiff)")
-    warning = verdicts.warning_of_sets(verdicts.read_sets(recoveries, labels, parameters))
+    warning = warning_of_sets(read_sets(recoveries, labels, parameters))
     style.suptitle(fig, "Classification of stiffened zones by posterior probability", warning)
     style.save(fig, pd.concat(parts, ignore_index=True), png, csv)
 

@@ -8,11 +8,10 @@ import seaborn
 from matplotlib.lines import Line2D
 
 from regional_lv.inputs.stiffness import StiffnessInputs
+from regional_lv.paper.posteriors.agreement import MEANS, SDS
 from regional_lv.plots import style
 
 COLOURS = {True: style.BLUE, False: style.VERMILLION}
-MEAN_LIMIT, SD_LIMIT = 0.1, 0.1
-"""What counts as agreement: means within 0.1 posterior sd, sds within 10 %."""
 
 
 @style.context
@@ -44,9 +43,9 @@ def draw(agreement: Sequence[Path], parameters: StiffnessInputs, png: Path, csv:
             ax=ax,
         )
         ax.set_xlabel("")
-    for limit in (-MEAN_LIMIT, MEAN_LIMIT):
+    for limit in (-MEANS, MEANS):
         left.axhline(limit, color=style.GREY, linestyle="--", linewidth=0.8)
-    for limit in (1 - SD_LIMIT, 1 + SD_LIMIT):
+    for limit in (1 - SDS, 1 + SDS):
         right.axhline(limit, color=style.GREY, linestyle="--", linewidth=0.8)
     left.set(title="Difference of posterior means", ylabel="in posterior sd")
     right.set(title="Ratio of posterior standard deviations", ylabel="importance sampling / NUTS")

@@ -9,7 +9,7 @@ from scipy import stats
 
 from regional_lv.emulators import label_of
 from regional_lv.inputs.stiffness import StiffnessInputs
-from regional_lv.paper.posteriors.verdicts import chosen
+from regional_lv.paper.posteriors.files import chosen
 from regional_lv.plots import style
 
 BAND = 0.99
@@ -52,7 +52,7 @@ def draw(
         ax.set_xlabel("rank of the truth (%)", visible=True)
         ax.tick_params(labelbottom=True)
     fig.legend(*places["all"].get_legend_handles_labels(), loc="outside lower center", ncols=2)
-    failed = [name for name in checks.index if not checks.loc[name, "passed"]]
+    failed = [style.label(name) for name in parameters.names if not checks.loc[name, "passed"]]
     warning = "CALIBRATION REJECTED: " + ", ".join(failed) if failed else ""
     cases = int(table["cases"].max())
     emulator = label_of(chosen(choice))

@@ -9,7 +9,8 @@ import seaborn
 
 from regional_lv.emulators import label_of
 from regional_lv.inputs.stiffness import StiffnessInputs
-from regional_lv.paper.posteriors.verdicts import by_emulator, warning_of
+from regional_lv.paper.posteriors.files import by_emulator
+from regional_lv.paper.posteriors.verdicts import warning_of
 from regional_lv.plots import style
 
 COLOURS = (style.BLUE, style.ORANGE, style.VERMILLION, style.GREEN, style.PINK, style.SKY)
@@ -28,9 +29,9 @@ def draw(
     """Draw the coverage of 95 % intervals per parameter, and the mean CRPS of every test case.
 
     coverages: `coverage.csv`, errors: `map_mse.csv` (case, mse, crps, verdict) of the emulators,
-    both `posteriors/<emulator>/test/...` in the same order. Bars on the coverage are binomial 95 %
-    intervals; boxes are quartiles with whiskers at 5 and 95 %. The table: panel, emulator, item
-    (parameter or case), value, lower, upper.
+    both `posteriors/<emulator>/test/...` in the same order. Bars on the coverage are 95 % intervals
+    (all: cases as clusters); boxes are quartiles with whiskers at 5 and 95 %. The table: panel,
+    emulator, item (parameter or case), value, lower, upper.
     """
     emulators = list(by_emulator(coverages))
     wide = 0.55 * (len(parameters) - 10) if len(parameters) > 10 else 0.0

@@ -11,6 +11,7 @@ from scipy.stats import gmean
 from regional_lv.inference.diagnostics import diagnose
 from regional_lv.inference.posteriors import read
 from regional_lv.inputs.stiffness import StiffnessInputs
+from regional_lv.paper.scenarios import stiffened
 from regional_lv.seeds import derive
 
 BOTH = "both"
@@ -30,17 +31,15 @@ def stiffness(theta: np.ndarray, parameters: StiffnessInputs) -> np.ndarray:
     return np.concatenate([factors, gmean(factors, axis=-1, keepdims=True)], axis=-1)
 
 
-def classify_zones(
-    posteriors: Sequence[str | Path], healthy: dict, classified: str | Path, by_zone: str | Path
-) -> None:
-    """Probability that each zone of each case is stiffer than baseline, and errors of the MAP.
+def classify_zones(posteriors: Sequence[str | Path], healthy: dict, classified: str | Path) -> None:
+    """Probability that each zone of each case is stiffer than baseline.
 
     healthy: `mean` and `sd` of the factors of healthy zones. Baseline ends at mean + 1.96 sd: a
     zone above it is no ordinary one. classified: case, stiff_zone, zone, quantity (a factor, or
-    `BOTH`), stiffened (bool), probability, truth, verdict. by_zone: of `map_errors_by_zone`.
+    `BOTH`), stiffened (bool), probability, truth, verdict.
     """
     edge = healthy["mean"] + EDGE * healthy["sd"]
-    rows, errors = [], []
+    rows = []
     for path in posteriors:
         cases = read(path)
         verdicts = diagnose(cases).groupby("case")["verdict"].first()
@@ -48,52 +47,22 @@ def classify_zones(
             parameters, stiff = one.parameters, one.zone
             draws = stiffness(np.stack([*one.theta.values()], axis=-1), parameters)
             shares = (draws > edge).mean(axis=(0, 1))
-            found, true = (
-                stiffness(np.array([*values.values()]), parameters)
-                for values in (one.maximum, one.truth)
-            )
+            true = stiffness(np.array([*one.truth.values()]), parameters)
             for z, zone in enumerate(parameters.zones):
-                common = {
-                    "case": one.case,
-                    "stiff_zone": stiff,
-                    "zone": zone,
-                    "stiffened": stiff in (zone, "all"),
-                }
                 for q, quantity in enumerate((*parameters.factors, BOTH)):
                     rows.append(
-                        common
-                        | {
+                        {
+                            "case": one.case,
+                            "stiff_zone": stiff,
+                            "zone": zone,
                             "quantity": quantity,
+                            "stiffened": stiffened(zone, stiff),
                             "probability": shares[z, q],
                             "truth": true[z, q],
                             "verdict": verdicts[one.case],
                         }
                     )
-                for q, factor in enumerate(parameters.factors):
-                    pair = {"truth": true[z, q], "map": found[z, q]}
-                    errors.append(common | {"quantity": factor} | pair)
-    columns = ["case", "stiff_zone", "zone", "quantity", "stiffened", "probability", "truth"]
-    pd.DataFrame(rows)[[*columns, "verdict"]].to_csv(classified, index=False)
-    map_errors_by_zone(pd.DataFrame(errors)).to_csv(by_zone, index=False)
-
-
-def map_errors_by_zone(errors: pd.DataFrame) -> pd.DataFrame:
-    """Errors of the MAP per zone, quantity and whether the zone was stiffened.
-
-    errors: zone, quantity, stiffened, truth, map. Columns: zone, quantity, stiffened, cases, bias,
-    mse, median_absolute_error, truth_mean, map_mean.
-    """
-    error = errors["map"] - errors["truth"]
-    table = errors.assign(error=error, squared=error**2, absolute=error.abs())
-    groups = table.groupby(["zone", "quantity", "stiffened"], sort=False)
-    return groups.agg(
-        cases=("error", "size"),
-        bias=("error", "mean"),
-        mse=("squared", "mean"),
-        median_absolute_error=("absolute", "median"),
-        truth_mean=("truth", "mean"),
-        map_mean=("map", "mean"),
-    ).reset_index()
+    pd.DataFrame(rows).to_csv(classified, index=False)
 
 
 def score_classification(
@@ -156,18 +125,17 @@ def curve_of(label: np.ndarray, score: np.ndarray) -> pd.DataFrame:
     )
 
 
-def area(label: np.ndarray, score: np.ndarray, counts: np.ndarray | None = None) -> float:
-    """Area under the ROC curve, each of the rows counted `counts` times (once if None); NaN if only
-    one class is left."""
-    counts = np.ones(len(label), dtype=int) if counts is None else counts
-    return float(areas_of(label, score, counts[None])[0])
+def area(label: np.ndarray, score: np.ndarray) -> float:
+    """Area under the ROC curve; NaN if there is only one class."""
+    return float(areas_of(label, score, np.ones((1, len(label)), dtype=int))[0])
 
 
 def areas_of(label: np.ndarray, score: np.ndarray, counts: np.ndarray) -> np.ndarray:
     """Areas (R,) under the ROC curves of R resamples, which count rows `counts` (R, N) times.
 
     The share of pairs of a positive and a negative in which the positive has the larger score, ties
-    for half; all resamples at once, because one after the other took most of the job's time.
+    for half; NaN if only one class is left. All resamples at once, because one after the other took
+    most of the job's time.
     """
     order = np.argsort(score, kind="stable")
     label, counts = label[order].astype(bool), counts[:, order]

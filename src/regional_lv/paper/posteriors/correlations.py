@@ -13,10 +13,13 @@ def zone_correlation(draws: np.ndarray, parameters: StiffnessInputs) -> np.ndarr
 
     draws: (M, P). Within a zone, the factors are replaced by the direction in which, standardised,
     they vary most: of two (1, -1) where they compensate (the rule), (1, 1) elsewhere; the first
-    factor counts positive.
+    factor counts positive. NaN with a zone of which a factor is the same in all draws.
     """
-    standard, scores = stats.zscore(draws), []
+    standard, still, scores = stats.zscore(draws), np.ptp(draws, axis=0) == 0, []
     for block in parameters.blocks:
+        if still[block].any():
+            scores.append(np.full(len(draws), np.nan))
+            continue
         component = PCA(1, svd_solver="full")
         score = component.fit_transform(standard[:, block])[:, 0]
         scores.append(score * np.copysign(1.0, component.components_[0, 0]))
@@ -26,29 +29,25 @@ def zone_correlation(draws: np.ndarray, parameters: StiffnessInputs) -> np.ndarr
 def average(matrices: np.ndarray, names: tuple[str, ...], kind: str) -> pd.DataFrame:
     """Mean and its standard error over the cases of `matrices` (C, K, K), all ordered pairs.
 
-    Columns: <kind>_1, <kind>_2, mean, se (empty with one case), cases.
+    Columns: <kind>_1, <kind>_2, mean, se (empty with one case), cases (that have the correlation).
     """
-    cases, size, _ = matrices.shape
     first, second = (grid.ravel() for grid in np.meshgrid(names, names, indexing="ij"))
-    se = stats.sem(matrices).ravel() if cases > 1 else np.full(size * size, np.nan)
-    return pd.DataFrame(
-        {
-            f"{kind}_1": first,
-            f"{kind}_2": second,
-            "mean": matrices.mean(axis=0).ravel(),
-            "se": se,
-            "cases": cases,
-        }
-    )
+    found = pd.DataFrame(matrices.reshape(len(matrices), -1))
+    statistics = {"mean": found.mean(), "se": found.sem(), "cases": found.count()}
+    return pd.DataFrame({f"{kind}_1": first, f"{kind}_2": second, **statistics})
 
 
 def correlate(draws: np.ndarray, parameters: StiffnessInputs) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Tables of `average` between the parameters and between the zones.
 
-    draws: (C, M, P) posterior draws of theta. Posteriors that failed the convergence check count.
+    draws: (C, M, P) posterior draws of theta. Posteriors that failed the convergence check count;
+    a parameter that never moved in one has no correlations there.
     """
-    each = np.stack([np.atleast_2d(np.corrcoef(case, rowvar=False)) for case in draws])
-    zones = np.stack([zone_correlation(case, parameters) for case in draws])
+    with np.errstate(invalid="ignore", divide="ignore"):
+        each = np.stack([np.atleast_2d(np.corrcoef(case, rowvar=False)) for case in draws])
+        zones = np.stack([zone_correlation(case, parameters) for case in draws])
+    still = np.ptp(draws, axis=1) == 0  # where round-off may leave any number
+    each[still[:, :, None] | still[:, None, :]] = np.nan
     return (
         average(each, parameters.names, "parameter"),
         average(zones, parameters.zone_names, "zone"),

@@ -18,7 +18,7 @@ def recovery(posteriors: Iterable[Posterior], verdicts: pd.DataFrame) -> pd.Data
     """How every posterior, each with a `theta_true`, compares with the truth.
 
     Columns: case, parameter, truth, map, mean, sd, median, lower95, upper95 (central interval),
-    covered (by it), covered50, covered80, covered95, hpd_lower95, hpd_upper95, hpd_width95,
+    covered50, covered80, covered95 (by it), hpd_lower95, hpd_upper95, hpd_width95,
     crps (continuous ranked probability score of the M draws x_m, the paper's formula:
     mean |x_m - truth| - sum_mm' |x_m - x_m'| / (2 M^2)), variance_ratio (posterior over the uniform
     prior's variance), rank (number of draws below the truth), draws, verdict, zone (the stiffened
@@ -45,8 +45,8 @@ def recovery(posteriors: Iterable[Posterior], verdicts: pd.DataFrame) -> pd.Data
             for level in LEVELS:
                 ends = np.quantile(draws, [0.5 - level / 200, 0.5 + level / 200])
                 inside[f"covered{level}"] = bool(ends[0] <= truth <= ends[1])
-            row |= {"lower95": ends[0], "upper95": ends[1], "covered": inside["covered95"]}
-            row |= inside | {
+            row |= {"lower95": ends[0], "upper95": ends[1], **inside}
+            row |= {
                 "hpd_lower95": hpd[0],
                 "hpd_upper95": hpd[1],
                 "hpd_width95": hpd[1] - hpd[0],

@@ -7,7 +7,8 @@ import numpy as np
 import pandas as pd
 
 from regional_lv.inputs.stiffness import StiffnessInputs
-from regional_lv.paper.posteriors.verdicts import by_emulator, by_posteriors, by_set, read_sets
+from regional_lv.paper.posteriors.files import by_emulator, by_posteriors, by_set
+from regional_lv.paper.posteriors.sets_table import read_sets
 from regional_lv.tables.writing import written
 
 
