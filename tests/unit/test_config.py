@@ -66,6 +66,52 @@ def test_subjects_of_ones_own_replace_those_of_the_quick_study():
     assert set(config.load(quick | own)["subjects"]) == {"anna"}
 
 
+ROW = {"subjects": {"row": {"source": "published_simulation", "row": 3}}}
+
+
+@pytest.mark.parametrize(
+    "model",
+    [
+        {"parameters": {"zones": "whole"}},
+        {"parameters": {"factors": ["C_a"]}},
+        {"parameters": {"bounds": {"C_a": [0.1, 1.8]}}},
+        {"material": {"law": "guccione"}},
+    ],
+)
+def test_a_heart_of_another_model_needs_no_ventricles_of_others(model, tmp_path):
+    """Neither default ones, nor those of the study that it goes on top of; its own are checked."""
+    loaded = config.load({"study": "mine"} | model | ROW)
+    assert loaded["synthetic_subjects"] == {}
+    mine = tmp_path / "mine.yaml"
+    mine.write_text(yaml.safe_dump(model | ROW))
+    loaded = config.load(config.gather(["config/quick.yaml", mine], {}))
+    assert set(loaded["subjects"]) == {"row"} and loaded["synthetic_subjects"] == {}
+    own = {"synthetic_subjects": {"anna": {"theta": {"C_a_whole": 9.0}}}}
+    mine.write_text(yaml.safe_dump(model | ROW | own))
+    with pytest.raises(InputError, match=r"synthetic_subjects\.anna\.theta"):
+        config.load(config.gather(["config/quick.yaml", mine], {}))
+
+
+def test_default_scenarios_and_subjects_outside_the_bounds_are_left_out():
+    loaded = config.load(changed("design.upper", 1.8))
+    assert set(loaded["scenarios"]["sets"]) == {"local_1_5", "global_1_7"}
+    assert set(loaded["subjects"]) == set(loaded["synthetic_subjects"]) | {"volunteer"}
+    assert "synthetic_lateral" not in loaded["subjects"]
+    given = changed("scenarios.sets", {"mild": {"kind": "local", "mu": 7.0}})
+    with pytest.raises(InputError, match=r"mild\.mu: 7 lies outside"):
+        config.load(given)
+    emulator = {"evaluation": False, "emulators": {"final": "gradient_gp"}}
+    assert "mild" in config.load(given | emulator)["scenarios"]["sets"]
+
+
+def test_an_incomplete_geometry_is_reported_alone():
+    """Before effects of synthetic subjects, which are judged on the heart, are looked at."""
+    given = {"study": "mine", "inputs": {"segment_thickness": {"role": "measured", "sd_mm": 1.0}}}
+    for geometry, key in (("surfaces", r"surfaces\.endocardium"), ("mesh", r"imported\.file")):
+        with pytest.raises(InputError, match=rf"geometry\.{key}: missing"):
+            config.load(given | {"geometry": {"source": geometry}})
+
+
 @pytest.mark.parametrize("evaluation", [True, False])
 @pytest.mark.parametrize("names", [[], ["anna"], ["anna", "synthetic_hidden"]])
 def test_synthetic_subjects_of_ones_own_need_no_default_ones(names, evaluation):
