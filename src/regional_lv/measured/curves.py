@@ -27,6 +27,7 @@ from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.measured.segment_models import check_segment, to_aha
 from regional_lv.measured.tables import (
     MeasuredWarning,
+    check_sd,
     check_values,
     make_table,
     shortcomings,
@@ -123,8 +124,9 @@ def read_curves(path: str | Path, unit: str, segments: int = 17) -> Curves:
     """Read and check a file of curves.
 
     unit: `percent` or `fraction`. segments: how many the model has whose segments the columns count
-    (`segment_models`). Without a column `frame`, frames are counted from 1. Raises InputError that
-    names the file, the line or column, and the remedy.
+    (`segment_models`). Frames have the numbers of the column `frame`, wherever it stands, and
+    without one they are counted from 1. Raises InputError that names the file, the line or column,
+    and the remedy.
     """
     header, columns, rows = read_lines(path)
     clocks = [name for name in columns if name.lower() in CLOCKS]
@@ -148,7 +150,8 @@ def read_curves(path: str | Path, unit: str, segments: int = 17) -> Curves:
         _check_length(path, name, rows)
     strains = np.array([[number_at(path, n, name, row[name]) for name in named] for n, row in rows])
     lines = [line for line, _ in rows]
-    frames = _frames(path, clocks[0], rows)
+    clock = next((name for name in clocks if name.lower() == "frame"), clocks[0])
+    frames = _frames(path, clock, rows)
     factor = _check_unit(path, strains, unit)
     return Curves(frames, lines, Channels(channels), factor * strains)
 
@@ -442,6 +445,8 @@ def read_curve_subject(
     if subject["volume_ml"] is not None:
         volume = make_table([Channel("volume")], np.array([subject["volume_ml"]]))
         volume["sd"] = np.nan if subject["sd"]["volume"] is None else subject["sd"]["volume"]
+        for _, complaint in check_sd(volume.assign(line=None)):
+            raise error_at(path, None, f"the subject's sd.volume: {complaint}")
         table = pd.concat([volume, table], ignore_index=True)
     table["source"] = f"{Path(path).name}, frame {curves.frames[unloading.unloaded]}"
     return CurveSubject(curves, unloading, table)

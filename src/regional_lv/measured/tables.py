@@ -106,7 +106,7 @@ def read_measured(
         _check_percent(table),
         _check_signs(table),
         _check_size(table, strain_exponent),
-        _check_sd(table),
+        check_sd(table),
     ):
         for number, complaint in complaints:
             raise error_at(path, number, complaint)
@@ -275,9 +275,12 @@ def check_values(path: str | Path, table: pd.DataFrame, line: int, strain_expone
 
 
 def _check_frames(table: pd.DataFrame) -> Complaints:
+    """Strains of one load are of one frame. The volume is that of end diastole, whose frame is
+    another one than the unloaded frame of the strains."""
     if "frame" not in table:
         return
-    for load, rows in table.groupby("load_fraction", sort=False):
+    named = table[(table["frame"] != "") & (table["quantity"] != "volume")]
+    for load, rows in named.groupby("load_fraction", sort=False):
         frames = list(dict.fromkeys(rows["frame"]))
         if len(frames) > 1:
             line = rows.loc[rows["frame"] == frames[1], "line"].iloc[0]
@@ -339,7 +342,7 @@ def _check_size(table: pd.DataFrame, strain_exponent: float | None) -> Complaint
             )
 
 
-def _check_sd(table: pd.DataFrame) -> Complaints:
+def check_sd(table: pd.DataFrame) -> Complaints:
     """An sd beyond what a value of its quantity can be is one in another unit; a volume with hardly
     any leaves a posterior that cannot be sampled."""
     for _, row in table[table["sd"].notna()].iterrows():
