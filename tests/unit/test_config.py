@@ -14,6 +14,7 @@ import yaml
 from regional_lv import config
 from regional_lv.config.docs import MARK, describe, document
 from regional_lv.config.study import Configuration
+from regional_lv.data import segment_table
 from regional_lv.errors import InputError
 from regional_lv.inputs.stiffness import StiffnessInputs
 from tests.unit.configurations import changed
@@ -407,3 +408,16 @@ def test_paths_count_from_the_folder_of_the_configuration(tmp_path, monkeypatch)
     monkeypatch.chdir(tmp_path / "mine")
     with pytest.raises(InputError, match=r"subjects\.bert\.measured: .*other\.csv.*check path"):
         config.load(file)
+
+
+def test_paths_of_a_linked_folder_count_from_where_it_is(tmp_path, monkeypatch):
+    for folder in ("real/pat", "real/shared", "work/shared"):
+        (tmp_path / folder).mkdir(parents=True)
+        (tmp_path / folder / "segments.csv").write_text(segment_table("volunteer").read_text())
+    (tmp_path / "work" / "pat").symlink_to("../real/pat")
+    monkeypatch.chdir(tmp_path / "work")
+    Path("pat/config.yaml").write_text(
+        yaml.safe_dump(changed("geometry.segments", "../shared/segments.csv"))
+    )
+    used = config.load("pat/config.yaml")["geometry"]["segments"]
+    assert Path(used).resolve() == tmp_path / "real" / "shared" / "segments.csv"

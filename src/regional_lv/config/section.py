@@ -90,7 +90,7 @@ def _file(path: str, info: ValidationInfo) -> str:
     if not os.path.isabs(path):
         for folder in reading.folders:
             if (Path(folder) / path).is_file():
-                path = os.path.relpath(Path(folder) / path)
+                path = _from_here(Path(folder) / path)
                 break
     if Path(path).is_file():
         reading.files.append(path)
@@ -101,8 +101,14 @@ def _pattern(pattern: str, info: ValidationInfo) -> str:
     if not os.path.isabs(pattern):
         for folder in (info.context or Reading()).folders:
             if glob.glob(os.path.join(glob.escape(str(folder)), pattern)):
-                return os.path.join(glob.escape(os.path.relpath(folder)), pattern)
+                return os.path.join(glob.escape(_from_here(Path(folder))), pattern)
     return pattern
+
+
+def _from_here(path: Path) -> str:
+    """A path from the working directory. Behind a link `..` leads where the link's target lies,
+    which the text of the path does not say."""
+    return os.path.relpath(path.resolve() if ".." in path.parts else path)
 
 
 Whole = Annotated[int, BeforeValidator(_whole)]
