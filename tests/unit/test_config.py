@@ -17,6 +17,7 @@ from regional_lv.config.study import Configuration
 from regional_lv.data import segment_table
 from regional_lv.errors import InputError
 from regional_lv.inputs.stiffness import StiffnessInputs
+from regional_lv.registry import load_plugins, temporary
 from tests.unit.configurations import changed
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -328,6 +329,32 @@ def test_a_plugin_that_fails_is_named(tmp_path):
     (tmp_path / "bad.py").write_text("nonsense()")
     with pytest.raises(InputError, match=r"plugins: .*bad\.py fails \(NameError"):
         config.load(changed("plugins", [str(tmp_path / "bad.py")]))
+
+
+def test_a_plugin_that_fails_is_read_again(tmp_path):
+    path = tmp_path / "bad.py"
+    with temporary():
+        for _ in range(2):
+            path.write_text("import nothing_of_this_name")
+            with pytest.raises(InputError, match=r"bad\.py fails .*correct it"):
+                load_plugins([path])
+        path.write_text("")
+        load_plugins([path])
+
+
+def test_a_plugin_is_read_once_by_whatever_path(tmp_path, monkeypatch):
+    """And one of the same name in another folder is another module."""
+    monkeypatch.chdir(tmp_path)
+    read = []
+    monkeypatch.setattr("builtins.read_plugins", read, raising=False)
+    for folder in ("one", "two"):
+        Path(folder).mkdir()
+        Path(folder, "mine.py").write_text("read_plugins.append(__name__)\n")
+    monkeypatch.setenv("REGIONAL_LV_PLUGINS", str(tmp_path / "one" / "mine.py"))
+    with temporary():
+        load_plugins(["one/mine.py", "two/mine.py", "two/../one/mine.py"])
+        load_plugins()
+    assert len(read) == 2 and len(set(read)) == 2
 
 
 def test_a_plugin_that_is_no_python_file_is_refused(tmp_path):
