@@ -48,7 +48,8 @@ for step in workflow.rules:
         for batch, names in COHORT_BATCHES.items():
             files, *_ = step.expand_input({{"batch": batch}})
             print("READS", json.dumps([names, [*map(str, files)]]))
-print("SEEDS", json.dumps({{name: subject_seed(name) for name in config["synthetic_subjects"]}}))
+seed_of = study_config.seed_of_subject
+print("SEEDS", json.dumps({{name: seed_of(config, name) for name in config["synthetic_subjects"]}}))
 """
 
 

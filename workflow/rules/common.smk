@@ -59,7 +59,6 @@ from regional_lv.data.published import (  # noqa: E402
     VOLUNTEER_SLICES,
     volunteer_available,
 )
-from regional_lv.seeds import derive  # noqa: E402
 
 # Of several configurations the last one counts first, for the paths in them too; those that were
 # named count before the workflow's own.
@@ -152,9 +151,7 @@ NOISE_INFERRED = [
     )
     or (source == "curves" and config["subjects"][name]["sd"]["strain"] is None)
 ]
-SUBJECT_NUTS = config["nuts"] | {
-    key: config["clinical"][key] for key in ("chains", "warmup", "draws")
-}
+SUBJECT_NUTS = study_config.nuts_of_subjects(config)
 SYNTHETIC = [name for name, source in SUBJECT_SOURCES.items() if source == "synthetic"]
 
 VOLUNTEERS = [name for name in SUBJECTS if SUBJECT_SOURCES[name] == "published_volunteer"]
@@ -423,12 +420,6 @@ def any_of(names):
 def subjects_from(source):
     """Wildcard constraint: the subjects of one source (or what no name can be)."""
     return any_of([name for name, where in SUBJECT_SOURCES.items() if where == source])
-
-
-def subject_seed(name):
-    """Seed of a synthetic subject's noise: its own, or derived from the study's."""
-    seed = config["synthetic_subjects"][name]["seed"]
-    return derive(config["seed"], "subject", name) if seed is None else seed
 
 
 def volunteer_files(wildcards):
