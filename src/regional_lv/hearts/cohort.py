@@ -101,7 +101,10 @@ def read_heart(listed: Listed, shared: Mapping, folders: Sequence[str]) -> Heart
     measured = checks.read_subject(listed.name, config, channels)
     found = checks.heart_warnings(config)
     if listed.keys is None:
-        found += checks.place_warnings(Path(listed.file), listed.own(), config)
+        own = listed.own()
+        (written,) = own["subjects"]  # what the heart calls its subject
+        used = {**config, "subjects": {written: config["subjects"][listed.name]}}
+        found += checks.place_warnings(Path(listed.file), own, used)
     cavity, wall, thickness = _sizes(config)
     found += checks.uneven(thickness) + checks.unusual(thickness["thickness_mm"].median(), cavity)
     if complaint := too_small(measured.table, cavity):

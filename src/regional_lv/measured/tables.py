@@ -308,8 +308,8 @@ def _check_percent(table: pd.DataFrame) -> Complaints:
     for _, row in plain[plain["raw"].abs() > limit].iterrows():
         yield (
             row["line"],
-            f"{_words(row['quantity'])} {row['raw']:g} with unit 1 looks like percent; write "
-            "unit %",
+            f"{QUANTITIES[row['quantity']].words()} {row['raw']:g} with unit 1 looks like percent; "
+            "write unit %",
         )
     if len(percent) and (percent["raw"].abs() < 1).all():
         yield (
@@ -317,10 +317,6 @@ def _check_percent(table: pd.DataFrame) -> Complaints:
             f"values with unit % are all below 1 (here {percent['raw'].iloc[0]:g}) and look like "
             "fractions; write unit 1",
         )
-
-
-def _words(quantity: str) -> str:
-    return f"{quantity} strain" if QUANTITIES[quantity].is_strain else quantity
 
 
 def _check_size(table: pd.DataFrame, strain_exponent: float | None) -> Complaints:
