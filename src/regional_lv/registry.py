@@ -127,7 +127,8 @@ def load_plugins(paths: Iterable[str | Path] = ()) -> None:
     with _once("") as is_new:
         for entry in importlib.metadata.entry_points(group=GROUP) if is_new else ():
             entry.load()
-    for path in filter(None, (*paths, *os.environ.get(VARIABLE, "").split(os.pathsep))):
+    named = *map(str, paths), *os.environ.get(VARIABLE, "").split(os.pathsep)
+    for path in filter(None, named):
         resolved = os.path.realpath(path)
         with _once(resolved) as is_new:
             if is_new:

@@ -1,10 +1,9 @@
 """What is missing or unusual about one heart and what was measured of it, before anything runs."""
 
-import functools
 import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import pandas as pd
 
@@ -77,7 +76,10 @@ def place_warnings(path: Path, own: Mapping, config: Mapping) -> list[str]:
 
 def _at(content: Mapping, keys: Sequence[str]):
     """The value of a key in sections, of which any may be absent or empty."""
-    return functools.reduce(lambda section, key: (section or {}).get(key), keys, content)
+    value: Any = content
+    for key in keys:
+        value = (value or {}).get(key)
+    return value
 
 
 def heart_warnings(config: Mapping) -> list[str]:
