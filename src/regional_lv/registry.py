@@ -11,7 +11,6 @@ group `regional_lv`.
 """
 
 import contextlib
-import difflib
 import importlib
 import importlib.metadata
 import importlib.util
@@ -21,7 +20,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from regional_lv.errors import InputError
+from regional_lv.errors import InputError, closest
 from regional_lv.seeds import derive
 
 VARIABLE = "REGIONAL_LV_PLUGINS"
@@ -97,8 +96,8 @@ class Registry(Mapping):
         """What is registered: the thing, or what stands for it until it is asked for."""
         self._complete()
         if name not in self._items:
-            close = difflib.get_close_matches(str(name), self._items, n=1)
-            hint = f"did you mean {close[0]}?" if close else f"choose among {', '.join(self)}"
+            close = closest(name, self._items)
+            hint = f"did you mean {close}?" if close else f"choose among {', '.join(self)}"
             raise InputError(f"{self.key}: {name!r} is not a known {self.kind}; {hint}")
         return self._items[name]
 

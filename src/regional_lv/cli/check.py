@@ -3,7 +3,6 @@
 import contextlib
 import io
 import json
-import logging
 import tempfile
 import warnings
 from collections.abc import Iterator
@@ -14,9 +13,10 @@ import pandas as pd
 
 from regional_lv import config as study_config
 from regional_lv.cli.cohort import inspect_cohort
-from regional_lv.cli.folder import CONFIG, Mistakes, check_results, config_file, load
+from regional_lv.cli.folder import Mistakes, check_results, config_file, load
 from regional_lv.cli.scale import heart_lines, subject_lines
 from regional_lv.errors import InputError
+from regional_lv.hearts import CONFIG
 from regional_lv.hearts.checks import (
     geometry_of,
     heart_warnings,
@@ -137,20 +137,15 @@ def _echo_warnings(found: list[str]) -> None:
 def _own_words(found: list[str]) -> Iterator[None]:
     """Within it, warnings that the package logs about the heart go to `found`. What libraries log,
     warn of and print speaks of their insides, and is kept back."""
+    from regional_lv.hearts.cohort import collected_warnings
 
-    class Handler(logging.Handler):
-        def emit(self, record: logging.LogRecord) -> None:
-            if record.name.startswith("regional_lv"):
-                found.append(f"heart: {record.getMessage()}")
-
-    handler, root = Handler(logging.WARNING), logging.getLogger()
-    root.addHandler(handler)
-    try:
-        with (
-            warnings.catch_warnings(action="ignore"),
-            contextlib.redirect_stdout(io.StringIO()),
-            contextlib.redirect_stderr(io.StringIO()),
-        ):
-            yield
-    finally:
-        root.removeHandler(handler)
+    with collected_warnings() as told:
+        try:
+            with (
+                warnings.catch_warnings(action="ignore"),
+                contextlib.redirect_stdout(io.StringIO()),
+                contextlib.redirect_stderr(io.StringIO()),
+            ):
+                yield
+        finally:
+            found += [f"heart: {line}" for line in told]

@@ -8,11 +8,10 @@ import click
 import regional_lv
 from regional_lv import config as study_config
 from regional_lv.errors import InputError
+from regional_lv.hearts import CONFIG
 from regional_lv.input_files import reason_of
 from regional_lv.study import manifest
 from regional_lv.study.layout import Layout
-
-CONFIG = "config.yaml"
 
 
 class Mistakes(click.ClickException):

@@ -117,9 +117,9 @@ def usable(source: str, config: dict) -> dict:
             complaints.append(f"{key}: {complaint}; correct it, or leave it out for the default")
         return value
 
-    usable = copied(config, "", 0)
+    plain = copied(config, "", 0)
     refuse(source, complaints)
-    return usable
+    return plain
 
 
 def _unusable_text(text: str, longest: int) -> str:

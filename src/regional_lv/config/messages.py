@@ -15,7 +15,6 @@ from regional_lv.config.section import (
     Section,
     alternatives,
     choices,
-    closest,
     is_section,
     key_path,
     note,
@@ -25,6 +24,7 @@ from regional_lv.config.section import (
 )
 from regional_lv.config.study import Configuration, sections_of
 from regional_lv.csv_lines import number_in
+from regional_lv.errors import closest
 
 MOVED = {
     **{
@@ -155,7 +155,7 @@ def explain_unknown(section: type[Section], key: str, name: str) -> str:
     path = key_path(key, name)
     if path in MOVED:
         return f"{path}: has moved; use {MOVED[path]}"
-    if issubclass(section, Kind) and name in section.of_others():
+    if issubclass(section, Kind) and name in section.absent_defaults():
         kinds = " or ".join(f"`{section.tag}: {tag}`" for tag in section.all_tags(name))
         return f"{path}: only {kinds} has it; write that, or remove it"
     here = list(dict.fromkeys([*section.model_fields, *(section.added() if section.added else ())]))

@@ -9,7 +9,6 @@ reference; Green's are E = (F^-T F^-1 - I) / 2: circumferential and longitudinal
 radial ones positive.
 """
 
-import difflib
 import math
 import warnings
 from collections.abc import Iterator
@@ -21,6 +20,7 @@ import pandas as pd
 from regional_lv import aha
 from regional_lv.channels import Channel, Channels
 from regional_lv.csv_lines import CsvLines, error_at, number_at, number_in, read_lines
+from regional_lv.errors import closest
 from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.measured.segment_models import check_segment, to_aha
 from regional_lv.quantities import NOWHERE, QUANTITIES, SEGMENT_PLACES, Quantity, seth_hill
@@ -174,8 +174,8 @@ def _read_row(
     """One line as numbers in the units used inside; `line`, `unit` and `raw` serve the checks."""
     quantity, unit = fields["quantity"], WORDS.get(fields["unit"], fields["unit"])
     if quantity not in QUANTITIES:
-        close = difflib.get_close_matches(quantity.lower(), QUANTITIES, n=1)
-        hint = f"did you mean {close[0]}?" if close else f"use one of {', '.join(QUANTITIES)}"
+        close = closest(quantity.lower(), QUANTITIES)
+        hint = f"did you mean {close}?" if close else f"use one of {', '.join(QUANTITIES)}"
         raise error_at(path, number, f"quantity `{quantity}` is not known; {hint}")
     kind = QUANTITIES[quantity]
     if unit not in kind.units:

@@ -20,13 +20,12 @@ from regional_lv.config.section import (
     Positive,
     Section,
     Whole,
-    closest,
     complaints,
     not_offered,
 )
 from regional_lv.config.sections.simulation import KEPT
 from regional_lv.data.published import SLICES_OF_LEVEL
-from regional_lv.errors import InputError
+from regional_lv.errors import InputError, closest
 from regional_lv.inputs.stiffness import PAPER_ZONES
 from regional_lv.quantities import QUANTITIES
 
