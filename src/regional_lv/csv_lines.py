@@ -4,14 +4,13 @@ Empty lines and lines that begin with # say nothing; lines are numbered as in th
 """
 
 import csv
-import difflib
 import math
 import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from regional_lv.errors import InputError
+from regional_lv.errors import InputError, closest
 from regional_lv.input_files import read_text
 
 
@@ -137,7 +136,6 @@ def _fields(path: str | Path, number: int, line: str) -> list[str]:
 def _column_remedy(name: str, columns: list[str], required: Sequence[str]) -> str:
     if len(columns) == 1 and (";" in columns[0] or "\t" in columns[0]):
         return "save the file with commas between the fields"
-    close = difflib.get_close_matches(name, columns, n=1)
-    if close:
-        return f"rename `{close[0]}`"
+    if close := closest(name, columns):
+        return f"rename `{close}`"
     return f"the first line has to name the columns {', '.join(required)}"

@@ -36,11 +36,11 @@ def check_file(path: str | Path, most_mb: float = MOST_MB, remedy: str = "check 
     """The path of a regular file of at most `most_mb`. Raises InputError for anything else."""
     path = Path(path)
     try:
-        size = path.stat().st_size
-        if not path.is_file():
-            raise InputError(f"{path}: is no file; {remedy}")
+        size, is_file = path.stat().st_size, path.is_file()
     except (OSError, ValueError) as error:
         raise InputError(f"{path}: cannot be read ({reason_of(error)}); {remedy}") from error
+    if not is_file:
+        raise InputError(f"{path}: is no file; {remedy}")
     if size > most_mb * 1e6:
         raise InputError(
             f"{path}: has {size / 1e6:.0f} MB, and at most {most_mb:g} are read; give a smaller "

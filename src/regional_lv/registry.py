@@ -11,7 +11,6 @@ group `regional_lv`.
 """
 
 import contextlib
-import difflib
 import importlib
 import importlib.metadata
 import importlib.util
@@ -21,7 +20,8 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from regional_lv.errors import InputError
+from regional_lv.errors import InputError, closest
+from regional_lv.seeds import derive
 
 VARIABLE = "REGIONAL_LV_PLUGINS"
 """Environment variable: paths of plugins, separated as in PATH."""
@@ -76,7 +76,7 @@ class Registry(Mapping):
     def add(self, item):
         """Register `item` under its name; returned, so that `add` can decorate a class.
 
-        The same name again replaces what it stood for: a plugin is read once per process.
+        The same name again replaces what it stood for, such as an item of the package.
         """
         self._items[item.name] = item
         return item
@@ -96,8 +96,8 @@ class Registry(Mapping):
         """What is registered: the thing, or what stands for it until it is asked for."""
         self._complete()
         if name not in self._items:
-            close = difflib.get_close_matches(str(name), self._items, n=1)
-            hint = f"did you mean {close[0]}?" if close else f"choose among {', '.join(self)}"
+            close = closest(name, self._items)
+            hint = f"did you mean {close}?" if close else f"choose among {', '.join(self)}"
             raise InputError(f"{self.key}: {name!r} is not a known {self.kind}; {hint}")
         return self._items[name]
 
@@ -115,6 +115,7 @@ class Registry(Mapping):
 
 
 _loaded: set[str] = set()
+"""Resolved paths of plugins; "" stands for all that are installed."""
 
 
 def load_plugins(paths: Iterable[str | Path] = ()) -> None:
@@ -122,24 +123,35 @@ def load_plugins(paths: Iterable[str | Path] = ()) -> None:
 
     Raises InputError for a file that is not there or that fails.
     """
-    if "" not in _loaded:
-        _loaded.add("")
-        for entry in importlib.metadata.entry_points(group=GROUP):
+    with _once("") as is_new:
+        for entry in importlib.metadata.entry_points(group=GROUP) if is_new else ():
             entry.load()
-    for path in (*map(str, paths), *os.environ.get(VARIABLE, "").split(os.pathsep)):
-        if path and path not in _loaded:
-            _loaded.add(path)
-            _import(Path(path))
+    named = *map(str, paths), *os.environ.get(VARIABLE, "").split(os.pathsep)
+    for path in filter(None, named):
+        resolved = os.path.realpath(path)
+        with _once(resolved) as is_new:
+            if is_new:
+                _import(Path(path), f"{GROUP}_plugin_{Path(path).stem}_{derive(0, resolved):x}")
 
 
-def _import(path: Path) -> None:
+@contextlib.contextmanager
+def _once(plugin: str) -> Iterator[bool]:
+    """Whether a plugin is not loaded yet; it is from the beginning, since it looks into registries
+    itself, unless it fails."""
+    is_new = plugin not in _loaded
+    _loaded.add(plugin)
+    try:
+        yield is_new
+    except BaseException:
+        _loaded.discard(plugin)
+        raise
+
+
+def _import(path: Path, name: str) -> None:
     if not path.is_file():
-        _loaded.discard(str(path))
         raise InputError(f"plugins: there is no file {path}; give the path of a Python file")
-    name = f"{GROUP}_plugin_{path.stem}"
     spec = importlib.util.spec_from_file_location(name, path)
     if spec is None or spec.loader is None:
-        _loaded.discard(str(path))
         raise InputError(f"plugins: {path} is no Python file; name one that ends in .py")
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module

@@ -11,7 +11,7 @@
 Files lie where the workflow puts them, so that either can go on with what the other made.
 """
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 
 import pandas as pd
@@ -19,9 +19,11 @@ import xarray as xr
 
 from regional_lv import config as study_config
 from regional_lv.channels import Channels
-from regional_lv.emulators import load
+from regional_lv.config.section import not_offered
+from regional_lv.emulators import REGISTRY, load
 from regional_lv.emulators.base import Emulator
 from regional_lv.emulators.training import train_emulator
+from regional_lv.errors import InputError
 from regional_lv.geometry.from_config import make_heart
 from regional_lv.geometry.mesh_config import finer
 from regional_lv.inference import posteriors
@@ -29,8 +31,8 @@ from regional_lv.inference.sampling import sample_subject
 from regional_lv.inputs.physics import physics_of
 from regional_lv.inputs.space import model_sections_of
 from regional_lv.inputs.stiffness import StiffnessInputs
+from regional_lv.measured import import_measured
 from regional_lv.mechanics.predictor import fit_predictor
-from regional_lv.seeds import derive
 from regional_lv.simulation.batches import (
     make_runner,
     simulate_batch,
@@ -104,9 +106,11 @@ class Study:
     def outputs(self, **theta: float) -> pd.Series:
         """The channels of one heart by the full simulator, after `simulate`.
 
-        theta: parameters by name; those that are not given are 1. Raises ArithmeticError for a
-        heart that cannot be inflated.
+        theta: parameters by name; those that are not given are 1. Raises InputError for a name that
+        there is not, and ArithmeticError for a heart that cannot be inflated.
         """
+        for name in theta:
+            check_name("theta", name, self.parameters.names)
         runner = make_runner(
             self.files.heart().mesh, self.physics, self.files.predictor(), sensitivities=False
         )
@@ -116,11 +120,17 @@ class Study:
         return pd.Series(result.observables, index=list(self.channels.names))
 
     def train(self, name: str = "gradient_gp") -> Emulator:
-        """Train the emulator `name` on the simulations, with the configuration's settings."""
+        """Train the emulator `name` on the simulations, with the configuration's settings.
+
+        Raises InputError for one that there is not, and for one of a plugin that `emulators.names`
+        lacks.
+        """
+        settings = self.config["emulators"]
+        check_name("emulators.names", name, [each for each in REGISTRY if each in settings])
         file = made(self.files.emulator(name))
         train_emulator(
             name,
-            self.config["emulators"][name],
+            settings[name],
             self.files.screened("train"),
             self.parameters,
             self.channels,
@@ -135,18 +145,19 @@ class Study:
     ) -> xr.DataTree:
         """The posterior of theta given a measured file, in groups as ArviZ names them.
 
-        Its diagnostics are in `posteriors/<emulator>/subjects/<subject>.csv`. Raises InputError for
-        a measured file that cannot be used.
+        The file is imported first, as that of the configuration's subjects. Diagnostics are in
+        `posteriors/<emulator>/subjects/<subject>.csv`. Raises InputError for a measured file that
+        cannot be used.
         """
         clinical, files = self.config["clinical"], self.files.posteriors(emulator.name)
-        nuts = self.config["nuts"] | {k: clinical[k] for k in ("chains", "warmup", "draws")}
+        measured = self._imported(measured, subject)
         posterior = made(files.of_subject(subject, "nc"))
         sample_subject(
             self.files.emulator(emulator.name),
             measured,
             subject,
             self.config["test_posteriors"]["sampler"],
-            nuts,
+            study_config.nuts_of_subjects(self.config),
             self.config["map"],
             clinical["noise_prior_scale"],
             self.config["seed"],
@@ -155,9 +166,27 @@ class Study:
         )
         return posteriors.load(posterior)
 
+    def _imported(self, measured: str | Path, subject: str) -> str:
+        """A measured file in the units used inside; what `measure` has written is it already."""
+        imported = made(self.files.measured(subject))
+        if Path(measured).resolve() != Path(imported).resolve():
+            import_measured(
+                measured,
+                self.channels,
+                self.config["loading"]["pressure_mmhg"],
+                self.config["observables"]["strain_exponent"],
+                self.parameters,
+                imported,
+            )
+        return imported
+
     def measure(self, name: str) -> Path:
-        """Simulate the entry `name` of `synthetic_subjects`, with its noise; the measured file."""
-        entry, seed = self.config["synthetic_subjects"][name], self.config["seed"]
+        """Simulate the entry `name` of `synthetic_subjects`, with its noise; the measured file.
+
+        Raises InputError if there is no such entry, or if it cannot be inflated.
+        """
+        check_name("synthetic_subjects", name, self.config["synthetic_subjects"])
+        entry = self.config["synthetic_subjects"][name]
         if entry["mesh"] == "finer":
             config = self.config | {"mesh": finer(self.config["mesh"])}
             files = self.files.heart("finer/")
@@ -170,11 +199,17 @@ class Study:
             entry,
             files.mesh,
             model_sections_of(self.config),
-            seed=derive(seed, "subject", name) if entry["seed"] is None else entry["seed"],
+            seed=study_config.seed_of_subject(self.config, name),
             measured=measured,
             truth=made(self.files.truth(name)),
         )
         return Path(measured)
+
+
+def check_name(key: str, name: str, known: Collection[str]) -> None:
+    """Raise InputError for a name that is not among the `known` ones of a `key`."""
+    for complaint in not_offered(key, [name], known):
+        raise InputError(complaint)
 
 
 def made(file: str) -> str:

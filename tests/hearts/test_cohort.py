@@ -205,6 +205,14 @@ def test_one_heart_that_cannot_be_used_is_left_out_with_its_reason(group):
     assert "give each heart's folder a config.yaml" in found.left_out["cleo"]
 
 
+def test_a_measured_file_that_is_not_in_the_folder_of_its_heart_is_told_of(group):
+    shutil.move(group / "hearts" / "bert" / "measured.csv", group)
+    found = read(group).hearts
+    text = f"measured.csv is not in group/hearts/bert; {group}/measured.csv is used"
+    assert f"subjects.patient.measured: {text}" in found["bert"].warnings
+    assert not any("is used" in line for line in found["anna"].warnings)
+
+
 def test_what_is_logged_of_a_heart_is_among_its_warnings(group, caplog):
     def check_reach(config):
         for _ in range(2):

@@ -49,6 +49,12 @@ def test_a_configuration_without_cohort(call, tmp_path):
     assert code == 1 and "cohort: missing; name the hearts, such as `cohort: hearts/*/`" in line
 
 
+def test_a_pattern_without_hearts_names_the_configuration(call, tmp_path):
+    (tmp_path / "config.yaml").write_text("study: group\ncohort: nowhere/*/\n")
+    code, (line,) = call("check", "config.yaml")
+    assert code == 1 and line.startswith("config.yaml: cohort.hearts: nowhere/*/: no heart there")
+
+
 def test_nothing_runs_with_half_of_the_hearts(call, tmp_path):
     write_cohort(tmp_path / "group")
     for name in NAMES[:3]:

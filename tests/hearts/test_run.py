@@ -1,6 +1,7 @@
 """`regional-lv run`: which way a heart goes."""
 
 import importlib
+import shutil
 
 import pandas as pd
 import pytest
@@ -65,6 +66,7 @@ def test_with_one_simulations_of_the_heart_join(way, run, folder):
     """On top of the heart's configuration goes what was cut to what the emulator knows."""
     code, _, simulated = run(*way, "--dry-run", can_simulate=True)
     assert code == 0
+    assert not (folder / "results" / "anna").exists()
     ((path, base, _, _, dry_run, cut),) = simulated
     assert path == folder / "config.yaml" and dry_run
     assert yaml.safe_load(base.read_text())["all_inputs"]["emulator"] == "shipped"
@@ -87,6 +89,48 @@ def test_nothing_is_simulated_beyond_what_the_emulator_knows(heart, file, any_he
     assert len(pd.read_parquet(files[0])) == 8
 
 
+def test_what_is_cut_is_on_top_only_while_it_is_asked_for(folder, monkeypatch):
+    """A dry run leaves no file."""
+    given = []
+    monkeypatch.setattr(
+        cli.started, "run_workflow", lambda project, files, *how: given.extend(files)
+    )
+    cut = {"parameters": {"bounds": {"C_a": [0.12, 5.0]}}}
+    for dry_run in (True, False):
+        cli._simulate(folder / "config.yaml", folder / "one_heart.yaml", 2, None, dry_run, cut)
+        assert given.pop().exists() is not dry_run
+
+
+def test_without_the_emulator_that_comes_along_nothing_longer_is_begun(run, folder, monkeypatch):
+    monkeypatch.setattr(any_heart_file, "SHIPPED", folder / "none.pt.gz")
+    code, said, simulated = run(can_simulate=True)
+    assert code == 1 and "none.pt.gz: no emulator of any heart" in said and "--own" in said
+    assert not simulated
+
+
+def test_a_copy_of_the_folder_is_not_answered_into_its_results(run, folder, monkeypatch):
+    """The fast way makes no manifest that names the configuration."""
+    monkeypatch.setattr(cli, "_answer_fast", lambda config: None)
+    assert run("--fast", can_simulate=False)[0] == 0
+    copy = folder / "copy"
+    copy.mkdir()
+    for file in ("config.yaml", "segments.csv", "measured.csv"):
+        shutil.copy(folder / file, copy)
+    done = CliRunner().invoke(main, ["check", str(copy)])
+    assert done.exit_code == 1
+    assert f"results/anna holds the results of {folder}/config.yaml, which this" in done.output
+    # It was moved.
+    (folder / "config.yaml").unlink()
+    assert "holds the results" not in CliRunner().invoke(main, ["check", str(copy)]).output
+
+
+def test_a_cohort_is_not_taken_for_a_heart(run, folder, heart):
+    config = yaml.safe_load((folder / "config.yaml").read_text())
+    (folder / "config.yaml").write_text(yaml.safe_dump(config | {"cohort": "hearts/*/"}))
+    code, said, _ = run(can_simulate=False)
+    assert code == 1 and "`regional-lv cohort`" in said
+
+
 def test_a_heart_out_of_reach_goes_the_long_way(run, folder, heart):
     heart(lambda table: table.__setitem__("wall_thickness_mm", 2.2))
     code, said, simulated = run("--fast", can_simulate=True)
@@ -100,7 +144,7 @@ def test_a_heart_out_of_reach_goes_the_long_way(run, folder, heart):
 
 
 def test_the_long_way_asks_no_emulator(run, monkeypatch):
-    monkeypatch.setattr(cli, "_fast", None)
+    monkeypatch.setattr(cli, "_answer_fast", None)
     code, _, ((_, base, *_),) = run("--own", can_simulate=True)
     assert code == 0 and base.name == "quick.yaml"
 

@@ -3,6 +3,7 @@
 import logging
 import re
 import warnings
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -19,7 +20,7 @@ from regional_lv.cli import main
 from regional_lv.cli.check import _own_words
 from regional_lv.cli.scale import heart_lines, origin, subject_lines
 from regional_lv.geometry.table import read_segments
-from regional_lv.hearts.checks import uneven, unusual
+from regional_lv.hearts.checks import place_warnings, uneven, unusual
 from regional_lv.measured import curves, read_measured
 from regional_lv.measured.plausibility import data_warnings, too_small
 from regional_lv.plots import style
@@ -112,6 +113,26 @@ def test_a_file_from_another_folder_is_reported(call, filled, monkeypatch):
         "geometry.segments",
     ]
     assert str(folder / "measured.csv") in found[0]
+
+
+def test_surfaces_and_meshes_from_another_folder_are_reported(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for file in ("endo.stl", "heart/epi.stl", "heart.inp", "heart/config.yaml"):
+        Path(file).parent.mkdir(exist_ok=True)
+        Path(file).write_text("")
+    own = {
+        "surfaces": {"endocardium": "endo.stl", "epicardium": "epi.stl"},
+        "imported": {"file": "heart.inp", "segments": None},
+        "segments": "volunteer",
+    }
+    used = own | {"surfaces": own["surfaces"] | {"epicardium": "heart/epi.stl"}}
+    config = {"geometry": used, "subjects": {}}
+    found = place_warnings(Path("heart/config.yaml"), {"geometry": own}, config)
+    assert [line.split(":")[0] for line in found] == [
+        "geometry.surfaces.endocardium",
+        "geometry.imported.file",
+    ]
+    assert found[0].endswith(f"endo.stl is not in heart; {tmp_path}/endo.stl is used")
 
 
 def test_a_copied_folder_and_an_uneven_wall_are_reported(call, filled, tmp_path):

@@ -14,8 +14,10 @@ import yaml
 from regional_lv import config
 from regional_lv.config.docs import MARK, describe, document
 from regional_lv.config.study import Configuration
+from regional_lv.data import segment_table
 from regional_lv.errors import InputError
 from regional_lv.inputs.stiffness import StiffnessInputs
+from regional_lv.registry import load_plugins, temporary
 from tests.unit.configurations import changed
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -64,6 +66,52 @@ def test_subjects_of_ones_own_replace_those_of_the_quick_study():
     synthetic = {"synthetic_lateral", "synthetic_hidden", "synthetic_misread"}
     assert set(config.load(quick)["subjects"]) == synthetic
     assert set(config.load(quick | own)["subjects"]) == {"anna"}
+
+
+ROW = {"subjects": {"row": {"source": "published_simulation", "row": 3}}}
+
+
+@pytest.mark.parametrize(
+    "model",
+    [
+        {"parameters": {"zones": "whole"}},
+        {"parameters": {"factors": ["C_a"]}},
+        {"parameters": {"bounds": {"C_a": [0.1, 1.8]}}},
+        {"material": {"law": "guccione"}},
+    ],
+)
+def test_a_heart_of_another_model_needs_no_ventricles_of_others(model, tmp_path):
+    """Neither default ones, nor those of the study that it goes on top of; its own are checked."""
+    loaded = config.load({"study": "mine"} | model | ROW)
+    assert loaded["synthetic_subjects"] == {}
+    mine = tmp_path / "mine.yaml"
+    mine.write_text(yaml.safe_dump(model | ROW))
+    loaded = config.load(config.gather(["config/quick.yaml", mine], {}))
+    assert set(loaded["subjects"]) == {"row"} and loaded["synthetic_subjects"] == {}
+    own = {"synthetic_subjects": {"anna": {"theta": {"C_a_whole": 9.0}}}}
+    mine.write_text(yaml.safe_dump(model | ROW | own))
+    with pytest.raises(InputError, match=r"synthetic_subjects\.anna\.theta"):
+        config.load(config.gather(["config/quick.yaml", mine], {}))
+
+
+def test_default_scenarios_and_subjects_outside_the_bounds_are_left_out():
+    loaded = config.load(changed("design.upper", 1.8))
+    assert set(loaded["scenarios"]["sets"]) == {"local_1_5", "global_1_7"}
+    assert set(loaded["subjects"]) == set(loaded["synthetic_subjects"]) | {"volunteer"}
+    assert "synthetic_lateral" not in loaded["subjects"]
+    given = changed("scenarios.sets", {"mild": {"kind": "local", "mu": 7.0}})
+    with pytest.raises(InputError, match=r"mild\.mu: 7 lies outside"):
+        config.load(given)
+    emulator = {"evaluation": False, "emulators": {"final": "gradient_gp"}}
+    assert "mild" in config.load(given | emulator)["scenarios"]["sets"]
+
+
+def test_an_incomplete_geometry_is_reported_alone():
+    """Before effects of synthetic subjects, which are judged on the heart, are looked at."""
+    given = {"study": "mine", "inputs": {"segment_thickness": {"role": "measured", "sd_mm": 1.0}}}
+    for geometry, key in (("surfaces", r"surfaces\.endocardium"), ("mesh", r"imported\.file")):
+        with pytest.raises(InputError, match=rf"geometry\.{key}: missing"):
+            config.load(given | {"geometry": {"source": geometry}})
 
 
 @pytest.mark.parametrize("evaluation", [True, False])
@@ -283,6 +331,32 @@ def test_a_plugin_that_fails_is_named(tmp_path):
         config.load(changed("plugins", [str(tmp_path / "bad.py")]))
 
 
+def test_a_plugin_that_fails_is_read_again(tmp_path):
+    path = tmp_path / "bad.py"
+    with temporary():
+        for _ in range(2):
+            path.write_text("import nothing_of_this_name")
+            with pytest.raises(InputError, match=r"bad\.py fails .*correct it"):
+                load_plugins([path])
+        path.write_text("")
+        load_plugins([path])
+
+
+def test_a_plugin_is_read_once_by_whatever_path(tmp_path, monkeypatch):
+    """And one of the same name in another folder is another module."""
+    monkeypatch.chdir(tmp_path)
+    read = []
+    monkeypatch.setattr("builtins.read_plugins", read, raising=False)
+    for folder in ("one", "two"):
+        Path(folder).mkdir()
+        Path(folder, "mine.py").write_text("read_plugins.append(__name__)\n")
+    monkeypatch.setenv("REGIONAL_LV_PLUGINS", str(tmp_path / "one" / "mine.py"))
+    with temporary():
+        load_plugins(["one/mine.py", "two/mine.py", "two/../one/mine.py"])
+        load_plugins()
+    assert len(read) == 2 and len(set(read)) == 2
+
+
 def test_a_plugin_that_is_no_python_file_is_refused(tmp_path):
     path = tmp_path / "plugin.txt"
     path.write_text("")
@@ -361,3 +435,16 @@ def test_paths_count_from_the_folder_of_the_configuration(tmp_path, monkeypatch)
     monkeypatch.chdir(tmp_path / "mine")
     with pytest.raises(InputError, match=r"subjects\.bert\.measured: .*other\.csv.*check path"):
         config.load(file)
+
+
+def test_paths_of_a_linked_folder_count_from_where_it_is(tmp_path, monkeypatch):
+    for folder in ("real/pat", "real/shared", "work/shared"):
+        (tmp_path / folder).mkdir(parents=True)
+        (tmp_path / folder / "segments.csv").write_text(segment_table("volunteer").read_text())
+    (tmp_path / "work" / "pat").symlink_to("../real/pat")
+    monkeypatch.chdir(tmp_path / "work")
+    Path("pat/config.yaml").write_text(
+        yaml.safe_dump(changed("geometry.segments", "../shared/segments.csv"))
+    )
+    used = config.load("pat/config.yaml")["geometry"]["segments"]
+    assert Path(used).resolve() == tmp_path / "real" / "shared" / "segments.csv"

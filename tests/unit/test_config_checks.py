@@ -250,14 +250,12 @@ def test_a_level_that_no_test_can_reach():
 OF_ANNA = {"subjects": {"anna": {"source": "synthetic"}}}
 
 
-def test_unused_effects_that_a_study_cannot_have_are_left_out(subject):
+def test_effects_that_a_study_cannot_have_are_refused(subject):
+    study = changed("material.law", "guccione") | OF_ANNA
     subject["effects"] = {"anisotropy": 0.5}
-    study = changed("material.law", "guccione") | {"subjects": {}}
-    theta = dict.fromkeys(StiffnessInputs.from_config(config.load(study)).names, 1.0)
-    study["synthetic_subjects"] = {"anna": subject | {"theta": theta}}
-    assert not config.load(study)["synthetic_subjects"]
+    study["synthetic_subjects"] = {"anna": subject}
     with pytest.raises(InputError, match=r"anna\.effects\.anisotropy: this study has no such"):
-        config.load(study | OF_ANNA)
+        config.load(study)
 
 
 @pytest.mark.parametrize(

@@ -30,6 +30,8 @@ def test_sections_are_closed_and_documented():
 
 MISTAKES = [
     # what is written, what the message names, the remedy it gives
+    (changed("subjects.a", {"source": "file", "file": "a.csv"}), "a.file: unknown", "measured"),
+    (changed("criticism", None), "criticism: an empty value", "remove the key for its default"),
     (changed("nuts.chain", 4), "nuts.chain", "did you mean `nuts.chains`"),
     (changed("nutz", {}), "nutz", "did you mean `nuts`"),
     (changed("batch_size", 4), "batch_size", "did you mean `simulations.batch_size`"),

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from regional_lv import data
-from regional_lv.csv_lines import number_in
+from regional_lv.csv_lines import number_in, read_lines
 from regional_lv.errors import InputError
 from regional_lv.geometry.segment_tags import read_segment_tags
 from regional_lv.geometry.table import read_segments
@@ -103,3 +103,11 @@ def test_columns_hold_what_is_declared(tmp_path):
         path.write_text(f"name,count,sd\n{cells}\n")
         with pytest.raises(InputError, match=f"table.csv, line 2: {complaint}"):
             read_table(path, columns)
+
+
+def test_a_folder_is_no_table(tmp_path):
+    folder = tmp_path / "Anna"
+    folder.mkdir()
+    with pytest.raises(InputError) as error:
+        read_lines(folder)
+    assert str(error.value) == f"{folder}: is no file; check path and encoding (UTF-8)"

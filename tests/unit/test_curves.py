@@ -150,6 +150,15 @@ def test_frames_are_counted_where_only_times_are_given(write):
     np.testing.assert_array_equal(by_time["value"], by_frame["value"])
 
 
+def test_numbers_of_frames_count_wherever_their_column_stands(write):
+    def change(table):
+        table.insert(0, "time_ms", 30.0 * table["frame"])
+        return table.assign(frame=table["frame"] - 1)
+
+    table = read_curve_subject(write(change=change) | {"frame": FIRST_FILLING}).table
+    np.testing.assert_allclose(table["value"][1:], np.tile(looking_back(), 2), rtol=1e-9)
+
+
 def beginning_at(first: int, keep=slice(None), beats: int = 1):
     """A file that begins with the frame `first` (from 0) of the cycle, of so many beats, of which
     it holds the rows `keep`."""
@@ -407,6 +416,12 @@ MISTAKES = {
         negated("circumferential_03"),
         {"frame": 8},
         "line 9: circumferential_03 is 0.216",
+    ),
+    "volume known too well": (
+        {},
+        None,
+        {"sd": {"strain": None, "volume": 0.1}},
+        "sd.volume: sd 0.1 mL of a volume of 180 mL: nobody measures it that well",
     ),
     "impossible": (
         {},

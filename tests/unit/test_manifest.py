@@ -111,6 +111,25 @@ def test_a_configuration_that_has_moved_has_to_be_named(results, tmp_path):
     assert code == 1 and "seed was 7 when the study ran and is 1 now" in line
 
 
+def test_files_that_moved_with_the_configuration_are_the_same(results, tmp_path):
+    (tmp_path / "config" / "segments.csv").write_text(
+        packaged("volunteer_segments.csv").read_text()
+    )
+    geometry = {"geometry": {"segments": "segments.csv"}}
+    (tmp_path / "config" / "tiny.yaml").write_text(yaml.safe_dump(CONFIG | geometry))
+    loaded, files = study_config.load("config/tiny.yaml"), ["config/tiny.yaml"]
+    assert loaded["geometry"]["segments"] == "config/segments.csv"
+    manifest.write_manifest([], loaded, files, {}, results / manifest.NAME)
+    (tmp_path / "config").rename(tmp_path / "moved")
+    given = ("--configfile", "moved/tiny.yaml")
+    assert verify(results, *given)[0] == 0
+    (tmp_path / "moved" / "segments.csv").rename(tmp_path / "moved" / "others.csv")
+    geometry["geometry"]["segments"] = "others.csv"
+    (tmp_path / "moved" / "tiny.yaml").write_text(yaml.safe_dump(CONFIG | geometry))
+    code, (line,) = verify(results, *given)
+    assert code == 1 and 'geometry.segments was "config/segments.csv" when' in line
+
+
 def test_other_versions_are_listed_and_no_error(results):
     path = results / manifest.NAME
     content = json.loads(path.read_text())

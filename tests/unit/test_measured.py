@@ -353,6 +353,12 @@ def test_frames_may_differ_between_loads(tmp_path):
         read_measured(write(tmp_path, [*rows, "radial,2,0.2,1,6,0.5"], header))
 
 
+@pytest.mark.parametrize("of_volume", ["", "1"])
+def test_the_volume_is_of_end_diastole_whatever_the_frame_of_the_strains(tmp_path, of_volume):
+    rows = [f"{VOLUME},{of_volume}", *(f"{row},12" for row in strains()), "radial,1,0.4,1,"]
+    assert len(read_measured(write(tmp_path, rows, f"{HEADER},frame"))) == 18
+
+
 @pytest.mark.parametrize(
     ("rows", "line", "remedy"),
     [
@@ -406,6 +412,11 @@ def test_an_apical_segment_without_all_of_its_walls_is_not_measured(tmp_path):
     rows = ["volume,,180,mL,2", *six_walls([*range(1, 14), 16, 17, 18])]
     table = read_measured(write(tmp_path, rows, f"{HEADER},sd"), segments=18)
     assert table["segment"].tolist()[1:] == [*range(1, 13), 16]
+    none = six_walls([1, 13, 16, 18])
+    table = read_measured(write(tmp_path, [rows[0], *none], f"{HEADER},sd"), segments=18)
+    assert table["output"].tolist() == ["volume_ml", "radial_01"]
+    with pytest.raises(InputError, match=r"make up no segment of the AHA; add the walls beside"):
+        read_measured(write(tmp_path, none[1:], f"{HEADER},sd"), segments=18)
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,15 @@ from regional_lv.criticism.case_posterior import CasePosterior
 from regional_lv.inference.posteriors import write
 from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.measured import write_measured
-from regional_lv.page.page import make_page, make_page_of_several, missing, stiffness_of
+from regional_lv.measured.tables import make_table
+from regional_lv.page.page import (
+    _hover,
+    make_page,
+    make_page_of_several,
+    measured_of,
+    missing,
+    stiffness_of,
+)
 from regional_lv.plots import (
     bullseye_posterior,
     criticism,
@@ -25,6 +33,8 @@ from regional_lv.plots import (
     posterior_predictive,
     zones,
 )
+from regional_lv.quantities import QUANTITIES, SEGMENT_PLACES, Quantity
+from regional_lv.registry import temporary
 from tests.criticism.findings_example import DRAWS, example, misfit, write_posterior
 
 PARAMETERS, CHANNELS = StiffnessInputs(), Channels.of()
@@ -236,6 +246,28 @@ def test_what_was_measured_and_what_was_not(page_as_it_is):
     assert "if the true pressure is 10 % higher" in shown
     whole = pd.DataFrame({"output": CHANNELS.names})
     assert missing(whole, CHANNELS) == []
+
+
+def test_what_is_no_strain_is_not_read_in_percent():
+    """Of the quantities of a plugin: one of segments, in mm."""
+    with temporary():
+
+        @QUANTITIES.add
+        class Thickness(Quantity):
+            name, unit, limits, noise = "thickness", "mm", (1.0, 40.0), "thickness"
+            places = SEGMENT_PLACES
+
+            def values(self, motion, places):
+                return None
+
+        channels = Channels.of(("volume", "thickness", "radial"))
+        table = make_table(channels, np.array([150.0, *[9.5] * 17, *[0.4] * 17]))
+        thickness, radial = measured_of(table, channels)[1:]
+        assert (thickness["what"], thickness["value"]) == ("thickness", "9.5 (9.5 to 9.5)")
+        assert thickness["unit"] == "mm"
+        assert (radial["what"], radial["value"]) == ("radial strain", "40.0 (40.0 to 40.0)")
+        label = _hover([], table, PARAMETERS)[0]
+        assert label.endswith("<br>thickness: 9.5 mm<br>radial strain: 40.0 %")
 
 
 def test_a_pressure_that_is_integrated_out_needs_no_warning(page):

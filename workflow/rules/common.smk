@@ -59,7 +59,6 @@ from regional_lv.data.published import (  # noqa: E402
     volunteer_available,
 )
 from regional_lv.paper.scenarios import labels_of  # noqa: E402
-from regional_lv.seeds import derive  # noqa: E402
 from regional_lv.simulation.scenarios import scenario_size, stiff_zones  # noqa: E402
 
 # Of several configurations the last one counts first, for the paths in them too; those that were
@@ -153,9 +152,7 @@ NOISE_INFERRED = [
     )
     or (source == "curves" and config["subjects"][name]["sd"]["strain"] is None)
 ]
-SUBJECT_NUTS = config["nuts"] | {
-    key: config["clinical"][key] for key in ("chains", "warmup", "draws")
-}
+SUBJECT_NUTS = study_config.nuts_of_subjects(config)
 SYNTHETIC = [name for name, source in SUBJECT_SOURCES.items() if source == "synthetic"]
 
 VOLUNTEERS = [name for name in SUBJECTS if SUBJECT_SOURCES[name] == "published_volunteer"]
@@ -427,12 +424,6 @@ def any_of(names):
 def subjects_from(source):
     """Wildcard constraint: the subjects of one source (or what no name can be)."""
     return any_of([name for name, where in SUBJECT_SOURCES.items() if where == source])
-
-
-def subject_seed(name):
-    """Seed of a synthetic subject's noise: its own, or derived from the study's."""
-    seed = config["synthetic_subjects"][name]["seed"]
-    return derive(config["seed"], "subject", name) if seed is None else seed
 
 
 def volunteer_files(wildcards):

@@ -18,7 +18,7 @@ rule simulate_subject:
         name=lambda wildcards: wildcards.subject,
         physics=model_sections_of(config),
         subject=lambda wildcards: config["synthetic_subjects"][wildcards.subject],
-        seed=lambda wildcards: subject_seed(wildcards.subject),
+        seed=lambda wildcards: study_config.seed_of_subject(config, wildcards.subject),
     script:
         "../scripts/call.py"
 

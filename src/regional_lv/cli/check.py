@@ -3,7 +3,6 @@
 import contextlib
 import io
 import json
-import logging
 import tempfile
 import warnings
 from collections.abc import Iterator
@@ -14,9 +13,10 @@ import pandas as pd
 
 from regional_lv import config as study_config
 from regional_lv.cli.cohort import inspect_cohort
-from regional_lv.cli.folder import CONFIG, Mistakes, config_file, load
+from regional_lv.cli.folder import Mistakes, check_results, config_file, load
 from regional_lv.cli.scale import heart_lines, subject_lines
 from regional_lv.errors import InputError
+from regional_lv.hearts import CONFIG
 from regional_lv.hearts.checks import (
     geometry_of,
     heart_warnings,
@@ -28,7 +28,6 @@ from regional_lv.hearts.checks import (
     unusual,
 )
 from regional_lv.input_files import reason_of
-from regional_lv.study import manifest
 from regional_lv.study.layout import HeartFiles, Layout
 
 PICTURE = "check.png"
@@ -71,7 +70,7 @@ def inspect(path: Path, config: dict, base: Path | None = None) -> None:
     own = layers[0][1]
     if lines := not_given(config, own):
         raise Mistakes("\n".join(f"{path}: {line}" for line in lines))
-    _check_results(path, config["study"])
+    check_results(path, config["study"])
     parameters, channels = StiffnessInputs.from_config(config), Channels.from_config(config)
     exponent = config["observables"]["strain_exponent"]
     measured = {name: read_subject(name, config, channels) for name in measured_subjects(config)}
@@ -138,36 +137,15 @@ def _echo_warnings(found: list[str]) -> None:
 def _own_words(found: list[str]) -> Iterator[None]:
     """Within it, warnings that the package logs about the heart go to `found`. What libraries log,
     warn of and print speaks of their insides, and is kept back."""
+    from regional_lv.hearts.cohort import collected_warnings
 
-    class Handler(logging.Handler):
-        def emit(self, record: logging.LogRecord) -> None:
-            if record.name.startswith("regional_lv"):
-                found.append(f"heart: {record.getMessage()}")
-
-    handler, root = Handler(logging.WARNING), logging.getLogger()
-    root.addHandler(handler)
-    try:
-        with (
-            warnings.catch_warnings(action="ignore"),
-            contextlib.redirect_stdout(io.StringIO()),
-            contextlib.redirect_stderr(io.StringIO()),
-        ):
-            yield
-    finally:
-        root.removeHandler(handler)
-
-
-def _check_results(path: Path, study: str) -> None:
-    """Raise Mistakes if the study would overwrite the results of another one of its name, whose
-    configuration is still there: the folder of one of them is a copy."""
-    results = Layout.of(study).folder
-    try:
-        files = manifest.read_manifest(results)["configfiles"]
-    except InputError:
-        return  # no study of this name has run to its end
-    same = path.resolve() in [Path(file).resolve() for file in files]
-    if files and not same and Path(files[-1]).is_file():
-        raise Mistakes(
-            f"{path}: study: {results} holds the results of {files[-1]}, which this study would "
-            f"overwrite; give `study` a name of its own, or move {results} to another place"
-        )
+    with collected_warnings() as told:
+        try:
+            with (
+                warnings.catch_warnings(action="ignore"),
+                contextlib.redirect_stdout(io.StringIO()),
+                contextlib.redirect_stderr(io.StringIO()),
+            ):
+                yield
+        finally:
+            found += [f"heart: {line}" for line in told]

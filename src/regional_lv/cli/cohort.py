@@ -6,7 +6,15 @@ import click
 
 from regional_lv import config as study_config
 from regional_lv.cli import workflow as started
-from regional_lv.cli.folder import Mistakes, checkout, config_file, load, say_where
+from regional_lv.cli.folder import (
+    Mistakes,
+    check_results,
+    checkout,
+    claim_results,
+    config_file,
+    load,
+    say_where,
+)
 from regional_lv.errors import InputError
 from regional_lv.study.layout import Layout
 
@@ -27,6 +35,8 @@ def cohort(name: str, cores: int, workflow: str | None, dry_run: bool) -> None:
     started.require_snakemake()
     config = load(path)
     inspect_cohort(path, config)
+    if not dry_run:
+        claim_results(path, config["study"])
     started.run_workflow(project, [path], cores, dry_run)
     files = Layout.of(config["study"]).cohort
     say_where(
@@ -54,9 +64,13 @@ def inspect_cohort(path: Path, config: dict) -> None:
             f"{path}: cohort: missing; name the hearts, such as `cohort: hearts/*/`, or give a "
             "table (CSV) of them"
         )
+    check_results(path, config["study"])
     try:
         hearts = list_hearts(config["cohort"]["hearts"])
-        click.echo(f"{path}: study {config['study']}, {len(hearts)} hearts")
+    except InputError as error:
+        raise Mistakes(f"{path}: {error}") from None
+    click.echo(f"{path}: study {config['study']}, {len(hearts)} hearts")
+    try:
         found = read_cohort(
             hearts,
             study_config.read(path),

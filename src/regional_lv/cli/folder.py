@@ -8,9 +8,10 @@ import click
 import regional_lv
 from regional_lv import config as study_config
 from regional_lv.errors import InputError
+from regional_lv.hearts import CONFIG
 from regional_lv.input_files import reason_of
-
-CONFIG = "config.yaml"
+from regional_lv.study import manifest
+from regional_lv.study.layout import Layout
 
 
 class Mistakes(click.ClickException):
@@ -40,6 +41,41 @@ def load(path: Path, base: Path | None = None) -> dict:
         return study_config.load(given, str(path), [file.parent for file in reversed(files)])
     except InputError as error:
         raise Mistakes(str(error)) from None
+
+
+def check_results(path: Path, study: str) -> None:
+    """Raise Mistakes if the study would overwrite the results of another one of its name, whose
+    configuration is still there: the folder of one of them is a copy."""
+    made = Layout.of(study)
+    files = _written_from(made)
+    same = path.resolve() in [Path(file).resolve() for file in files]
+    if files and not same and Path(files[-1]).is_file():
+        raise Mistakes(
+            f"{path}: study: {made.folder} holds the results of {files[-1]}, which this study "
+            f"would overwrite; give `study` a name of its own, or move {made.folder} to another "
+            "place"
+        )
+
+
+def _written_from(made: Layout) -> list[str]:
+    """The configuration files of a study's results: that of `claim_results`, or, of a study that
+    Snakemake alone has run to its end, those of its manifest; none if there are no results."""
+    if Path(made.claimed_by).is_file():
+        return [Path(made.claimed_by).read_text().strip()]
+    try:
+        return manifest.read_manifest(made.folder)["configfiles"]
+    except InputError:
+        return []
+
+
+def claim_results(path: Path, study: str) -> None:
+    """Say in the folder of a study's results from which configuration they are."""
+    file = Path(Layout.of(study).claimed_by)
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(f"{path}\n")
+    except OSError as error:
+        raise Mistakes(f"{file}: cannot be written ({reason_of(error)}); correct that") from None
 
 
 def say_where(files: Mapping[str, str]) -> None:

@@ -9,8 +9,9 @@ from string import Template
 import click
 
 from regional_lv import data
-from regional_lv.cli.folder import CONFIG, Mistakes
+from regional_lv.cli.folder import Mistakes
 from regional_lv.geometry.table import COLUMNS, SD_COLUMNS
+from regional_lv.hearts import CONFIG
 from regional_lv.input_files import reason_of
 
 NO_TEXT = {"no", "yes", "on", "off", "true", "false", "null", "y", "n"}

@@ -10,7 +10,14 @@ import yaml
 
 from regional_lv.cli import workflow as started
 from regional_lv.cli.check import inspect
-from regional_lv.cli.folder import Mistakes, checkout, config_file, load, say_where
+from regional_lv.cli.folder import (
+    Mistakes,
+    checkout,
+    claim_results,
+    config_file,
+    load,
+    say_where,
+)
 from regional_lv.config import final_emulator
 from regional_lv.errors import InputError
 from regional_lv.hearts import ONE_HEART
@@ -55,21 +62,59 @@ def run(
     path = config_file(name)
     if study and way not in (None, "own"):
         raise Mistakes(f"--study {study}: goes with --own, not with --{way}; remove one of them")
-    if way is None and not study:
-        way = "full" if _can_simulate(workflow) else "fast"
-    if way in ("fast", "full"):
-        cut = _fast(path, way == "full", dry_run)
-        if cut is not None:
-            if way == "full":
-                _simulate(path, ONE_HEART, cores, workflow, dry_run, cut)
-            return
-    study = study or "quick"
+    if way is None:
+        way = "own" if study else "full" if _can_simulate(workflow) else "fast"
+    base, cut = ONE_HEART, {}
+    if way != "own":
+        config = _checked(path, base, dry_run)
+        # Imported here: it takes seconds, and a mistake in a table need not wait for it.
+        from regional_lv.hearts.file import shipped
+        from regional_lv.hearts.reach import OutOfReach
+
+        try:
+            shipped()
+        except InputError as error:
+            raise Mistakes(f"{error}; --own goes without it") from None
+        try:
+            if not dry_run:
+                _answer_fast(config)
+            if way == "full" or (dry_run and config["geometry"]["source"] == "segments"):
+                cut = _cut_to_reach(config)
+        except OutOfReach as error:
+            if way == "fast":
+                raise Mistakes(f"{path}: {error}") from None
+            click.echo(f"{path}: {error}; so it is simulated")
+            way = "own"
+        except InputError as error:
+            raise Mistakes(f"{path}: {error}") from None
+    if way == "own":
+        base = _base_of(study or "quick", workflow)
+        _checked(path, base, dry_run)
+    if way != "fast":
+        _simulate(path, base, cores, workflow, dry_run, cut)
+
+
+def _base_of(study: str, workflow: str | None) -> Path:
+    """The project's configuration of a study of its own."""
     base = checkout(workflow) / "config" / f"{study}.yaml"
     if not base.is_file():
         offered = ", ".join(sorted(file.stem for file in base.parent.glob("*.yaml")))
         raise Mistakes(f"--study {study}: there is no {base}; choose one of {offered}")
-    inspect(path, load(path, base), base)
-    _simulate(path, base, cores, workflow, dry_run)
+    return base
+
+
+def _checked(path: Path, base: Path, dry_run: bool) -> dict:
+    """The configuration of one heart, whose files were checked as well; from now on its results are
+    its own."""
+    config = load(path, base)
+    if config["cohort"]["hearts"]:
+        raise Mistakes(
+            f"{path}: cohort: names many hearts, and `run` is for one; use `regional-lv cohort`"
+        )
+    inspect(path, config, base)
+    if not dry_run:
+        claim_results(path, config["study"])
+    return config
 
 
 def _can_simulate(workflow: str | None) -> bool:
@@ -84,44 +129,24 @@ def _can_simulate(workflow: str | None) -> bool:
     return True
 
 
-def _fast(path: Path, goes_on: bool, dry_run: bool) -> dict | None:
-    """Answer from the emulator of any heart; keys of the configuration that were cut to what it
-    knows, or None for a heart that it does not know, which is said, and without such an
-    emulator."""
-    config = load(path, ONE_HEART)
-    inspect(path, config, ONE_HEART)
-    # Imported here: they take seconds, and a mistake in a table need not wait for them.
+def _answer_fast(config: Mapping) -> None:
+    """Answer for all subjects from the emulator of any heart, and say where. Raises InputError."""
     from regional_lv.hearts.fast import answer
-    from regional_lv.hearts.file import shipped
-    from regional_lv.hearts.reach import OutOfReach, by_table, within
 
-    try:
-        known = shipped()
-    except InputError as error:
-        if not goes_on:
-            raise Mistakes(str(error)) from None
-        return None
-    cut: dict = {}
-    try:
-        # First, since what it says of a heart out of reach names a file that it keeps.
-        for subject in () if dry_run else config["subjects"]:
-            files = Layout.of(config["study"]).fast(subject)
-            one = config | {"subjects": {subject: config["subjects"][subject]}}
-            answer(one, files.folder)
-            say_where(_shown(subject, files.page, files.findings, files.posterior))
-        if goes_on or (dry_run and config["geometry"]["source"] == "segments"):
-            with tempfile.TemporaryDirectory() as folder:
-                given = by_table(config, Path(folder, "segments.csv"))
-                within_reach, _ = within(given, known.emulator, known.known)
-            cut = _changed(within_reach, given)
-    except OutOfReach as error:
-        if not goes_on:
-            raise Mistakes(f"{path}: {error}") from None
-        click.echo(f"{path}: {error}; so it is simulated")
-        return None
-    except InputError as error:
-        raise Mistakes(f"{path}: {error}") from None
-    return cut
+    for subject, given in config["subjects"].items():
+        files = Layout.of(config["study"]).fast(subject)
+        answer({**config, "subjects": {subject: given}}, files.folder)
+        say_where(_shown(subject, files.page, files.findings, files.posterior))
+
+
+def _cut_to_reach(config: Mapping) -> dict[str, dict]:
+    """Keys of the configuration that are cut to what the emulator knows. Raises InputError."""
+    from regional_lv.hearts.file import shipped
+    from regional_lv.hearts.reach import within_by_table
+
+    with tempfile.TemporaryDirectory() as folder:
+        within_reach, _ = within_by_table(config, shipped(), Path(folder, "segments.csv"))
+    return _changed(within_reach, config)
 
 
 def _changed(config: Mapping, before: Mapping) -> dict[str, dict]:
@@ -134,18 +159,20 @@ def _changed(config: Mapping, before: Mapping) -> dict[str, dict]:
 
 
 def _simulate(
-    path: Path, base: Path, cores: int, workflow: str | None, dry_run: bool, cut: dict | None = None
+    path: Path, base: Path, cores: int, workflow: str | None, dry_run: bool, cut: Mapping
 ) -> None:
     """Run the study of a heart; `cut` goes on top of its configuration."""
     project = checkout(workflow)
     started.require_snakemake()
     config = load(path, base)
     made, given = Layout.of(config["study"]), [base, path]
-    if cut:
-        given.append(Path(made.cut))
-        given[-1].parent.mkdir(parents=True, exist_ok=True)
-        given[-1].write_text(yaml.safe_dump(cut))
-    started.run_workflow(project, given, cores, dry_run)
+    with tempfile.TemporaryDirectory() as temporary:
+        if cut:
+            file = Path(made.cut)
+            given.append(Path(temporary, file.name) if dry_run else file)
+            given[-1].parent.mkdir(parents=True, exist_ok=True)
+            given[-1].write_text(yaml.safe_dump(cut))
+        started.run_workflow(project, given, cores, dry_run)
     for subject in config["subjects"]:
         answer = made.page(subject), made.findings(subject), made.posterior(subject)
         as_it_is = made.posteriors(final_emulator(config)).of_subject(subject, "nc")

@@ -2,7 +2,8 @@
 
 import contextlib
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from os.path import relpath
 from pathlib import Path
 
 import click
@@ -65,7 +66,7 @@ def _configuration(folder: Path, manifest: Mapping, given: tuple[str, ...]) -> I
     """What differs between the manifest's configuration and that of the files it came from."""
     files = [Path(file).resolve() for file in given]
     # The study ran in the folder that `results/<study>` is in, and its paths count from there.
-    with contextlib.chdir(folder.resolve().parents[1]):
+    with contextlib.chdir(folder.resolve().parent.parent):
         files = files or [Path(file) for file in manifest["configfiles"]]
         gone = [file for file in files if not file.is_file()]
         for file in gone:
@@ -83,13 +84,26 @@ def _configuration(folder: Path, manifest: Mapping, given: tuple[str, ...]) -> I
         except InputError as error:
             yield str(error)
             return
-    # As JSON has it: what comes out of YAML may have other types.
-    now = json.loads(json.dumps(now))
-    for key, (then, value) in _differences(manifest["config"], now):
-        yield (
-            f"{source}: {key} was {json.dumps(then)} when the study ran and is {json.dumps(value)} "
-            "now; change it back, or run the study again"
-        )
+        before = [Path(file).parent for file in reversed(manifest["configfiles"])]
+        moved = list(zip(before, folders, strict=False))
+        # As JSON has it: what comes out of YAML may have other types.
+        now = json.loads(json.dumps(now))
+        for key, (then, value) in _differences(manifest["config"], now):
+            if not _moved_along(then, value, moved):
+                yield (
+                    f"{source}: {key} was {json.dumps(then)} when the study ran and is "
+                    f"{json.dumps(value)} now; change it back, or run the study again"
+                )
+
+
+def _moved_along(then, now, moved: Sequence[tuple[Path, Path]]) -> bool:
+    """Whether two values are the same path, or list of such, from the folder of a configuration,
+    which has `moved` from one to another."""
+    if isinstance(then, list) and isinstance(now, list) and len(then) == len(now):
+        return all(_moved_along(a, b, moved) for a, b in zip(then, now, strict=True))
+    if not isinstance(then, str) or not isinstance(now, str):
+        return then == now
+    return any(relpath(then, before) == relpath(now, after) for before, after in moved)
 
 
 def _differences(then, now, key: str = "") -> Iterator[tuple[str, tuple]]:

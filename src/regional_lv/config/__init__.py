@@ -15,6 +15,7 @@ from regional_lv.config.files import gather, merged, read, refuse, usable
 from regional_lv.config.messages import explain, unknown
 from regional_lv.config.section import Reading
 from regional_lv.config.study import Configuration, meshes_anew
+from regional_lv.seeds import derive
 
 __all__ = [
     "files_of",
@@ -23,7 +24,9 @@ __all__ = [
     "load",
     "merged",
     "meshes_anew",
+    "nuts_of_subjects",
     "read",
+    "seed_of_subject",
 ]
 
 
@@ -77,3 +80,15 @@ def files_of(config: Mapping, folders: Sequence[str | Path]) -> list[str]:
 def final_emulator(config: dict) -> str:
     """Name of the files of the emulator that subjects, scenarios and figures use."""
     return "final" if config["evaluation"] else config["emulators"]["final"]
+
+
+def nuts_of_subjects(config: Mapping) -> dict:
+    """Settings of NUTS for the posterior of a subject."""
+    own = {key: config["clinical"][key] for key in ("chains", "warmup", "draws")}
+    return config["nuts"] | own
+
+
+def seed_of_subject(config: Mapping, name: str) -> int:
+    """Seed of a synthetic subject's noise: its own, or derived from the study's."""
+    seed = config["synthetic_subjects"][name]["seed"]
+    return derive(config["seed"], "subject", name) if seed is None else seed

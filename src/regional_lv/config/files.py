@@ -39,10 +39,21 @@ def gather(files: Iterable[str | Path], given: Mapping) -> dict:
     """The keys of several files, of which the last one counts first, and on top of them those of
     the command line, as Snakemake hands them over (`given`). Raises InputError.
 
-    Snakemake's own reading of the files is not used: it
-    follows YAML 1.1 (`yaml_core`), and keeps numbers inside a section of the command line as text.
+    Entries of `synthetic_subjects` that `subjects` does not name are left out, but for those of the
+    last file: they are of another study, which may have other zones, factors or bounds.
+
+    Snakemake's own reading of the files is not used: it follows YAML 1.1 (`yaml_core`), and keeps
+    numbers inside a section of the command line as text.
     """
-    return functools.reduce(merged, [*map(read, files), {k: _typed(v) for k, v in given.items()}])
+    layers = [*map(read, files), {k: _typed(v) for k, v in given.items()}]
+    config = functools.reduce(merged, layers)
+    named, entries = config.get("subjects"), config.get("synthetic_subjects")
+    if isinstance(named, dict) and isinstance(entries, dict):
+        own = functools.reduce(merged, layers[-2:]).get("synthetic_subjects") or {}
+        config["synthetic_subjects"] = {
+            name: entry for name, entry in entries.items() if name in named or name in own
+        }
+    return config
 
 
 def merged(below: Mapping, above: Mapping) -> dict:
@@ -107,9 +118,9 @@ def usable(source: str, config: dict) -> dict:
             complaints.append(f"{key}: {complaint}; correct it, or leave it out for the default")
         return value
 
-    usable = copied(config, "", 0)
+    plain = copied(config, "", 0)
     refuse(source, complaints)
-    return usable
+    return plain
 
 
 def _unusable_text(text: str, longest: int) -> str:

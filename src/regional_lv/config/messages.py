@@ -15,7 +15,6 @@ from regional_lv.config.section import (
     Section,
     alternatives,
     choices,
-    closest,
     is_section,
     key_path,
     note,
@@ -25,6 +24,7 @@ from regional_lv.config.section import (
 )
 from regional_lv.config.study import Configuration, sections_of
 from regional_lv.csv_lines import number_in
+from regional_lv.errors import closest
 
 MOVED = {
     **{
@@ -155,17 +155,15 @@ def explain_unknown(section: type[Section], key: str, name: str) -> str:
     path = key_path(key, name)
     if path in MOVED:
         return f"{path}: has moved; use {MOVED[path]}"
-    if issubclass(section, Kind) and name in section.of_others():
+    if issubclass(section, Kind) and name in section.absent_defaults():
         kinds = " or ".join(f"`{section.tag}: {tag}`" for tag in section.all_tags(name))
         return f"{path}: only {kinds} has it; write that, or remove it"
     here = list(dict.fromkeys([*section.model_fields, *(section.added() if section.added else ())]))
     path_of = {each.path.rsplit(".", 1)[-1]: each.path for each in describe()}
-    if name in path_of:
-        return f"{path}: unknown key here; did you mean `{path_of[name]}`?"
-    if close := closest(name, here, cutoff=0.5):
+    if name not in path_of and (close := closest(name, here, cutoff=0.5)):
         return f"{path}: unknown key; did you mean `{key_path(key, close)}`?"
-    close = closest(name, path_of, cutoff=0.75)
-    hint = f"did you mean `{path_of[close]}`? " if close else ""
+    elsewhere = path_of.get(closest(name, path_of, cutoff=0.75))
+    hint = f"did you mean `{elsewhere}`? " if elsewhere else ""
     return f"{path}: unknown key; {hint}allowed here: {', '.join(here)}"
 
 
@@ -194,6 +192,8 @@ def _complaint(error, field: FieldInfo | None, kinds: list) -> str:
     if kind == "literal_error":
         return offers(given, choices(kinds))
     wanted = TYPES[kind.split("_")[0]] + (" or null" if type(None) in kinds else "")
+    if given is None and field and not field.is_required():
+        return f"{what} is not {wanted}; remove the key for its default, or give that instead"
     return f"{what} is not {wanted}{_number_hint(given, kind)}"
 
 

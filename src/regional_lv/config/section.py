@@ -6,7 +6,6 @@ said by `Section.check`.
 """
 
 import ast
-import difflib
 import functools
 import glob
 import inspect
@@ -35,7 +34,7 @@ from pydantic import (
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticCustomError
 
-from regional_lv.errors import InputError
+from regional_lv.errors import InputError, closest
 
 
 @dataclass
@@ -90,7 +89,7 @@ def _file(path: str, info: ValidationInfo) -> str:
     if not os.path.isabs(path):
         for folder in reading.folders:
             if (Path(folder) / path).is_file():
-                path = os.path.relpath(Path(folder) / path)
+                path = _from_here(Path(folder) / path)
                 break
     if Path(path).is_file():
         reading.files.append(path)
@@ -101,8 +100,14 @@ def _pattern(pattern: str, info: ValidationInfo) -> str:
     if not os.path.isabs(pattern):
         for folder in (info.context or Reading()).folders:
             if glob.glob(os.path.join(glob.escape(str(folder)), pattern)):
-                return os.path.join(glob.escape(os.path.relpath(folder)), pattern)
+                return os.path.join(glob.escape(_from_here(Path(folder))), pattern)
     return pattern
+
+
+def _from_here(path: Path) -> str:
+    """A path from the working directory. Behind a link `..` leads where the link's target lies,
+    which the text of the path does not say."""
+    return os.path.relpath(path.resolve() if ".." in path.parts else path)
 
 
 Whole = Annotated[int, BeforeValidator(_whole)]
@@ -226,8 +231,8 @@ class Kind(Section):
         return [tag for kind in kinds for tag in kind.tags()]
 
     @classmethod
-    def of_others(cls) -> dict:
-        """The keys that only other kinds have."""
+    def absent_defaults(cls) -> dict:
+        """The keys that only other kinds have, with their defaults."""
         fields = {k: v for kind in cls.family.kinds() for k, v in kind.model_fields.items()}
         others = {k: v for k, v in fields.items() if k not in cls.model_fields}
         values: dict = {k: None if v.is_required() else v.get_default() for k, v in others.items()}
@@ -235,15 +240,15 @@ class Kind(Section):
 
     @model_validator(mode="before")
     @classmethod
-    def _without_others(cls, given):
+    def _drop_absent(cls, given):
         if not isinstance(given, dict):
             return given
-        others = cls.of_others()
-        return {k: v for k, v in given.items() if k not in others or v not in (None, others[k])}
+        absent = cls.absent_defaults()
+        return {k: v for k, v in given.items() if k not in absent or v not in (None, absent[k])}
 
     @model_serializer(mode="wrap")
-    def _with_others(self, own):
-        return own(self) | self.of_others()
+    def _fill_absent(self, own):
+        return own(self) | self.absent_defaults()
 
 
 def text_of(section: type[Section], key: str) -> str:
@@ -272,11 +277,6 @@ def _texts(module: str) -> dict[str, dict[str, str]]:
 def key_path(*parts: str) -> str:
     """The names of sections and key as messages write them, with points between; "" is skipped."""
     return ".".join(part for part in parts if part)
-
-
-def closest(name, known: Iterable[str], cutoff: float = 0.6) -> str:
-    """The one of the `known` names that is spelt nearly as `name`; "" if none is."""
-    return next(iter(difflib.get_close_matches(str(name), known, n=1, cutoff=cutoff)), "")
 
 
 def shown(value) -> str:

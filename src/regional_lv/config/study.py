@@ -114,7 +114,8 @@ class Configuration(Section):
         Note(reruns="that subject's measured file, posterior and figures"),
     ] = DEFAULT_SYNTHETIC
     """Ventricles with a known truth, by name. Their measured files come out of the simulator with
-    noise added."""
+    noise added. Of several configurations, those that `subjects` does not name count in the last
+    one only."""
     subjects: Annotated[
         dict[Name, AnySubject], Note(reruns="that subject's posterior and figures")
     ] = Field(default_factory=default_subjects, validate_default=True)
@@ -142,6 +143,12 @@ class Configuration(Section):
         return Channels.from_config(self.model_dump())
 
     @cached_property
+    def has_heart(self) -> bool:
+        """Whether `geometry` is without mistakes, so that its files can be read."""
+        parts = sections_of(self.geometry, "geometry")
+        return not any(mistake for path, part in parts for mistake in part.check(path, self))
+
+    @cached_property
     def sizes(self) -> dict[str, int]:
         """Simulations of the training and of the test set. Raises InputError for tables that
         cannot be used."""
@@ -157,11 +164,7 @@ class Configuration(Section):
         if isinstance(self.simulations, simulation.Tabulated) and self.simulations.holdout is None:
             own = "test" in self.simulations.tables
             self.simulations.holdout = 0 if own else self.design.test
-        asked_for = self.subjects
-        if "synthetic_subjects" not in self.model_fields_set:
-            self._carry_over()
-            asked_for = asked_for if "subjects" in self.model_fields_set else {}
-        self._drop_impossible(asked_for)
+        self._fit_defaults()
         mistakes = []
         for path, section in sections_of(self):
             with contextlib.suppress(InputError):
@@ -205,6 +208,28 @@ class Configuration(Section):
                 f"emulator; give {self.least_simulations} or more"
             )
 
+    def _fit_defaults(self) -> None:
+        """Leave out default scenarios and synthetic subjects that the study does not ask for, or
+        cannot have: outside its bounds, or with effects that are part of its model."""
+
+        def fits(section: Section) -> bool:
+            try:
+                return not any(section.check("", self))
+            except InputError:
+                return True  # of a mistake that is reported with everything else
+
+        if "sets" not in self.scenarios.model_fields_set:
+            sets = self.scenarios.sets.items()
+            self.scenarios.sets = {name: each for name, each in sets if fits(each)}
+        if "synthetic_subjects" in self.model_fields_set:
+            return
+        self._carry_over()
+        asked_for = "subjects" in self.model_fields_set
+        for name, subject in list(self.synthetic_subjects.items()):
+            if name not in self.subjects if asked_for else not fits(subject):
+                del self.synthetic_subjects[name]
+                self.subjects.pop(name, None)
+
     def _carry_over(self) -> None:
         """Give the default subjects, whose theta is in the paper's zones, the zones of the study.
 
@@ -228,16 +253,6 @@ class Configuration(Section):
                 )
                 for p in own
             }
-
-    def _drop_impossible(self, asked_for) -> None:
-        """Leave out synthetic subjects that this study cannot have, but for those that it asks for,
-        which stay, to be complained about. Such are default ones whose effects are part of its
-        model, and those of another configuration, below one with subjects and a heart of its
-        own."""
-        for name, subject in list(self.synthetic_subjects.items()):
-            if name not in asked_for and any(subject.impossible(name, self)):
-                del self.synthetic_subjects[name]
-                self.subjects.pop(name, None)
 
 
 def sections_of(section: Section, path: str = "") -> Iterator[tuple[str, Section]]:

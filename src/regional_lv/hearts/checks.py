@@ -1,16 +1,16 @@
 """What is missing or unusual about one heart and what was measured of it, before anything runs."""
 
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import pandas as pd
 
 from regional_lv.aha import LEVELS
 from regional_lv.channels import Channels
 from regional_lv.config.sections.heart import NO_PRESSURE
-from regional_lv.data import TABLES, VOLUNTEER
+from regional_lv.data import VOLUNTEER
 from regional_lv.geometry.table import read_segments
 
 UNEVEN = 2.0
@@ -24,6 +24,16 @@ SIZES = ["wall_thickness_mm", "endo_radius_mm"]
 
 LOW_PRESSURE_MMHG, HIGH_PRESSURE_MMHG = 3.0, 30.0
 """An end-diastolic pressure below is in kPa more likely than true; one above is rare."""
+
+
+GEOMETRY_FILES = (
+    ("geometry", "segments"),
+    ("geometry", "surfaces", "endocardium"),
+    ("geometry", "surfaces", "epicardium"),
+    ("geometry", "imported", "file"),
+    ("geometry", "imported", "segments"),
+)
+"""Keys that name the files of a heart's shape."""
 
 
 def not_given(config: Mapping, own: Mapping) -> list[str]:
@@ -52,16 +62,24 @@ def place_warnings(path: Path, own: Mapping, config: Mapping) -> list[str]:
         if isinstance(subject, dict)
         for key in ("measured", "curves")
     ]
-    segments = (own.get("geometry") or {}).get("segments")
-    given.append(("geometry.segments", segments, config["geometry"]["segments"]))
+    given += [(".".join(keys), _at(own, keys), _at(config, keys)) for keys in GEOMETRY_FILES]
     for key, written, used in given:
-        if not written or written in TABLES or Path(written).is_absolute():
+        # Words for what comes with the package are no files.
+        if not written or Path(written).is_absolute() or not Path(used).is_file():
             continue
         if not (path.parent / written).is_file():
             found.append(
                 f"{key}: {written} is not in {path.parent}; {Path(used).resolve()} is used"
             )
     return found
+
+
+def _at(content: Mapping, keys: Sequence[str]):
+    """The value of a key in sections, of which any may be absent or empty."""
+    value: Any = content
+    for key in keys:
+        value = (value or {}).get(key)
+    return value
 
 
 def heart_warnings(config: Mapping) -> list[str]:

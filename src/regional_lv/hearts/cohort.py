@@ -27,11 +27,12 @@ from regional_lv.inputs.space import warn_of_exact_shape
 from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.measured.plausibility import data_warnings, too_small
 from regional_lv.study.layout import HeartFiles
+from regional_lv.units import KPA_PER_MMHG
 
 log = logging.getLogger(__name__)
 
-KPA, LIKE_KPA = 7.50062, (3.5, 20.0)
-"""mmHg in a kPa, and how many times lower than the others a pressure is that is in kPa."""
+LIKE_KPA = 3.5, 20.0
+"""How many times lower than the others a pressure is that is in kPa."""
 
 OTHER_SIZE = 3.0
 """Times that a heart is longer, or shorter, than the others where it is in another unit."""
@@ -275,7 +276,7 @@ def _other_units(hearts: Mapping[str, Heart]) -> dict[str, str]:
         if pressure[name] < checks.LOW_PRESSURE_MMHG and LIKE_KPA[0] < ratio < LIKE_KPA[1]:
             found[name] = (
                 f"loading.pressure_mmhg: {pressure[name]:g} mmHg, and the other hearts have "
-                f"{others:g} (median); it looks like kPa: {KPA * pressure[name]:.3g} mmHg"
+                f"{others:g} (median); it looks like kPa: {pressure[name] / KPA_PER_MMHG:.3g} mmHg"
             )
         others = size.drop(name).median()
         if not 1 / OTHER_SIZE < size[name] / others < OTHER_SIZE:

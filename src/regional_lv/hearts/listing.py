@@ -13,11 +13,10 @@ from pathlib import Path
 from regional_lv import config as study_config
 from regional_lv.csv_lines import error_at, number_in, read_lines
 from regional_lv.errors import InputError
+from regional_lv.hearts import CONFIG
 from regional_lv.input_files import check_file
 from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.seeds import derive
-
-CONFIG = "config.yaml"
 
 COLUMNS = {
     "segments": ("geometry", "segments"),

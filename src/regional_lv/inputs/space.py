@@ -1,6 +1,5 @@
 """The inputs of a study in their order, and the roles that its configuration gives them."""
 
-import difflib
 import logging
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -8,7 +7,7 @@ from functools import cache, cached_property
 
 import numpy as np
 
-from regional_lv.errors import InputError
+from regional_lv.errors import InputError, closest
 from regional_lv.inputs.base import ROLES, Input, InputSequence
 from regional_lv.inputs.catalogue import INPUTS
 from regional_lv.inputs.closed_forms import ClosedForm
@@ -310,8 +309,8 @@ def why_unknown(word: str, every: Sequence[Input], model: Mapping) -> str:
             if reason:
                 return f"this study has no such input, {reason}; remove it"
     known = dict.fromkeys([e.name for e in every] + [w for e in every for w in e.words])
-    close = difflib.get_close_matches(word, known, n=1)
-    hint = f"did you mean {close[0]}?" if close else f"choose among {', '.join(INPUTS)}"
+    close = closest(word, known)
+    hint = f"did you mean {close}?" if close else f"choose among {', '.join(INPUTS)}"
     return f"is no input, nor a word for several; {hint}"
 
 

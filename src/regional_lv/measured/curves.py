@@ -27,6 +27,7 @@ from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.measured.segment_models import check_segment, to_aha
 from regional_lv.measured.tables import (
     MeasuredWarning,
+    check_sd,
     check_values,
     make_table,
     shortcomings,
@@ -123,8 +124,9 @@ def read_curves(path: str | Path, unit: str, segments: int = 17) -> Curves:
     """Read and check a file of curves.
 
     unit: `percent` or `fraction`. segments: how many the model has whose segments the columns count
-    (`segment_models`). Without a column `frame`, frames are counted from 1. Raises InputError that
-    names the file, the line or column, and the remedy.
+    (`segment_models`). Frames have the numbers of the column `frame`, wherever it stands, and
+    without one they are counted from 1. Raises InputError that names the file, the line or column,
+    and the remedy.
     """
     header, columns, rows = read_lines(path)
     clocks = [name for name in columns if name.lower() in CLOCKS]
@@ -148,7 +150,8 @@ def read_curves(path: str | Path, unit: str, segments: int = 17) -> Curves:
         _check_length(path, name, rows)
     strains = np.array([[number_at(path, n, name, row[name]) for name in named] for n, row in rows])
     lines = [line for line, _ in rows]
-    frames = _frames(path, clocks[0], rows)
+    clock = next((name for name in clocks if name.lower() == "frame"), clocks[0])
+    frames = _frames(path, clock, rows)
     factor = _check_unit(path, strains, unit)
     return Curves(frames, lines, Channels(channels), factor * strains)
 
@@ -276,6 +279,37 @@ def find_unloading(
     ------
     InputError: a wrong reference, a wrong sign, a frame that there is not or that is no diastole.
     """
+    stretches = _stretches(path, curves, measure)
+    signs = np.array([channel.kind.sign for channel in curves.channels])
+    contraction = signs * np.log(stretches)
+    if end_diastole_frame is not None:
+        end_diastole = _row(path, curves, end_diastole_frame)
+    else:
+        at_rest = reference == "end_diastole"
+        end_diastole = _zero_row(curves.strains, contraction.mean(1)) if at_rest else 0
+    _check_directions(path, curves, contraction, end_diastole, reference)
+    stretches = stretches / stretches[end_diastole]
+    contraction = (signs * np.log(stretches)).mean(1)
+    end_systole, largest = int(contraction.argmax()), int(contraction.argmin())
+    if frame == EARLIEST_DIASTOLE:
+        unloaded = _first_filling(path, curves, contraction, end_diastole)
+    else:
+        unloaded = _row(path, curves, frame)
+    left, beyond = contraction[[unloaded, largest]] / contraction[end_systole]
+    if left < AT_REFERENCE:
+        raise error_at(
+            path,
+            curves.lines[unloaded],
+            f"in frame {curves.frames[unloaded]} the ventricle is as large as at end diastole; the "
+            f"unloaded frame lies soon after frame {curves.frames[end_systole]}, the greatest "
+            f"contraction: choose one there, or {EARLIEST_DIASTOLE}",
+        )
+    rows = (unloaded, end_diastole, end_systole)
+    return Unloading(stretches[unloaded], *rows, float(left), largest, float(-beyond))
+
+
+def _stretches(path: str | Path, curves: Curves, measure: str) -> np.ndarray:
+    """Lengths (T, D) over those at the reference of the curves."""
     base = 1 + (2 if measure == "green" else 1) * curves.strains
     row, column = np.unravel_index(base.argmin(), base.shape)
     if base[row, column] <= 0:
@@ -285,14 +319,14 @@ def find_unloading(
             f"{curves.channels[column].name} is {curves.strains[row, column]:g}: no {measure} "
             "strain is so low; check unit and measure",
         )
-    stretches = np.sqrt(base) if measure == "green" else base
-    signs = np.array([channel.kind.sign for channel in curves.channels])
-    contraction = signs * np.log(stretches)
-    if end_diastole_frame is not None:
-        end_diastole = _row(path, curves, end_diastole_frame)
-    else:
-        at_rest = reference == "end_diastole"
-        end_diastole = _zero_row(curves.strains, contraction.mean(1)) if at_rest else 0
+    return np.sqrt(base) if measure == "green" else base
+
+
+def _check_directions(
+    path: str | Path, curves: Curves, contraction: np.ndarray, end_diastole: int, reference: str
+) -> None:
+    """Raise for directions whose curves refer to another frame than `reference`, or have the wrong
+    sign. contraction (T, D): logarithms of the stretches, shortening and thickening positive."""
     where = f"frame {curves.frames[end_diastole]} (end diastole)"
     line = curves.lines[end_diastole]
     for quantity in dict.fromkeys(channel.quantity for channel in curves.channels):
@@ -322,24 +356,6 @@ def find_unloading(
                 "wrong sign: shortening is negative, thickening positive; turn it, or name the "
                 "frame of end diastole (end_diastole_frame)",
             )
-    stretches = stretches / stretches[end_diastole]
-    contraction = (signs * np.log(stretches)).mean(1)
-    end_systole, largest = int(contraction.argmax()), int(contraction.argmin())
-    if frame == EARLIEST_DIASTOLE:
-        unloaded = _first_filling(path, curves, contraction, end_diastole)
-    else:
-        unloaded = _row(path, curves, frame)
-    left, beyond = contraction[[unloaded, largest]] / contraction[end_systole]
-    if left < AT_REFERENCE:
-        raise error_at(
-            path,
-            curves.lines[unloaded],
-            f"in frame {curves.frames[unloaded]} the ventricle is as large as at end diastole; the "
-            f"unloaded frame lies soon after frame {curves.frames[end_systole]}, the greatest "
-            f"contraction: choose one there, or {EARLIEST_DIASTOLE}",
-        )
-    rows = (unloaded, end_diastole, end_systole)
-    return Unloading(stretches[unloaded], *rows, float(left), largest, float(-beyond))
 
 
 def _zero_row(strains: np.ndarray, contraction: np.ndarray) -> int:
@@ -442,6 +458,8 @@ def read_curve_subject(
     if subject["volume_ml"] is not None:
         volume = make_table([Channel("volume")], np.array([subject["volume_ml"]]))
         volume["sd"] = np.nan if subject["sd"]["volume"] is None else subject["sd"]["volume"]
+        for _, complaint in check_sd(volume.assign(line=None)):
+            raise error_at(path, None, f"the subject's sd.volume: {complaint}")
         table = pd.concat([volume, table], ignore_index=True)
     table["source"] = f"{Path(path).name}, frame {curves.frames[unloading.unloaded]}"
     return CurveSubject(curves, unloading, table)

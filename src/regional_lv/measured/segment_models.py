@@ -56,7 +56,8 @@ def to_aha(path: str | Path, table: pd.DataFrame, segments: int) -> pd.DataFrame
     by their shares of its sector, and is absent if one of them is. Its sd is that of this mean of
     values with independent errors: that its neighbours share walls is not kept.
 
-    Raises InputError if there is no segment 18 among the apical ones of an 18-segment model.
+    Raises InputError if there is no segment 18 among the apical ones of an 18-segment model, and if
+    nothing was measured but walls that make up no segment of the AHA.
     """
     apical = table["segment"].isin(aha.SIX_WALLS)
     if segments != ECHO or not apical.any():
@@ -85,6 +86,15 @@ def to_aha(path: str | Path, table: pd.DataFrame, segments: int) -> pd.DataFrame
                 "sd": np.sqrt(weights**2 @ part["sd"] ** 2),
             }
     others = table[~apical]
+    if not rows:
+        if others.empty:
+            raise error_at(
+                path,
+                None,
+                "the apical walls that it has make up no segment of the AHA; add the walls beside "
+                "them, or other segments",
+            )
+        return others.reset_index(drop=True)
     others.index = pd.MultiIndex.from_product([others.index, [0]])
     made = pd.DataFrame(list(rows.values()), pd.MultiIndex.from_tuples(rows), table.columns)
     return pd.concat([others, made.astype(table.dtypes)]).sort_index().reset_index(drop=True)

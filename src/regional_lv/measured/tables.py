@@ -9,7 +9,6 @@ reference; Green's are E = (F^-T F^-1 - I) / 2: circumferential and longitudinal
 radial ones positive.
 """
 
-import difflib
 import math
 import warnings
 from collections.abc import Iterator
@@ -21,6 +20,7 @@ import pandas as pd
 from regional_lv import aha
 from regional_lv.channels import Channel, Channels
 from regional_lv.csv_lines import CsvLines, error_at, number_at, number_in, read_lines
+from regional_lv.errors import closest
 from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.measured.segment_models import check_segment, to_aha
 from regional_lv.quantities import NOWHERE, QUANTITIES, SEGMENT_PLACES, Quantity, seth_hill
@@ -106,7 +106,7 @@ def read_measured(
         _check_percent(table),
         _check_signs(table),
         _check_size(table, strain_exponent),
-        _check_sd(table),
+        check_sd(table),
     ):
         for number, complaint in complaints:
             raise error_at(path, number, complaint)
@@ -174,8 +174,8 @@ def _read_row(
     """One line as numbers in the units used inside; `line`, `unit` and `raw` serve the checks."""
     quantity, unit = fields["quantity"], WORDS.get(fields["unit"], fields["unit"])
     if quantity not in QUANTITIES:
-        close = difflib.get_close_matches(quantity.lower(), QUANTITIES, n=1)
-        hint = f"did you mean {close[0]}?" if close else f"use one of {', '.join(QUANTITIES)}"
+        close = closest(quantity.lower(), QUANTITIES)
+        hint = f"did you mean {close}?" if close else f"use one of {', '.join(QUANTITIES)}"
         raise error_at(path, number, f"quantity `{quantity}` is not known; {hint}")
     kind = QUANTITIES[quantity]
     if unit not in kind.units:
@@ -275,9 +275,12 @@ def check_values(path: str | Path, table: pd.DataFrame, line: int, strain_expone
 
 
 def _check_frames(table: pd.DataFrame) -> Complaints:
+    """Strains of one load are of one frame. The volume is that of end diastole, whose frame is
+    another one than the unloaded frame of the strains."""
     if "frame" not in table:
         return
-    for load, rows in table.groupby("load_fraction", sort=False):
+    named = table[(table["frame"] != "") & (table["quantity"] != "volume")]
+    for load, rows in named.groupby("load_fraction", sort=False):
         frames = list(dict.fromkeys(rows["frame"]))
         if len(frames) > 1:
             line = rows.loc[rows["frame"] == frames[1], "line"].iloc[0]
@@ -305,8 +308,8 @@ def _check_percent(table: pd.DataFrame) -> Complaints:
     for _, row in plain[plain["raw"].abs() > limit].iterrows():
         yield (
             row["line"],
-            f"{_words(row['quantity'])} {row['raw']:g} with unit 1 looks like percent; write "
-            "unit %",
+            f"{QUANTITIES[row['quantity']].words()} {row['raw']:g} with unit 1 looks like percent; "
+            "write unit %",
         )
     if len(percent) and (percent["raw"].abs() < 1).all():
         yield (
@@ -314,10 +317,6 @@ def _check_percent(table: pd.DataFrame) -> Complaints:
             f"values with unit % are all below 1 (here {percent['raw'].iloc[0]:g}) and look like "
             "fractions; write unit 1",
         )
-
-
-def _words(quantity: str) -> str:
-    return f"{quantity} strain" if QUANTITIES[quantity].is_strain else quantity
 
 
 def _check_size(table: pd.DataFrame, strain_exponent: float | None) -> Complaints:
@@ -339,7 +338,7 @@ def _check_size(table: pd.DataFrame, strain_exponent: float | None) -> Complaint
             )
 
 
-def _check_sd(table: pd.DataFrame) -> Complaints:
+def check_sd(table: pd.DataFrame) -> Complaints:
     """An sd beyond what a value of its quantity can be is one in another unit; a volume with hardly
     any leaves a posterior that cannot be sampled."""
     for _, row in table[table["sd"].notna()].iterrows():

@@ -9,7 +9,6 @@ import pandas as pd
 from regional_lv.hearts import hierarchy, prevalence
 from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.page.page import embedded, read_template
-from regional_lv.plots import style
 
 TEMPLATE = Path(__file__).parent / "cohort.html"
 
@@ -47,7 +46,6 @@ def make_cohort_page(
         study=study,
         pictures=embedded(pictures),
         parameters=[*parameters],
-        zone=style.zone_label,
         rows=[_row(row, parameters) for row in answered.to_dict("records")],
         failed=table.loc[table["reason"] != "", ["heart", "reason"]].to_dict("records"),
         warned=[

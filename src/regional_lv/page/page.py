@@ -189,7 +189,7 @@ def make_page_of_several(
         "sources": sources_picture,
     }
     html = read_template(template).render(
-        pictures=embedded(pictures), extended=extended, moved=MOVED, **criticism_of(content)
+        pictures=embedded(pictures), extended=extended, **criticism_of(content)
     )
     Path(page).write_text(html)
 
@@ -257,7 +257,7 @@ def known_beforehand(content: Findings | None) -> dict[str, float]:
 
 def measured_of(table: pd.DataFrame, channels: Channels) -> list[dict]:
     """Rows of the table of measurements: a value that belongs to the whole ventricle or to a pair
-    of levels, or a strain direction with its number of segments, mean and range; by load."""
+    of levels, or a quantity of segments with their number, mean and range; by load."""
     rows = []
     for (quantity, load), part in table.groupby(["quantity", "load_fraction"], sort=False):
         segments = part["segment"].notna()
@@ -270,14 +270,16 @@ def measured_of(table: pd.DataFrame, channels: Channels) -> list[dict]:
             )
         part = part[segments]
         if len(part):
-            percent = 100 * part[["value", "sd"]]
-            low, mean, high = (percent["value"].agg(how) for how in ("min", "mean", "max"))
+            channel = Channel.parse(part["output"].iloc[0])
+            low, mean, high = (
+                _read(channel, part["value"].agg(how)) for how in ("min", "mean", "max")
+            )
             rows.append(
                 {
-                    "what": f"{quantity} strain{words.at_load(load)}",
-                    "value": f"{mean:.1f} ({low:.1f} to {high:.1f})",
-                    "unit": "%",
-                    "sd": percent["sd"].mean(),
+                    "what": f"{channel.kind.words()}{words.at_load(load)}",
+                    "value": f"{mean} ({low} to {high})",
+                    "unit": _read_in(channel),
+                    "sd": _scale_of(channel) * part["sd"].mean(),
                     "segments": f"{len(part)} of {len(observed)}",
                 }
             )
@@ -298,7 +300,7 @@ def missing(table: pd.DataFrame, channels: Channels) -> list[str]:
         if not some[0].kind.is_strain:
             found += [words.channel(c.name) for c in some]
             continue
-        text = f"{quantity} strain"
+        text = some[0].kind.words()
         if len(some) < len(all_of_it):
             numbers = ", ".join(str(c.segment) for c in some)
             text += f" of segment{'s' if len(some) > 1 else ''} {numbers}"
@@ -371,8 +373,9 @@ def silent(
 
 
 def _hover(rows: list[dict], table: pd.DataFrame, parameters: StiffnessInputs) -> list[str]:
-    """The label of each segment (17) of the heart: its name, its zone's stiffness, its strains."""
-    strains = table[table["segment"].notna() & (table["load_fraction"] == 1)]
+    """The label of each segment (17) of the heart: its name, its zone's stiffness, what was
+    measured of it."""
+    measured = table[table["segment"].notna() & (table["load_fraction"] == 1)]
     labels = []
     for segment in aha.SEGMENTS:
         zone = parameters.zone_of(segment.number)
@@ -383,10 +386,11 @@ def _hover(rows: list[dict], table: pd.DataFrame, parameters: StiffnessInputs) -
             for row in rows
             if row["zone"] == zone
         ]
-        lines += [
-            f"{row['quantity']} strain: {100 * row['value']:.1f} %"
-            for _, row in strains[strains["segment"] == segment.number].iterrows()
-        ]
+        own = measured[measured["segment"] == segment.number]
+        for name, value in zip(own["output"], own["value"], strict=True):
+            channel = Channel.parse(name)
+            text = f"{channel.kind.words()}: {_read(channel, value)} {_read_in(channel)}"
+            lines.append(text.rstrip())
         labels.append("<br>".join(lines))
     return labels
 
@@ -415,7 +419,11 @@ def fit_of(drawn: CasePosterior) -> dict:
         channel = Channel.parse(part.index[0])
         error = float(np.sqrt(((part["observed"] - part["median"]) ** 2).mean()))
         quantities.append(
-            {"what": _kind(channel), "channels": len(part), "outside": int(part["outside"].sum())}
+            {
+                "what": channel.kind.words(),
+                "channels": len(part),
+                "outside": int(part["outside"].sum()),
+            }
             | _as_read(channel, error)
         )
     outside = []
@@ -428,10 +436,6 @@ def fit_of(drawn: CasePosterior) -> dict:
     return {"quantities": quantities, "outside": outside, "channels": len(table)}
 
 
-def _kind(channel: Channel) -> str:
-    return f"{channel.quantity} strain" if channel.kind.is_strain else channel.quantity
-
-
 def _scale_of(channel: Channel) -> float:
     """Strains are read in per cent."""
     return 100.0 if channel.kind.is_strain else 1.0
@@ -439,6 +443,11 @@ def _scale_of(channel: Channel) -> float:
 
 def _read_in(channel: Channel) -> str:
     return "%" if channel.kind.is_strain else _unit(channel)
+
+
+def _read(channel: Channel, value: float) -> str:
+    """A value as it is read, without its unit."""
+    return f"{_scale_of(channel) * value:{'.1f' if channel.kind.is_strain else '.4g'}}"
 
 
 def _as_read(channel: Channel, error: float) -> dict:
@@ -487,7 +496,7 @@ def emulator_of(
         channel = Channel.parse(part["output"].iloc[0])
         sd = measured.loc[measured["quantity"] == quantity, "sd"].mean()
         rows.append(
-            {"what": _kind(channel), "sd": _scale_of(channel) * sd}
+            {"what": channel.kind.words(), "sd": _scale_of(channel) * sd}
             | _as_read(channel, float(np.sqrt(((part["mean"] - part["truth"]) ** 2).mean())))
         )
     return {

@@ -50,6 +50,11 @@ class Quantity(ABC):
         stem = cls.column or cls.name
         return f"{stem}_{place}" if place else stem
 
+    @classmethod
+    def words(cls) -> str:
+        """What texts call it, such as `radial strain`."""
+        return f"{cls.name} strain" if cls.is_strain else cls.name
+
     def densities(self, point) -> dict:
         """What is averaged over the wall: name -> (M,), torch, of a `PointMotion`; nothing if the
         quantity does not need averages. Those of wall strains are averaged over the layer and the

@@ -104,6 +104,8 @@ class Layout:
     def __init__(self, folder: str):
         self.folder = folder
         self.manifest = f"{folder}/manifest.json"
+        # The configuration that the command line has answered, one line.
+        self.claimed_by = f"{folder}/configuration.txt"
         self.cohort = CohortFiles(f"{folder}/cohort")
         # What a heart's configuration is cut to where it is partly beyond the emulator of any.
         self.cut = f"{folder}/cut.yaml"

@@ -16,11 +16,11 @@ from regional_lv.config.section import (
     Positive,
     Section,
     Whole,
-    closest,
 )
 from regional_lv.config.sections.heart import missing_file
 from regional_lv.config.sections.subjects import Noise
 from regional_lv.data.published import PUBLISHED
+from regional_lv.errors import closest
 from regional_lv.inputs.stiffness import StiffnessInputs
 
 Replicates = Annotated[Whole, Field(ge=49)]

@@ -20,13 +20,12 @@ from regional_lv.config.section import (
     Positive,
     Section,
     Whole,
-    closest,
     complaints,
     not_offered,
 )
 from regional_lv.config.sections.simulation import KEPT
 from regional_lv.data.published import SLICES_OF_LEVEL
-from regional_lv.errors import InputError
+from regional_lv.errors import InputError, closest
 from regional_lv.inputs.stiffness import PAPER_ZONES
 from regional_lv.quantities import QUANTITIES
 
@@ -108,7 +107,8 @@ class Scenario(Kind, tag="kind"):
     is no variance (in the global one they scatter by 0.20 only)."""
 
     def check(self, key, study) -> Iterator[str]:
-        yield from outside(f"{key}.mu", self.mu, study)
+        if study.evaluation:
+            yield from outside(f"{key}.mu", self.mu, study)
         if key.rpartition(".")[2] in RESERVED:
             yield f"{key}: the name is taken by another set; choose another"
 
@@ -141,7 +141,8 @@ class Scenarios(Section, reruns="the scenarios' simulations, posteriors and figu
         "local_3_0": LocalScenario(kind="local", mu=3.0),
         "global_1_7": GlobalScenario(kind="global", mu=1.7),
     }
-    """Scenarios by name (letters, digits, underscore)."""
+    """Scenarios by name (letters, digits, underscore); default ones outside the bounds of the
+    study's parameters are left out."""
     healthy_mean: Positive = 1.0
     """Mean of all factors of healthy zones. The paper's text has 1; its published inputs 1.2,
     spread evenly over 1.1 to 1.3."""
@@ -150,7 +151,8 @@ class Scenarios(Section, reruns="the scenarios' simulations, posteriors and figu
     noise: ScenarioNoise = ScenarioNoise()
 
     def check(self, key, study) -> Iterator[str]:
-        yield from outside(f"{key}.healthy_mean", self.healthy_mean, study)
+        if study.evaluation:
+            yield from outside(f"{key}.healthy_mean", self.healthy_mean, study)
 
 
 def outside(key: str, mean: float, study) -> Iterator[str]:
@@ -179,11 +181,25 @@ class Synthetic(Section):
     seed: Natural | None = None
     """Seed of its noise; derived from the master seed if null."""
 
-    def impossible(self, key, study) -> Iterator[str]:
-        """Why the study cannot simulate it."""
+    def check(self, key, study) -> Iterator[str]:
+        parameters = study.theta
+        yield from not_offered(f"{key}.theta", self.theta, parameters.names)
+        missing = [name for name in parameters.names if name not in self.theta]
+        if missing:
+            yield f"{key}.theta: missing {', '.join(missing)}; add what is missing"
+        for p in parameters:
+            if p.name in self.theta and not p.low <= self.theta[p.name] <= p.high:
+                yield (
+                    f"{key}.theta.{p.name}: {self.theta[p.name]} lies outside [{p.low}, "
+                    f"{p.high}] (design.lower, design.upper, parameters.bounds), where nothing is "
+                    "simulated; move it inside"
+                )
         if self.mesh == "finer" and not study.meshes_anew:
             yield f"{key}.mesh: {KEPT}; write study"
-        if not self.effects:
+        yield from self._check_effects(key, study)
+
+    def _check_effects(self, key, study) -> Iterator[str]:
+        if not self.effects or not study.has_heart:
             return
         # The catalogue reads segment tables: pandas, for every process that reads a configuration.
         from regional_lv.inputs.model import model_of
@@ -204,21 +220,6 @@ class Synthetic(Section):
                     f"{key}.effects.{name}: {value} lies outside the plausible range, {each.low:g} "
                     f"to {each.high:g} {each.unit}; move it inside"
                 )
-
-    def check(self, key, study) -> Iterator[str]:
-        parameters = study.theta
-        yield from not_offered(f"{key}.theta", self.theta, parameters.names)
-        missing = [name for name in parameters.names if name not in self.theta]
-        if missing:
-            yield f"{key}.theta: missing {', '.join(missing)}; add what is missing"
-        for p in parameters:
-            if p.name in self.theta and not p.low <= self.theta[p.name] <= p.high:
-                yield (
-                    f"{key}.theta.{p.name}: {self.theta[p.name]} lies outside [{p.low}, "
-                    f"{p.high}] (design.lower, design.upper, parameters.bounds), where nothing is "
-                    "simulated; move it inside"
-                )
-        yield from self.impossible(key, study)
 
 
 def _theta(lateral: tuple[float, float]) -> dict[str, float]:
