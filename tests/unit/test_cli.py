@@ -24,6 +24,7 @@ from regional_lv.hearts.checks import place_warnings, uneven, unusual
 from regional_lv.measured import curves, read_measured
 from regional_lv.measured.plausibility import data_warnings, too_small
 from regional_lv.plots import style
+from regional_lv.quantities.seth_hill import Measure
 from regional_lv.study.manifest import NAME, write_manifest
 
 CHANNELS = Channels.of()
@@ -416,7 +417,7 @@ def table():
 
 
 def warnings_of(table, exponent=2.0, cavity=105.0):
-    return data_warnings(table, CHANNELS, 10, exponent, cavity, 123.0)
+    return data_warnings(table, CHANNELS, 10, Measure(exponent), cavity, 123.0)
 
 
 def test_the_template_causes_no_warning(table):
@@ -462,7 +463,7 @@ def test_unusual_values_cause_a_warning(table, change, expected):
 
 def test_the_measure_of_curves_is_known(table):
     few = table.assign(value=table["value"].where(table["quantity"] != "radial", 0.02))
-    found = " ".join(data_warnings(few, CHANNELS, 10, 2.0, 105.0, 123.0, converted=True))
+    found = " ".join(data_warnings(few, CHANNELS, 10, Measure(), 105.0, 123.0, converted=True))
     assert "check frame and unit" in found and "cannot be those of a wall" in found
     assert "measure" not in found and "nominal" not in found
 

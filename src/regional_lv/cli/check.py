@@ -63,6 +63,7 @@ def inspect(path: Path, config: dict, base: Path | None = None) -> None:
     from regional_lv.inputs.stiffness import StiffnessInputs
     from regional_lv.measured.plausibility import data_warnings, too_small
     from regional_lv.plots import inputs
+    from regional_lv.quantities.seth_hill import Measure
 
     # Without a display VTK says so, and draws all the same.
     vtkLogger.SetStderrVerbosity(vtkLogger.VERBOSITY_OFF)
@@ -72,7 +73,8 @@ def inspect(path: Path, config: dict, base: Path | None = None) -> None:
         raise Mistakes("\n".join(f"{path}: {line}" for line in lines))
     check_results(path, config["study"])
     parameters, channels = StiffnessInputs.from_config(config), Channels.from_config(config)
-    exponent = config["observables"]["strain_exponent"]
+    observed = config["observables"]
+    measure = Measure(observed["strain_exponent"], observed["line_share"])
     measured = {name: read_subject(name, config, channels) for name in measured_subjects(config)}
     tables = {name: subject.table for name, subject in measured.items()}
     click.echo(f"{path}: study {config['study']}, geometry {geometry_of(config)}")
@@ -110,7 +112,7 @@ def inspect(path: Path, config: dict, base: Path | None = None) -> None:
         told = f"{len(table)} of {len(channels)} channels, {file}{measured[name].told}"
         for line in (told, *subject_lines(name, subject, layers, table, measured[name].frames)):
             click.echo(f"{name}: {line}")
-        known = (len(parameters), exponent, cavity, wall, subject["source"] == "curves")
+        known = (len(parameters), measure, cavity, wall, subject["source"] == "curves")
         lines = data_warnings(table, channels, *known)
         found += [f"{name}: {line}" for line in (*measured[name].doubts, *lines)]
     if all(subject["source"] == "synthetic" for subject in config["subjects"].values()):

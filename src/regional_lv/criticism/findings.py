@@ -10,7 +10,7 @@ from typing import cast
 import numpy as np
 import pandas as pd
 
-from regional_lv.criticism import contract, data_checks, words
+from regional_lv.criticism import contract, words
 from regional_lv.criticism.confirmation import Round
 from regional_lv.criticism.contract import Findings
 from regional_lv.criticism.left_out import gain, gains
@@ -21,7 +21,8 @@ from regional_lv.inference.emulated import EmulatedInputs
 from regional_lv.inference.hearts import own_name
 from regional_lv.inference.sources import sources_of_variance
 from regional_lv.inputs.catalogue import INPUTS
-from regional_lv.measured import shortcomings
+from regional_lv.measured import data_checks, shortcomings
+from regional_lv.quantities.seth_hill import Measure
 
 LISTED = 20
 """Sets that the findings list, the most probable first, and the best one in any case."""
@@ -36,8 +37,8 @@ class Context:
 
     subject: its name. tables: measured, by heart. emulated: of all that the study observes. rounds:
     of the confirmation. outputs, noise_sd (U,): what was measured in any heart. bootstrap:
-    replicates of the tests. load_fractions: at which the heart could be imaged. strain_exponent: of
-    the study's strain measure.
+    replicates of the tests. load_fractions: at which the heart could be imaged. measure: of the
+    study's strains.
     """
 
     subject: str
@@ -48,7 +49,7 @@ class Context:
     noise_sd: np.ndarray
     bootstrap: int
     load_fractions: Sequence[float]
-    strain_exponent: float
+    measure: Measure
 
 
 def findings_of(verdict: Verdict, context: Context) -> Findings:
@@ -62,7 +63,7 @@ def findings_of(verdict: Verdict, context: Context) -> Findings:
         "data_checks": [
             {"subject": name} | check
             for name, measured in context.tables.items()
-            for check in data_checks.check(measured, context.strain_exponent)
+            for check in data_checks.check(measured, context.measure)
         ],
         "hypotheses": _causes(verdict),
         "sets": _sets(verdict, context),

@@ -13,5 +13,5 @@ def settings_of(config: Mapping) -> dict:
         **{key: section[key] for key in ("bootstrap", "level", "largest_set", "confirmation")},
         "load_fractions": section["load_fractions"] if scales else [],
         "noise_prior_scale": config["clinical"]["noise_prior_scale"],
-        "strain_exponent": config["observables"]["strain_exponent"],
+        **{key: config["observables"][key] for key in ("strain_exponent", "line_share")},
     }

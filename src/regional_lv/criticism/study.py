@@ -28,6 +28,7 @@ from regional_lv.inference.potential import Potential
 from regional_lv.inference.sets import fit_base
 from regional_lv.inputs.space import Inputs
 from regional_lv.measured import read_measured
+from regional_lv.quantities.seth_hill import Measure
 from regional_lv.seeds import derive
 from regional_lv.study.jobs import passes_on
 
@@ -48,7 +49,7 @@ class Settings:
     """bootstrap: replicates of the tests. level: of the test whether anything is wrong.
     largest_set: causes in a set, at most. confirmation: its settings. load_fractions: at which the
     heart could be imaged to tell causes apart. noise_prior_scale: of inferred noise scales.
-    strain_exponent: of the study's strain measure."""
+    strain_exponent, line_share: of the study's strain measure."""
 
     bootstrap: int
     level: float
@@ -57,6 +58,7 @@ class Settings:
     load_fractions: tuple[float, ...]
     noise_prior_scale: float
     strain_exponent: float
+    line_share: float
 
     @classmethod
     def from_config(cls, section: Mapping) -> "Settings":
@@ -154,7 +156,7 @@ class Critic:
             noise_sd=self._noise_sd,
             bootstrap=self.settings.bootstrap,
             load_fractions=self.settings.load_fractions,
-            strain_exponent=self.settings.strain_exponent,
+            measure=Measure(self.settings.strain_exponent, self.settings.line_share),
         )
         return Concluded(verdict, findings_of(verdict, context), rounds)
 

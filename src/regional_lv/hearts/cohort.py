@@ -26,6 +26,7 @@ from regional_lv.hearts.listing import Listed, model_of_hearts
 from regional_lv.inputs.space import warn_of_exact_shape
 from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.measured.plausibility import data_warnings, too_small
+from regional_lv.quantities.seth_hill import Measure
 from regional_lv.study.layout import HeartFiles
 from regional_lv.units import KPA_PER_MMHG
 
@@ -113,11 +114,12 @@ def read_heart(listed: Listed, shared: Mapping, folders: Sequence[str]) -> Heart
     found += checks.uneven(thickness) + checks.unusual(thickness["thickness_mm"].median(), cavity)
     if complaint := too_small(measured.table, cavity):
         raise InputError(f"{listed.where}: subjects: {complaint}")
-    exponent, curves = config["observables"]["strain_exponent"], "curves"
-    converted = config["subjects"][listed.name]["source"] == curves
+    observed = config["observables"]
+    measure = Measure(observed["strain_exponent"], observed["line_share"])
+    converted = config["subjects"][listed.name]["source"] == "curves"
     found += measured.doubts
     found += data_warnings(
-        measured.table, channels, len(parameters), exponent, cavity, wall, converted
+        measured.table, channels, len(parameters), measure, cavity, wall, converted
     )
     return Heart(listed.name, config, measured.table, cavity, wall, found)
 

@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 
 from regional_lv.channels import Channel, Channels
-from regional_lv.criticism import data_checks
+from regional_lv.measured import data_checks
 from regional_lv.measured.tables import VOLUME_SHARE, shortcomings
 from regional_lv.quantities import seth_hill
 
@@ -51,15 +51,15 @@ def data_warnings(
     table: pd.DataFrame,
     channels: Channels,
     parameters: int,
-    strain_exponent: float,
+    measure: seth_hill.Measure,
     cavity_ml: float,
     wall_ml: float,
     converted: bool = False,
 ) -> list[str]:
     """What is missing or unusual in a measured table (as of `read_measured`), in sentences.
 
-    channels: what the study observes. parameters: how many numbers are inferred. strain_exponent: n
-    of the strains (l^n - 1) / n. cavity_ml, wall_ml: volumes of the unloaded heart. converted:
+    channels: what the study observes. parameters: how many numbers are inferred. measure: of
+    the strains. cavity_ml, wall_ml: volumes of the unloaded heart. converted:
     whether the strains were converted from the measure that the configuration names.
     """
     found = [*_missing(table, channels), *shortcomings(table, parameters)]
@@ -77,7 +77,7 @@ def data_warnings(
     found += _unusual_sd(table, volume)
     full = table[table["load_fraction"] == 1]
     stretches = {
-        quantity: seth_hill.stretch(rows["value"].to_numpy(), strain_exponent)
+        quantity: seth_hill.stretch(rows["value"].to_numpy(), measure.exponent)
         for quantity, rows in full.groupby("quantity", sort=False)
         if quantity in GREEN_MEANS
     }
@@ -86,7 +86,7 @@ def data_warnings(
         found += _slips(full[full["quantity"] == quantity])
         found += _bulges(full[full["quantity"] == quantity])
     found += _growth(full, stretches, cavity_ml, wall_ml)
-    checks = data_checks.check(table, strain_exponent, converted)
+    checks = data_checks.check(table, measure, converted)
     return found + [check["says"] for check in checks if not check["passed"]]
 
 

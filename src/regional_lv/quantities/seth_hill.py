@@ -3,10 +3,20 @@
 Hill 1968, J Mech Phys Solids 16:229-242, doi 10.1016/0022-5096(68)90031-8.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 
 MEASURES: dict[float, str] = {-2: "Almansi", 0: "logarithmic", 1: "nominal", 2: "Green"}
 """Exponent n -> what the strain is called."""
+
+
+class Measure(NamedTuple):
+    """Which strain is meant: of the tensor's component (line_share 0) or of a material line (1), as
+    `mechanics.observables.strain_measure` has it."""
+
+    exponent: float = 2.0
+    line_share: float = 0.0
 
 
 def measure_name(exponent: float) -> str:
