@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 
 import meshio
 import numpy as np
@@ -19,8 +20,10 @@ from regional_lv.geometry.imported import import_mesh
 from regional_lv.geometry.make import make_mesh
 from regional_lv.geometry.mesh import BASE, ENDOCARDIUM, EPICARDIUM, read_mesh
 from regional_lv.geometry.segment_tags import read_segment_tags
+from regional_lv.geometry.shape import NodePlaces
 from regional_lv.geometry.summary import cavity_volume, segment_volumes
 from regional_lv.geometry.table import read_segments
+from regional_lv.geometry.thickness import thickened
 from regional_lv.inputs.physics import physics_of
 from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.mechanics.continuation import Effort, Solver
@@ -334,6 +337,19 @@ def test_file_of_a_linear_mesh(tmp_path, heart, smoke_config):
     medians = dict.fromkeys(parameters.names, 1.0)
     div = heart3d.draw(names[0], parameters, medians, ["a segment"] * 17)
     assert div.count('"hovertemplate":"a segment') == 17
+
+
+def test_only_a_wall_that_changes_needs_columns_of_cells(imported):
+    """Here, some lines of cells from the epicardium end on no endocardium."""
+    surface = imported.surface.copy()
+    surface[np.flatnonzero(surface == ENDOCARDIUM)[:3]] = BASE
+    mesh, shape = replace(imported, surface=surface), {"wall_thickness_scale": 1.0}
+    places = NodePlaces(mesh, shape)
+    assert thickened(mesh, 1.0) is mesh
+    with pytest.raises(InputError, match=r"^geometry.wall_thickness_scale: .*remesh: true"):
+        thickened(mesh, 1.1)
+    with pytest.raises(InputError, match=r"^inputs .* no columns of cells .*remesh: true"):
+        places.moves(shape, ())
 
 
 # --- what is refused -------------------------------------------------------------------------

@@ -7,6 +7,7 @@ from this table would.
 """
 
 from collections.abc import Collection, Mapping
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -58,7 +59,8 @@ def heights(shape: Mapping) -> dict[str, np.ndarray]:
 
 
 class NodePlaces:
-    """Places of a mesh's nodes under any shape.
+    """Places of a mesh's nodes under any shape. Raises InputError where they have to move and the
+    mesh has no columns of cells through the wall.
 
     A shape is the section `geometry` of a model (`inputs.model`): `wall_thickness_scale`, and of a
     heart with a segment table the table, whose angles it has, and the `SHAPE_KEYS`.
@@ -70,8 +72,7 @@ class NodePlaces:
     """
 
     def __init__(self, mesh: Mesh, shape: Mapping) -> None:
-        self._points = mesh.points
-        self._foot = endocardial_foot(mesh)
+        self._mesh, self._points = mesh, mesh.points
         self._table: Any = shape.get("table")  # of pandas, which is not typed; None without one
         self._known: tuple = ()
         if self._table is None:
@@ -92,6 +93,11 @@ class NodePlaces:
         self._foot_offset = offset[self._foot]
         self._line_offset = offset - self._foot_offset
         self._width = np.linalg.norm(across, axis=-1)
+
+    @cached_property
+    def _foot(self) -> np.ndarray:
+        """As `endocardial_foot`: of a mesh whose nodes stay, nothing asks for it."""
+        return endocardial_foot(self._mesh, "inputs (of the family shape)")
 
     def __call__(self, shape: Mapping) -> np.ndarray:
         """Points (n, 3) mm. Raises InputError for a table without a smooth surface."""
