@@ -38,8 +38,10 @@ def test_guccione_energy_is_the_benchmarks_formula():
     assert value(()) == pytest.approx(np.exp(Q) - 1, rel=1e-12)
 
 
-def test_exact_tube_keeps_its_wall_and_carries_the_pressure(smoke_config):
-    tube = convergence.Tube(smoke_config)
+@pytest.mark.parametrize("rotation", [0.0, 20.0])
+def test_exact_tube_keeps_its_wall_and_carries_the_pressure(smoke_config, rotation):
+    fibres = smoke_config["fibres"] | {"rotation_deg": rotation}
+    tube = convergence.Tube(smoke_config | {"fibres": fibres})
     assert tube.pressure_at(convergence.INNER) == pytest.approx(0.0, abs=1e-12)
     assert tube.pressure_at(tube.radius) == pytest.approx(tube.pressure)
     # Work of the pressure on the cavity is the energy of the wall: both per length and angle.
@@ -47,6 +49,12 @@ def test_exact_tube_keeps_its_wall_and_carries_the_pressure(smoke_config):
     work = trapezoid([tube.pressure_at(a) * a for a in radii], radii)
     done = work * convergence.KPA_PER_MMHG
     assert done == pytest.approx(wall_energy(tube), rel=1e-4)
+
+
+def test_tube_of_another_law_is_that_of_the_reference_material(smoke_config):
+    other = {"law": "guccione", "constants": {}, "reference": {}}
+    tube = convergence.Tube(smoke_config | {"material": smoke_config["material"] | other})
+    assert tube.radius == convergence.Tube(smoke_config).radius
 
 
 def wall_energy(tube):
@@ -57,7 +65,9 @@ def wall_energy(tube):
     for place, at in zip(R, depth, strict=True):
         stretch = np.sqrt(1 + tube.shift / place**2)
         helix = np.deg2rad(
-            (1 - at) * tube.fibres["helix_endo_deg"] + at * tube.fibres["helix_epi_deg"]
+            (1 - at) * tube.fibres["helix_endo_deg"]
+            + at * tube.fibres["helix_epi_deg"]
+            + (1 - 2 * at) * tube.fibres["rotation_deg"]
         )
         value = tube.material.energy(
             ufl.as_matrix(np.diag([1 / stretch, stretch, 1.0]).tolist()),
