@@ -3,6 +3,7 @@
 import json
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import meshio
 import numpy as np
@@ -11,10 +12,12 @@ import pytest
 
 from regional_lv import aha
 from regional_lv import config as study_config
+from regional_lv.data import published
 from regional_lv.errors import InputError
 from regional_lv.geometry.abaqus import read_abaqus
 from regional_lv.geometry.comparison import surface_distances
 from regional_lv.geometry.elements import exterior_faces, facet_cells
+from regional_lv.geometry.from_config import make_heart
 from regional_lv.geometry.from_mesh import keep_mesh, remesh, write_imported
 from regional_lv.geometry.imported import import_mesh
 from regional_lv.geometry.make import make_mesh
@@ -24,12 +27,14 @@ from regional_lv.geometry.shape import NodePlaces
 from regional_lv.geometry.summary import cavity_volume, segment_volumes
 from regional_lv.geometry.table import read_segments
 from regional_lv.geometry.thickness import thickened
+from regional_lv.hearts.reach import by_table
 from regional_lv.inputs.physics import physics_of
 from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.mechanics.continuation import Effort, Solver
 from regional_lv.mechanics.simulator import Simulator
 from regional_lv.page import heart3d
 from regional_lv.plots.heart import straight_cells
+from regional_lv.study.layout import HeartFiles
 
 ROWS = {
     "circumferential": 16,
@@ -562,3 +567,36 @@ def test_bad_config(imported_cfg, message):
     with pytest.raises(InputError) as error:
         study_config.load(config)
     assert message in str(error.value)
+
+
+def test_published_heart_is_fetched_once(tmp_path, heart, smoke_config, monkeypatch):
+    """By whatever needs it first; where a study is planned, nothing may be fetched."""
+    fetched = []
+
+    def fetch(name, mirror, download, destination):
+        fetched.append(name)
+        Path(destination).parent.mkdir(parents=True, exist_ok=True)
+        inp, table = save_abaqus(tmp_path, *heart, np.arange(1, len(heart[1]) + 1))
+        Path(destination).write_bytes((inp if name.endswith("inp") else table).read_bytes())
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(published, "fetch_published", fetch)
+    monkeypatch.setattr(published, "HEART_SEGMENTS", "mesh/segments.csv")
+    geometry = smoke_config["geometry"] | {
+        "source": "mesh",
+        "imported": {"file": "published_heart", "segments": None, "unit": "mm", "remesh": False},
+    }
+    config = smoke_config | {"geometry": geometry}
+    make_heart(config, HeartFiles(f"{tmp_path}/"))
+    by_own_table = by_table(config, tmp_path / "described.csv")["geometry"]
+    assert fetched == [published.HEART_MESH, "mesh/segments.csv"]
+    assert len(read_segments(by_own_table["segments"])) == 17
+    study = {
+        "study": "mine",
+        "geometry": {"source": "mesh", "imported": {"file": "published_heart"}},
+    }
+    study_config.load(study)
+    measured = {"inputs": {"segment_thickness": {"role": "measured", "sd_mm": 1.0}}}
+    with pytest.raises(InputError, match="give the paths of its two files"):
+        study_config.load(study | measured)
+    assert len(fetched) == 2

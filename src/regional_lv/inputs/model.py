@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from regional_lv import aha
+from regional_lv.data.published import PUBLISHED_HEART
 from regional_lv.errors import InputError
 from regional_lv.geometry.shape import level_ends
 from regional_lv.geometry.surfaces import Surfaces
@@ -51,6 +52,12 @@ def _described(geometry: Mapping) -> dict:
     # Imported here: readers of surfaces take a second to load, and most hearts have a table.
     from regional_lv.geometry.described import section_by_table
 
+    if geometry["source"] == "mesh" and geometry["imported"]["file"] == PUBLISHED_HEART:
+        raise InputError(
+            f"geometry.imported.file: a study is planned before {PUBLISHED_HEART} is fetched, so "
+            "that inputs of its segments' shape are not known; give the paths of its two files "
+            "(geometry.imported.file and .segments), or remove these inputs"
+        )
     with tempfile.TemporaryDirectory() as folder:
         try:
             given = section_by_table(geometry, Path(folder, "segments.csv"))
