@@ -126,7 +126,7 @@ def _check_borders(config: Mapping, known: Inputs, inputs: Inputs) -> None:
         for s, following in zip(numbers, np.roll(numbers, -1).tolist(), strict=True):
             if zone_of(s) != zone_of(following) and abs(away[s - 1]) > SAME_DEG:
                 _refuse(
-                    f"{config['geometry']['segments']}, line {table['line'].iloc[s - 1]}: the "
+                    f"{config['geometry']['segments']}, {table['line'].iloc[s - 1]}: the "
                     f"sector begins {away[s - 1]:+.0f} degrees from where the emulator has it, and "
                     f"{SAME_DEG:g} are possible"
                 )
