@@ -518,6 +518,22 @@ def test_surfaces_fit(remeshed, fine):
     )
 
 
+def test_an_oblique_base_is_refused(tmp_path, fine, smoke_config):
+    """The base stays in its plane; the apex moves 15 degrees aside."""
+    points, cells, segment = corners_of(fine)
+    sheared = points + 0.27 * points[:, 2:] * [1, 0, 0]
+    source = save(tmp_path / "heart.vtu", sheared, cells, segment)
+    write_imported(source, "mm", smoke_config["fibres"], tmp_path / "imported.vtu")
+    names = ("mesh.msh", "mesh.vtu", "segments.csv", "summary.json", "fit.csv")
+    with pytest.raises(InputError, match=r"its apex lies 15 degrees off the z axis.*remesh: false"):
+        remesh(
+            tmp_path / "imported.vtu",
+            ANEW,
+            smoke_config["fibres"],
+            *(tmp_path / name for name in names),
+        )
+
+
 def test_segments_stay(remeshed, fine):
     mesh, folder = remeshed
     np.testing.assert_allclose(segment_volumes(mesh), segment_volumes(fine), rtol=0.05)

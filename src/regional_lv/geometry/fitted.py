@@ -15,6 +15,7 @@ from typing import Self, TypeAlias
 
 import numpy as np
 import pandas as pd
+from scipy.spatial import cKDTree
 
 from regional_lv.aha import LEVELS, SEGMENTS, beside
 from regional_lv.errors import InputError
@@ -45,6 +46,9 @@ AHA_SECTORS = {
 # Least latitude of a border that lies in a plane perpendicular to the long axis, as a share of the
 # latitude that it has under a base that lies so, too: a strongly sloped one would cut the plane.
 LEAST_LATITUDE = 0.3
+LARGEST_MM = 5.0
+"""Distance between a given surface and the smooth one that is not to be accepted."""
+
 # Sector borders of different levels that lie closer than this share of an element's width become
 # one mesh line.
 SNAP = 1 / 3
@@ -78,6 +82,12 @@ class FittedSurface:
     def __call__(self, phi: np.ndarray, u: np.ndarray) -> np.ndarray:
         """Points (n, 3) of the surface."""
         return self.lines.points(phi, u, self.distance(phi, u))
+
+    def misfit(self, points: np.ndarray) -> np.ndarray:
+        """Distances (n,) of points (n, 3) all over the given surface from this one, along the
+        points' lines or to another's: no less than to the surface."""
+        phi, u, _ = self.lines.coordinates(points)
+        return cKDTree(self(phi, u)).query(points)[0]
 
 
 Latitude: TypeAlias = Callable[[np.ndarray, np.ndarray], np.ndarray]

@@ -9,12 +9,20 @@ import numpy as np
 import pandas as pd
 
 from regional_lv.aha import SEGMENTS
+from regional_lv.errors import InputError
 from regional_lv.geometry.comparison import compare
 from regional_lv.geometry.directions import nodal_directions, nodal_transmural_gradient
-from regional_lv.geometry.fitted import FittedSurfaces, sector_table
+from regional_lv.geometry.fitted import LARGEST_MM, FittedSurfaces, sector_table
 from regional_lv.geometry.imported import import_mesh
 from regional_lv.geometry.make import mesh_between
-from regional_lv.geometry.mesh import Mesh, read_mesh, write_mesh
+from regional_lv.geometry.mesh import (
+    ENDOCARDIUM,
+    EPICARDIUM,
+    SURFACES,
+    Mesh,
+    read_mesh,
+    write_mesh,
+)
 from regional_lv.geometry.mesh_config import check_mesh_config
 from regional_lv.geometry.summary import cell_volumes, segment_volumes, summarise_mesh
 
@@ -70,11 +78,13 @@ def remesh(
 
     Mesh lines follow the borders of the imported segments (see `fitted`). Segment table and
     summary say how far each segment's volume is from the imported one; `fit` (CSV) holds the whole
-    comparison.
+    comparison. Raises InputError for a ventricle to which no smooth surface comes close, such as
+    one whose apex is far from the z axis.
     """
     check_mesh_config(mesh)
     given = read_mesh(imported)
     surfaces = FittedSurfaces.of_mesh(given)
+    _check_fit(imported, given, surfaces)
     sectors = sector_table(given, surfaces, mesh["circumferential"])
     made = mesh_between(
         sectors,
@@ -100,9 +110,11 @@ def remesh(
     distance = comparison[comparison["quantity"].str.startswith("distance")]
     if distance["difference"].max() > NOTABLE_MM:
         log.warning(
-            "The fitted surfaces are up to %.2f mm from the imported ones; a finer imported mesh "
-            "or more elements (section mesh) bring them closer",
+            "The fitted surfaces are up to %.2f mm from the imported ones; a finer imported mesh, "
+            "more elements (section mesh) or an apex nearer the z axis, which it is %.0f degrees "
+            "off, bring them closer",
             distance["difference"].max(),
+            _tilt_deg(given),
         )
     numbers["imported"] = summarise_mesh(given)
     numbers["fit_mm"] = {
@@ -121,6 +133,27 @@ def remesh(
         "percent": float(by_segment["volume_deviation_percent"][worst]),
     }
     write_summary(numbers, summary)
+
+
+def _check_fit(origin: str | Path, given: Mesh, surfaces: FittedSurfaces) -> None:
+    """The smooth surfaces lie near the imported ones."""
+    for number, smooth in zip((ENDOCARDIUM, EPICARDIUM), surfaces.sides, strict=True):
+        worst = smooth.misfit(given.points[given.nodes_on(number)]).max()
+        if worst > LARGEST_MM:
+            raise InputError(
+                f"{origin}: a smooth surface through its {SURFACES[number]} stays {worst:.1f} mm "
+                f"away from it, and its apex lies {_tilt_deg(given):.0f} degrees off the z axis, "
+                "the normal of its base; cut its base across the long axis, keep its elements "
+                "(geometry.imported.remesh: false), or give its endocardium and epicardium as "
+                "surfaces, whose base may be oblique (geometry.source: surfaces)"
+            )
+
+
+def _tilt_deg(mesh: Mesh) -> float:
+    """How far the endocardial apex is from the z axis, seen from the origin in the base."""
+    inner = mesh.points[mesh.nodes_on(ENDOCARDIUM)]
+    x, y, z = inner[inner[:, 2].argmin()]
+    return float(np.degrees(np.arctan2(np.hypot(x, y), -z)))
 
 
 def segment_table(mesh: Mesh) -> pd.DataFrame:

@@ -6,11 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pyvista
-from scipy.spatial import cKDTree
 
 from regional_lv.errors import InputError
 from regional_lv.geometry.comparison import normal_distances, sample_surface
-from regional_lv.geometry.fitted import FittedSurfaces, aha_sectors
+from regional_lv.geometry.fitted import LARGEST_MM, FittedSurfaces, aha_sectors
 from regional_lv.geometry.from_mesh import segment_table, write_summary, write_table
 from regional_lv.geometry.make import mesh_between
 from regional_lv.geometry.mesh import ENDOCARDIUM, EPICARDIUM, SURFACES, Mesh
@@ -26,8 +25,8 @@ log = logging.getLogger(__name__)
 
 # Distance (mm) between the places at which the given surface is compared with the mesh's.
 SAMPLED_MM = 1.0
-# Distances (mm) between given and fitted surface: to be told, and not to be accepted.
-NOTABLE_MM, LARGEST_MM = 1.0, 5.0
+# Distance (mm) between given and fitted surface that a user should know of.
+NOTABLE_MM = 1.0
 
 
 def mesh_surfaces(
@@ -112,9 +111,7 @@ def _check_fit(
     """The smooth surfaces lie near the given ones."""
     for side, smooth in heart.smooth.items():
         points = given[side].points
-        phi, u, _ = heart.lines.coordinates(points)
-        # Along the lines, which is no less than the distance to the surface.
-        distance = cKDTree(smooth(phi, u)).query(points)[0]
+        distance = smooth.misfit(points)
         worst = distance.argmax()
         if distance[worst] > LARGEST_MM:
             raise InputError(
