@@ -251,10 +251,13 @@ def test_sets_and_included_files_of_abaqus(tmp_path):
                 *("*Elset, elset=HIGH", "9", "*Elset, elset=nested", "low, HIGH"),
                 *('*Surface, name="side"', "nested, S3", "*Surface, name=top", "Part-1.9, S2"),
                 *("*Surface, name=left", "both, S6", "*Surface, type=NODE, name=n", "1, 1.", ""),
+                *("*Surface, name=Top of all", "high,", "*Surface, name=shell", "low, SPOS"),
             ]
         )
     )
-    mesh, numbers, surfaces = read_abaqus(path)
+    mesh, numbers, surfaces = read_abaqus(path, ["side", "top", "left"])
+    free = surfaces.pop("Top of all")
+    assert len(free) == 5 and not (np.sort(free) == [4, 5, 6, 7]).all(axis=1).any()
     assert numbers.tolist() == [7, 9] and mesh.points[11].tolist() == [0, 1, 2]
     assert {name: np.sort(facets).tolist() for name, facets in surfaces.items()} == {
         "side": [[0, 1, 4, 5], [4, 5, 8, 9]],
@@ -270,7 +273,14 @@ def test_sets_and_included_files_of_abaqus(tmp_path):
         ("*Element, type=C3D8H", "*Nset, nset=a", "holds no elements; give one part"),
         ("type=C3D8H\n5,", "type=C3D8H\n6,", "two elements have the same number"),
         ("*Node\n1, ", "*Node\n999999, ", "an element has the node 1, which is not there"),
-        ("*End Part", "*Surface, name=a\nb, S1", "names the element set b, which is not there"),
+        ("*End Part", "*Surface, name=Endo\nb, S1", "names the element set b, which is not there"),
+        (
+            "*End Part",
+            "*Surface, name=Epi\n5, SPOS",
+            "row '5, SPOS': SPOS is no face of a brick",
+        ),
+        ("*End Part", "*Surface, name=base\n4", r"base, row '4': has no element 4; .* S1 to S6"),
+        ("*End Part", "*Instance, name=a\n0., 0., -10.", "moves the instance a in the assembly"),
         ("*End Part", "*Node, input=none.txt", "none.txt: cannot be read"),
     ],
 )
@@ -280,6 +290,13 @@ def test_abaqus_that_is_refused(old, new, says, tmp_path, heart):
     path.write_text(path.read_text().replace(old, new, 1))
     with pytest.raises(InputError, match=says):
         import_mesh(path, tags)
+
+
+def test_segments_of_several_numbers_are_refused(tmp_path, heart):
+    points, cells, segment = heart
+    path = save(tmp_path / "heart.vtu", points, cells, np.repeat(segment[:, None], 3, axis=1))
+    with pytest.raises(InputError, match=f"has {3 * len(cells)} numbers for {len(cells)} elements"):
+        import_mesh(path)
 
 
 def test_published_labels_become_aha_numbers(tmp_path):
