@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from regional_lv.aha import LEVELS, SEGMENTS, WALLS
+from regional_lv.aha import LEVELS, SEGMENTS, WALLS, beside
 from regional_lv.data import segment_table
 from regional_lv.errors import InputError
 from regional_lv.typed_tables import Column, read_table
@@ -31,6 +31,10 @@ SD_COLUMNS = {column: f"{column.removesuffix('_mm')}_sd_mm" for column in PLAUSI
 
 ROUND_OFF_DEG = 1e-6
 """Between a sector's border and its neighbour's, which is taken for the same."""
+
+SAME_BORDER_DEG = 1.0
+"""Borders of two levels' sectors that are no further apart are one mesh line: images do not tell
+them apart, and a column of elements between them would be too narrow."""
 
 MOST_TWIST_DEG = 50.0
 """Between the septa of two levels: one segment of 60 degrees is a mistake, twenty are a heart."""
@@ -230,3 +234,34 @@ def check_septum(path: str | Path, middle: Mapping[int, float], remedy: str) -> 
                 f"{path}: at the {level} level the middle of the septum ({numbers}) is "
                 f"{away:.0f} degrees away from that of the basal level; {remedy}"
             )
+
+
+def with_joined_borders(table: pd.DataFrame) -> pd.DataFrame:
+    """The table for meshing, with borders that are less than `SAME_BORDER_DEG` apart made one. One
+    without such borders stays as it is; so does one in which a sector would be left empty."""
+    sectors = table[table["aha_segment"] < 17]
+    begin = (sectors["angle_from_deg"] + 180) % 360 - 180
+    lower = dict(zip(sectors["aha_segment"], begin, strict=True))
+    joined = joined_borders(lower, SAME_BORDER_DEG)
+    moves = {s: (joined[s] - lower[s] + 180) % 360 - 180 for s in lower}
+    moves = {s: move if abs(move) > ROUND_OFF_DEG else 0.0 for s, move in moves.items()}
+    if not any(moves.values()):
+        return table
+    numbers = sectors["aha_segment"]
+    changed = table.astype({"angle_from_deg": float, "angle_to_deg": float})
+    changed.loc[sectors.index, "angle_from_deg"] += numbers.map(moves)
+    changed.loc[sectors.index, "angle_to_deg"] += numbers.map(lambda s: moves[beside(s)[1]])
+    empty = changed["angle_to_deg"] - changed["angle_from_deg"] < ROUND_OFF_DEG
+    return table if empty.any() else changed
+
+
+def joined_borders(borders: Mapping[int, float], width: float) -> dict[int, float]:
+    """Borders (by segment, degrees) of which those closer than `width` share their mean."""
+    names = sorted(borders, key=borders.__getitem__)
+    values = np.array([borders[s] for s in names])
+    start = int(np.argmax(np.diff(values, prepend=values[-1] - 360)))
+    values, names = np.roll(values, -start), names[start:] + names[:start]
+    values = values[0] + (values - values[0]) % 360
+    group = np.cumsum(np.diff(values, prepend=values[0]) > width)
+    means = np.bincount(group, values) / np.bincount(group)
+    return {s: (means[g] + 180) % 360 - 180 for s, g in zip(names, group, strict=True)}
