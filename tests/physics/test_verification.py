@@ -9,8 +9,10 @@ import ufl
 from scipy.integrate import trapezoid
 
 import regional_lv
-from regional_lv.verification import convergence, land
+from regional_lv.channels import Channels
+from regional_lv.verification import convergence, land, mesh_study
 from regional_lv.verification.body import block, join
+from regional_lv.verification.input_derivatives import relative_error
 
 PARTICIPANTS = Path(regional_lv.__file__).parent / "data" / "land_2015.csv"
 
@@ -109,3 +111,23 @@ def test_blocks_are_joined_where_they_touch():
     points, cells = join([left, right])
     assert len(points) == 45
     assert len(set(cells[0]) & set(cells[1])) == 9
+
+
+@pytest.mark.parametrize("quantities", [["volume"], ["circumferential"], ["volume", "radial"]])
+def test_mesh_study_of_what_is_observed(quantities):
+    channels = Channels.of(quantities)
+    coarse = pd.DataFrame(1.1, range(2), channels.names).assign(unknowns=9, mean_dilation=0.0)
+    fine = coarse.assign(**dict.fromkeys(channels.names, 1.0))
+    found = mesh_study.compare({"coarse": coarse, "fine": fine}, "fine", channels)
+    summary = mesh_study.summarise(found).set_index("mesh")
+    assert summary["points"].tolist() == [2, 2]
+    volume, strain = summary.loc["coarse", ["volume_percent_worst", "max_strain_worst"]]
+    assert volume == pytest.approx(10 if "volume" in quantities else np.nan, nan_ok=True)
+    assert strain == pytest.approx(0.1 if quantities != ["volume"] else np.nan, nan_ok=True)
+    assert found["channel"].astype(bool).all() == (quantities != ["volume"])
+
+
+def test_a_derivative_of_what_does_not_change_is_an_error():
+    nothing, wrong = np.zeros(3), np.array([0.0, 5.0, 0.0])
+    assert relative_error(nothing, wrong, 1e-6) == relative_error(wrong, nothing, 1e-6) == 1.0
+    assert relative_error(nothing, wrong * 1e-8, 1e-6) == 0.0
