@@ -8,7 +8,12 @@ import pytest
 from regional_lv.data import VOLUNTEER
 from regional_lv.errors import InputError
 from regional_lv.geometry import described
-from regional_lv.geometry.described import QUARTERS, describe_surfaces, log_volumes, quarters
+from regional_lv.geometry.described import (
+    VOLUME_COLUMNS,
+    describe_surfaces,
+    log_volumes,
+    part_volumes_ml,
+)
 from regional_lv.geometry.surfaces import Surfaces
 from regional_lv.geometry.table import SD_COLUMNS, check_apices, read_segments
 
@@ -81,7 +86,7 @@ def test_a_wall_that_is_thicker_all_over(table, sides):
 
 def test_volumes_of_quarters(table):
     surfaces = Surfaces(table, *APICES)
-    volumes = quarters(surfaces, table)
+    volumes = part_volumes_ml(surfaces, table)
     cavity, wall = surfaces.volumes()
     assert volumes[:, :4].sum() == pytest.approx(wall, rel=0.01)
     assert volumes[:, 4:].sum() == pytest.approx(cavity, rel=0.01)
@@ -89,7 +94,7 @@ def test_volumes_of_quarters(table):
     # The wall has a tenth more, and the second part of the cavity alone, too.
     more = volumes * np.repeat([1.1, 1.0], 4) * np.tile([1.0, 1.1], 4) ** np.repeat([0, 1], 4)
     # As a file has them.
-    told = table.assign(**dict(zip(QUARTERS, more.astype(str).T, strict=True)))
+    told = table.assign(**dict(zip(VOLUME_COLUMNS, more.astype(str).T, strict=True)))
     found = log_volumes(told, *APICES)
     np.testing.assert_allclose(found[:, :2], np.log(1.1))
     share = volumes[:, 5::2] / (volumes[:, 4::2] + volumes[:, 5::2])

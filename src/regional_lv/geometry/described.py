@@ -35,7 +35,7 @@ HALVES = ("upper_wall", "lower_wall", "upper_cavity", "lower_cavity")
 """Of segments, of equal ranges of latitude: between the surfaces themselves, and between the
 endocardium and the long axis."""
 
-QUARTERS = tuple(f"{half}_{side}_ml" for half in HALVES for side in ("first", "second"))
+VOLUME_COLUMNS = tuple(f"{half}_{side}_ml" for half in HALVES for side in ("first", "second"))
 """Columns of a described table: volumes of the `HALVES` in the first and in the second half of the
 segment's range of angles."""
 
@@ -51,7 +51,7 @@ Side = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 class TableOfHeart(NamedTuple):
     """A segment table, as `table.read_segments` reads it, and the apices that go with it. Of a mesh
-    and of surfaces it has `QUARTERS`, too."""
+    and of surfaces it has `VOLUME_COLUMNS`, too."""
 
     table: pd.DataFrame
     endo_apex_z_mm: float
@@ -120,8 +120,8 @@ class Meridians:
         return found
 
 
-def quarters(wall: Wall, sectors: pd.DataFrame) -> np.ndarray:
-    """Volumes (17, 8) in mL, as `QUARTERS`. sectors: as of `describe_surfaces`."""
+def part_volumes_ml(wall: Wall, sectors: pd.DataFrame) -> np.ndarray:
+    """Volumes (17, 8) in mL, as `VOLUME_COLUMNS`. sectors: as of `describe_surfaces`."""
     turns = np.radians(sectors[["angle_from_deg", "angle_to_deg"]].to_numpy(float))
     heights = sectors[["z_top_mm", "z_bottom_mm"]].to_numpy(float)
     rings = 1 - np.arcsin(np.clip(heights / wall.endo_apex, 0, 1)) / QUARTER
@@ -163,13 +163,13 @@ def _between(values: np.ndarray, axis: int) -> np.ndarray:
 
 def log_volumes(table: pd.DataFrame, endo_apex_z_mm: float, epi_apex_z_mm: float) -> np.ndarray:
     """How the volumes between the surfaces that a table describes differ from those between the
-    smooth surfaces through its figures, (17, 8): logarithm of the ratio, of each of the `HALVES`,
-    and what it is in the second half of the segment's angles less what it is in the first one. 0
-    where the table does not tell (`QUARTERS`)."""
-    if not {*QUARTERS} <= {*table}:
+    smooth surfaces through its figures, (17, 8). Columns 0-3: log(given / smooth) of each of the
+    `HALVES`. Columns 4-7: the same of its second half of angles minus that of the first. 0 where
+    the table does not tell (`VOLUME_COLUMNS`)."""
+    if not {*VOLUME_COLUMNS} <= {*table}:
         return np.zeros((len(table), 2 * len(HALVES)))
-    smooth = quarters(Surfaces(table, endo_apex_z_mm, epi_apex_z_mm), table)
-    found = (table[list(QUARTERS)].to_numpy(float), smooth)
+    smooth = part_volumes_ml(Surfaces(table, endo_apex_z_mm, epi_apex_z_mm), table)
+    found = (table[list(VOLUME_COLUMNS)].to_numpy(float), smooth)
     its, theirs = (each.reshape(len(table), len(HALVES), 2) for each in found)
     growth = np.diff(np.log(its / theirs))[..., 0]
     return np.hstack([np.log(its.sum(axis=2) / theirs.sum(axis=2)), growth])
@@ -214,7 +214,7 @@ def of_mesh(imported: Mapping) -> TableOfHeart:
     """Of a mesh from elsewhere, `geometry.imported` of a configuration: its own segments."""
     mesh = import_mesh(imported["file"], imported["segments"], imported["unit"])
     surfaces = FittedSurfaces.of_mesh(mesh)
-    return _with_quarters(surfaces, sector_table(mesh, surfaces, UNSNAPPED))
+    return _with_volumes(surfaces, sector_table(mesh, surfaces, UNSNAPPED))
 
 
 def of_surfaces(surfaces: Mapping) -> TableOfHeart:
@@ -222,11 +222,11 @@ def of_surfaces(surfaces: Mapping) -> TableOfHeart:
     heart = read_configured(surfaces["endocardium"], surfaces["epicardium"], surfaces)
     inner, outer = (heart.smooth[side] for side in SIDES)
     fitted = FittedSurfaces.of_lines(inner, outer, LEVEL_ENDS)
-    return _with_quarters(fitted, aha_sectors(fitted))
+    return _with_volumes(fitted, aha_sectors(fitted))
 
 
-def _with_quarters(surfaces: FittedSurfaces, sectors: pd.DataFrame) -> TableOfHeart:
+def _with_volumes(surfaces: FittedSurfaces, sectors: pd.DataFrame) -> TableOfHeart:
     inner, outer = surfaces.sides
     found = describe_surfaces(inner, outer, sectors)
-    volumes = dict(zip(QUARTERS, quarters(surfaces, found.table).T, strict=True))
+    volumes = dict(zip(VOLUME_COLUMNS, part_volumes_ml(surfaces, found.table).T, strict=True))
     return found._replace(table=found.table.assign(**volumes))

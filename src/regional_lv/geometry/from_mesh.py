@@ -1,6 +1,5 @@
 """From an imported mesh to the study's mesh file, as it is or re-meshed, in one call each."""
 
-import json
 import logging
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -24,7 +23,13 @@ from regional_lv.geometry.mesh import (
     write_mesh,
 )
 from regional_lv.geometry.mesh_config import check_mesh_config
-from regional_lv.geometry.summary import cell_volumes, segment_volumes, summarise_mesh
+from regional_lv.geometry.summary import (
+    cell_volumes,
+    segment_volumes,
+    summarise_mesh,
+    write_summary,
+    write_table,
+)
 
 log = logging.getLogger(__name__)
 
@@ -59,7 +64,7 @@ def keep_mesh(
     """Take the imported mesh (.vtu) as it is: linear hexahedra, segment table, summary."""
     mesh = read_mesh(imported)
     write_mesh(mesh, vtu, nodal_directions(mesh, fibres), zones=zones)
-    write_table(segment_table(mesh), segments)
+    write_table(measured_segments(mesh), segments)
     write_summary(summarise_mesh(mesh), summary)
 
 
@@ -101,7 +106,7 @@ def remesh(
     numbers = summarise_mesh(made)
     comparison = compare(given, made)
     write_table(comparison, fit)
-    by_segment = segment_table(made)
+    by_segment = measured_segments(made)
     volumes = segment_volumes(given)
     by_segment["volume_imported_ml"] = volumes
     by_segment["volume_deviation_percent"] = 100 * (by_segment["volume_ml"] / volumes - 1)
@@ -156,7 +161,7 @@ def _tilt_deg(mesh: Mesh) -> float:
     return float(np.degrees(np.arctan2(np.hypot(x, y), -z)))
 
 
-def segment_table(mesh: Mesh) -> pd.DataFrame:
+def measured_segments(mesh: Mesh) -> pd.DataFrame:
     """A row per AHA segment: volume_ml, thickness_mm (mean of 1/|grad t|), number of elements."""
     gradient = np.linalg.norm(nodal_transmural_gradient(mesh), axis=1)
     thickness = (1 / gradient)[mesh.cells].mean(axis=1)
@@ -174,13 +179,3 @@ def segment_table(mesh: Mesh) -> pd.DataFrame:
             }
         )
     return pd.DataFrame(rows)
-
-
-def write_table(table: pd.DataFrame, path: str | Path) -> None:
-    """Write a table as CSV with six digits."""
-    table.to_csv(path, index=False, float_format="%.6g")
-
-
-def write_summary(summary: Mapping, path: str | Path) -> None:
-    """Write a summary as JSON."""
-    Path(path).write_text(json.dumps(summary, indent=2) + "\n")

@@ -10,11 +10,17 @@ import pyvista
 from regional_lv.errors import InputError
 from regional_lv.geometry.comparison import normal_distances, sample_surface
 from regional_lv.geometry.fitted import LARGEST_MM, FittedSurfaces, aha_sectors
-from regional_lv.geometry.from_mesh import segment_table, write_summary, write_table
+from regional_lv.geometry.from_mesh import measured_segments
 from regional_lv.geometry.make import mesh_between
 from regional_lv.geometry.mesh import ENDOCARDIUM, EPICARDIUM, SURFACES, Mesh
 from regional_lv.geometry.mesh_config import check_mesh_config
-from regional_lv.geometry.summary import cavity_volume, segment_volumes, summarise_mesh
+from regional_lv.geometry.summary import (
+    cavity_volume,
+    segment_volumes,
+    summarise_mesh,
+    write_summary,
+    write_table,
+)
 from regional_lv.geometry.surfaces import QUARTER
 from regional_lv.geometry.triangles import triangle_points
 from regional_lv.geometry.triangulated import SIDES, Ventricle, read_configured
@@ -78,7 +84,7 @@ def mesh_surfaces(
         origin=f"{paths['endocardium']}, {paths['epicardium']}",
         remedy="smooth the surfaces there, or raise mesh.circumferential or the rows of mesh",
     )
-    table = segment_table(made)
+    table = measured_segments(made)
     write_table(table.merge(sectors, on="aha_segment"), segments)
     thickness = table["thickness_mm"]
     volumes = {

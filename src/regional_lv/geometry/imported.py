@@ -226,10 +226,14 @@ def _check_axis(path: str | Path, mesh: Mesh) -> None:
             "with the apex below: turn and move the mesh"
         )
     rim = mesh.nodes_on(ENDOCARDIUM)
-    rim = mesh.points[rim[mesh.points[rim, 2] > -FLATNESS * length]]
-    angle = np.sort(np.arctan2(rim[:, 1], rim[:, 0]))
-    if np.diff(angle, append=angle[0] + 2 * np.pi).max() > np.pi / 2:
+    if not surrounds_axis(mesh.points[rim[mesh.points[rim, 2] > -FLATNESS * length]]):
         raise InputError(
             f"{path}: the z axis does not run through the cavity; move the mesh so that the long "
             "axis is x = y = 0"
         )
+
+
+def surrounds_axis(rim: np.ndarray) -> bool:
+    """Whether points (n, 3) lie all around the z axis, without a gap of a quarter turn."""
+    angle = np.sort(np.arctan2(rim[:, 1], rim[:, 0]))
+    return bool(np.diff(angle, append=angle[0] + 2 * np.pi).max() <= np.pi / 2)

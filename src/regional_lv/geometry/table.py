@@ -50,11 +50,11 @@ def read_segments(path: str | Path) -> pd.DataFrame:
     """Read and check a segment table (CSV); one row per AHA segment, returned in AHA order.
 
     `path` may be the word `volunteer`, the table that comes with the package. Columns: aha_segment
-    (1-17), name, wall_thickness_mm, endo_radius_mm (both as the module
-    defines them), angle_from_deg, angle_to_deg (sector, counter-clockwise seen from the base),
-    z_top_mm, z_bottom_mm (level, base plane at 0). `SD_COLUMNS` may say how well a size is known.
-    Further columns are kept, as text. Raises
-    InputError that names the file, the row and the remedy.
+    (1-17), name, wall_thickness_mm, endo_radius_mm (means over angle and latitude, as
+    `geometry.surfaces` defines them), angle_from_deg, angle_to_deg (sector, counter-clockwise seen
+    from the base), z_top_mm, z_bottom_mm (level, base plane at 0). `SD_COLUMNS` may say how well a
+    size is known. Further columns are kept, as text; `line` is added. Raises InputError that names
+    the file, the row and the remedy.
     """
     path = segment_table(path)
     columns = [column if column == "name" else Column(column) for column in COLUMNS]
@@ -125,7 +125,7 @@ def check_apices(
         )
 
 
-def _check_sizes(path: Path, table: pd.DataFrame) -> None:
+def _check_sizes(path: str | Path, table: pd.DataFrame) -> None:
     for column, (low, high) in PLAUSIBLE_MM.items():
         for unit, factor in (("cm", 10), ("m", 1000)):
             if (table[column] * factor).between(low, high).all() and table[column].median() < low:
@@ -141,7 +141,7 @@ def _check_sizes(path: Path, table: pd.DataFrame) -> None:
                 )
 
 
-def _check_levels(path: Path, table: pd.DataFrame) -> None:
+def _check_levels(path: str | Path, table: pd.DataFrame) -> None:
     """One z range per level, and ranges that join from the base plane z = 0 downwards."""
     above, name_above = 0.0, "the base plane"
     for level, numbers in LEVELS.items():
@@ -173,7 +173,7 @@ def _check_levels(path: Path, table: pd.DataFrame) -> None:
         )
 
 
-def _check_sectors(path: Path, table: pd.DataFrame) -> None:
+def _check_sectors(path: str | Path, table: pd.DataFrame) -> None:
     """Sectors that tile each level, numbered clockwise seen from the base as the AHA does."""
     width = table["angle_to_deg"] - table["angle_from_deg"]
     for at, degrees in width.items():

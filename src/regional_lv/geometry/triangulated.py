@@ -24,7 +24,13 @@ from scipy.spatial import cKDTree
 from regional_lv.errors import InputError
 from regional_lv.geometry import wall_checks
 from regional_lv.geometry.fitted import SEPTUM_DEG, FittedSurface
-from regional_lv.geometry.imported import MM_PER, PLAUSIBLE_LENGTH_MM, UNIT_NAMES, units_that_fit
+from regional_lv.geometry.imported import (
+    MM_PER,
+    PLAUSIBLE_LENGTH_MM,
+    UNIT_NAMES,
+    surrounds_axis,
+    units_that_fit,
+)
 from regional_lv.geometry.surface_files import read_surface
 from regional_lv.geometry.triangles import areas, enclosed_volume, middles, triangle_points
 from regional_lv.geometry.wall_lines import WallLines
@@ -488,9 +494,7 @@ def _check_inside(paths: Mapping[str, Path], heart: Ventricle) -> None:
             f"{paths['endocardium']}: holds {cavity:.4g} mL and {paths['epicardium']} "
             f"{outside:.4g} mL; exchange {KEY}.endocardium and {KEY}.epicardium"
         )
-    rim = _loops(heart.epicardium)[0]
-    angle = np.sort(np.arctan2(rim[:, 1], rim[:, 0]))
-    if np.diff(angle, append=angle[0] + 2 * np.pi).max() > np.pi / 2:
+    if not surrounds_axis(_loops(heart.epicardium)[0]):
         raise InputError(
             f"{paths['endocardium']}: lies beside {paths['epicardium']} and not inside it; save "
             "both in one frame of coordinates"
