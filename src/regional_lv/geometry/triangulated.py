@@ -13,9 +13,10 @@ from its mirror image (an axis flipped on export); the two insertions of the rig
 
 import logging
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Self
 
 import numpy as np
 import pyvista
@@ -64,7 +65,7 @@ SMALLEST_SEPTUM_ARC_DEG = 30.0
 GAP_MM, THINNED_MM = 3.0, 1.5
 
 
-@dataclass
+@dataclass(frozen=True)
 class Ventricle:
     """Two surfaces of a left ventricle below its base plane, in the project's frame (mm).
 
@@ -96,12 +97,19 @@ class Ventricle:
             for side in SIDES
         }
 
-    def turn(self, rotation: np.ndarray) -> None:
-        """Turn the project's frame: a point x of it becomes rotation (3, 3) @ x."""
-        for surface in (self.endocardium, self.epicardium):
-            surface.points = surface.points @ rotation.T
-        self.rotation = rotation @ self.rotation
-        self.base_normal = rotation @ self.base_normal
+    def turned(self, rotation: np.ndarray) -> Self:
+        """The same in a frame that is turned: a point x becomes rotation (3, 3) @ x."""
+        inner, outer = (
+            pyvista.PolyData(surface.points @ rotation.T, faces=surface.faces)
+            for surface in (self.endocardium, self.epicardium)
+        )
+        return replace(
+            self,
+            endocardium=inner,
+            epicardium=outer,
+            rotation=rotation @ self.rotation,
+            base_normal=rotation @ self.base_normal,
+        )
 
     def in_file(self, points: np.ndarray) -> np.ndarray:
         """Points (..., 3) of the project's frame in the files' coordinates."""
@@ -202,9 +210,9 @@ def _placed(
     _check_tilt(heart, apex)
     if long_axis == "apex":
         upwards = -apex / np.linalg.norm(apex)
-        heart.turn(_axes(upwards, np.array([1.0, 0.0, 0.0]) - upwards[0] * upwards, 0.0))
+        heart = heart.turned(_axes(upwards, np.array([1.0, 0.0, 0.0]) - upwards[0] * upwards, 0.0))
     towards = _septum(septum, insertions, heart)
-    heart.turn(_axes(np.array([0.0, 0.0, 1.0]), towards, SEPTUM_DEG))
+    heart = heart.turned(_axes(np.array([0.0, 0.0, 1.0]), towards, SEPTUM_DEG))
     wall_checks.check_one_ventricle(paths, heart)
     wall_checks.check_lines(paths, heart)
     return heart

@@ -19,8 +19,9 @@ from numpy.polynomial import legendre
 from scipy.optimize import brentq
 
 from regional_lv.channels import Channels
+from regional_lv.geometry.directions import fibre_angles
 from regional_lv.mechanics.equilibrium import Rotation
-from regional_lv.mechanics.fibres import fibre_angles, fibre_directions
+from regional_lv.mechanics.fibres import fibre_directions
 from regional_lv.mechanics.materials import material_from_config
 from regional_lv.mechanics.materials.holzapfel_ogden import HolzapfelOgden
 from regional_lv.units import KPA_PER_MMHG
