@@ -19,7 +19,8 @@ from regional_lv.geometry.fitted import FittedSurfaces, aha_sectors, sector_tabl
 from regional_lv.geometry.imported import import_mesh
 from regional_lv.geometry.surfaces import QUARTER, Surfaces, Wall
 from regional_lv.geometry.table import check_segments
-from regional_lv.geometry.triangulated import SIDES, read_configured
+from regional_lv.geometry.triangulated import read_configured
+from regional_lv.geometry.ventricle import SIDES
 from regional_lv.geometry.wall_lines import LEVEL_ENDS
 
 ANGLES, LATITUDES = 12, 8

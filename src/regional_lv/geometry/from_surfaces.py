@@ -23,7 +23,8 @@ from regional_lv.geometry.summary import (
 )
 from regional_lv.geometry.surfaces import QUARTER
 from regional_lv.geometry.triangles import triangle_points
-from regional_lv.geometry.triangulated import SIDES, Ventricle, read_configured
+from regional_lv.geometry.triangulated import read_configured
+from regional_lv.geometry.ventricle import SIDES, Ventricle
 from regional_lv.geometry.wall_checks import where
 from regional_lv.geometry.wall_lines import LEVEL_ENDS
 

@@ -13,7 +13,7 @@ import pyvista
 from scipy.spatial.transform import Rotation
 
 from regional_lv.geometry.triangles import enclosed_volume
-from regional_lv.geometry.triangulated import SIDES
+from regional_lv.geometry.ventricle import SIDES
 
 
 @dataclass(frozen=True)
