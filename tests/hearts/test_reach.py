@@ -45,15 +45,15 @@ def by_surfaces(monkeypatch):
         geometry = config["geometry"]
         table = read_segments(geometry["segments"]).drop(columns="line")
         apices = geometry["endo_apex_z_mm"], geometry["epi_apex_z_mm"]
-        found = described.Described(table, *apices)
+        found = described.TableOfHeart(table, *apices)
         monkeypatch.setattr(described, "of_surfaces", lambda surfaces: found)
-        described._described.cache_clear()
+        described._cached.cache_clear()
         files = {"endocardium": "endo.stl", "epicardium": "epi.stl"}
         surfaces = {"source": "surfaces", "segments": None, "surfaces": files}
         return config | {"geometry": geometry | surfaces}
 
     yield by_surfaces
-    described._described.cache_clear()
+    described._cached.cache_clear()
 
 
 @pytest.mark.parametrize("change", [None, thinner])

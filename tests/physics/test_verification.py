@@ -9,8 +9,10 @@ import ufl
 from scipy.integrate import trapezoid
 
 import regional_lv
-from regional_lv.verification import convergence, land
+from regional_lv.channels import Channels
+from regional_lv.verification import convergence, land, mesh_study
 from regional_lv.verification.body import block, join
+from regional_lv.verification.input_derivatives import relative_error
 
 PARTICIPANTS = Path(regional_lv.__file__).parent / "data" / "land_2015.csv"
 
@@ -38,8 +40,10 @@ def test_guccione_energy_is_the_benchmarks_formula():
     assert value(()) == pytest.approx(np.exp(Q) - 1, rel=1e-12)
 
 
-def test_exact_tube_keeps_its_wall_and_carries_the_pressure(smoke_config):
-    tube = convergence.Tube(smoke_config)
+@pytest.mark.parametrize("rotation", [0.0, 20.0])
+def test_exact_tube_keeps_its_wall_and_carries_the_pressure(smoke_config, rotation):
+    fibres = smoke_config["fibres"] | {"rotation_deg": rotation}
+    tube = convergence.Tube(smoke_config | {"fibres": fibres})
     assert tube.pressure_at(convergence.INNER) == pytest.approx(0.0, abs=1e-12)
     assert tube.pressure_at(tube.radius) == pytest.approx(tube.pressure)
     # Work of the pressure on the cavity is the energy of the wall: both per length and angle.
@@ -47,6 +51,12 @@ def test_exact_tube_keeps_its_wall_and_carries_the_pressure(smoke_config):
     work = trapezoid([tube.pressure_at(a) * a for a in radii], radii)
     done = work * convergence.KPA_PER_MMHG
     assert done == pytest.approx(wall_energy(tube), rel=1e-4)
+
+
+def test_tube_of_another_law_is_that_of_the_reference_material(smoke_config):
+    other = {"law": "guccione", "constants": {}, "reference": {}}
+    tube = convergence.Tube(smoke_config | {"material": smoke_config["material"] | other})
+    assert tube.radius == convergence.Tube(smoke_config).radius
 
 
 def wall_energy(tube):
@@ -57,7 +67,9 @@ def wall_energy(tube):
     for place, at in zip(R, depth, strict=True):
         stretch = np.sqrt(1 + tube.shift / place**2)
         helix = np.deg2rad(
-            (1 - at) * tube.fibres["helix_endo_deg"] + at * tube.fibres["helix_epi_deg"]
+            (1 - at) * tube.fibres["helix_endo_deg"]
+            + at * tube.fibres["helix_epi_deg"]
+            + (1 - 2 * at) * tube.fibres["rotation_deg"]
         )
         value = tube.material.energy(
             ufl.as_matrix(np.diag([1 / stretch, stretch, 1.0]).tolist()),
@@ -99,3 +111,23 @@ def test_blocks_are_joined_where_they_touch():
     points, cells = join([left, right])
     assert len(points) == 45
     assert len(set(cells[0]) & set(cells[1])) == 9
+
+
+@pytest.mark.parametrize("quantities", [["volume"], ["circumferential"], ["volume", "radial"]])
+def test_mesh_study_of_what_is_observed(quantities):
+    channels = Channels.of(quantities)
+    coarse = pd.DataFrame(1.1, range(2), channels.names).assign(unknowns=9, mean_dilation=0.0)
+    fine = coarse.assign(**dict.fromkeys(channels.names, 1.0))
+    found = mesh_study.compare({"coarse": coarse, "fine": fine}, "fine", channels)
+    summary = mesh_study.summarise(found).set_index("mesh")
+    assert summary["points"].tolist() == [2, 2]
+    volume, strain = summary.loc["coarse", ["volume_percent_worst", "max_strain_worst"]]
+    assert volume == pytest.approx(10 if "volume" in quantities else np.nan, nan_ok=True)
+    assert strain == pytest.approx(0.1 if quantities != ["volume"] else np.nan, nan_ok=True)
+    assert found["channel"].astype(bool).all() == (quantities != ["volume"])
+
+
+def test_a_derivative_of_what_does_not_change_is_an_error():
+    nothing, wrong = np.zeros(3), np.array([0.0, 5.0, 0.0])
+    assert relative_error(nothing, wrong, 1e-6) == relative_error(wrong, nothing, 1e-6) == 1.0
+    assert relative_error(nothing, wrong * 1e-8, 1e-6) == 0.0

@@ -28,7 +28,7 @@ from regional_lv.geometry.mesh import BASE, ENDOCARDIUM, EPICARDIUM, SURFACES, r
 from regional_lv.geometry.shape import LEVEL_KEYS, NodePlaces, heights
 from regional_lv.geometry.summary import _apex, scaled_jacobians
 from regional_lv.geometry.surfaces import QUARTER, Surfaces
-from regional_lv.geometry.table import read_segments
+from regional_lv.geometry.table import read_segments, with_joined_borders
 from regional_lv.inputs.model import model_of
 from regional_lv.inputs.stiffness import StiffnessInputs
 
@@ -323,6 +323,31 @@ MOSTLY = {
     *[("angle_to_deg", -6e-14), ("angle_to_deg", 5e-7)],
 }
 DEEP = pytest.mark.test_all("the same with other slacks; two seconds each")
+
+
+@pytest.mark.parametrize("turn", [0.01, 0.5])
+def test_levels_that_are_turned_a_little_share_mesh_lines(rows, turn, tmp_path):
+    """24 columns of 15 degrees, as of the table with one direction for all levels."""
+    rows[["angle_from_deg", "angle_to_deg"]] += 400.0
+    given = read_segments(save(rows, tmp_path))
+    assert with_joined_borders(given) is given
+    of_mid = rows["aha_segment"].between(7, 12)
+    rows.loc[of_mid, ["angle_from_deg", "angle_to_deg"]] += turn
+    turned = with_joined_borders(read_segments(save(rows, tmp_path)))
+    columns = np.diff(meshing._grid_angles(turned, 24))
+    assert columns.min() > 15 - turn and columns.max() < 15 + turn
+    away = (turned["angle_from_deg"] - given["angle_from_deg"])[:16]
+    np.testing.assert_allclose(away[:12], turn / 2)  # halfway between basal and mid level
+    assert not away[12:].any()
+    widths = turned["angle_to_deg"] - turned["angle_from_deg"]
+    np.testing.assert_allclose(widths, [60] * 12 + [90] * 4 + [360])
+
+
+def test_a_narrow_sector_keeps_its_elements(rows, tmp_path):
+    rows.loc[0, "angle_to_deg"] = rows.loc[0, "angle_from_deg"] + 0.5
+    rows.loc[5, "angle_from_deg"] = rows.loc[0, "angle_to_deg"]
+    given = read_segments(save(rows, tmp_path))
+    assert with_joined_borders(given) is given
 
 
 @pytest.mark.parametrize(

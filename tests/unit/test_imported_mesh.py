@@ -2,6 +2,8 @@
 
 import json
 import re
+from dataclasses import replace
+from pathlib import Path
 
 import meshio
 import numpy as np
@@ -10,23 +12,29 @@ import pytest
 
 from regional_lv import aha
 from regional_lv import config as study_config
+from regional_lv.data import published
 from regional_lv.errors import InputError
 from regional_lv.geometry.abaqus import read_abaqus
 from regional_lv.geometry.comparison import surface_distances
 from regional_lv.geometry.elements import exterior_faces, facet_cells
+from regional_lv.geometry.from_config import make_heart
 from regional_lv.geometry.from_mesh import keep_mesh, remesh, write_imported
 from regional_lv.geometry.imported import import_mesh
 from regional_lv.geometry.make import make_mesh
 from regional_lv.geometry.mesh import BASE, ENDOCARDIUM, EPICARDIUM, read_mesh
 from regional_lv.geometry.segment_tags import read_segment_tags
+from regional_lv.geometry.shape import NodePlaces
 from regional_lv.geometry.summary import cavity_volume, segment_volumes
 from regional_lv.geometry.table import read_segments
+from regional_lv.geometry.thickness import thickened
+from regional_lv.hearts.reach import by_table
 from regional_lv.inputs.physics import physics_of
 from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.mechanics.continuation import Effort, Solver
 from regional_lv.mechanics.simulator import Simulator
 from regional_lv.page import heart3d
 from regional_lv.plots.heart import straight_cells
+from regional_lv.study.layout import HeartFiles
 
 ROWS = {
     "circumferential": 16,
@@ -243,10 +251,13 @@ def test_sets_and_included_files_of_abaqus(tmp_path):
                 *("*Elset, elset=HIGH", "9", "*Elset, elset=nested", "low, HIGH"),
                 *('*Surface, name="side"', "nested, S3", "*Surface, name=top", "Part-1.9, S2"),
                 *("*Surface, name=left", "both, S6", "*Surface, type=NODE, name=n", "1, 1.", ""),
+                *("*Surface, name=Top of all", "high,", "*Surface, name=shell", "low, SPOS"),
             ]
         )
     )
-    mesh, numbers, surfaces = read_abaqus(path)
+    mesh, numbers, surfaces = read_abaqus(path, ["side", "top", "left"])
+    free = surfaces.pop("Top of all")
+    assert len(free) == 5 and not (np.sort(free) == [4, 5, 6, 7]).all(axis=1).any()
     assert numbers.tolist() == [7, 9] and mesh.points[11].tolist() == [0, 1, 2]
     assert {name: np.sort(facets).tolist() for name, facets in surfaces.items()} == {
         "side": [[0, 1, 4, 5], [4, 5, 8, 9]],
@@ -262,7 +273,14 @@ def test_sets_and_included_files_of_abaqus(tmp_path):
         ("*Element, type=C3D8H", "*Nset, nset=a", "holds no elements; give one part"),
         ("type=C3D8H\n5,", "type=C3D8H\n6,", "two elements have the same number"),
         ("*Node\n1, ", "*Node\n999999, ", "an element has the node 1, which is not there"),
-        ("*End Part", "*Surface, name=a\nb, S1", "names the element set b, which is not there"),
+        ("*End Part", "*Surface, name=Endo\nb, S1", "names the element set b, which is not there"),
+        (
+            "*End Part",
+            "*Surface, name=Epi\n5, SPOS",
+            "row '5, SPOS': SPOS is no face of a brick",
+        ),
+        ("*End Part", "*Surface, name=base\n4", r"base, row '4': has no element 4; .* S1 to S6"),
+        ("*End Part", "*Instance, name=a\n0., 0., -10.", "moves the instance a in the assembly"),
         ("*End Part", "*Node, input=none.txt", "none.txt: cannot be read"),
     ],
 )
@@ -272,6 +290,13 @@ def test_abaqus_that_is_refused(old, new, says, tmp_path, heart):
     path.write_text(path.read_text().replace(old, new, 1))
     with pytest.raises(InputError, match=says):
         import_mesh(path, tags)
+
+
+def test_segments_of_several_numbers_are_refused(tmp_path, heart):
+    points, cells, segment = heart
+    path = save(tmp_path / "heart.vtu", points, cells, np.repeat(segment[:, None], 3, axis=1))
+    with pytest.raises(InputError, match=f"has {3 * len(cells)} numbers for {len(cells)} elements"):
+        import_mesh(path)
 
 
 def test_published_labels_become_aha_numbers(tmp_path):
@@ -334,6 +359,19 @@ def test_file_of_a_linear_mesh(tmp_path, heart, smoke_config):
     medians = dict.fromkeys(parameters.names, 1.0)
     div = heart3d.draw(names[0], parameters, medians, ["a segment"] * 17)
     assert div.count('"hovertemplate":"a segment') == 17
+
+
+def test_only_a_wall_that_changes_needs_columns_of_cells(imported):
+    """Here, some lines of cells from the epicardium end on no endocardium."""
+    surface = imported.surface.copy()
+    surface[np.flatnonzero(surface == ENDOCARDIUM)[:3]] = BASE
+    mesh, shape = replace(imported, surface=surface), {"wall_thickness_scale": 1.0}
+    places = NodePlaces(mesh, shape)
+    assert thickened(mesh, 1.0) is mesh
+    with pytest.raises(InputError, match=r"^geometry.wall_thickness_scale: .*remesh: true"):
+        thickened(mesh, 1.1)
+    with pytest.raises(InputError, match=r"^inputs .* no columns of cells .*remesh: true"):
+        places.moves(shape, ())
 
 
 # --- what is refused -------------------------------------------------------------------------
@@ -497,6 +535,22 @@ def test_surfaces_fit(remeshed, fine):
     )
 
 
+def test_an_oblique_base_is_refused(tmp_path, fine, smoke_config):
+    """The base stays in its plane; the apex moves 15 degrees aside."""
+    points, cells, segment = corners_of(fine)
+    sheared = points + 0.27 * points[:, 2:] * [1, 0, 0]
+    source = save(tmp_path / "heart.vtu", sheared, cells, segment)
+    write_imported(source, "mm", smoke_config["fibres"], tmp_path / "imported.vtu")
+    names = ("mesh.msh", "mesh.vtu", "segments.csv", "summary.json", "fit.csv")
+    with pytest.raises(InputError, match=r"its apex lies 15 degrees off the z axis.*remesh: false"):
+        remesh(
+            tmp_path / "imported.vtu",
+            ANEW,
+            smoke_config["fibres"],
+            *(tmp_path / name for name in names),
+        )
+
+
 def test_segments_stay(remeshed, fine):
     mesh, folder = remeshed
     np.testing.assert_allclose(segment_volumes(mesh), segment_volumes(fine), rtol=0.05)
@@ -546,3 +600,36 @@ def test_bad_config(imported_cfg, message):
     with pytest.raises(InputError) as error:
         study_config.load(config)
     assert message in str(error.value)
+
+
+def test_published_heart_is_fetched_once(tmp_path, heart, smoke_config, monkeypatch):
+    """By whatever needs it first; where a study is planned, nothing may be fetched."""
+    fetched = []
+
+    def fetch(name, mirror, download, destination):
+        fetched.append(name)
+        Path(destination).parent.mkdir(parents=True, exist_ok=True)
+        inp, table = save_abaqus(tmp_path, *heart, np.arange(1, len(heart[1]) + 1))
+        Path(destination).write_bytes((inp if name.endswith("inp") else table).read_bytes())
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(published, "fetch_published", fetch)
+    monkeypatch.setattr(published, "HEART_SEGMENTS", "mesh/segments.csv")
+    geometry = smoke_config["geometry"] | {
+        "source": "mesh",
+        "imported": {"file": "published_heart", "segments": None, "unit": "mm", "remesh": False},
+    }
+    config = smoke_config | {"geometry": geometry}
+    make_heart(config, HeartFiles(f"{tmp_path}/"))
+    by_own_table = by_table(config, tmp_path / "described.csv")["geometry"]
+    assert fetched == [published.HEART_MESH, "mesh/segments.csv"]
+    assert len(read_segments(by_own_table["segments"])) == 17
+    study = {
+        "study": "mine",
+        "geometry": {"source": "mesh", "imported": {"file": "published_heart"}},
+    }
+    study_config.load(study)
+    measured = {"inputs": {"segment_thickness": {"role": "measured", "sd_mm": 1.0}}}
+    with pytest.raises(InputError, match="give the paths of its two files"):
+        study_config.load(study | measured)
+    assert len(fetched) == 2

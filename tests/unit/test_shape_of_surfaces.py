@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from regional_lv.geometry.from_config import make_heart
-from regional_lv.geometry.from_mesh import segment_table
+from regional_lv.geometry.from_mesh import measured_segments
 from regional_lv.geometry.mesh import read_mesh
 from regional_lv.geometry.shape import SIZES, NodePlaces
 from regional_lv.geometry.summary import cavity_volume, scaled_jacobians
@@ -56,7 +56,8 @@ def test_its_own_figures_leave_it_as_it_is(heart):
 @pytest.mark.parametrize("times", [0.9, 1.1])
 def test_a_thicker_segment(heart, times):
     before, after = (
-        segment_table(each) for each in (heart[0], moved(heart, only("wall_thickness_8", times)))
+        measured_segments(each)
+        for each in (heart[0], moved(heart, only("wall_thickness_8", times)))
     )
     change = (after["thickness_mm"] / before["thickness_mm"] - 1).to_numpy() / (times - 1)
     assert 0.7 < change[7] < 1.1

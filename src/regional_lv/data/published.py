@@ -9,6 +9,7 @@ import http.client
 import logging
 import os
 import urllib.request
+from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
 
@@ -156,6 +157,20 @@ def fetch_published(
     part.replace(destination)
     log.info("%s from %s", destination, origin)
     return destination
+
+
+def with_published_heart(config: Mapping) -> Mapping:
+    """The section `geometry` of a checked configuration, with the study's copies of its files in
+    place of `PUBLISHED_HEART`; they are fetched if they are not there. Raises InputError."""
+    geometry = config["geometry"]
+    if geometry["source"] != "mesh" or geometry["imported"]["file"] != PUBLISHED_HEART:
+        return geometry
+    resources, copies = config["resources"], {}
+    for key, file in (("file", HEART_MESH), ("segments", HEART_SEGMENTS)):
+        copies[key] = Layout.of(config["study"]).published(file)
+        if not Path(copies[key]).is_file():
+            fetch_published(file, resources["published_mirror"], resources["download"], copies[key])
+    return {**geometry, "imported": {**geometry["imported"], **copies}}
 
 
 def _checked(content: bytes, known: Published, origin: str) -> bytes:

@@ -13,12 +13,14 @@ import meshio
 import numpy as np
 
 from regional_lv.errors import InputError
+from regional_lv.geometry.elements import exterior_faces
 from regional_lv.input_files import check_file, without_mark
 
 # Corners (meshio's, VTK's order) of the faces S1 ... S6 of an eight-node brick.
 FACE_CORNERS = np.array(
     [(0, 1, 2, 3), (4, 7, 6, 5), (0, 4, 5, 1), (1, 5, 6, 2), (2, 6, 7, 3), (3, 7, 4, 0)]
 )
+FACES = ("S1", "S2", "S3", "S4", "S5", "S6")
 BRICK = "c3d8"
 # Keywords at which numbers of nodes begin anew: an assembly has some of its own beside its parts'.
 SCOPES = {"part", "end part", "assembly", "instance", "end instance", "end assembly"}
@@ -33,18 +35,29 @@ class Block(NamedTuple):
     rows: list
 
 
-def read_abaqus(path: str | Path) -> tuple[meshio.Mesh, np.ndarray, dict[str, np.ndarray]]:
+def read_abaqus(
+    path: str | Path, starts: Sequence[str] = ("",)
+) -> tuple[meshio.Mesh, np.ndarray, dict[str, np.ndarray]]:
     """(mesh, numbers, surfaces) of an .inp file of eight-node bricks.
 
     mesh: meshio's, with one block of cells. numbers (m,): the file's numbers of these elements.
-    surfaces: for each `*Surface` of whole element sets or single elements, (k, 4) node indices of
-    its facets. Nodes and elements may be in several blocks. Included files that are not there, such
-    as fibre directions, are passed over.
+    surfaces: for each `*Surface` whose name starts with one of `starts`, in any case, (k, 4) node
+    indices of its facets: faces of element sets or of single elements, or those that are free.
+    Nodes and elements may be in several blocks. Included files that are not there, such as fibre
+    directions, are passed over.
 
-    Raises InputError for other elements and for what is named and not there.
+    Raises InputError for other elements, for what is named and not there, for a row of a surface
+    that names no face of a brick, and for an instance that is moved in the assembly.
     """
     path = Path(path)
     blocks = _blocks(path)
+    for block in blocks:
+        if block.keyword == "instance" and any(_float(x) for row in block.rows for x in row):
+            raise InputError(
+                f"{path}: moves the instance {block.options.get('name', '')} in the assembly; "
+                "write the file without parts and assemblies, so that its nodes are where they "
+                "belong"
+            )
     points: list[list[float]] = []
     nodes: dict[int, dict[int, int]] = defaultdict(dict)
     for scope, block in _scopes(blocks, "node"):
@@ -78,14 +91,33 @@ def read_abaqus(path: str | Path) -> tuple[meshio.Mesh, np.ndarray, dict[str, np
         if block.keyword == "elset":
             sets[block.options.get("elset", "").lower()] += _listed(block)
     corners, surfaces = np.array(cells), {}
+    skin, owner = exterior_faces(corners)
     for block in blocks:
-        if block.keyword != "surface" or block.options.get("type", "element").lower() != "element":
+        name = block.options.get("name", "")
+        if block.keyword != "surface" or not name.lower().startswith(tuple(starts)):
+            continue
+        if block.options.get("type", "element").lower() != "element":
             continue
         facets = [np.zeros((0, 4), dtype=int)]
-        for where, face, *_ in block.rows:
-            members = [place[number] for number in _members(sets, where, path)]
-            facets.append(corners[members][:, FACE_CORNERS[int(face[1]) - 1]])
-        surfaces[block.options.get("name", "")] = np.concatenate(facets)
+        for where, *faces in block.rows:
+            members = _members(sets, where, path)
+            absent = set(members) - place.keys()
+            face = faces[0].upper() if faces else ""
+            if absent or face not in ("", *FACES):
+                says = (
+                    f"has no element {min(absent)}" if absent else f"{face} is no face of a brick"
+                )
+                raise InputError(
+                    f"{path}: *Surface {name}, row {', '.join([where, *faces])!r}: {says}; name "
+                    "an element or a set of them, and its face, S1 to S6, or none for all that "
+                    "are free"
+                )
+            at = [place[number] for number in members]
+            if face:
+                facets.append(corners[at][:, FACE_CORNERS[FACES.index(face)]])
+            else:
+                facets.append(skin[np.isin(owner, at)])
+        surfaces[name] = np.concatenate(facets)
     return meshio.Mesh(points, [("hexahedron", corners)]), np.array(numbers), surfaces
 
 

@@ -18,7 +18,9 @@ from regional_lv.aha import SEGMENTS
 from regional_lv.geometry.fitted import FittedSurfaces, aha_sectors, sector_table
 from regional_lv.geometry.imported import import_mesh
 from regional_lv.geometry.surfaces import QUARTER, Surfaces, Wall
-from regional_lv.geometry.triangulated import SIDES, read_configured
+from regional_lv.geometry.table import check_segments
+from regional_lv.geometry.triangulated import read_configured
+from regional_lv.geometry.ventricle import SIDES
 from regional_lv.geometry.wall_lines import LEVEL_ENDS
 
 ANGLES, LATITUDES = 12, 8
@@ -34,7 +36,7 @@ HALVES = ("upper_wall", "lower_wall", "upper_cavity", "lower_cavity")
 """Of segments, of equal ranges of latitude: between the surfaces themselves, and between the
 endocardium and the long axis."""
 
-QUARTERS = tuple(f"{half}_{side}_ml" for half in HALVES for side in ("first", "second"))
+VOLUME_COLUMNS = tuple(f"{half}_{side}_ml" for half in HALVES for side in ("first", "second"))
 """Columns of a described table: volumes of the `HALVES` in the first and in the second half of the
 segment's range of angles."""
 
@@ -48,16 +50,16 @@ Side = Callable[[np.ndarray, np.ndarray], np.ndarray]
 """Points (n, 3) of a surface at angles and latitudes of its lines (n,)."""
 
 
-class Described(NamedTuple):
+class TableOfHeart(NamedTuple):
     """A segment table, as `table.read_segments` reads it, and the apices that go with it. Of a mesh
-    and of surfaces it has `QUARTERS`, too."""
+    and of surfaces it has `VOLUME_COLUMNS`, too."""
 
     table: pd.DataFrame
     endo_apex_z_mm: float
     epi_apex_z_mm: float
 
 
-def described(endocardium: Side, epicardium: Side, sectors: pd.DataFrame) -> Described:
+def describe_surfaces(endocardium: Side, epicardium: Side, sectors: pd.DataFrame) -> TableOfHeart:
     """The wall between two surfaces.
 
     sectors: aha_segment, angle_from_deg, angle_to_deg, z_top_mm and z_bottom_mm (17 rows).
@@ -88,7 +90,7 @@ def described(endocardium: Side, epicardium: Side, sectors: pd.DataFrame) -> Des
         endo_radius_mm=radius.reshape(len(SEGMENTS), -1).mean(axis=1),
     )
     table.loc[table.index[-1], "z_bottom_mm"] = -outer
-    return Described(table, -inner, -outer)
+    return TableOfHeart(table, -inner, -outer)
 
 
 def _places(row: Any, length: float) -> tuple[np.ndarray, np.ndarray]:
@@ -119,8 +121,8 @@ class Meridians:
         return found
 
 
-def quarters(wall: Wall, sectors: pd.DataFrame) -> np.ndarray:
-    """Volumes (17, 8) in mL, as `QUARTERS`. sectors: as of `described`."""
+def part_volumes_ml(wall: Wall, sectors: pd.DataFrame) -> np.ndarray:
+    """Volumes (17, 8) in mL, as `VOLUME_COLUMNS`. sectors: as of `describe_surfaces`."""
     turns = np.radians(sectors[["angle_from_deg", "angle_to_deg"]].to_numpy(float))
     heights = sectors[["z_top_mm", "z_bottom_mm"]].to_numpy(float)
     rings = 1 - np.arcsin(np.clip(heights / wall.endo_apex, 0, 1)) / QUARTER
@@ -162,13 +164,13 @@ def _between(values: np.ndarray, axis: int) -> np.ndarray:
 
 def log_volumes(table: pd.DataFrame, endo_apex_z_mm: float, epi_apex_z_mm: float) -> np.ndarray:
     """How the volumes between the surfaces that a table describes differ from those between the
-    smooth surfaces through its figures, (17, 8): logarithm of the ratio, of each of the `HALVES`,
-    and what it is in the second half of the segment's angles less what it is in the first one. 0
-    where the table does not tell (`QUARTERS`)."""
-    if not {*QUARTERS} <= {*table}:
+    smooth surfaces through its figures, (17, 8). Columns 0-3: log(given / smooth) of each of the
+    `HALVES`. Columns 4-7: the same of its second half of angles minus that of the first. 0 where
+    the table does not tell (`VOLUME_COLUMNS`)."""
+    if not {*VOLUME_COLUMNS} <= {*table}:
         return np.zeros((len(table), 2 * len(HALVES)))
-    smooth = quarters(Surfaces(table, endo_apex_z_mm, epi_apex_z_mm), table)
-    found = (table[list(QUARTERS)].to_numpy(float), smooth)
+    smooth = part_volumes_ml(Surfaces(table, endo_apex_z_mm, epi_apex_z_mm), table)
+    found = (table[list(VOLUME_COLUMNS)].to_numpy(float), smooth)
     its, theirs = (each.reshape(len(table), len(HALVES), 2) for each in found)
     growth = np.diff(np.log(its / theirs))[..., 0]
     return np.hstack([np.log(its.sum(axis=2) / theirs.sum(axis=2)), growth])
@@ -176,12 +178,8 @@ def log_volumes(table: pd.DataFrame, endo_apex_z_mm: float, epi_apex_z_mm: float
 
 def section_by_table(geometry: Mapping, table: str | Path) -> dict:
     """Section `geometry` of a configuration with a segment table in place of surfaces or a mesh;
-    the table (CSV) is written. Raises InputError for files that cannot be used."""
-    source = {"surfaces": "surfaces", "mesh": "imported"}[geometry["source"]]
-    given = geometry[source]
-    states = [Path(given[key]).stat() for key in FILES if Path(given.get(key) or "").is_file()]
-    as_they_are = tuple((state.st_mtime_ns, state.st_size) for state in states)
-    found = _described(source, json.dumps(given), as_they_are)
+    the table (CSV) is written. Raises InputError as `table_of_heart`."""
+    found = table_of_heart(geometry)
     Path(table).parent.mkdir(parents=True, exist_ok=True)
     found.table.to_csv(table, index=False)
     return {
@@ -193,29 +191,43 @@ def section_by_table(geometry: Mapping, table: str | Path) -> dict:
     }
 
 
+def table_of_heart(geometry: Mapping) -> TableOfHeart:
+    """Of a heart from surfaces or a mesh, the section `geometry` of a configuration. Raises
+    InputError for files that cannot be used, and for a segment that no left ventricle can have."""
+    source = {"surfaces": "surfaces", "mesh": "imported"}[geometry["source"]]
+    given = geometry[source]
+    states = [Path(given[key]).stat() for key in FILES if Path(given.get(key) or "").is_file()]
+    as_they_are = tuple((state.st_mtime_ns, state.st_size) for state in states)
+    return _cached(source, json.dumps(given), as_they_are)
+
+
 @lru_cache(maxsize=4)
-def _described(source: str, given: str, _as_they_are: tuple) -> Described:
+def _cached(source: str, given: str, _as_they_are: tuple) -> TableOfHeart:
     """Kept while the files are as they were: inputs of one study are made several times."""
-    return {"surfaces": of_surfaces, "imported": of_mesh}[source](json.loads(given))
+    section = json.loads(given)
+    found = {"surfaces": of_surfaces, "imported": of_mesh}[source](section)
+    rows = found.table.set_axis([f"segment {segment.number}" for segment in SEGMENTS])
+    files = ", ".join(section[key] for key in FILES if section.get(key))
+    return found._replace(table=check_segments(rows, files).reset_index(drop=True))
 
 
-def of_mesh(imported: Mapping) -> Described:
+def of_mesh(imported: Mapping) -> TableOfHeart:
     """Of a mesh from elsewhere, `geometry.imported` of a configuration: its own segments."""
     mesh = import_mesh(imported["file"], imported["segments"], imported["unit"])
     surfaces = FittedSurfaces.of_mesh(mesh)
-    return _with_quarters(surfaces, sector_table(mesh, surfaces, UNSNAPPED))
+    return _with_volumes(surfaces, sector_table(mesh, surfaces, UNSNAPPED))
 
 
-def of_surfaces(surfaces: Mapping) -> Described:
+def of_surfaces(surfaces: Mapping) -> TableOfHeart:
     """Of two files of triangles, `geometry.surfaces` of a configuration: the AHA's segments."""
     heart = read_configured(surfaces["endocardium"], surfaces["epicardium"], surfaces)
     inner, outer = (heart.smooth[side] for side in SIDES)
     fitted = FittedSurfaces.of_lines(inner, outer, LEVEL_ENDS)
-    return _with_quarters(fitted, aha_sectors(fitted))
+    return _with_volumes(fitted, aha_sectors(fitted))
 
 
-def _with_quarters(surfaces: FittedSurfaces, sectors: pd.DataFrame) -> Described:
+def _with_volumes(surfaces: FittedSurfaces, sectors: pd.DataFrame) -> TableOfHeart:
     inner, outer = surfaces.sides
-    found = described(inner, outer, sectors)
-    volumes = dict(zip(QUARTERS, quarters(surfaces, found.table).T, strict=True))
+    found = describe_surfaces(inner, outer, sectors)
+    volumes = dict(zip(VOLUME_COLUMNS, part_volumes_ml(surfaces, found.table).T, strict=True))
     return found._replace(table=found.table.assign(**volumes))

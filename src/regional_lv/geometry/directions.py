@@ -7,6 +7,20 @@ import numpy as np
 from regional_lv.geometry.elements import jacobians, lagrange, nodes_of
 from regional_lv.geometry.mesh import Mesh
 
+KINDS = ("helix", "sheet")
+
+
+def fibre_angles(fibres: Mapping[str, float]) -> dict[str, float]:
+    """Angles (rad) at both surfaces, `helix_endo` to `sheet_epi`, of the section `fibres`.
+
+    `rotation_deg`, if there is one, is added to the helix angle at the endocardium and taken from
+    that at the epicardium.
+    """
+    names = [f"{kind}_{side}" for kind in KINDS for side in ("endo", "epi")]
+    rotation = fibres.get("rotation_deg", 0.0)
+    turned = {"helix_endo": rotation, "helix_epi": -rotation}
+    return {name: np.deg2rad(fibres[f"{name}_deg"] + turned.get(name, 0.0)) for name in names}
+
 
 def local_directions(
     gradient_of_transmural: np.ndarray,
@@ -40,21 +54,15 @@ def fibre_directions(
         n = -sin(h) c + cos(h) l                      (normal to the fibre, tangent to the wall)
         b = (1 - t) sheet_endo + t sheet_epi          s = cos(b) r + sin(b) n
 
-    t has shape (...), the directions (..., 3); `fibres` holds helix_endo_deg, helix_epi_deg,
-    sheet_endo_deg, sheet_epi_deg, and rotation_deg, which is added to the helix angle at the
-    endocardium and taken from that at the epicardium. A positive helix angle turns the fibre from
-    the circumferential direction (counter-clockwise seen from the base) towards the base: a
-    right-handed helix, the endocardium's in the common convention (Streeter et al. 1969, doi
-    10.1161/01.RES.24.3.339).
+    t has shape (...), the directions (..., 3); `fibres` is as in `fibre_angles`. A positive helix
+    angle turns the fibre from the circumferential direction (counter-clockwise seen from the base)
+    towards the base: a right-handed helix, the endocardium's in the common convention (Streeter et
+    al. 1969, doi 10.1161/01.RES.24.3.339).
     """
-
-    def angle(kind: str) -> np.ndarray:
-        endo, epi = (np.radians(fibres[f"{kind}_{side}_deg"]) for side in ("endo", "epi"))
-        return ((1 - t) * endo + t * epi)[..., None]
-
-    rotation = np.radians(fibres.get("rotation_deg", 0.0))
-    helix = angle("helix") + (rotation * (1 - 2 * t))[..., None]
-    sheet = angle("sheet")
+    ends = fibre_angles(fibres)
+    helix, sheet = (
+        ((1 - t) * ends[f"{kind}_endo"] + t * ends[f"{kind}_epi"])[..., None] for kind in KINDS
+    )
     fibre = np.cos(helix) * circumferential + np.sin(helix) * longitudinal
     normal = -np.sin(helix) * circumferential + np.cos(helix) * longitudinal
     return fibre, np.cos(sheet) * radial + np.sin(sheet) * normal

@@ -15,6 +15,7 @@ from typing import Self, TypeAlias
 
 import numpy as np
 import pandas as pd
+from scipy.spatial import cKDTree
 
 from regional_lv.aha import LEVELS, SEGMENTS, beside
 from regional_lv.errors import InputError
@@ -23,6 +24,7 @@ from regional_lv.geometry.mesh import ENDOCARDIUM, EPICARDIUM, Mesh
 from regional_lv.geometry.segment_tags import middle_angles
 from regional_lv.geometry.summary import cell_volumes
 from regional_lv.geometry.surfaces import QUARTER, bullseye, polynomials, powers
+from regional_lv.geometry.table import joined_borders
 from regional_lv.geometry.wall_lines import LEVEL_ENDS, WallLines
 
 # The polynomials' highest degree, and the nodes that a coefficient needs at least.
@@ -48,6 +50,9 @@ LEAST_LATITUDE = 0.3
 # Sector borders of different levels that lie closer than this share of an element's width become
 # one mesh line.
 SNAP = 1 / 3
+
+LARGEST_MM = 5.0
+"""Distance between a given surface and the smooth one that is not to be accepted."""
 
 
 class FittedSurface:
@@ -78,6 +83,12 @@ class FittedSurface:
     def __call__(self, phi: np.ndarray, u: np.ndarray) -> np.ndarray:
         """Points (n, 3) of the surface."""
         return self.lines.points(phi, u, self.distance(phi, u))
+
+    def misfit(self, points: np.ndarray) -> np.ndarray:
+        """Distances (n,) of points (n, 3) all over the given surface from this one, along the
+        points' lines or to another's: no less than to the surface."""
+        phi, u, _ = self.lines.coordinates(points)
+        return cKDTree(self(phi, u)).query(points)[0]
 
 
 Latitude: TypeAlias = Callable[[np.ndarray, np.ndarray], np.ndarray]
@@ -258,7 +269,7 @@ def sector_table(mesh: Mesh, surfaces: FittedSurfaces, circumferential: int) -> 
             off = (angle - middle[following] - half + 180) % 360 - 180
             cut = _cut(off[mine], volume[mine], off[theirs], volume[theirs])
             lower[s] = (middle[following] + half + cut + 180) % 360 - 180
-    return _sectors(_snap(lower, SNAP * 360 / circumferential), surfaces)
+    return _sectors(joined_borders(lower, SNAP * 360 / circumferential), surfaces)
 
 
 def _sectors(lower: Mapping[int, float], surfaces: FittedSurfaces) -> pd.DataFrame:
@@ -314,15 +325,3 @@ def _cut(
         under = np.clip((cuts[:, None] - first) / (last - first), 0, 1)
         surplus += (under - wanted) @ volume
     return float(np.interp(0.0, surplus, cuts))
-
-
-def _snap(borders: Mapping[int, float], width: float) -> dict[int, float]:
-    """Borders (by segment, degrees) of which those closer than `width` share their mean."""
-    names = sorted(borders, key=borders.__getitem__)
-    values = np.array([borders[s] for s in names])
-    start = int(np.argmax(np.diff(values, prepend=values[-1] - 360)))
-    values, names = np.roll(values, -start), names[start:] + names[:start]
-    values = values[0] + (values - values[0]) % 360
-    group = np.cumsum(np.diff(values, prepend=values[0]) > width)
-    means = np.bincount(group, values) / np.bincount(group)
-    return {s: (means[g] + 180) % 360 - 180 for s, g in zip(names, group, strict=True)}

@@ -3,13 +3,13 @@
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from regional_lv.data.published import HEART_MESH, HEART_SEGMENTS, PUBLISHED_HEART
+from regional_lv.data.published import with_published_heart
 from regional_lv.geometry.from_mesh import keep_mesh, remesh, write_imported
 from regional_lv.geometry.from_surfaces import mesh_surfaces
 from regional_lv.geometry.make import make_mesh
 from regional_lv.geometry.meshing import write_gmsh
 from regional_lv.inputs.stiffness import StiffnessInputs
-from regional_lv.study.layout import HeartFiles, Layout
+from regional_lv.study.layout import HeartFiles
 
 
 def make_heart(
@@ -18,11 +18,12 @@ def make_heart(
     """Mesh the heart of a checked configuration; the mesh's file (.vtu, opens in ParaView).
 
     files: what is written, and the folder that is made for it; the summary has the volumes of
-    cavity and wall among others. lay_out: a function of `meshing`, for a segment table. Raises
-    InputError for a geometry that cannot be meshed.
+    cavity and wall among others. lay_out: a function of `meshing`, for a segment table. The
+    published heart is fetched if the study has no copy of it. Raises InputError for a geometry that
+    cannot be meshed.
     """
     Path(files.mesh).parent.mkdir(parents=True, exist_ok=True)
-    geometry, mesh, fibres = config["geometry"], config["mesh"], config["fibres"]
+    geometry, mesh, fibres = with_published_heart(config), config["mesh"], config["fibres"]
     zones = StiffnessInputs.from_config(config).zones
     made: dict = {"vtu": files.mesh, "segments": files.segments, "summary": files.summary}
     meshed = made | {"msh": files.gmsh, "zones": zones}
@@ -35,10 +36,7 @@ def make_heart(
         mesh_surfaces(given["endocardium"], given["epicardium"], given, mesh, fibres, **meshed)
         return Path(files.mesh)
     given = geometry["imported"]
-    source, segments = given["file"], given["segments"]
-    if source == PUBLISHED_HEART:
-        source, segments = map(Layout.of(config["study"]).published, (HEART_MESH, HEART_SEGMENTS))
-    write_imported(source, given["unit"], fibres, files.imported, segments, zones)
+    write_imported(given["file"], given["unit"], fibres, files.imported, given["segments"], zones)
     if given["remesh"]:
         remesh(files.imported, mesh, fibres, **meshed, fit=files.fit)
     else:

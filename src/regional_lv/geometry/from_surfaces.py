@@ -6,19 +6,25 @@ from pathlib import Path
 
 import numpy as np
 import pyvista
-from scipy.spatial import cKDTree
 
 from regional_lv.errors import InputError
 from regional_lv.geometry.comparison import normal_distances, sample_surface
-from regional_lv.geometry.fitted import FittedSurfaces, aha_sectors
-from regional_lv.geometry.from_mesh import segment_table, write_summary, write_table
+from regional_lv.geometry.fitted import LARGEST_MM, FittedSurfaces, aha_sectors
+from regional_lv.geometry.from_mesh import measured_segments
 from regional_lv.geometry.make import mesh_between
 from regional_lv.geometry.mesh import ENDOCARDIUM, EPICARDIUM, SURFACES, Mesh
 from regional_lv.geometry.mesh_config import check_mesh_config
-from regional_lv.geometry.summary import cavity_volume, segment_volumes, summarise_mesh
+from regional_lv.geometry.summary import (
+    cavity_volume,
+    segment_volumes,
+    summarise_mesh,
+    write_summary,
+    write_table,
+)
 from regional_lv.geometry.surfaces import QUARTER
 from regional_lv.geometry.triangles import triangle_points
-from regional_lv.geometry.triangulated import SIDES, Ventricle, read_configured
+from regional_lv.geometry.triangulated import read_configured
+from regional_lv.geometry.ventricle import SIDES, Ventricle
 from regional_lv.geometry.wall_checks import where
 from regional_lv.geometry.wall_lines import LEVEL_ENDS
 
@@ -26,8 +32,8 @@ log = logging.getLogger(__name__)
 
 # Distance (mm) between the places at which the given surface is compared with the mesh's.
 SAMPLED_MM = 1.0
-# Distances (mm) between given and fitted surface: to be told, and not to be accepted.
-NOTABLE_MM, LARGEST_MM = 1.0, 5.0
+# Distance (mm) between given and fitted surface that a user should know of.
+NOTABLE_MM = 1.0
 
 
 def mesh_surfaces(
@@ -79,7 +85,7 @@ def mesh_surfaces(
         origin=f"{paths['endocardium']}, {paths['epicardium']}",
         remedy="smooth the surfaces there, or raise mesh.circumferential or the rows of mesh",
     )
-    table = segment_table(made)
+    table = measured_segments(made)
     write_table(table.merge(sectors, on="aha_segment"), segments)
     thickness = table["thickness_mm"]
     volumes = {
@@ -112,9 +118,7 @@ def _check_fit(
     """The smooth surfaces lie near the given ones."""
     for side, smooth in heart.smooth.items():
         points = given[side].points
-        phi, u, _ = heart.lines.coordinates(points)
-        # Along the lines, which is no less than the distance to the surface.
-        distance = cKDTree(smooth(phi, u)).query(points)[0]
+        distance = smooth.misfit(points)
         worst = distance.argmax()
         if distance[worst] > LARGEST_MM:
             raise InputError(

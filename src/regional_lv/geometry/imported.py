@@ -16,7 +16,7 @@ from regional_lv.errors import InputError
 from regional_lv.geometry.abaqus import read_abaqus
 from regional_lv.geometry.coordinates import longitudinal_coordinate, transmural_coordinate
 from regional_lv.geometry.elements import exterior_faces
-from regional_lv.geometry.mesh import BASE, ENDOCARDIUM, EPICARDIUM, SURFACES, Mesh
+from regional_lv.geometry.mesh import BASE, ENDOCARDIUM, EPICARDIUM, Mesh
 from regional_lv.geometry.segment_tags import (
     check_segment_places,
     check_segment_tags,
@@ -32,6 +32,8 @@ UNIT_NAMES = {"mm": "millimetres", "cm": "centimetres", "m": "metres"}
 PLAUSIBLE_LENGTH_MM = (30.0, 200.0)
 # The base is flat and at z = 0 to this share of the ventricle's length; then it is put there.
 FLATNESS = 1e-3
+# How the names of these surfaces begin in a mesh file.
+STARTS = {ENDOCARDIUM: "endo", EPICARDIUM: "epi", BASE: "base"}
 # Scaled Jacobians from here down are those of elements without volume.
 DEGENERATE = 1e-6
 
@@ -83,7 +85,7 @@ def _read(
     with reading(path, "give geometry.imported.file a mesh, saved as .vtu or Abaqus .inp"):
         check_counts(path)
         if path.suffix.lower() == ".inp":
-            raw, numbers, surfaces = read_abaqus(path)
+            raw, numbers, surfaces = read_abaqus(path, list(STARTS.values()))
             named = _three_surfaces(surfaces)
         else:
             raw, numbers = meshio.read(path), None
@@ -109,6 +111,11 @@ def _hexahedra(
     segment = None
     if "segment" in raw.cell_data:
         segment = np.concatenate([raw.cell_data["segment"][i] for i in solid]).ravel()
+        if len(segment) != len(cells):
+            raise InputError(
+                f"{path}: cell data `segment` has {len(segment)} numbers for {len(cells)} "
+                "elements; give each its AHA segment"
+            )
     if numbers is None:
         numbers = np.arange(1, len(cells) + 1)
     # Nodes that no hexahedron has, such as a fibre's reference point, are left out.
@@ -122,8 +129,7 @@ def _hexahedra(
 def _three_surfaces(surfaces: Mapping[str, np.ndarray]) -> dict[int, np.ndarray]:
     """Facets of endocardium, epicardium and base by the first letters of their names, or none."""
     found = {}
-    for number, name in SURFACES.items():
-        start = name[: 3 if number == EPICARDIUM else 4]
+    for number, start in STARTS.items():
         mine = [facets for key, facets in surfaces.items() if key.lower().startswith(start)]
         if len(mine) != 1:
             return {}
@@ -220,10 +226,14 @@ def _check_axis(path: str | Path, mesh: Mesh) -> None:
             "with the apex below: turn and move the mesh"
         )
     rim = mesh.nodes_on(ENDOCARDIUM)
-    rim = mesh.points[rim[mesh.points[rim, 2] > -FLATNESS * length]]
-    angle = np.sort(np.arctan2(rim[:, 1], rim[:, 0]))
-    if np.diff(angle, append=angle[0] + 2 * np.pi).max() > np.pi / 2:
+    if not surrounds_axis(mesh.points[rim[mesh.points[rim, 2] > -FLATNESS * length]]):
         raise InputError(
             f"{path}: the z axis does not run through the cavity; move the mesh so that the long "
             "axis is x = y = 0"
         )
+
+
+def surrounds_axis(rim: np.ndarray) -> bool:
+    """Whether points (n, 3) lie all around the z axis, without a gap of a quarter turn."""
+    angle = np.sort(np.arctan2(rim[:, 1], rim[:, 0]))
+    return bool(np.diff(angle, append=angle[0] + 2 * np.pi).max() <= np.pi / 2)

@@ -1,6 +1,5 @@
 """From the segment table to the mesh file, in one call."""
 
-import json
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
@@ -11,7 +10,7 @@ from regional_lv.geometry.directions import nodal_directions
 from regional_lv.geometry.mesh import Mesh, write_mesh
 from regional_lv.geometry.mesh_config import check_mesh_config
 from regional_lv.geometry.meshing import convert_mesh, write_gmsh
-from regional_lv.geometry.summary import scaled_jacobians, summarise
+from regional_lv.geometry.summary import scaled_jacobians, summarise, write_summary, write_table
 from regional_lv.geometry.surfaces import Surfaces, Wall
 from regional_lv.geometry.table import check_apices, read_segments
 
@@ -86,5 +85,5 @@ def make_mesh(
         lay_out=lay_out,
     )
     by_segment, numbers = summarise(made, given)
-    by_segment.to_csv(segments, index=False, float_format="%.6g")
-    Path(summary).write_text(json.dumps(numbers, indent=2) + "\n")
+    write_table(by_segment, segments)
+    write_summary(numbers, summary)

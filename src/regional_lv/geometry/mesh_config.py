@@ -13,8 +13,8 @@ def check_mesh_config(mesh: Mapping) -> None:
     n = mesh["circumferential"]
     if n < 16 or n % 8:
         raise InputError(
-            f"mesh.circumferential is {n}; use 16, 24, 32, 40 or 48 (the apex patch has a quarter "
-            "of it along each side, and a node at the pole)"
+            f"mesh.circumferential is {n}; use a multiple of 8 from 16 on (the apex patch has a "
+            "quarter of it along each side, and a node at the pole)"
         )
     for key in ROWS:
         if mesh[key] < 1:

@@ -16,6 +16,7 @@ from regional_lv.geometry import structured
 from regional_lv.geometry.elements import HEXAHEDRON_PARENTS, facet_cells, facet_normals
 from regional_lv.geometry.mesh import BASE, ENDOCARDIUM, EPICARDIUM, SURFACES, Mesh
 from regional_lv.geometry.surfaces import QUARTER, Wall
+from regional_lv.geometry.table import with_joined_borders
 
 log = logging.getLogger(__name__)
 
@@ -214,6 +215,7 @@ def _node_places(gmsh: Any, patch: int) -> tuple[np.ndarray, np.ndarray, np.ndar
 
 def write_plain(table: pd.DataFrame, surfaces: Wall, mesh: Mapping, path: str | Path) -> None:
     """What `write_gmsh` does, without gmsh (`structured`): the same nodes and elements."""
+    table = with_joined_borders(table)
     angles = _grid_angles(table, mesh["circumferential"])
     rings, levels, border = _rings(table, surfaces.endo_apex, mesh)
     lines = (angles, rings, levels, border, *_patch_outline(angles))
@@ -229,6 +231,7 @@ def write_gmsh(table: pd.DataFrame, surfaces: Wall, mesh: Mapping, path: str | P
     if gmsh is None:
         write_plain(table, surfaces, mesh, path)
         return
+    table = with_joined_borders(table)
     angles = _grid_angles(table, mesh["circumferential"])
     rings, levels, border = _rings(table, surfaces.endo_apex, mesh)
     gmsh.initialize(readConfigFiles=False, interruptible=False)

@@ -7,7 +7,8 @@ from this table would.
 """
 
 from collections.abc import Collection, Mapping
-from typing import Any
+from functools import cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -15,7 +16,7 @@ import pandas as pd
 from regional_lv.aha import LEVELS
 from regional_lv.errors import InputError
 from regional_lv.geometry.mesh import Mesh
-from regional_lv.geometry.surfaces import QUARTER, Surfaces
+from regional_lv.geometry.surfaces import QUARTER, Latitudes, Surfaces
 from regional_lv.geometry.thickness import endocardial_foot
 
 SIZES = ("wall_thickness_mm", "endo_radius_mm", "length_mm", "apex_mm")
@@ -57,8 +58,23 @@ def heights(shape: Mapping) -> dict[str, np.ndarray]:
     return {"z_top_mm": z[level], "z_bottom_mm": z[level + 1]}
 
 
+class Lines(NamedTuple):
+    """Lines of nodes through the wall of one shape.
+
+    figures: its `SHAPE_KEYS`; rho: where on the bullseye the lines are; border: where the apical
+    level ends there.
+    """
+
+    figures: list[np.ndarray]
+    surfaces: Surfaces
+    rho: np.ndarray
+    border: float
+    latitudes: Latitudes
+
+
 class NodePlaces:
-    """Places of a mesh's nodes under any shape.
+    """Places of a mesh's nodes under any shape. Raises InputError where they have to move and the
+    mesh has no columns of cells through the wall.
 
     A shape is the section `geometry` of a model (`inputs.model`): `wall_thickness_scale`, and of a
     heart with a segment table the table, whose angles it has, and the `SHAPE_KEYS`.
@@ -70,10 +86,9 @@ class NodePlaces:
     """
 
     def __init__(self, mesh: Mesh, shape: Mapping) -> None:
-        self._points = mesh.points
-        self._foot = endocardial_foot(mesh)
+        self._mesh, self._points = mesh, mesh.points
         self._table: Any = shape.get("table")  # of pandas, which is not typed; None without one
-        self._known: tuple = ()
+        self._known: Lines | None = None
         if self._table is None:
             return
         self._columns, self._of = np.unique(self._foot, return_inverse=True)
@@ -93,6 +108,11 @@ class NodePlaces:
         self._line_offset = offset - self._foot_offset
         self._width = np.linalg.norm(across, axis=-1)
 
+    @cached_property
+    def _foot(self) -> np.ndarray:
+        """As `endocardial_foot`: of a mesh whose nodes stay, nothing asks for it."""
+        return endocardial_foot(self._mesh, "inputs (of the family shape)")
+
     def __call__(self, shape: Mapping) -> np.ndarray:
         """Points (n, 3) mm. Raises InputError for a table without a smooth surface."""
         points = self._wall(shape)
@@ -109,8 +129,8 @@ class NodePlaces:
         width, points = np.linalg.norm(across, axis=-1), self._as_wide(walls, across)
         scale = shape["wall_thickness_scale"]
         found = {"wall_thickness_scale": points - points[self._foot]}
-        surfaces, rho, border, latitudes = self._surfaces(shape)
-        ends = surfaces.changes_of_ends(self._phi, rho, border, latitudes)
+        at = self._lines(shape)
+        ends = at.surfaces.changes_of_ends(self._phi, at.rho, at.border, at.latitudes)
         inner, outer = (
             np.concatenate([r.T[..., None] * self._across, z.T[..., None]], axis=-1)
             for r, z in ends
@@ -126,7 +146,7 @@ class NodePlaces:
             moves = by_figure[first : first + count]
             found[name] = moves if np.ndim(shape[name]) else moves[0]
             first += count
-        # Last: they replace the surfaces that are kept.
+        # Last: they replace the lines that are kept, which the others share.
         return found | {
             name: self._move_of_level(shape, name) if name in about else np.zeros_like(points)
             for name in LEVEL_KEYS
@@ -139,14 +159,11 @@ class NodePlaces:
         )
         return (above - below) / (2 * LEVEL_STEP)
 
-    def _surfaces(self, shape: Mapping) -> tuple[Surfaces, np.ndarray, float, tuple]:
-        """The surfaces of a shape, where on the bullseye its nodes and the apical level's end are
-        (rho), and the latitudes of the nodes' lines through its wall; those of the last shape are
-        kept."""
-        values = [np.array(shape[name]) for name in SHAPE_KEYS]
-        known = self._known
-        if known and all(map(np.array_equal, known[0], values)):
-            return known[1:]
+    def _lines(self, shape: Mapping) -> Lines:
+        """Those of a shape; of the last one they are kept."""
+        figures = [np.array(shape[name]) for name in SHAPE_KEYS]
+        if self._known and all(map(np.array_equal, self._known.figures, figures)):
+            return self._known
         columns = {name: shape[name] for name in SIZES[:2]}
         apex = -shape["length_mm"]
         table = self._table.assign(**heights(shape), **columns)
@@ -154,8 +171,8 @@ class NodePlaces:
         borders = _borders(shape)
         rho = np.interp(self._row, np.arange(len(borders)), borders)
         latitudes = surfaces.latitudes(self._phi, rho, borders[1])
-        self._known = values, surfaces, rho, borders[1], latitudes
-        return self._known[1:]
+        self._known = Lines(figures, surfaces, rho, borders[1], latitudes)
+        return self._known
 
     def _wall(self, shape: Mapping) -> np.ndarray:
         """Points (n, 3) before the wall is scaled."""
@@ -172,12 +189,12 @@ class NodePlaces:
     def _table_wall(self, shape: Mapping) -> tuple[np.ndarray, np.ndarray]:
         """Points (n, 3) of the wall that a shape's table describes, and the vectors (columns, 3)
         across it."""
-        surfaces, _, _, (u_endo, u_epi, *_) = self._surfaces(shape)
+        at = self._lines(shape)
         inner, outer = (
             np.concatenate([r[:, None] * self._across, z[:, None]], axis=-1)
             for r, z in (
-                surfaces.endocardium(self._phi, u_endo),
-                surfaces.epicardium(self._phi, u_epi),
+                at.surfaces.endocardium(self._phi, at.latitudes.endo),
+                at.surfaces.epicardium(self._phi, at.latitudes.epi),
             )
         )
         walls = (1 - self._depth) * inner[self._of] + self._depth * outer[self._of]

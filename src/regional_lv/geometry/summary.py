@@ -1,5 +1,9 @@
 """What was meshed, measured on the mesh, against the table."""
 
+import json
+from collections.abc import Mapping
+from pathlib import Path
+
 import numpy as np
 import pandas as pd
 
@@ -22,8 +26,8 @@ def summarise(mesh: Mesh, table: pd.DataFrame) -> tuple[pd.DataFrame, dict]:
     """(segments, summary): what was meshed, measured on the mesh, against the table.
 
     segments: a row per AHA segment with volume_ml, thickness_mm and endo_radius_mm (means over
-    angle and latitude, as the module defines them), the table's values beside them, and the
-    number of elements. summary: volumes (mL), counts, the worst deviations (mm) and the scaled
+    angle and latitude, as `geometry.surfaces` defines them), the table's values beside them, and
+    the number of elements. summary: volumes (mL), counts, the worst deviations (mm) and the scaled
     Jacobian (det J over the product of its columns' lengths; 1 is a brick) at corners, edges,
     faces and Gauss points.
     """
@@ -166,3 +170,13 @@ def _distance_to_epicardium(
         if hit.any():
             distance[i] = s[hit].min()
     return distance
+
+
+def write_table(table: pd.DataFrame, path: str | Path) -> None:
+    """Write a table as CSV with six digits."""
+    table.to_csv(path, index=False, float_format="%.6g")
+
+
+def write_summary(summary: Mapping, path: str | Path) -> None:
+    """Write a summary as JSON."""
+    Path(path).write_text(json.dumps(summary, indent=2) + "\n")

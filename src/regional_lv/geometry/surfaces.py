@@ -27,7 +27,7 @@ axis and `wall_thickness_mm` is T; both are means over the segment's range of an
 
 from collections.abc import Callable
 from functools import cache, lru_cache
-from typing import Protocol, TypeAlias
+from typing import NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 import pandas as pd
@@ -50,8 +50,18 @@ VOLUME_NODES = 40  # along the latitude, of the volumes
 
 Changes: TypeAlias = Callable[[np.ndarray, np.ndarray], np.ndarray]
 """Of bullseye points X, Y (n,): derivatives (n, m) of a field about m figures."""
-Latitudes: TypeAlias = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray | None]
-"""What `Surfaces.latitudes` gives."""
+
+
+class Latitudes(NamedTuple):
+    """Of lines through the wall: latitudes (n,) of their ends on endocardium and epicardium, of the
+    `plane`, where the epicardium meets the plane of their level or of the last one above them, and
+    of the `ring`, the same at the angles `RING` around the last level's end; None if no line lies
+    below it."""
+
+    endo: np.ndarray
+    epi: np.ndarray
+    plane: np.ndarray
+    ring: np.ndarray | None
 
 
 class Wall(Protocol):
@@ -373,13 +383,11 @@ class Surfaces:
         self, phi: np.ndarray, rho: np.ndarray, rho_border: float
     ) -> tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]:
         """(r, z) of both ends, on endocardium and epicardium, of the lines through the wall."""
-        u_endo, u_epi = self.latitudes(phi, rho, rho_border)[:2]
-        return self.endocardium(phi, u_endo), self.epicardium(phi, u_epi)
+        at = self.latitudes(phi, rho, rho_border)
+        return self.endocardium(phi, at.endo), self.epicardium(phi, at.epi)
 
     def latitudes(self, phi: np.ndarray, rho: np.ndarray, rho_border: float) -> Latitudes:
-        """Latitudes of both ends of the lines through the wall, on endocardium and epicardium, and
-        those at which the epicardium meets the planes of the levels: of the lines and, if some lie
-        below the last level, of 90 angles around its border."""
+        """`Latitudes` of the lines through the wall at angle phi and place rho on the bullseye."""
         u_endo = QUARTER * (1 - rho)
         u_border = QUARTER * (1 - rho_border)
         plane = self.endo_apex * np.sin(np.minimum(u_endo, u_border))
@@ -394,7 +402,7 @@ class Surfaces:
             f = rho / rho_border
             gap = f * mean + f**3 * (QUARTER - u_epi - mean)
             u_epi = np.where(lower, QUARTER - gap, u_epi)
-        return u_endo, u_epi, u_plane, u_ring
+        return Latitudes(u_endo, u_epi, u_plane, u_ring)
 
     # ------------------------------------------------------------ derivatives about the table
 

@@ -17,12 +17,15 @@ def thickened(mesh: Mesh, scale: float) -> Mesh:
     """
     if scale == 1:
         return mesh
-    foot = mesh.points[endocardial_foot(mesh)]
+    foot = mesh.points[endocardial_foot(mesh, "geometry.wall_thickness_scale")]
     return replace(mesh, points=foot + scale * (mesh.points - foot))
 
 
-def endocardial_foot(mesh: Mesh) -> np.ndarray:
-    """Node (n,) of the endocardium from which the line of each node through the wall starts."""
+def endocardial_foot(mesh: Mesh, needed_by: str) -> np.ndarray:
+    """Node (n,) of the endocardium from which the line of each node through the wall starts.
+
+    Raises InputError for a mesh without columns of cells; needed_by: the key that needs them.
+    """
     reference = nodes_of(mesh)
     cell_of: dict[tuple, list] = {}
     for cell, faces in enumerate(np.sort(mesh.cells[:, FACES], axis=2)):
@@ -47,7 +50,8 @@ def endocardial_foot(mesh: Mesh) -> np.ndarray:
             waiting.append(tuple(sorted(nodes[FACES[face ^ 1]])))
     if (foot < 0).any():
         raise InputError(
-            "geometry.wall_thickness_scale: the mesh has no columns of cells from the endocardium "
-            "to the epicardium; leave it at 1, or mesh anew (geometry.imported.remesh)"
+            f"{needed_by}: the mesh has no columns of cells from the endocardium to the "
+            "epicardium, along which a wall changes its shape; leave it out, or mesh anew "
+            "(geometry.imported.remesh: true)"
         )
     return foot

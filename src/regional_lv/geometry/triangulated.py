@@ -13,8 +13,6 @@ from its mirror image (an axis flipped on export); the two insertions of the rig
 
 import logging
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -23,15 +21,20 @@ from scipy.spatial import cKDTree
 
 from regional_lv.errors import InputError
 from regional_lv.geometry import wall_checks
-from regional_lv.geometry.fitted import SEPTUM_DEG, FittedSurface
-from regional_lv.geometry.imported import MM_PER, PLAUSIBLE_LENGTH_MM, UNIT_NAMES, units_that_fit
+from regional_lv.geometry.fitted import SEPTUM_DEG
+from regional_lv.geometry.imported import (
+    MM_PER,
+    PLAUSIBLE_LENGTH_MM,
+    UNIT_NAMES,
+    surrounds_axis,
+    units_that_fit,
+)
 from regional_lv.geometry.surface_files import read_surface
-from regional_lv.geometry.triangles import areas, enclosed_volume, middles, triangle_points
-from regional_lv.geometry.wall_lines import WallLines
+from regional_lv.geometry.triangles import areas, enclosed_volume, middles
+from regional_lv.geometry.ventricle import Ventricle, place_words
 
 log = logging.getLogger(__name__)
 
-SIDES = ("endocardium", "epicardium")
 KEY = "geometry.surfaces"
 
 # What lies closer to the base plane than this share of the surface's length lies in it.
@@ -46,72 +49,11 @@ NOTABLE_TILT_DEG, LARGEST_TILT_DEG = 15.0, 35.0
 # The apex is sought below this share of the greatest depth, and is what is farther from the base's
 # middle than this share of the greatest distance.
 DEEP, FAR = 0.8, 0.98
-# Distance (mm) between the points of the endocardium among which its place on the axis is sought.
-APEX_MM = 1.0
 # Smallest angle (deg) between the septum's direction and the long axis.
 SMALLEST_SEPTUM_DEG = 20.0
 # Largest distance (mm) of an insertion from the epicardium, and smallest arc (deg) between two.
 INSERTION_MM = 20.0
 SMALLEST_SEPTUM_ARC_DEG = 30.0
-# Points (mm) of the surfaces that are fitted: at most so far apart on a triangle, and one per cube
-# of this edge. The polynomials' shortest wave at the base is some 7 mm long.
-GAP_MM, THINNED_MM = 3.0, 1.5
-
-
-@dataclass
-class Ventricle:
-    """Two surfaces of a left ventricle below its base plane, in the project's frame (mm).
-
-    Triangles are turned the same way all over a surface. A point of the files is
-    `origin + rotation.T @ x`, over `mm_per_unit`. base_normal (3,): of the base plane, which passes
-    through the origin, in the project's frame.
-    """
-
-    endocardium: pyvista.PolyData
-    epicardium: pyvista.PolyData
-    rotation: np.ndarray
-    origin: np.ndarray
-    mm_per_unit: float
-    base_normal: np.ndarray
-
-    @cached_property
-    def lines(self) -> WallLines:
-        """The `WallLines` of this ventricle."""
-        return WallLines.of(
-            triangle_points(self.endocardium, APEX_MM),
-            -self.base_normal[:2] / self.base_normal[2],
-        )
-
-    @cached_property
-    def smooth(self) -> dict[str, FittedSurface]:
-        """The `FittedSurface` of each side."""
-        return {
-            side: FittedSurface(self.lines, _points_to_fit(getattr(self, side), self.base_normal))
-            for side in SIDES
-        }
-
-    def turn(self, rotation: np.ndarray) -> None:
-        """Turn the project's frame: a point x of it becomes rotation (3, 3) @ x."""
-        for surface in (self.endocardium, self.epicardium):
-            surface.points = surface.points @ rotation.T
-        self.rotation = rotation @ self.rotation
-        self.base_normal = rotation @ self.base_normal
-
-    def in_file(self, points: np.ndarray) -> np.ndarray:
-        """Points (..., 3) of the project's frame in the files' coordinates."""
-        return (self.origin + points @ self.rotation) / self.mm_per_unit
-
-    def in_file_words(self, point: np.ndarray) -> str:
-        """A point (3,) of the project's frame as text in the files' coordinates."""
-        return _place(self.in_file(point))
-
-    @property
-    def cavity_volume_ml(self) -> float:
-        return enclosed_volume(self.endocardium)
-
-    @property
-    def wall_volume_ml(self) -> float:
-        return enclosed_volume(self.epicardium) - self.cavity_volume_ml
 
 
 def read_ventricle(
@@ -196,21 +138,12 @@ def _placed(
     _check_tilt(heart, apex)
     if long_axis == "apex":
         upwards = -apex / np.linalg.norm(apex)
-        heart.turn(_axes(upwards, np.array([1.0, 0.0, 0.0]) - upwards[0] * upwards, 0.0))
+        heart = heart.turned(_axes(upwards, np.array([1.0, 0.0, 0.0]) - upwards[0] * upwards, 0.0))
     towards = _septum(septum, insertions, heart)
-    heart.turn(_axes(np.array([0.0, 0.0, 1.0]), towards, SEPTUM_DEG))
+    heart = heart.turned(_axes(np.array([0.0, 0.0, 1.0]), towards, SEPTUM_DEG))
     wall_checks.check_one_ventricle(paths, heart)
     wall_checks.check_lines(paths, heart)
     return heart
-
-
-def _points_to_fit(surface: pyvista.PolyData, base_normal: np.ndarray) -> np.ndarray:
-    """Corners of the triangles, in large ones points between them, in dense places fewer."""
-    points = np.concatenate([surface.points, triangle_points(surface, GAP_MM)])
-    # Of each cell of a fine grid one point; those in the base plane have cells of their own.
-    cell = np.column_stack([np.floor(points / THINNED_MM), points @ base_normal > -1e-6])
-    _, first = np.unique(cell, axis=0, return_index=True)
-    return points[np.sort(first)]
 
 
 # ---------------------------------------------------------------------------- files
@@ -229,7 +162,7 @@ def _read(path: Path) -> pyvista.PolyData:
     if shared.n_cells:
         raise InputError(
             f"{path}: {shared.n_cells} edges belong to more than two triangles, the first at "
-            f"{_place(shared.points[0])}; export one clean surface, without walls inside"
+            f"{place_words(shared.points[0])}; export one clean surface, without walls inside"
         )
     return surface
 
@@ -246,10 +179,6 @@ def _loops(surface: pyvista.PolyData) -> list[np.ndarray]:
         return []
     pieces = edges.split_bodies()
     return [piece.points for piece in sorted(pieces, key=lambda piece: -piece.length)]
-
-
-def _place(point: np.ndarray) -> str:
-    return "({})".format(", ".join(f"{x:.4g}" for x in point))
 
 
 def _length(surface: pyvista.PolyData) -> float:
@@ -296,7 +225,7 @@ def _check_together(
         for function in (np.min, np.max)
     )
     if (low.max(axis=0) > high.min(axis=0)).any():
-        middles = [_place((a + b) / 2 / mm) for a, b in zip(low, high, strict=True)]
+        middles = [place_words((a + b) / 2 / mm) for a, b in zip(low, high, strict=True)]
         raise InputError(
             f"{paths['epicardium']}: lies around {middles[1]}, apart from {paths['endocardium']} "
             f"around {middles[0]}; save both in one frame of coordinates"
@@ -424,7 +353,7 @@ def _depth_of_rim(
         depth = -lowest[2]
         if depth <= near:
             continue
-        where = _place((point + lowest @ rotation) / mm)
+        where = place_words((point + lowest @ rotation) / mm)
         if k > 0 or loop[:, 2].max() < -near < near < surface.points[:, 2].max():
             raise InputError(
                 f"{path}: the {side} has a hole at {where}, {depth:.3g} mm below the base plane; "
@@ -462,9 +391,10 @@ def _below_base(
     loops = _loops(surface)
     below = [loop for loop in loops if loop[:, 2].min() < -1e-6]
     if below:
+        middle = place_words(in_file(below[0].mean(axis=0)))
         raise InputError(
-            f"{path}: the {side} has a hole at {_place(in_file(below[0].mean(axis=0)))}, below "
-            "the base plane; close it: only the base may be open"
+            f"{path}: the {side} has a hole at {middle}, below the base plane; close it: only the "
+            "base may be open"
         )
     if len(loops) != 1:
         raise InputError(
@@ -488,9 +418,7 @@ def _check_inside(paths: Mapping[str, Path], heart: Ventricle) -> None:
             f"{paths['endocardium']}: holds {cavity:.4g} mL and {paths['epicardium']} "
             f"{outside:.4g} mL; exchange {KEY}.endocardium and {KEY}.epicardium"
         )
-    rim = _loops(heart.epicardium)[0]
-    angle = np.sort(np.arctan2(rim[:, 1], rim[:, 0]))
-    if np.diff(angle, append=angle[0] + 2 * np.pi).max() > np.pi / 2:
+    if not surrounds_axis(_loops(heart.epicardium)[0]):
         raise InputError(
             f"{paths['endocardium']}: lies beside {paths['epicardium']} and not inside it; save "
             "both in one frame of coordinates"

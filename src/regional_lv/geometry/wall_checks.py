@@ -1,12 +1,11 @@
 """Whether two surfaces of triangles bound the wall of one left ventricle that lines can cross.
 
-Each check takes the paths of the two surfaces by side and the `triangulated.Ventricle`, and raises
+Each check takes the paths of the two surfaces by side and the `ventricle.Ventricle`, and raises
 InputError with the place, the AHA segment there, and the remedy.
 """
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
@@ -17,10 +16,8 @@ from regional_lv.errors import InputError
 from regional_lv.geometry.fitted import aha_segment_at
 from regional_lv.geometry.surfaces import QUARTER
 from regional_lv.geometry.triangles import areas, cones, middles, triangle_points
+from regional_lv.geometry.ventricle import Ventricle
 from regional_lv.geometry.wall_lines import FAN
-
-if TYPE_CHECKING:
-    from regional_lv.geometry.triangulated import Ventricle  # which imports this module
 
 # Distance (mm) between the places at which the wall is looked at.
 SPACING_MM = 2.5
@@ -38,7 +35,7 @@ PLACES = (121, 61)
 SECTORS = 12
 
 
-def check_one_ventricle(paths: Mapping[str, Path], heart: "Ventricle") -> None:
+def check_one_ventricle(paths: Mapping[str, Path], heart: Ventricle) -> None:
     """The epicardium is that of the left ventricle alone."""
     inner, outer = (
         triangle_points(surface, SPACING_MM) for surface in (heart.endocardium, heart.epicardium)
@@ -57,7 +54,7 @@ def check_one_ventricle(paths: Mapping[str, Path], heart: "Ventricle") -> None:
         )
 
 
-def check_lines(paths: Mapping[str, Path], heart: "Ventricle") -> None:
+def check_lines(paths: Mapping[str, Path], heart: Ventricle) -> None:
     """Every line through the wall meets each surface once, but for small folds."""
     for side, path in paths.items():
         surface = getattr(heart, side)
@@ -79,14 +76,14 @@ def check_lines(paths: Mapping[str, Path], heart: "Ventricle") -> None:
             )
 
 
-def where(heart: "Ventricle", point: np.ndarray) -> str:
+def where(heart: Ventricle, point: np.ndarray) -> str:
     """A point (3,) in the files' coordinates and in words: its AHA segment."""
     phi, share = np.arctan2(point[1], point[0]), -point[2] / heart.lines.length
     segment = SEGMENTS[aha_segment_at(phi, share) - 1]
     return f"{heart.in_file_words(point)} (segment {segment.number}, {segment.name})"
 
 
-def depth_of_crossing(heart: "Ventricle", deepest: float) -> float:
+def depth_of_crossing(heart: Ventricle, deepest: float) -> float:
     """How far (mm) below the base the surfaces cross or nearly do, if no deeper than `deepest`;
     otherwise 0."""
     inner, thickness = _wall(heart)
@@ -98,7 +95,7 @@ def depth_of_crossing(heart: "Ventricle", deepest: float) -> float:
     return depth.reshape(PLACES[::-1])[np.flatnonzero(rows)[-1] // PLACES[0] + 1].max()
 
 
-def check_thickness(paths: Mapping[str, Path], heart: "Ventricle") -> None:
+def check_thickness(paths: Mapping[str, Path], heart: Ventricle) -> None:
     """There is a wall between the smooth surfaces through the endocardium and the epicardium."""
     inner, thickness = _wall(heart)
     least = thickness.argmin()
@@ -120,7 +117,7 @@ def check_thickness(paths: Mapping[str, Path], heart: "Ventricle") -> None:
     )
 
 
-def _wall(heart: "Ventricle") -> tuple[np.ndarray, np.ndarray]:
+def _wall(heart: Ventricle) -> tuple[np.ndarray, np.ndarray]:
     """Places (n, 3) all over the endocardium, and the wall's thickness (n,) in mm along the lines
     there; less than 0 where the epicardium lies inside."""
     angles, latitudes = np.linspace(-np.pi, np.pi, PLACES[0]), np.linspace(0, QUARTER, PLACES[1])

@@ -9,6 +9,7 @@ import torch
 
 from regional_lv.aha import LEVELS
 from regional_lv.channels import Channels
+from regional_lv.data.published import with_published_heart
 from regional_lv.emulators.joint_gp import JointGP
 from regional_lv.errors import InputError
 from regional_lv.geometry import described
@@ -51,7 +52,7 @@ class OutOfReach(InputError):
 def by_table(config: Mapping, table: str | Path) -> Mapping:
     """The configuration of a heart from surfaces or a mesh by a segment table, which is written;
     that of another heart as it is. Raises InputError for files that cannot be used."""
-    geometry = config["geometry"]
+    geometry = with_published_heart(config)
     if geometry["source"] == "segments":
         return config
     return {**config, "geometry": described.section_by_table(geometry, table)}

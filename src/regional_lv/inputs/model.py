@@ -6,13 +6,13 @@ the thickness, radius, length and apex of the segment table, which of surfaces a
 them. Values that an input returns are new mappings; a model is never changed in place.
 """
 
-import tempfile
 from collections.abc import Mapping
-from pathlib import Path
 
 import numpy as np
+import pandas as pd
 
 from regional_lv import aha
+from regional_lv.data.published import PUBLISHED_HEART
 from regional_lv.errors import InputError
 from regional_lv.geometry.shape import level_ends
 from regional_lv.geometry.surfaces import Surfaces
@@ -49,24 +49,33 @@ def model_of(config: Mapping) -> dict:
 def _described(geometry: Mapping) -> dict:
     """Of a heart from surfaces or a mesh; why no table describes it, if none does."""
     # Imported here: readers of surfaces take a second to load, and most hearts have a table.
-    from regional_lv.geometry.described import section_by_table
+    from regional_lv.geometry.described import table_of_heart
 
-    with tempfile.TemporaryDirectory() as folder:
-        try:
-            given = section_by_table(geometry, Path(folder, "segments.csv"))
-            shape = _of_table(given)
-            # The wall moves as the smooth one through the table's figures, if there is one.
-            Surfaces(shape["table"], given["endo_apex_z_mm"], given["epi_apex_z_mm"])
-        except InputError as error:
-            return {NO_TABLE: f"no segment table describes the heart ({error})"}
-    return shape
+    if geometry["source"] == "mesh" and geometry["imported"]["file"] == PUBLISHED_HEART:
+        raise InputError(
+            f"geometry.imported.file: a study is planned before {PUBLISHED_HEART} is fetched, so "
+            "that inputs of its segments' shape are not known; give the paths of its two files "
+            "(geometry.imported.file and .segments), or remove these inputs"
+        )
+    try:
+        found = table_of_heart(geometry)
+        # The wall moves as the smooth one through the table's figures, if there is one.
+        Surfaces(*found)
+    except InputError as error:
+        return {NO_TABLE: f"no segment table describes the heart ({error})"}
+    return _shape(*found)
 
 
 def _of_table(geometry: Mapping) -> dict:
     table = read_segments(geometry["segments"])
     apices = geometry["endo_apex_z_mm"], geometry["epi_apex_z_mm"]
     check_apices(geometry["segments"], table, *apices)
-    shape = {"table": table, "length_mm": -apices[0], "apex_mm": apices[0] - apices[1]}
+    return _shape(table, *apices)
+
+
+def _shape(table: pd.DataFrame, endo_apex_z_mm: float, epi_apex_z_mm: float) -> dict:
+    shape = {"table": table, "length_mm": -endo_apex_z_mm}
+    shape |= {"apex_mm": endo_apex_z_mm - epi_apex_z_mm}
     shape |= {column: table[column].to_numpy(float) for column in TABLE}
     return shape | level_ends(table, shape["length_mm"])
 

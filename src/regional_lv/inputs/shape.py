@@ -3,7 +3,7 @@
 from typing import ClassVar
 
 from regional_lv.geometry.shape import LEVEL_KEYS
-from regional_lv.geometry.table import PLAUSIBLE_MM, SD_COLUMNS
+from regional_lv.geometry.table import SD_COLUMNS, plausible_mm
 from regional_lv.inputs.base import LOGARITHMIC, KeyInput, SegmentInput
 from regional_lv.inputs.scales import Linear
 
@@ -50,7 +50,7 @@ class TableInput(SegmentInput):
         return float(sds[self.segment - 1]) if sds is not None and sds[self.segment - 1] else None
 
     def _set_nominal(self, value):
-        least, most = PLAUSIBLE_MM[self.column]
+        least, most = plausible_mm(self.column, self.segment)
         self.nominal = value
         self.low, self.high = max(self.less * value, least), min(self.more * value, most)
 

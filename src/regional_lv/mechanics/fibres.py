@@ -2,12 +2,10 @@
 
 from collections.abc import Mapping
 
-import numpy as np
 import ufl
 
+from regional_lv.geometry.directions import KINDS, fibre_angles
 from regional_lv.mechanics.materials.base import plain
-
-KINDS = ("helix", "sheet")
 
 
 def local_directions(transmural_gradient):
@@ -20,17 +18,6 @@ def local_directions(transmural_gradient):
     circumferential = horizontal / ufl.sqrt(ufl.dot(horizontal, horizontal) + 1e-16)
     longitudinal = ufl.cross(radial, circumferential)
     return circumferential, radial, longitudinal
-
-
-def fibre_angles(fibres: Mapping) -> dict[str, float]:
-    """Angles (rad) at both surfaces, `helix_endo` to `sheet_epi`, of the section `fibres`.
-
-    `rotation_deg` is added to the helix angle at the endocardium and taken from that at the
-    epicardium.
-    """
-    names = [f"{kind}_{side}" for kind in KINDS for side in ("endo", "epi")]
-    turned = {"helix_endo": fibres["rotation_deg"], "helix_epi": -fibres["rotation_deg"]}
-    return {name: np.deg2rad(fibres[f"{name}_deg"] + turned.get(name, 0.0)) for name in names}
 
 
 def fibre_directions(transmural, fibres: Mapping, constant=plain, turn=0.0):

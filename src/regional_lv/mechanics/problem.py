@@ -19,6 +19,7 @@ import numpy as np
 from scipy import sparse
 
 from regional_lv.aha import SEGMENTS
+from regional_lv.geometry.directions import fibre_angles
 from regional_lv.geometry.elements import (
     facet_nodes_of,
     facet_normal_changes,
@@ -33,7 +34,6 @@ from regional_lv.inputs.space import Inputs
 from regional_lv.mechanics import dolfinx_api as api
 from regional_lv.mechanics.derivatives import ByCell, ByNode
 from regional_lv.mechanics.equilibrium import Rotation
-from regional_lv.mechanics.fibres import fibre_angles
 from regional_lv.mechanics.loads import LOADS, valve_plane_share, valve_plane_share_changes
 from regional_lv.mechanics.observables.observer import Observer
 from regional_lv.mechanics.simulator import Simulator, State

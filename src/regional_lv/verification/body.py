@@ -3,7 +3,7 @@
 import numpy as np
 import ufl
 
-from regional_lv.geometry.elements import HEXAHEDRON_PARENTS, NODES
+from regional_lv.geometry.elements import FACES, NODES
 from regional_lv.mechanics import dolfinx_api as api
 from regional_lv.mechanics.continuation import Effort, Solver
 from regional_lv.mechanics.equilibrium import (
@@ -14,9 +14,6 @@ from regional_lv.mechanics.equilibrium import (
     virtual_work,
 )
 from regional_lv.mechanics.simulator import QUADRATURE_DEGREE
-
-FACES = HEXAHEDRON_PARENTS[20:26]
-"""Corners of the six faces of a hexahedron in VTK order."""
 
 
 def block(shape: tuple[int, int, int], place) -> tuple[np.ndarray, np.ndarray]:

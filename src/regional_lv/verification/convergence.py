@@ -1,9 +1,10 @@
 """Orders at which the discretisation converges: a tube with an exact solution, and the heart.
 
-The tube is a slice of a thick-walled cylinder of the heart's own material, fibres turning through
-the wall by the heart's helix angles, sheets radial. Inflated between planes that hold it along
-the axis and around it, it stays a tube: a point at the distance R from the axis moves to r with
-r^2 = R^2 + a^2 - A^2, and the pressure is an integral over R.
+The tube is a slice of a thick-walled cylinder of Holzapfel and Ogden's material (the heart's own,
+if it has this law), fibres turning through the wall by the heart's helix angles, sheets radial.
+Inflated between planes that hold it along the axis and around it, it stays a tube: a point at the
+distance R from the axis moves to r with r^2 = R^2 + a^2 - A^2, and the pressure is an integral over
+R.
 """
 
 import json
@@ -18,9 +19,11 @@ from numpy.polynomial import legendre
 from scipy.optimize import brentq
 
 from regional_lv.channels import Channels
+from regional_lv.geometry.directions import fibre_angles
 from regional_lv.mechanics.equilibrium import Rotation
 from regional_lv.mechanics.fibres import fibre_directions
 from regional_lv.mechanics.materials import material_from_config
+from regional_lv.mechanics.materials.holzapfel_ogden import HolzapfelOgden
 from regional_lv.units import KPA_PER_MMHG
 from regional_lv.verification.body import Body, block
 
@@ -48,11 +51,14 @@ class Tube:
     """The exact solution; lengths in mm, pressure in mmHg, strains have the loaded state as
     their reference, as the heart's do.
 
-    `physics` holds the config sections `material` (Holzapfel-Ogden), `fibres` and `loading`.
+    `physics` holds the config sections `material`, `fibres` and `loading`. The solution is one of
+    Holzapfel and Ogden's law: a study with another law has that law's reference values here.
     """
 
     def __init__(self, physics: dict):
-        self.material = material_from_config(physics["material"])
+        material = physics["material"]
+        own = material["law"] == HolzapfelOgden.name
+        self.material = material_from_config(material) if own else HolzapfelOgden()
         self.constants = self.material.scaled(dict.fromkeys(self.material.references, 1.0))
         self.fibres = physics["fibres"] | {"sheet_endo_deg": 0.0, "sheet_epi_deg": 0.0}
         self.pressure = physics["loading"]["pressure_mmhg"]
@@ -70,7 +76,8 @@ class Tube:
         """
         k, R = self.constants, self._R
         depth = (R - INNER) / (OUTER - INNER)
-        endo, epi = (np.deg2rad(self.fibres[f"helix_{side}_deg"]) for side in ("endo", "epi"))
+        angles = fibre_angles(self.fibres)
+        endo, epi = angles["helix_endo"], angles["helix_epi"]
         around = np.cos(endo + (epi - endo) * depth) ** 2
         stretch = 1 + (radius**2 - INNER**2) / R**2  # (r / R)^2
         matrix = k["a_kpa"] * np.exp(k["b"] * (stretch + 1 / stretch - 2))

@@ -63,12 +63,13 @@ def compare(meshes: dict[str, pd.DataFrame], reference: str, channels: Channels)
 
     Columns: mesh, unknowns, point (0, 1, ..., the last is theta = 1), volume_percent (at end
     diastole), max_strain (the largest error of the strains) with its `channel`, mean_dilation.
+    What is not observed is NaN, its channel empty.
     """
     volume = [c.name for c in channels if c.quantity == "volume" and c.load_fraction == 1]
     strains = [c.name for c in channels if c.kind.is_strain]
     exact, parts = meshes[reference], []
     for name, table in meshes.items():
-        error = (table[strains] - exact[strains]).abs().to_numpy()
+        error = (table[strains] - exact[strains]).abs()
         percent = 100 * (table[volume] - exact[volume]).abs() / exact[volume]
         parts.append(
             pd.DataFrame(
@@ -78,7 +79,7 @@ def compare(meshes: dict[str, pd.DataFrame], reference: str, channels: Channels)
                     "point": np.arange(len(table)),
                     "volume_percent": percent.max(axis=1),
                     "max_strain": error.max(axis=1),
-                    "channel": np.array(strains)[np.nan_to_num(error, nan=-1.0).argmax(axis=1)],
+                    "channel": error.fillna(-1.0).idxmax(axis=1) if strains else "",
                     "mean_dilation": table["mean_dilation"],
                 }
             )
@@ -88,7 +89,7 @@ def compare(meshes: dict[str, pd.DataFrame], reference: str, channels: Channels)
 
 def summarise(errors: pd.DataFrame) -> pd.DataFrame:
     """Per mesh: unknowns, points solved, median and worst error over the points, dilation."""
-    solved = errors.dropna(subset=["max_strain"])
+    solved = errors.dropna(subset=["mean_dilation"])
     groups = solved.groupby("mesh", sort=False)
     return groups.agg(
         unknowns=("unknowns", "first"),

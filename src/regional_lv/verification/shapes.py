@@ -13,8 +13,7 @@ import pyvista
 from scipy.spatial.transform import Rotation
 
 from regional_lv.geometry.triangles import enclosed_volume
-
-SIDES = ("endocardium", "epicardium")
+from regional_lv.geometry.ventricle import SIDES
 
 
 @dataclass(frozen=True)
