@@ -157,6 +157,14 @@ def test_a_shape_without_a_smooth_wall_is_not_converged(solver, held):
     at = values(solver.simulator, wall_thickness_9=0.3)
     with pytest.raises(NotConverged, match="no smooth surface"):
         solver.newton(held.w, at, PRESSURE, Effort())
+    # Neither is it solved at another load as the shape before it, which is left as it was.
+    effort = Effort()
+    with pytest.raises(NotConverged, match="no smooth surface"):
+        solver.inflate(at, PRESSURE, effort)
+    assert effort.newton_steps == 0
+    problem, places = solver.simulator, solver.simulator.mesh.points
+    problem.set(held.theta, PRESSURE)
+    assert problem.mesh.points is places
 
 
 def test_solutions_of_many_vectors_are_those_of_each(solver, held):

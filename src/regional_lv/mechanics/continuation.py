@@ -251,6 +251,8 @@ class Solver(Generic[AnyEquilibrium]):
         """
         theta = np.asarray(theta, dtype=float)
         settings = self.settings
+        with no_shape_is_not_converged():  # smaller loads would not help
+            self.simulator.set(theta, 0.0)
         here = State(np.zeros(self.simulator.size), theta, 0.0)
         before = None
         step = settings["first_load_fraction"] * pressure

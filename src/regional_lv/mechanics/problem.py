@@ -168,14 +168,19 @@ class Problem(Simulator):
 
     def set(self, theta: np.ndarray, pressure: float) -> None:
         """Set the inputs' values (k,) and the cavity pressure (mmHg), with which dead loads
-        grow."""
+        grow. Raises InputError as `apply` does."""
         self.apply(self.inputs.model(theta), pressure)
 
     def apply(self, model: Mapping, pressure: float) -> None:
-        """Set everything that a model says, and the cavity pressure (mmHg)."""
-        before, self.model = self.model, model
-        if not _same(model["geometry"], before["geometry"]):
-            self.place_nodes(self._places(model["geometry"]))
+        """Set everything that a model says, and the cavity pressure (mmHg).
+
+        Raises InputError for a shape without a smooth wall; the problem is then unchanged.
+        """
+        moved = not _same(model["geometry"], self.model["geometry"])
+        points = self._places(model["geometry"]) if moved else None
+        self.model = model
+        if points is not None:
+            self.place_nodes(points)
         for name, function in self._factors.items():
             function.x.array[:] = model["factors"][name][self.segment]
         values = {**self._constants(model), "pressure_kpa": pressure * KPA_PER_MMHG}
