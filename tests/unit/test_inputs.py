@@ -146,6 +146,20 @@ def test_a_standard_deviation_of_nothing_is_fixed():
 
 
 @pytest.mark.parametrize(
+    ("section", "alone"),
+    [
+        ({}, True),
+        ({"septal_load": "fixed"}, True),
+        ({"septal_load": "inferred"}, False),
+        ({"C_b": {"role": "fixed", "value": 1.2}}, False),
+    ],
+)
+def test_whether_only_the_stiffness_is_asked_for(section, alone):
+    """If not, there are simulations over all inputs."""
+    assert Inputs.from_config(loaded(inputs=section)).is_stiffness_alone == alone
+
+
+@pytest.mark.parametrize(
     ("section", "words"),
     [
         ({"septal_lod": "suspected"}, "did you mean septal_load"),
@@ -161,6 +175,12 @@ def test_a_standard_deviation_of_nothing_is_fixed():
         ({"septal_load": "measured"}, "with no standard deviation; give one, sd_mmhg"),
         ({"septal_load": {"role": "measured", "sd_mmhg": 1, "value": 50}}, "outside the range"),
         ({"helix_epi": {"role": "suspected", "sd_deg": 1}}, "only what is measured"),
+        (
+            {"septal_load": {"role": "fixed", "value": 3}},
+            "change it there .section `loading`",
+        ),
+        ({"length": {"role": "measured", "sd_mm": 0, "value": 80}}, "section `geometry`"),
+        ({"radial_scale": {"role": "fixed", "value": 0.8}}, "give radial_scale another role"),
         (
             {"C_a": {"role": "fixed", "value": 1.0}, "end_diastolic_pressure": "suspected"},
             "exact only if C_a_anterior goes along",

@@ -29,7 +29,7 @@ EMULATOR_OF_INPUTS = (
 # Whether the model is doubted, and the stiffness averaged over models.
 INPUTS = sections_of(config)
 STUDIED = Inputs.from_config(INPUTS)
-DOUBTS = not FROM_TABLES and not STUDIED.of_role("inferred").all()
+DOUBTS = not FROM_TABLES and not STUDIED.is_stiffness_alone
 # Whether there is an emulator of the stiffness alone as well, as in the paper.
 ALONE = EVALUATION or not DOUBTS
 
