@@ -90,6 +90,36 @@ def test_rules_see_numbers_as_they_are_written(root, tmp_path, pressure, warmup,
     assert "Traceback" not in done.stdout + done.stderr
 
 
+DRAWN = """
+include: "{root}/Snakefile"
+
+from snakemake.iocontainers import Wildcards
+
+for step in workflow.rules:
+    if step.name == "simulate_inputs":
+        for batch in INPUTS_BATCHES["train"][:2]:
+            of = dict(set="train", batch=batch.removeprefix("batch-"))
+            print("DRAWN", step.params.code(Wildcards(fromdict=of)))
+"""
+
+
+def test_a_longer_design_fills_its_last_batch_and_leaves_the_full_ones(root, tmp_path):
+    """Batches know the design by this param alone."""
+    files = ("--configfile", root / "config" / "smoke.yaml")
+    short, long = (
+        listed(
+            tmp_path,
+            DRAWN.format(root=root),
+            *files,
+            "--config",
+            f"all_inputs={{simulations: {n}}}",
+        ).stdout.splitlines()
+        for n in (40, 70)
+    )
+    assert short[0].startswith("DRAWN") and short[0] == long[0]
+    assert short[1].endswith("8 rows") and long[1].endswith("32 rows")
+
+
 @pytest.fixture(scope="module")
 def listing(root, tmp_path_factory):
     """What Snakemake prints of the rules of a study (names of configurations, or `cohort`)."""

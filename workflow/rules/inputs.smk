@@ -3,9 +3,9 @@ about each, and one emulator."""
 
 ALL_INPUTS = config["all_inputs"]
 OVER_INPUTS = f"{R}/all_inputs"
+INPUTS_SIZES = {"train": ALL_INPUTS["simulations"], "test": ALL_INPUTS["test"]}
 INPUTS_BATCHES = {
-    name: batches(ALL_INPUTS[size], config["simulations"]["batch_size"])
-    for name, size in {"train": "simulations", "test": "test"}.items()
+    name: batches(size, config["simulations"]["batch_size"]) for name, size in INPUTS_SIZES.items()
 }
 INPUTS_ANCHORS = min(ALL_INPUTS["anchors"], ALL_INPUTS["simulations"])
 INPUTS_ANCHOR_BATCHES = batches(INPUTS_ANCHORS, -(-INPUTS_ANCHORS // 2))
@@ -17,6 +17,15 @@ DESIGN = {
 # The first simulations of a longer design are the same, and are not made again: they depend on what
 # draws them, not on the file.
 DRAWN = f"{code_of(module_of(DESIGN), 'simulation.batches')} seed {config['seed']}"
+
+
+def rows_drawn(wildcards):
+    """What draws the rows of a batch, and how many: of a longer design, the last one has more."""
+    size = config["simulations"]["batch_size"]
+    rows = min(size, INPUTS_SIZES[wildcards.set] - int(wildcards.batch) * size)
+    return f"{DRAWN}, {rows} rows"
+
+
 # Simulations that are made on the finer mesh as well.
 FINER = min(ALL_INPUTS["finer"], INPUTS_ANCHORS)
 # Whether the simulations join the emulator of any heart, which comes with the package.
@@ -50,7 +59,7 @@ if DOUBTS:
         params:
             call=DESIGN,
             physics=INPUTS,
-            sizes={"train": ALL_INPUTS["simulations"], "test": ALL_INPUTS["test"]},
+            sizes=INPUTS_SIZES,
         script:
             "../scripts/call.py"
 
@@ -125,7 +134,7 @@ if DOUBTS:
             set=any_of(INPUTS_BATCHES),
         params:
             call="simulation.batches:simulate_batch",
-            code=DRAWN,
+            code=rows_drawn,
             physics=INPUTS,
             batch_size=config["simulations"]["batch_size"],
 
