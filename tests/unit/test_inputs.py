@@ -130,7 +130,7 @@ def test_nominal_values_are_the_model_as_it_is(model, every):
             },
         ),
         ({"focal_scar": "suspected"}, {"focal_scar_9": ("suspected", None)}),
-        ({"C_b": {"role": "fixed", "value": 1.0}}, {"C_a_apical": ("inferred", None)}),
+        ({"material": "fixed"}, {"C_a_apical": ("inferred", None)}),
     ],
 )
 def test_roles(section, roles):
@@ -151,7 +151,7 @@ def test_a_standard_deviation_of_nothing_is_fixed():
         ({}, True),
         ({"septal_load": "fixed"}, True),
         ({"septal_load": "inferred"}, False),
-        ({"C_b": {"role": "fixed", "value": 1.2}}, False),
+        ({"C_b_apical": {"role": "measured", "value": 1.2, "sd": 0.1}}, False),
     ],
 )
 def test_whether_only_the_stiffness_is_asked_for(section, alone):
@@ -170,7 +170,8 @@ def test_whether_only_the_stiffness_is_asked_for(section, alone):
         ({"end_diastolic_pressure": "inferred"}, "moves the same thing as C_a_anterior"),
         ({"C_a_septal": {"role": "measured", "sd": 0.1}}, "no nominal value"),
         ({"C_a_septal": "suspected"}, "no value in the model as it is"),
-        ({"C_a_septal": "fixed"}, "no nominal value"),
+        ({"C_a_septal": "fixed"}, "cannot be fixed; .*name the others in `parameters.factors`"),
+        ({"C_b": {"role": "measured", "sd": 0, "value": 1}}, "give a standard deviation above 0"),
         ({"septal_load": {"role": "measured", "sd_mm": 1}}, "write sd_mmhg"),
         ({"septal_load": "measured"}, "with no standard deviation; give one, sd_mmhg"),
         ({"septal_load": {"role": "measured", "sd_mmhg": 1, "value": 50}}, "outside the range"),
@@ -181,10 +182,6 @@ def test_whether_only_the_stiffness_is_asked_for(section, alone):
         ),
         ({"length": {"role": "measured", "sd_mm": 0, "value": 80}}, "section `geometry`"),
         ({"radial_scale": {"role": "fixed", "value": 0.8}}, "give radial_scale another role"),
-        (
-            {"C_a": {"role": "fixed", "value": 1.0}, "end_diastolic_pressure": "suspected"},
-            "exact only if C_a_anterior goes along",
-        ),
     ],
 )
 def test_roles_that_cannot_be(section, words):
@@ -209,6 +206,13 @@ def test_roles_that_cannot_be(section, words):
                 "inputs": {"basal_motion": "suspected"},
             },
             "radial is free",
+        ),
+        (
+            {
+                "supports": {"epicardium_kpa_per_mm": 0.05},
+                "inputs": {"end_diastolic_pressure": "suspected"},
+            },
+            "exact only if epicardial_support goes along",
         ),
     ],
 )

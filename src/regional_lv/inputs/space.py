@@ -51,8 +51,7 @@ class Role:
 class Inputs(InputSequence[Input]):
     """Inputs of one model.
 
-    Attributes: base, the model of the configuration, stiffness that is fixed at its value; roles
-    (K,).
+    Attributes: base, the model of the configuration; roles (K,).
 
     Parameters
     ----------
@@ -272,7 +271,8 @@ def _meant(word: str, asked: dict, every: Sequence[Input], model: Mapping) -> li
     able = [group for group in able if group]
     if not able:
         possible = ", ".join((by_name or by_word)[0].roles)
-        raise InputError(f"{SECTION}.{word}: cannot be {kind}; choose among {possible}")
+        where = ", or name the others in `parameters.factors`" if kind == "fixed" else ""
+        raise InputError(f"{SECTION}.{word}: cannot be {kind}; choose among {possible}{where}")
     sds = [key for key in asked if key.startswith("sd")]
     if kind != "measured":
         if sds:
@@ -344,6 +344,8 @@ def _role(word: str, asked: dict, each: Input) -> Role:
     if limits is not None:
         _check_range(f"{key}.range", each, *limits, each.nominal if value is None else value)
     kind = "fixed" if sd == 0 else asked["role"]
+    if kind not in each.roles:
+        raise InputError(f"{key}: {each.name} cannot be {kind}; give a standard deviation above 0")
     if kind == "fixed" and value is not None and each.nominal is not None:
         # The mesh is made, and the stiffness alone simulated, from these sections.
         where = f" (section `{each.changes}`)" if each.changes in (*SECTIONS, "geometry") else ""
