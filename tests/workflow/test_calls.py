@@ -120,6 +120,20 @@ def test_a_longer_design_fills_its_last_batch_and_leaves_the_full_ones(root, tmp
     assert short[1].endswith("8 rows") and long[1].endswith("32 rows")
 
 
+def test_a_mesh_that_is_kept_is_verified_without_finer_ones(root, tmp_path):
+    (tmp_path / "heart.vtu").touch()
+    imported = "{source: mesh, imported: {file: heart.vtu, remesh: false}}"
+    own = tmp_path / "kept.yaml"
+    own.write_text(
+        f"study: kept\ngeometry: {imported}\nall_inputs: {{finer: 0}}\n"
+        "criticism: {benchmark: {hearts: {misread: 0}}}\n"
+    )
+    places = "--snakefile", root / "Snakefile", "--directory", tmp_path
+    done = planned("verify", *places, "--configfile", root / "config" / "smoke.yaml", own)
+    rules = set(re.findall(r"^rule (\w+):", done.stdout + done.stderr, flags=re.MULTILINE))
+    assert rules == {"verify_land", "plot_land", "verify"}, done
+
+
 @pytest.fixture(scope="module")
 def listing(root, tmp_path_factory):
     """What Snakemake prints of the rules of a study (names of configurations, or `cohort`)."""
