@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import subprocess
 
 import numpy as np
 import pandas as pd
@@ -61,6 +62,20 @@ def test_what_the_study_wrote_passes_from_anywhere(results, tmp_path, monkeypatc
     monkeypatch.chdir(tmp_path / "elsewhere")
     code, (line,) = verify("../results/tiny")
     assert code == 0 and line.startswith("../results/tiny: 3 files")
+
+
+@pytest.mark.parametrize("name", ["train.parquet", "fit.json", "emulator.pt", "finer/emulator.pt"])
+def test_what_is_over_all_inputs_holds_times(name):
+    assert manifest.holds_times(f"all_inputs/{name}")
+    assert not manifest.holds_times("all_inputs/errors.csv")
+
+
+def test_the_commit_is_that_of_the_checkout(root):
+    head = ["git", "rev-parse", "HEAD"]
+    done = subprocess.run(head, cwd=root, capture_output=True, text=True)
+    expected = done.stdout.strip() if (root / ".git").exists() else None
+    found = manifest.versions()["regional-lv commit"]
+    assert (found and found.removesuffix("-dirty")) == expected
 
 
 @pytest.mark.parametrize("name", ["tables/measured_template.csv", "screening/train.parquet"])

@@ -41,6 +41,9 @@ PACKAGES = {
 
 HOLD_TIMES = (
     "screening/*.parquet",
+    "all_inputs/*.parquet",
+    "all_inputs/*emulator.pt",
+    "all_inputs/*fit.json",
     "emulators/*.pt",
     "posteriors/*.nc",
     "posteriors/*/diagnostics.csv",
@@ -130,7 +133,7 @@ def versions() -> dict[str, str | None]:
     behind it if files were edited; None for what is not there."""
     found: dict[str, str | None] = {"python": platform.python_version()}
     found |= {name: _version(names) for name, names in PACKAGES.items()}
-    return found | {"regional-lv commit": _commit(Path(__file__).resolve().parents[2])}
+    return found | {"regional-lv commit": _commit(Path(__file__).resolve().parents[3])}
 
 
 def _version(names: Iterable[str]) -> str | None:
