@@ -154,15 +154,15 @@ def test_changes_of_the_residual_are_those_of_differences(solver, given):
 
 def test_a_shape_without_a_smooth_wall_is_not_converged(solver, held):
     """As one on the way between two others may be; it ends no job."""
-    at = values(solver.simulator, wall_thickness_9=0.3)
+    problem = solver.simulator
+    problem.set(held.theta, PRESSURE)
+    places, at, effort = problem.mesh.points, values(problem, wall_thickness_9=0.3), Effort()
     with pytest.raises(NotConverged, match="no smooth surface"):
-        solver.newton(held.w, at, PRESSURE, Effort())
+        solver.newton(held.w, at, PRESSURE, effort)
     # Neither is it solved at another load as the shape before it, which is left as it was.
-    effort = Effort()
     with pytest.raises(NotConverged, match="no smooth surface"):
         solver.inflate(at, PRESSURE, effort)
     assert effort.newton_steps == 0
-    problem, places = solver.simulator, solver.simulator.mesh.points
     problem.set(held.theta, PRESSURE)
     assert problem.mesh.points is places
 

@@ -277,6 +277,20 @@ def test_failure_is_a_result(simulator, physics):
     assert result.sensitivity is None
 
 
+def test_derivatives_that_are_not_finite_are_a_result(simulator, solver, solved, monkeypatch):
+    """At a load that was reached."""
+
+    def not_finite(*given):
+        raise LinearSolveError("the Newton step is not finite")
+
+    monkeypatch.setattr(simulator, "differentiated", not_finite)
+    known = Known(simulator.size, simulator.coordinates)
+    known.add(solved.theta, solved.w, np.zeros((10, simulator.size)))
+    result = Runner(solver, {1.0: known}).run(THETA)
+    assert (result.status, result.reason) == ("failed", "the Newton step is not finite")
+    assert result.last_pressure == PRESSURE and np.isnan(result.observables).all()
+
+
 @pytest.mark.parametrize("name", BASES)
 def test_base_supports(small_mesh, physics, name):
     """Each support holds the components that it names, and leaves the others to move."""

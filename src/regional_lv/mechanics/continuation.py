@@ -43,12 +43,15 @@ class NotConverged(ArithmeticError):
 
 
 @contextmanager
-def no_shape_is_not_converged() -> Iterator[None]:
-    """A shape without a smooth wall is `NotConverged`; derivatives ask for those beside it, too."""
+def failure_is_not_converged(reached: float = 0.0) -> Iterator[None]:
+    """A shape without a smooth wall, and a system without a finite solution, is `NotConverged`;
+    derivatives ask for shapes beside a smooth one, too. reached: its `last_pressure`."""
     try:
         yield
-    except InputError as error:
-        raise NotConverged(str(error)) from error
+    except (InputError, LinearSolveError) as error:
+        failure = NotConverged(str(error))
+        failure.last_pressure = reached
+        raise failure from error
 
 
 @dataclass
@@ -151,7 +154,7 @@ class Solver(Generic[AnyEquilibrium]):
         for a theta with a shape that has no smooth wall.
         """
         simulator, settings = self.simulator, self.settings
-        with no_shape_is_not_converged():  # on the way between two shapes lies one that is none
+        with failure_is_not_converged():  # on the way between two shapes lies one that is none
             simulator.set(theta, pressure)
         tolerance = settings["way_tolerance_mm" if on_the_way else "increment_tolerance_mm"]
         near = settings["tangent_tolerance_mm"] if tangent and not on_the_way else np.inf
@@ -233,14 +236,11 @@ class Solver(Generic[AnyEquilibrium]):
         """
         simulator, scales = self.simulator, self.simulator.coordinates
         beside = scales.natural(scales.scaled(state.theta) + DIFFERENCE * direction)
-        with no_shape_is_not_converged():
+        with failure_is_not_converged():
             simulator.set(beside, state.pressure)
-        there = simulator.residual(state.w)
-        simulator.set(state.theta, state.pressure)
-        try:
+            there = simulator.residual(state.w)
+            simulator.set(state.theta, state.pressure)
             return -simulator.solve((there - simulator.residual(state.w)) / DIFFERENCE)
-        except LinearSolveError as error:
-            raise NotConverged(str(error)) from error
 
     # ---------------------------------------------------------------- cold start
 
@@ -251,7 +251,7 @@ class Solver(Generic[AnyEquilibrium]):
         """
         theta = np.asarray(theta, dtype=float)
         settings = self.settings
-        with no_shape_is_not_converged():  # smaller loads would not help
+        with failure_is_not_converged():  # smaller loads would not help
             self.simulator.set(theta, 0.0)
         here = State(np.zeros(self.simulator.size), theta, 0.0)
         before = None
@@ -289,7 +289,8 @@ class Solver(Generic[AnyEquilibrium]):
         simulator, found = self.simulator, {}
         for load in simulator.channels.load_fractions:
             state = self.inflate(theta, load * simulator.full_pressure, effort)
-            found[load] = Solution(state, simulator.tangents(state))
+            with failure_is_not_converged(state.pressure):
+                found[load] = Solution(state, simulator.tangents(state))
         return found
 
 
@@ -334,6 +335,7 @@ class Runner:
             result.status = "failed"
             result.reason = str(error) if not result.solutions else f"load {fraction:g}: {error}"
             result.last_pressure = error.last_pressure
+            result.observables = np.full(len(self.channels), np.nan)
             result.sensitivity = None
         else:
             result.last_pressure = pressure
@@ -412,7 +414,7 @@ class Runner:
         if result.sensitivity is None:
             result.observables[at] = simulator.observables(state.w, fraction=fraction)[0]
         else:
-            with no_shape_is_not_converged():
+            with failure_is_not_converged(state.pressure):
                 values, slopes, tangents = simulator.differentiated(state, fraction)
             result.observables[at] = values
             by_theta = slopes / self.coordinates.slope(state.theta)[:, None]
