@@ -90,7 +90,7 @@ def test_sensitivities_match_resolved_differences(simulator, solver, solved, see
     theta = np.exp(rng.uniform(np.log(0.3), np.log(3.0), 10))
     direction = rng.choice([-1, 1], 10) * rng.uniform(0.2, 1.0, 10)
     state = solver.newton(_known(solver, solved).field(theta), theta, PRESSURE, Effort())
-    tangents = simulator.field_sensitivities(state.w)
+    tangents = simulator.tangents(state)
     exact = direction @ simulator.observables(state.w, tangents)[1]
     h, values = 1e-3, []
     for sign in (1, -1):
@@ -365,7 +365,7 @@ def _known(solver, state):
     """Guesses from one solution, whose tangent is made here."""
     again = solver.newton(state.w, state.theta, state.pressure, Effort())
     known = Known(solver.simulator.size, solver.simulator.coordinates)
-    known.add(again.theta, again.w, solver.simulator.field_sensitivities(again.w))
+    known.add(again.theta, again.w, solver.simulator.tangents(again))
     return known
 
 

@@ -37,7 +37,7 @@ def results(tmp_path, monkeypatch):
         study_config.load(CONFIG | {"map": {"starts": 3}}),
         ["config/base.yaml", "config/tiny.yaml"],
         {"map": {"starts": 3}},
-        folder / manifest.NAME,
+        folder / "manifest.json",
     )
     return folder
 
@@ -49,7 +49,7 @@ def verify(*arguments) -> tuple[int, list[str]]:
 
 
 def test_what_the_study_wrote_passes_from_anywhere(results, tmp_path, monkeypatch):
-    content = json.loads((results / manifest.NAME).read_text())
+    content = json.loads((results / "manifest.json").read_text())
     table = results / "tables" / "volunteer_segments.csv"
     digest = hashlib.sha256(table.read_bytes()).hexdigest()
     assert content["files"]["tables/volunteer_segments.csv"] == digest
@@ -127,7 +127,7 @@ def test_a_configuration_that_has_moved_has_to_be_named(results, tmp_path):
 
 
 def test_other_versions_are_listed_and_no_error(results):
-    path = results / manifest.NAME
+    path = results / "manifest.json"
     content = json.loads(path.read_text())
     content["versions"] |= {"numpy": "0.1", "dolfinx": None}
     path.write_text(json.dumps(content))
@@ -143,7 +143,7 @@ def test_other_versions_are_listed_and_no_error(results):
 
 @pytest.mark.parametrize("content", [None, "{", "[]", '{"files": {}}', '{"files": 3}'])
 def test_what_is_no_manifest_is_said(results, content):
-    path = results / manifest.NAME
+    path = results / "manifest.json"
     if content is None:
         path.unlink()
     else:

@@ -25,10 +25,11 @@ def batches(folder, failing):
         for sample in rows["sample"]:
             theta = rows.loc[sample, list(PARAMETERS.names)].to_numpy(dtype=float)
             if sample in failing:
-                results.append(Simulation(theta, "failed", "at 3.000 mmHg: no way", 3.0, 40, 2.0))
+                took = "at 3.000 mmHg: no way", 3.0, 40, 2.0
+                results.append(Simulation(theta, "failed", np.full(52, np.nan), *took))
             else:
                 values, slopes = np.full(52, float(sample)), np.zeros((52, 10))
-                results.append(Simulation(theta, "converged", "", 8.0, 5, 0.5, values, slopes))
+                results.append(Simulation(theta, "converged", values, "", 8.0, 5, 0.5, slopes))
         path = folder / f"batch-{start}.parquet"
         tabulate(rows, results, CHANNELS).to_parquet(path, index=False)
         paths.append(path)

@@ -98,7 +98,7 @@ from snakemake.iocontainers import Wildcards
 for step in workflow.rules:
     if step.name == "simulate_inputs":
         for batch in INPUTS_BATCHES["train"][:2]:
-            of = dict(set="train", batch=batch.removeprefix("batch-"))
+            of = dict(set="train", batch=batch)
             print("DRAWN", step.params.code(Wildcards(fromdict=of)))
 """
 

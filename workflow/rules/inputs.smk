@@ -11,8 +11,8 @@ INPUTS_ANCHORS = min(ALL_INPUTS["anchors"], ALL_INPUTS["simulations"])
 INPUTS_ANCHOR_BATCHES = batches(INPUTS_ANCHORS, -(-INPUTS_ANCHORS // 2))
 # Whose shapes they are of.
 DESIGN = {
-    "study": "simulation.design:write_design",
-    "population": "hearts.design:write_design",
+    "study": "simulation.design:write_inputs_design",
+    "population": "hearts.design:write_population_design",
 }[ALL_INPUTS["shapes"]]
 # The first simulations of a longer design are the same, and are not made again: they depend on what
 # draws them, not on the file.
@@ -101,7 +101,7 @@ if DOUBTS:
     use rule fit_predictor as fit_inputs_predictor with:
         input:
             anchors=expand(
-                f"{OVER_INPUTS}/{{{{mesh_folder}}}}anchors/{{batch}}.npz",
+                f"{OVER_INPUTS}/{{{{mesh_folder}}}}anchors/batch-{{batch}}.npz",
                 batch=INPUTS_ANCHOR_BATCHES,
             ),
         output:
@@ -120,7 +120,9 @@ if DOUBTS:
             predictor=LAYOUT.inputs_predictor(),
             design=ancient(f"{OVER_INPUTS}/design/{{set}}.parquet"),
             anchors=lambda wildcards: (
-                expand(f"{OVER_INPUTS}/anchors/{{batch}}.parquet", batch=INPUTS_ANCHOR_BATCHES)
+                expand(
+                    f"{OVER_INPUTS}/anchors/batch-{{batch}}.parquet", batch=INPUTS_ANCHOR_BATCHES
+                )
                 if wildcards.set == "train"
                 else []
             ),
@@ -141,7 +143,7 @@ if DOUBTS:
     rule screen_inputs:
         input:
             batches=lambda wildcards: expand(
-                f"{OVER_INPUTS}/simulations/{wildcards.set}/{{batch}}.parquet",
+                f"{OVER_INPUTS}/simulations/{wildcards.set}/batch-{{batch}}.parquet",
                 batch=INPUTS_BATCHES[wildcards.set],
             ),
         output:
@@ -198,9 +200,11 @@ if DOUBTS:
         """What a finer mesh changes, of all inputs."""
         input:
             emulator_file=f"{OVER_INPUTS}/emulator.pt",
-            coarse=expand(f"{OVER_INPUTS}/anchors/{{batch}}.parquet", batch=INPUTS_ANCHOR_BATCHES),
+            coarse=expand(
+                f"{OVER_INPUTS}/anchors/batch-{{batch}}.parquet", batch=INPUTS_ANCHOR_BATCHES
+            ),
             finer=expand(
-                f"{OVER_INPUTS}/finer/anchors/{{batch}}.parquet", batch=INPUTS_ANCHOR_BATCHES
+                f"{OVER_INPUTS}/finer/anchors/batch-{{batch}}.parquet", batch=INPUTS_ANCHOR_BATCHES
             ),
         output:
             corrected_file=f"{OVER_INPUTS}/finer/emulator.pt",

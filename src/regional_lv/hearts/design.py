@@ -39,7 +39,7 @@ def draw_hearts(inputs: Inputs, n: int, seed: int) -> pd.DataFrame:
     return values
 
 
-def write_design(
+def write_population_design(
     physics: Mapping, sizes: Mapping[str, int], seed: int, train: str | Path, test: str | Path
 ) -> None:
     """`simulation.design.write_sets` for ventricles of all kinds."""

@@ -75,16 +75,16 @@ class Simulation:
     """One finished run: `observables` (D,), `sensitivity` (D, P) and what it took.
 
     `last_pressure` (mmHg) how far the inflation got, `reason` why it failed (empty if it
-    converged), `solutions` by load fraction.
+    converged), `solutions` by load fraction. Of a failed run all observables are NaN.
     """
 
     theta: np.ndarray
     status: str
+    observables: np.ndarray
     reason: str = ""
     last_pressure: float = 0.0
     newton_steps: int = 0
     cpu_s: float = 0.0
-    observables: np.ndarray | None = None
     sensitivity: np.ndarray | None = None
     solutions: dict[float, Solution] = field(default_factory=dict, repr=False)
 
@@ -95,7 +95,8 @@ class Simulation:
 
 
 class Mixing:
-    """Anderson's mixing of fixed-point steps; `dofs` are those whose steps are made small."""
+    """Anderson's mixing of fixed-point steps; dofs: entries over which the least squares is
+    taken."""
 
     def __init__(self, dofs: np.ndarray):
         self._dofs = dofs
@@ -323,7 +324,7 @@ class Runner:
         """Simulate `theta` (P,), whatever comes of it."""
         theta = np.asarray(theta, dtype=float)
         started, effort = time.process_time(), Effort()
-        result = Simulation(theta, "converged", observables=np.full(len(self.channels), np.nan))
+        result = Simulation(theta, "converged", np.full(len(self.channels), np.nan))
         pressure = self.solver.simulator.full_pressure
         if self.sensitivities:
             result.sensitivity = np.full((len(self.channels), len(theta)), np.nan)
@@ -335,7 +336,7 @@ class Runner:
             result.status = "failed"
             result.reason = str(error) if not result.solutions else f"load {fraction:g}: {error}"
             result.last_pressure = error.last_pressure
-            result.observables = np.full(len(self.channels), np.nan)
+            result.observables[:] = np.nan
             result.sensitivity = None
         else:
             result.last_pressure = pressure
@@ -410,7 +411,6 @@ class Runner:
     def _observe(self, state: State, fraction: float, result: Simulation) -> Solution:
         simulator = self.solver.simulator
         at, tangents = simulator.places_of(fraction), None
-        assert result.observables is not None  # `run` has made room
         if result.sensitivity is None:
             result.observables[at] = simulator.observables(state.w, fraction=fraction)[0]
         else:

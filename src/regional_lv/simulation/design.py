@@ -54,8 +54,8 @@ def _groups(inputs: Inputs) -> list[list[int]]:
 
 
 def _dimensions(group: list[int]) -> int:
-    """Of the sequence: whether it is on and its value; of several which one, and all that for as
-    many as can be on."""
+    """Of the sequence: 1 for a single input, whose number says whether it is on and its value; 2
+    for each member of a kind that can be on, which one it is (if any) and its value."""
     return 1 if len(group) == 1 else 2 * min(MOST_OF_A_KIND, len(group))
 
 
@@ -126,7 +126,7 @@ def draw_table(inputs: Inputs, n: int, seed: int) -> pd.DataFrame:
     return pd.DataFrame(draw_inputs(inputs, n, seed), columns=list(inputs.names))
 
 
-def write_design(
+def write_inputs_design(
     physics: Mapping, sizes: Mapping[str, int], seed: int, train: str | Path, test: str | Path
 ) -> None:
     """`write_sets` for the study's heart."""

@@ -12,8 +12,7 @@ from pathlib import Path
 
 from regional_lv.errors import InputError
 from regional_lv.input_files import reason_of
-
-NAME = "manifest.json"
+from regional_lv.study.layout import Layout
 
 PACKAGES = {
     "dolfinx": ("fenics-dolfinx", "dolfinx-solver-real"),
@@ -93,7 +92,7 @@ def write_manifest(
 
 def read_manifest(folder: str | Path) -> dict:
     """What the manifest of the results in `folder` holds. Raises InputError."""
-    path = Path(folder) / NAME
+    path = Path(Layout(str(folder)).manifest)
     try:
         content = json.loads(path.read_text())
     except OSError as error:
