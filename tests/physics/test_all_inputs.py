@@ -47,7 +47,8 @@ def made(small_mesh, study, inputs, tmp_path_factory):
     files = {name: folder / f"{name}.npz" for name in ("start", "fields", "predictor")}
     designs = {name: folder / f"design_{name}.parquet" for name in SIZES}
     channels = Channels.from_config(study)
-    write_inputs_design(physics, SIZES, 7, **designs)
+    for name, size in SIZES.items():
+        write_inputs_design(physics, name, size, 7, designs[name])
     solve_baseline(small_mesh, physics, files["start"], folder / "baseline.json")
     given = (small_mesh, files["start"], designs["train"], physics, 10, 1, "0000")
     solve_anchors(*given, files["fields"], folder / "anchors.parquet")

@@ -90,36 +90,6 @@ def test_rules_see_numbers_as_they_are_written(root, tmp_path, pressure, warmup,
     assert "Traceback" not in done.stdout + done.stderr
 
 
-DRAWN = """
-include: "{root}/Snakefile"
-
-from snakemake.iocontainers import Wildcards
-
-for step in workflow.rules:
-    if step.name == "simulate_inputs":
-        for batch in INPUTS_BATCHES["train"][:2]:
-            of = dict(set="train", batch=batch)
-            print("DRAWN", step.params.code(Wildcards(fromdict=of)))
-"""
-
-
-def test_a_longer_design_fills_its_last_batch_and_leaves_the_full_ones(root, tmp_path):
-    """Batches know the design by this param alone."""
-    files = ("--configfile", root / "config" / "smoke.yaml")
-    short, long = (
-        listed(
-            tmp_path,
-            DRAWN.format(root=root),
-            *files,
-            "--config",
-            f"all_inputs={{simulations: {n}}}",
-        ).stdout.splitlines()
-        for n in (40, 70)
-    )
-    assert short[0].startswith("DRAWN") and short[0] == long[0]
-    assert short[1].endswith("8 rows") and long[1].endswith("32 rows")
-
-
 def test_a_mesh_that_is_kept_is_verified_without_finer_ones(root, tmp_path):
     (tmp_path / "heart.vtu").touch()
     imported = "{source: mesh, imported: {file: heart.vtu, remesh: false}}"

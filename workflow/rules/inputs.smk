@@ -14,16 +14,18 @@ DESIGN = {
     "study": "simulation.design:write_inputs_design",
     "population": "hearts.design:write_population_design",
 }[ALL_INPUTS["shapes"]]
-# The first simulations of a longer design are the same, and are not made again: they depend on what
-# draws them, not on the file.
-DRAWN = f"{code_of(module_of(DESIGN), 'simulation.batches')} seed {config['seed']}"
 
 
 def rows_drawn(wildcards):
-    """What draws the rows of a batch, and how many: of a longer design, the last one has more."""
-    size = config["simulations"]["batch_size"]
-    rows = min(size, INPUTS_SIZES[wildcards.set] - int(wildcards.batch) * size)
-    return f"{DRAWN}, {rows} rows"
+    """How many rows of the design there are up to the end of a batch. Every job draws them itself:
+    the first rows of a longer design are the same, and full batches are not made again."""
+    end = (int(wildcards.batch) + 1) * config["simulations"]["batch_size"]
+    return min(end, INPUTS_SIZES[wildcards.set])
+
+
+def anchors_of(wildcards):
+    """How many anchors are solved on a mesh."""
+    return FINER if wildcards.mesh_folder else INPUTS_ANCHORS
 
 
 # Simulations that are made on the finer mesh as well.
@@ -47,22 +49,6 @@ if DOUBTS:
     COORDINATES = SIMULATED.coordinates.spec()
     SUSPECTED = SIMULATED.subset(SIMULATED.of_role("suspected"))
 
-    rule design_inputs:
-        input:
-            [SEGMENT_TABLE] if config["geometry"]["source"] == "segments" else [],
-        output:
-            train=f"{OVER_INPUTS}/design/train.parquet",
-            test=f"{OVER_INPUTS}/design/test.parquet",
-        log:
-            f"{LOGS}/all_inputs/design_inputs.log",
-        localrule: True
-        params:
-            call=DESIGN,
-            physics=INPUTS,
-            sizes=INPUTS_SIZES,
-        script:
-            "../scripts/call.py"
-
     use rule solve_baseline as solve_inputs_baseline with:
         input:
             mesh=LAYOUT.heart("{mesh_folder}").mesh,
@@ -77,26 +63,31 @@ if DOUBTS:
             call="simulation.batches:solve_baseline",
             physics=INPUTS,
 
-    use rule solve_anchors as solve_inputs_anchors with:
+    rule solve_inputs_anchors:
         input:
             mesh=LAYOUT.heart("{mesh_folder}").mesh,
             start=f"{OVER_INPUTS}/{{mesh_folder}}baseline.npz",
-            design=ancient(f"{OVER_INPUTS}/design/train.parquet"),
         output:
+            design=f"{OVER_INPUTS}/{{mesh_folder}}anchors/design-{{batch}}.parquet",
             fields=f"{OVER_INPUTS}/{{mesh_folder}}anchors/batch-{{batch}}.npz",
             simulations=f"{OVER_INPUTS}/{{mesh_folder}}anchors/batch-{{batch}}.parquet",
         log:
             f"{LOGS}/all_inputs/{{mesh_folder}}solve_anchors-{{batch}}.log",
         benchmark:
             f"{R}/benchmarks/all_inputs/{{mesh_folder}}anchors/batch-{{batch}}.tsv"
+        priority: FIRST
+        threads: 1
         resources:
             **needs(mem_mb=4000, minutes=120),
         params:
-            call="simulation.batches:solve_anchors",
-            code=DRAWN,
+            calls={"design": DESIGN, "anchors": "simulation.batches:solve_anchors"},
             physics=INPUTS,
-            anchors=lambda wildcards: FINER if wildcards.mesh_folder else INPUTS_ANCHORS,
+            set="train",
+            size=anchors_of,
+            anchors=anchors_of,
             batches=len(INPUTS_ANCHOR_BATCHES),
+        script:
+            "../scripts/call.py"
 
     use rule fit_predictor as fit_inputs_predictor with:
         input:
@@ -114,11 +105,10 @@ if DOUBTS:
             call="mechanics.predictor:fit_predictor",
             physics=INPUTS,
 
-    use rule simulate_batch as simulate_inputs with:
+    rule simulate_inputs:
         input:
             mesh=LAYOUT.heart().mesh,
             predictor=LAYOUT.inputs_predictor(),
-            design=ancient(f"{OVER_INPUTS}/design/{{set}}.parquet"),
             anchors=lambda wildcards: (
                 expand(
                     f"{OVER_INPUTS}/anchors/batch-{{batch}}.parquet", batch=INPUTS_ANCHOR_BATCHES
@@ -127,6 +117,7 @@ if DOUBTS:
                 else []
             ),
         output:
+            design=f"{OVER_INPUTS}/design/{{set}}/batch-{{batch}}.parquet",
             simulations=f"{OVER_INPUTS}/simulations/{{set}}/batch-{{batch}}.parquet",
         log:
             f"{LOGS}/all_inputs/simulations/{{set}}/batch-{{batch}}.log",
@@ -134,11 +125,17 @@ if DOUBTS:
             f"{R}/benchmarks/all_inputs/simulations/{{set}}/batch-{{batch}}.tsv"
         wildcard_constraints:
             set=any_of(INPUTS_BATCHES),
+        priority: FIRST
+        threads: 1
+        resources:
+            **needs(minutes=60),
         params:
-            call="simulation.batches:simulate_batch",
-            code=rows_drawn,
+            calls={"design": DESIGN, "simulations": "simulation.batches:simulate_batch"},
             physics=INPUTS,
+            size=rows_drawn,
             batch_size=config["simulations"]["batch_size"],
+        script:
+            "../scripts/call.py"
 
     rule screen_inputs:
         input:
