@@ -11,7 +11,7 @@ from click.testing import CliRunner
 from regional_lv.cli import main
 from regional_lv.errors import InputError
 from regional_lv.hearts import file as any_heart_file
-from regional_lv.hearts.full import write_design
+from regional_lv.hearts.full import write_inputs_design
 from regional_lv.hearts.reach import OutOfReach, within
 from regional_lv.inputs.space import sections_of
 
@@ -75,18 +75,18 @@ def test_with_one_simulations_of_the_heart_join(way, run, folder):
 
 
 def test_nothing_is_simulated_beyond_what_the_emulator_knows(heart, file, any_heart, tmp_path):
-    files = tmp_path / "train.parquet", tmp_path / "test.parquet"
+    design = tmp_path / "design.parquet"
 
     def write(config):
-        write_design(file, sections_of(config), {"train": 8, "test": 2}, 1, *files)
+        write_inputs_design(file, sections_of(config), "train", 8, 1, design)
 
     with pytest.raises(InputError, match=r"C_a is cut to 0\.12 to 5, .*inputs\.<name>"):
         write(heart())
     with pytest.raises(OutOfReach, match="wall_thickness_"):
         write(heart(lambda table: table.__setitem__("wall_thickness_mm", 2.2)))
-    assert not files[0].exists()
+    assert not design.exists()
     write(within(heart(), any_heart.emulator, any_heart.known)[0])
-    assert len(pd.read_parquet(files[0])) == 8
+    assert len(pd.read_parquet(design)) == 8
 
 
 def test_what_is_cut_is_on_top_only_while_it_is_asked_for(folder, monkeypatch):

@@ -14,7 +14,7 @@ from regional_lv.emulators.training import read_sensitivities, read_simulations,
 from regional_lv.inputs.space import Inputs, sections_of
 from regional_lv.mechanics.predictor import fit_predictor
 from regional_lv.simulation.batches import simulate_batch, solve_anchors, solve_baseline
-from regional_lv.simulation.design import write_design
+from regional_lv.simulation.design import write_inputs_design
 from regional_lv.simulation.screening import screen_simulations
 
 SIZES = {"train": 32, "test": 8}
@@ -47,7 +47,8 @@ def made(small_mesh, study, inputs, tmp_path_factory):
     files = {name: folder / f"{name}.npz" for name in ("start", "fields", "predictor")}
     designs = {name: folder / f"design_{name}.parquet" for name in SIZES}
     channels = Channels.from_config(study)
-    write_design(physics, SIZES, 7, **designs)
+    for name, size in SIZES.items():
+        write_inputs_design(physics, name, size, 7, designs[name])
     solve_baseline(small_mesh, physics, files["start"], folder / "baseline.json")
     given = (small_mesh, files["start"], designs["train"], physics, 10, 1, "0000")
     solve_anchors(*given, files["fields"], folder / "anchors.parquet")

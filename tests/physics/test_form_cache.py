@@ -153,3 +153,21 @@ def test_no_value_compiles_a_form(small_mesh, physics):
     *same, spring, again = spring
     assert same == base and again == load != spring
     assert off[: len(base)] == base and load not in off and spring not in off
+
+
+def test_a_cache_that_cannot_be_locked_is_said(tmp_path):
+    program = f"""
+import errno, fcntl, os
+from regional_lv.errors import InputError
+
+def flock(file, how):
+    raise OSError(errno.ENOLCK, os.strerror(errno.ENOLCK))
+
+fcntl.flock = flock
+try:
+    exec({INTEGRAL!r})
+except InputError as error:
+    print(error)
+"""
+    said = run(program, {"XDG_CACHE_HOME": str(tmp_path)})
+    assert "cannot be locked" in said and "set XDG_CACHE_HOME" in said

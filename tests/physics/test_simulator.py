@@ -90,7 +90,7 @@ def test_sensitivities_match_resolved_differences(simulator, solver, solved, see
     theta = np.exp(rng.uniform(np.log(0.3), np.log(3.0), 10))
     direction = rng.choice([-1, 1], 10) * rng.uniform(0.2, 1.0, 10)
     state = solver.newton(_known(solver, solved).field(theta), theta, PRESSURE, Effort())
-    tangents = simulator.field_sensitivities(state.w)
+    tangents = simulator.tangents(state)
     exact = direction @ simulator.observables(state.w, tangents)[1]
     h, values = 1e-3, []
     for sign in (1, -1):
@@ -277,6 +277,20 @@ def test_failure_is_a_result(simulator, physics):
     assert result.sensitivity is None
 
 
+def test_derivatives_that_are_not_finite_are_a_result(simulator, solver, solved, monkeypatch):
+    """At a load that was reached."""
+
+    def not_finite(*given):
+        raise LinearSolveError("the Newton step is not finite")
+
+    monkeypatch.setattr(simulator, "differentiated", not_finite)
+    known = Known(simulator.size, simulator.coordinates)
+    known.add(solved.theta, solved.w, np.zeros((10, simulator.size)))
+    result = Runner(solver, {1.0: known}).run(THETA)
+    assert (result.status, result.reason) == ("failed", "the Newton step is not finite")
+    assert result.last_pressure == PRESSURE and np.isnan(result.observables).all()
+
+
 @pytest.mark.parametrize("name", BASES)
 def test_base_supports(small_mesh, physics, name):
     """Each support holds the components that it names, and leaves the others to move."""
@@ -351,7 +365,7 @@ def _known(solver, state):
     """Guesses from one solution, whose tangent is made here."""
     again = solver.newton(state.w, state.theta, state.pressure, Effort())
     known = Known(solver.simulator.size, solver.simulator.coordinates)
-    known.add(again.theta, again.w, solver.simulator.field_sensitivities(again.w))
+    known.add(again.theta, again.w, solver.simulator.tangents(again))
     return known
 
 

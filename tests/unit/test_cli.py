@@ -25,7 +25,7 @@ from regional_lv.measured import curves, read_measured
 from regional_lv.measured.plausibility import data_warnings, too_small
 from regional_lv.plots import style
 from regional_lv.quantities.seth_hill import Measure
-from regional_lv.study.manifest import NAME, write_manifest
+from regional_lv.study.manifest import write_manifest
 
 CHANNELS = Channels.of()
 
@@ -208,7 +208,7 @@ def test_results_of_another_folder_are_not_overwritten(call, filled, tmp_path, r
     results.mkdir(parents=True)
     config, files = study_config.load(folder / "config.yaml"), ["quick.yaml", "copy/config.yaml"]
     (tmp_path / "quick.yaml").write_text("")
-    write_manifest([], config, files, {}, results / NAME)
+    write_manifest([], config, files, {}, results / "manifest.json")
     # The folder was moved, and not copied.
     study = ("hearts/anna", "--dry-run", "--workflow", str(root))
     copy.mkdir()

@@ -387,6 +387,13 @@ def test_only_a_mesh_that_is_kept_cannot_be_made_finer(subject, remesh, tmp_path
         assert f"{key}: an imported mesh that is kept cannot be made finer" in str(error.value)
 
 
+@pytest.mark.parametrize("given", [{"finer": 1}, {"finer": 20, "anchors": 9}])
+def test_a_finer_mesh_is_learnt_from_enough_simulations(given):
+    with pytest.raises(InputError, match=r"all_inputs\.finer: [19] simulations .* give 10 or more"):
+        config.load({"study": "few", "all_inputs": given})
+    config.load({"study": "few", "all_inputs": {"finer": 10, "anchors": 10}})
+
+
 def test_a_population_has_shapes_of_all_kinds():
     study = {"study": "hearts", "all_inputs": {"shapes": "population"}}
     with pytest.raises(

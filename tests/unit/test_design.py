@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 from regional_lv.inputs.stiffness import StiffnessInputs
-from regional_lv.simulation.sobol import further_points, make_design, sobol, write_design
+from regional_lv.simulation.sobol import further_points, make_design, sobol, write_stiffness_design
 
 PARAMETERS = StiffnessInputs()
 LOWER, UPPER = PARAMETERS.lower, PARAMETERS.upper
@@ -53,7 +53,7 @@ def test_bounds_may_differ_between_factors(tmp_path):
     bounds = {"C_a": (0.5, 2.0), "C_b": (0.1, 10.0)}
     whole = StiffnessInputs({"wall": range(1, 18)}, bounds=bounds)
     files = tmp_path / "train.parquet", tmp_path / "test.parquet"
-    write_design(DESIGN, whole, 1, *files)
+    write_stiffness_design(DESIGN, whole, 1, *files)
     train, test = map(pd.read_parquet, files)
     assert list(train.columns) == ["sample", "scale", "C_a_wall", "C_b_wall"] == list(test.columns)
     for name, (low, high) in {"C_a_wall": bounds["C_a"], "C_b_wall": bounds["C_b"]}.items():

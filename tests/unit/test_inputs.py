@@ -135,7 +135,7 @@ def test_models_of_other_shapes_are_not_the_same():
             },
         ),
         ({"focal_scar": "suspected"}, {"focal_scar_9": ("suspected", None)}),
-        ({"C_b": {"role": "fixed", "value": 1.0}}, {"C_a_apical": ("inferred", None)}),
+        ({"material": "fixed"}, {"C_a_apical": ("inferred", None)}),
     ],
 )
 def test_roles(section, roles):
@@ -151,6 +151,20 @@ def test_a_standard_deviation_of_nothing_is_fixed():
 
 
 @pytest.mark.parametrize(
+    ("section", "alone"),
+    [
+        ({}, True),
+        ({"septal_load": "fixed"}, True),
+        ({"septal_load": "inferred"}, False),
+        ({"C_b_apical": {"role": "measured", "value": 1.2, "sd": 0.1}}, False),
+    ],
+)
+def test_whether_only_the_stiffness_is_asked_for(section, alone):
+    """If not, there are simulations over all inputs."""
+    assert Inputs.from_config(loaded(inputs=section)).is_stiffness_alone == alone
+
+
+@pytest.mark.parametrize(
     ("section", "words"),
     [
         ({"septal_lod": "suspected"}, "did you mean septal_load"),
@@ -161,15 +175,18 @@ def test_a_standard_deviation_of_nothing_is_fixed():
         ({"end_diastolic_pressure": "inferred"}, "moves the same thing as C_a_anterior"),
         ({"C_a_septal": {"role": "measured", "sd": 0.1}}, "no nominal value"),
         ({"C_a_septal": "suspected"}, "no value in the model as it is"),
-        ({"C_a_septal": "fixed"}, "no nominal value"),
+        ({"C_a_septal": "fixed"}, "cannot be fixed; .*name the others in `parameters.factors`"),
+        ({"C_b": {"role": "measured", "sd": 0, "value": 1}}, "give a standard deviation above 0"),
         ({"septal_load": {"role": "measured", "sd_mm": 1}}, "write sd_mmhg"),
         ({"septal_load": "measured"}, "with no standard deviation; give one, sd_mmhg"),
         ({"septal_load": {"role": "measured", "sd_mmhg": 1, "value": 50}}, "outside the range"),
         ({"helix_epi": {"role": "suspected", "sd_deg": 1}}, "only what is measured"),
         (
-            {"C_a": {"role": "fixed", "value": 1.0}, "end_diastolic_pressure": "suspected"},
-            "exact only if C_a_anterior goes along",
+            {"septal_load": {"role": "fixed", "value": 3}},
+            "change it there .section `loading`",
         ),
+        ({"length": {"role": "measured", "sd_mm": 0, "value": 80}}, "section `geometry`"),
+        ({"radial_scale": {"role": "fixed", "value": 0.8}}, "give radial_scale another role"),
     ],
 )
 def test_roles_that_cannot_be(section, words):
@@ -194,6 +211,13 @@ def test_roles_that_cannot_be(section, words):
                 "inputs": {"basal_motion": "suspected"},
             },
             "radial is free",
+        ),
+        (
+            {
+                "supports": {"epicardium_kpa_per_mm": 0.05},
+                "inputs": {"end_diastolic_pressure": "suspected"},
+            },
+            "exact only if epicardial_support goes along",
         ),
     ],
 )

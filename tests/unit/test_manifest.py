@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import subprocess
 
 import numpy as np
 import pandas as pd
@@ -36,7 +37,7 @@ def results(tmp_path, monkeypatch):
         study_config.load(CONFIG | {"map": {"starts": 3}}),
         ["config/base.yaml", "config/tiny.yaml"],
         {"map": {"starts": 3}},
-        folder / manifest.NAME,
+        folder / "manifest.json",
     )
     return folder
 
@@ -48,7 +49,7 @@ def verify(*arguments) -> tuple[int, list[str]]:
 
 
 def test_what_the_study_wrote_passes_from_anywhere(results, tmp_path, monkeypatch):
-    content = json.loads((results / manifest.NAME).read_text())
+    content = json.loads((results / "manifest.json").read_text())
     table = results / "tables" / "volunteer_segments.csv"
     digest = hashlib.sha256(table.read_bytes()).hexdigest()
     assert content["files"]["tables/volunteer_segments.csv"] == digest
@@ -61,6 +62,20 @@ def test_what_the_study_wrote_passes_from_anywhere(results, tmp_path, monkeypatc
     monkeypatch.chdir(tmp_path / "elsewhere")
     code, (line,) = verify("../results/tiny")
     assert code == 0 and line.startswith("../results/tiny: 3 files")
+
+
+@pytest.mark.parametrize("name", ["train.parquet", "fit.json", "emulator.pt", "finer/emulator.pt"])
+def test_what_is_over_all_inputs_holds_times(name):
+    assert manifest.holds_times(f"all_inputs/{name}")
+    assert not manifest.holds_times("all_inputs/errors.csv")
+
+
+def test_the_commit_is_that_of_the_checkout(root):
+    head = ["git", "rev-parse", "HEAD"]
+    done = subprocess.run(head, cwd=root, capture_output=True, text=True)
+    expected = done.stdout.strip() if (root / ".git").exists() else None
+    found = manifest.versions()["regional-lv commit"]
+    assert (found and found.removesuffix("-dirty")) == expected
 
 
 @pytest.mark.parametrize("name", ["tables/measured_template.csv", "screening/train.parquet"])
@@ -131,7 +146,7 @@ def test_files_that_moved_with_the_configuration_are_the_same(results, tmp_path)
 
 
 def test_other_versions_are_listed_and_no_error(results):
-    path = results / manifest.NAME
+    path = results / "manifest.json"
     content = json.loads(path.read_text())
     content["versions"] |= {"numpy": "0.1", "dolfinx": None}
     path.write_text(json.dumps(content))
@@ -147,7 +162,7 @@ def test_other_versions_are_listed_and_no_error(results):
 
 @pytest.mark.parametrize("content", [None, "{", "[]", '{"files": {}}', '{"files": 3}'])
 def test_what_is_no_manifest_is_said(results, content):
-    path = results / manifest.NAME
+    path = results / "manifest.json"
     if content is None:
         path.unlink()
     else:

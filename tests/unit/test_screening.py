@@ -25,10 +25,11 @@ def batches(folder, failing):
         for sample in rows["sample"]:
             theta = rows.loc[sample, list(PARAMETERS.names)].to_numpy(dtype=float)
             if sample in failing:
-                results.append(Simulation(theta, "failed", "at 3.000 mmHg: no way", 3.0, 40, 2.0))
+                took = "at 3.000 mmHg: no way", 3.0, 40, 2.0
+                results.append(Simulation(theta, "failed", np.full(52, np.nan), *took))
             else:
                 values, slopes = np.full(52, float(sample)), np.zeros((52, 10))
-                results.append(Simulation(theta, "converged", "", 8.0, 5, 0.5, values, slopes))
+                results.append(Simulation(theta, "converged", values, "", 8.0, 5, 0.5, slopes))
         path = folder / f"batch-{start}.parquet"
         tabulate(rows, results, CHANNELS).to_parquet(path, index=False)
         paths.append(path)
@@ -50,7 +51,7 @@ def test_failures_are_listed_with_reason_and_place(tmp_path):
 
 def test_nothing_converged_is_an_error_with_a_remedy(tmp_path):
     with pytest.raises(InputError, match=r"none of 8 simulations converged.*material"):
-        screen(batches(tmp_path, failing=set(range(8))), PARAMETERS, CHANNELS)
+        screen(batches(tmp_path, failing=set(range(8))), PARAMETERS, CHANNELS, steepest=5.0)
 
 
 def test_not_finite_outputs_do_not_pass(tmp_path):
@@ -59,7 +60,7 @@ def test_not_finite_outputs_do_not_pass(tmp_path):
     table.loc[0, "radial_03"] = np.nan
     table.to_parquet(paths[0], index=False)
     kept, excluded, _ = screen(paths, PARAMETERS, CHANNELS)
-    assert len(kept) == 7 and len(excluded) == 1
+    assert len(kept) == 7 and excluded["reason"].tolist() == ["an output is not finite"]
 
 
 def test_tables_are_written(tmp_path):
@@ -82,6 +83,7 @@ def test_what_is_about_to_become_unstable_is_left_out(tmp_path):
                 slopes = (
                     rng.normal(size=(52, 10)) * np.where(np.arange(52) == 0, 50.0, 0.1)[:, None]
                 )
+                slopes[7] = 0.0  # an output that nothing changes
                 size = {3: 30.0, 6: 2.0}.get(sample, 1.0)
                 table.at[row, "sensitivity"] = (
                     size * slopes / table.loc[row, "C_a_apical"]

@@ -211,6 +211,15 @@ def test_modules_of_the_working_folder_are_not_found(entry, tmp_path, root):
     assert done.stdout.split() == ["None", "None"], done
 
 
+def test_the_package_is_found_in_the_working_folder(root):
+    """As one that is not installed, in the processes that a study starts, too."""
+    path = str(root / "src")
+    program = SETTLE.format(names=["PYTHONPATH"]) + "print(*sys.path, sep='\\n')"
+    done = started(program, {"PYTHONPATH": "src"}, root)
+    first, *others = done.stdout.splitlines()
+    assert first == path and path in others
+
+
 @pytest.mark.parametrize(("given", "then"), [({}, 1), ({"OMP_NUM_THREADS": "2"}, 2)])
 def test_libraries_compute_on_one_core_unless_the_user_says_otherwise(given, then, tmp_path):
     program = (

@@ -92,6 +92,20 @@ def test_rules_see_numbers_as_they_are_written(root, tmp_path, pressure, warmup,
     assert "Traceback" not in done.stdout + done.stderr
 
 
+def test_a_mesh_that_is_kept_is_verified_without_finer_ones(root, tmp_path):
+    (tmp_path / "heart.vtu").touch()
+    imported = "{source: mesh, imported: {file: heart.vtu, remesh: false}}"
+    own = tmp_path / "kept.yaml"
+    own.write_text(
+        f"study: kept\ngeometry: {imported}\nall_inputs: {{finer: 0}}\n"
+        "criticism: {benchmark: {hearts: {misread: 0}}}\n"
+    )
+    places = "--snakefile", root / "Snakefile", "--directory", tmp_path
+    done = planned("verify", *places, "--configfile", root / "config" / "smoke.yaml", own)
+    rules = set(re.findall(r"^rule (\w+):", done.stdout + done.stderr, flags=re.MULTILINE))
+    assert rules == {"verify_land", "plot_land", "verify"}, done
+
+
 @pytest.fixture(scope="module")
 def listing(root, tmp_path_factory):
     """What Snakemake prints of the rules of a study (names of configurations, or `cohort`)."""

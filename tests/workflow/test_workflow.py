@@ -200,9 +200,17 @@ def test_roles_rerun_what_is_over_all_inputs_only(editable):
     """The paper's emulators and posteriors know nothing of them."""
     edit_config(editable, lambda c: c["inputs"].update(epicardial_support="suspected"))
     rules = planned(editable)
-    assert {"design_inputs", "solve_inputs_anchors", "simulate_inputs", "train_on_inputs"} <= rules
+    assert {"solve_inputs_anchors", "simulate_inputs", "train_on_inputs"} <= rules
     assert {"criticise_subject", "show_subject"} <= rules
     assert not rules & {"make_mesh", "simulate_batch", "train_emulator", "sample_subject"}
+
+
+def test_a_longer_design_fills_its_last_batch_and_leaves_the_full_ones(editable):
+    edit_config(editable, lambda c: c["all_inputs"].update(simulations=40, test=6))
+    output = run(editable, "--cores", "1", "--dry-run")
+    batch = r"^    output: .*all_inputs/simulations/(\w+)/batch-(\d+)"
+    made = re.findall(batch, output, flags=re.MULTILINE)
+    assert sorted(made) == [("test", "0000"), ("train", "0001")]
 
 
 def test_figure_module_reruns_the_job_of_that_figure_only(editable):

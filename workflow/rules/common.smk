@@ -382,12 +382,12 @@ def limitations_from(folder):
 
 
 def batches(size, per_batch):
-    """Names of the batches that `size` items make: batch-0000, batch-0001, ..."""
-    return [f"batch-{i:04d}" for i in range(-(-size // per_batch))]
+    """Numbers of the batches that `size` items make: 0000, 0001, ..."""
+    return [f"{i:04d}" for i in range(-(-size // per_batch))]
 
 
 def posterior_batches(name):
-    """Names of the batches of posteriors of a set."""
+    """Numbers of the batches of posteriors of a set."""
     return batches(SETS[name], config["nuts"]["cases_per_batch"])
 
 
@@ -407,7 +407,7 @@ def noise_prior_posteriors(wildcards):
 
 def posterior_files(emulator, name):
     """Files of the posteriors of a set."""
-    return expand(f"{R}/posteriors/{emulator}/{name}/{{batch}}.nc", batch=posterior_batches(name))
+    return expand(LAYOUT.posteriors(emulator).batch(name, "{batch}"), batch=posterior_batches(name))
 
 
 def local_scenarios(noisy):

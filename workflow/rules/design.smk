@@ -9,7 +9,7 @@ rule make_design:
         f"{LOGS}/design/make_design.log",
     localrule: True
     params:
-        call="simulation.sobol:write_design",
+        call="simulation.sobol:write_stiffness_design",
         design={key: config["design"][key] for key in ("natural", "log", "test")},
     script:
         "../scripts/call.py"

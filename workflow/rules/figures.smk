@@ -122,7 +122,7 @@ PLOTS = {
             "input": {
                 "errors": POSTERIORS.of_set("test", "map_mse"),
                 "posteriors": lambda wildcards: of_shortlist(
-                    *(f"{batch}.nc" for batch in posterior_batches("test"))
+                    *(f"batch-{batch}.nc" for batch in posterior_batches("test"))
                 ),
                 "diagnostics": lambda wildcards: of_shortlist("diagnostics.csv"),
             },

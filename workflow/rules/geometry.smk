@@ -3,14 +3,12 @@
 Which rules there are depends on where the geometry comes from; one and only one makes the meshes.
 """
 
+HEART = LAYOUT.heart("{mesh_folder}")
 MADE = {
-    name: f"{R}/geometry/{{mesh_folder}}{file}"
-    for name, file in {
-        "msh": "mesh.msh",
-        "vtu": "mesh.vtu",
-        "segments": "segments.csv",
-        "summary": "summary.json",
-    }.items()
+    "msh": HEART.gmsh,
+    "vtu": HEART.mesh,
+    "segments": HEART.segments,
+    "summary": HEART.summary,
 }
 
 
@@ -77,7 +75,7 @@ else:
                 imported=LAYOUT.heart().imported,
             output:
                 **MADE,
-                fit=LAYOUT.heart("{mesh_folder}").fit,
+                fit=HEART.fit,
             log:
                 f"{LOGS}/geometry/{{mesh_folder}}remesh.log",
             params:

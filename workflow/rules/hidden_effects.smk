@@ -98,9 +98,9 @@ if DOUBTS:
     rule score_benchmark:
         """After all verdicts are in."""
         input:
-            findings=expand(f"{HIDDEN}/findings/{{batch}}.json", batch=HEART_BATCHES),
-            truth=expand(f"{R}/truth/hidden_effects/{{batch}}.parquet", batch=HEART_BATCHES),
-            models=expand(f"{HIDDEN}/true_models/{{batch}}.parquet", batch=HEART_BATCHES),
+            findings=expand(f"{HIDDEN}/findings/batch-{{batch}}.json", batch=HEART_BATCHES),
+            truth=expand(f"{R}/truth/hidden_effects/batch-{{batch}}.parquet", batch=HEART_BATCHES),
+            models=expand(f"{HIDDEN}/true_models/batch-{{batch}}.parquet", batch=HEART_BATCHES),
         output:
             cases=f"{HIDDEN}/cases.csv",
             stiffness=f"{HIDDEN}/stiffness.csv",

@@ -3,24 +3,37 @@ about each, and one emulator."""
 
 ALL_INPUTS = config["all_inputs"]
 OVER_INPUTS = f"{R}/all_inputs"
+INPUTS_SIZES = {"train": ALL_INPUTS["simulations"], "test": ALL_INPUTS["test"]}
 INPUTS_BATCHES = {
-    name: batches(ALL_INPUTS[size], config["simulations"]["batch_size"])
-    for name, size in {"train": "simulations", "test": "test"}.items()
+    name: batches(size, config["simulations"]["batch_size"]) for name, size in INPUTS_SIZES.items()
 }
 INPUTS_ANCHORS = min(ALL_INPUTS["anchors"], ALL_INPUTS["simulations"])
 INPUTS_ANCHOR_BATCHES = batches(INPUTS_ANCHORS, -(-INPUTS_ANCHORS // 2))
 # Whose shapes they are of.
 DESIGN = {
-    "study": "simulation.design:write_design",
-    "population": "hearts.design:write_design",
+    "study": "simulation.design:write_inputs_design",
+    "population": "hearts.design:write_population_design",
 }[ALL_INPUTS["shapes"]]
-# The first simulations of a longer design are the same, and are not made again: they depend on what
-# draws them, not on the file.
-DRAWN = f"{code_of(module_of(DESIGN), 'simulation.batches')} seed {config['seed']}"
-# Simulations that are made on the finer mesh as well.
-FINER = min(ALL_INPUTS["finer"], INPUTS_ANCHORS)
 # Whether the simulations join the emulator of any heart, which comes with the package.
 JOINED = ALL_INPUTS["emulator"] == "shipped"
+if JOINED:
+    DESIGN = "hearts.full:write_inputs_design"
+
+
+def rows_drawn(wildcards):
+    """How many rows of the design there are up to the end of a batch. Every job draws them itself:
+    the first rows of a longer design are the same, and full batches are not made again."""
+    end = (int(wildcards.batch) + 1) * config["simulations"]["batch_size"]
+    return min(end, INPUTS_SIZES[wildcards.set])
+
+
+def anchors_of(wildcards):
+    """How many anchors are solved on a mesh."""
+    return FINER if wildcards.mesh_folder else INPUTS_ANCHORS
+
+
+# Simulations that are made on the finer mesh as well.
+FINER = min(ALL_INPUTS["finer"], INPUTS_ANCHORS)
 EMULATOR_OF_INPUTS = (
     given(os.path.relpath(SHIPPED))
     if JOINED
@@ -29,7 +42,7 @@ EMULATOR_OF_INPUTS = (
 # Whether the model is doubted, and the stiffness averaged over models.
 INPUTS = sections_of(config)
 STUDIED = Inputs.from_config(INPUTS)
-DOUBTS = not FROM_TABLES and not STUDIED.of_role("inferred").all()
+DOUBTS = not FROM_TABLES and not STUDIED.is_stiffness_alone
 # Whether there is an emulator of the stiffness alone as well, as in the paper.
 ALONE = EVALUATION or not DOUBTS
 
@@ -37,23 +50,6 @@ if DOUBTS:
     SIMULATED = STUDIED.simulated
     COORDINATES = SIMULATED.coordinates.spec()
     SUSPECTED = SIMULATED.subset(SIMULATED.of_role("suspected"))
-
-    rule design_inputs:
-        input:
-            [SEGMENT_TABLE] if config["geometry"]["source"] == "segments" else [],
-            **({"emulator_file": EMULATOR_OF_INPUTS} if JOINED else {}),
-        output:
-            train=f"{OVER_INPUTS}/design/train.parquet",
-            test=f"{OVER_INPUTS}/design/test.parquet",
-        log:
-            f"{LOGS}/all_inputs/design_inputs.log",
-        localrule: True
-        params:
-            call="hearts.full:write_design" if JOINED else DESIGN,
-            physics=INPUTS,
-            sizes={"train": ALL_INPUTS["simulations"], "test": ALL_INPUTS["test"]},
-        script:
-            "../scripts/call.py"
 
     use rule solve_baseline as solve_inputs_baseline with:
         input:
@@ -69,31 +65,37 @@ if DOUBTS:
             call="simulation.batches:solve_baseline",
             physics=INPUTS,
 
-    use rule solve_anchors as solve_inputs_anchors with:
+    rule solve_inputs_anchors:
         input:
+            **({"emulator_file": EMULATOR_OF_INPUTS} if JOINED else {}),
             mesh=LAYOUT.heart("{mesh_folder}").mesh,
             start=f"{OVER_INPUTS}/{{mesh_folder}}baseline.npz",
-            design=ancient(f"{OVER_INPUTS}/design/train.parquet"),
         output:
+            design=f"{OVER_INPUTS}/{{mesh_folder}}anchors/design-{{batch}}.parquet",
             fields=f"{OVER_INPUTS}/{{mesh_folder}}anchors/batch-{{batch}}.npz",
             simulations=f"{OVER_INPUTS}/{{mesh_folder}}anchors/batch-{{batch}}.parquet",
         log:
             f"{LOGS}/all_inputs/{{mesh_folder}}solve_anchors-{{batch}}.log",
         benchmark:
             f"{R}/benchmarks/all_inputs/{{mesh_folder}}anchors/batch-{{batch}}.tsv"
+        priority: FIRST
+        threads: 1
         resources:
             **needs(mem_mb=4000, minutes=120),
         params:
-            call="simulation.batches:solve_anchors",
-            code=DRAWN,
+            calls={"design": DESIGN, "anchors": "simulation.batches:solve_anchors"},
             physics=INPUTS,
-            anchors=lambda wildcards: FINER if wildcards.mesh_folder else INPUTS_ANCHORS,
+            set="train",
+            size=anchors_of,
+            anchors=anchors_of,
             batches=len(INPUTS_ANCHOR_BATCHES),
+        script:
+            "../scripts/call.py"
 
     use rule fit_predictor as fit_inputs_predictor with:
         input:
             anchors=expand(
-                f"{OVER_INPUTS}/{{{{mesh_folder}}}}anchors/{{batch}}.npz",
+                f"{OVER_INPUTS}/{{{{mesh_folder}}}}anchors/batch-{{batch}}.npz",
                 batch=INPUTS_ANCHOR_BATCHES,
             ),
         output:
@@ -106,17 +108,20 @@ if DOUBTS:
             call="mechanics.predictor:fit_predictor",
             physics=INPUTS,
 
-    use rule simulate_batch as simulate_inputs with:
+    rule simulate_inputs:
         input:
+            **({"emulator_file": EMULATOR_OF_INPUTS} if JOINED else {}),
             mesh=LAYOUT.heart().mesh,
             predictor=LAYOUT.inputs_predictor(),
-            design=ancient(f"{OVER_INPUTS}/design/{{set}}.parquet"),
             anchors=lambda wildcards: (
-                expand(f"{OVER_INPUTS}/anchors/{{batch}}.parquet", batch=INPUTS_ANCHOR_BATCHES)
+                expand(
+                    f"{OVER_INPUTS}/anchors/batch-{{batch}}.parquet", batch=INPUTS_ANCHOR_BATCHES
+                )
                 if wildcards.set == "train"
                 else []
             ),
         output:
+            design=f"{OVER_INPUTS}/design/{{set}}/batch-{{batch}}.parquet",
             simulations=f"{OVER_INPUTS}/simulations/{{set}}/batch-{{batch}}.parquet",
         log:
             f"{LOGS}/all_inputs/simulations/{{set}}/batch-{{batch}}.log",
@@ -124,16 +129,22 @@ if DOUBTS:
             f"{R}/benchmarks/all_inputs/simulations/{{set}}/batch-{{batch}}.tsv"
         wildcard_constraints:
             set=any_of(INPUTS_BATCHES),
+        priority: FIRST
+        threads: 1
+        resources:
+            **needs(minutes=60),
         params:
-            call="simulation.batches:simulate_batch",
-            code=DRAWN,
+            calls={"design": DESIGN, "simulations": "simulation.batches:simulate_batch"},
             physics=INPUTS,
+            size=rows_drawn,
             batch_size=config["simulations"]["batch_size"],
+        script:
+            "../scripts/call.py"
 
     rule screen_inputs:
         input:
             batches=lambda wildcards: expand(
-                f"{OVER_INPUTS}/simulations/{wildcards.set}/{{batch}}.parquet",
+                f"{OVER_INPUTS}/simulations/{wildcards.set}/batch-{{batch}}.parquet",
                 batch=INPUTS_BATCHES[wildcards.set],
             ),
         output:
@@ -190,9 +201,11 @@ if DOUBTS:
         """What a finer mesh changes, of all inputs."""
         input:
             emulator_file=f"{OVER_INPUTS}/emulator.pt",
-            coarse=expand(f"{OVER_INPUTS}/anchors/{{batch}}.parquet", batch=INPUTS_ANCHOR_BATCHES),
+            coarse=expand(
+                f"{OVER_INPUTS}/anchors/batch-{{batch}}.parquet", batch=INPUTS_ANCHOR_BATCHES
+            ),
             finer=expand(
-                f"{OVER_INPUTS}/finer/anchors/{{batch}}.parquet", batch=INPUTS_ANCHOR_BATCHES
+                f"{OVER_INPUTS}/finer/anchors/batch-{{batch}}.parquet", batch=INPUTS_ANCHOR_BATCHES
             ),
         output:
             corrected_file=f"{OVER_INPUTS}/finer/emulator.pt",

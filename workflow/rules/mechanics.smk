@@ -51,9 +51,7 @@ rule solve_anchors:
 
 rule fit_predictor:
     input:
-        anchors=expand(
-            f"{R}/mechanics/{{{{mesh_folder}}}}anchors/{{batch}}.npz", batch=ANCHOR_BATCHES
-        ),
+        anchors=expand(LAYOUT.anchors("{batch}", "npz", "{{mesh_folder}}"), batch=ANCHOR_BATCHES),
     output:
         predictor=LAYOUT.predictor("{mesh_folder}"),
     log:

@@ -7,7 +7,7 @@ SET_TABLES = [f"{name}.csv" for name in OF_SET]
 OF_TEST_SET = [
     *(
         f"{R}/posteriors/{{emulator}}/test/{file}"
-        for file in (*(f"{batch}.nc" for batch in posterior_batches("test")), *SET_TABLES)
+        for file in (*(f"batch-{batch}.nc" for batch in posterior_batches("test")), *SET_TABLES)
     ),
     *(f"{R}/emulators/{{emulator}}/test_{file}" for file in ("predictions.parquet", "errors.csv")),
 ]

@@ -32,7 +32,7 @@ else:
     rule screen_simulations:
         input:
             batches=lambda wildcards: expand(
-                f"{R}/simulations/{wildcards.set}/{{batch}}.parquet",
+                LAYOUT.simulations(wildcards.set, "{batch}"),
                 batch=SIMULATION_BATCHES[wildcards.set],
             ),
         output:

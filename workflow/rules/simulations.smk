@@ -1,7 +1,7 @@
 """Batches of simulations, each started from the predicted field alone."""
 
 # The first rows of the training design are solved already.
-ANCHOR_TABLES = expand(f"{R}/mechanics/anchors/{{batch}}.parquet", batch=ANCHOR_BATCHES)
+ANCHOR_TABLES = expand(LAYOUT.anchors("{batch}", "parquet"), batch=ANCHOR_BATCHES)
 
 SIMULATION_BATCHES = {
     name: batches(size, config["simulations"]["batch_size"])

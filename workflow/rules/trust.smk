@@ -91,7 +91,7 @@ rule resimulate_draws:
     """Screened, and compared with the emulator."""
     input:
         batches=expand(
-            f"{R}/simulations/resimulated/{{batch}}.parquet",
+            LAYOUT.simulations("resimulated", "{batch}"),
             batch=SIMULATION_BATCHES["resimulated"],
         ),
         emulator_file=LAYOUT.emulator(EMULATOR),

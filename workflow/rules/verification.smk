@@ -3,6 +3,8 @@
 V = f"{R}/verification"
 PUBLISHED_ROWS_COMPARED = {"train": 100, "test": 128}
 SUBJECT_ROWS = sorted(s["row"] for s in config["subjects"].values() if s["row"] is not None)
+# There are no other meshes of one that is kept as it was imported.
+OF_MESHES = ["convergence", "mesh_study"] if meshes_anew(config) else []
 
 
 rule verify:
@@ -10,11 +12,10 @@ rule verify:
     input:
         expand(
             f"{V}/{{name}}.{{ext}}",
-            name=["land", "convergence", "mesh_study"],
+            name=["land", *OF_MESHES],
             ext=["png", "csv"],
         ),
-        f"{V}/orders.csv",
-        f"{V}/mesh_study_summary.csv",
+        [f"{V}/orders.csv", f"{V}/mesh_study_summary.csv"] if OF_MESHES else [],
 
 
 rule verify_land:

@@ -53,6 +53,17 @@ OF_INPUTS = "joint_gp"
 """The one that learns from simulations over all inputs, and from nothing else."""
 
 
+LEAST_WITH_SENSITIVITIES = 10
+"""Simulations with sensitivities that an emulator of any number of parameters can learn from: they
+say what each parameter does, and enough of them are left out to tell the error."""
+
+
+def least_simulations(inputs: int, with_sensitivities: bool) -> int:
+    """Simulations that an emulator of so many parameters needs; with_sensitivities: whether it
+    learns from them, too."""
+    return min(inputs + 2, LEAST_WITH_SENSITIVITIES) if with_sensitivities else inputs + 2
+
+
 def create(name: str, settings: dict | None = None) -> "Emulator":
     """A new emulator. Raises InputError for a name that is not registered."""
     return REGISTRY[name](**(settings or {}))

@@ -14,6 +14,7 @@ import torch
 
 from regional_lv.channels import Channels
 from regional_lv.config.sections.settings import settings_of
+from regional_lv.emulators import least_simulations
 from regional_lv.emulators.architecture import Architecture
 from regional_lv.errors import InputError
 from regional_lv.inputs.coordinates import Coordinates
@@ -21,10 +22,6 @@ from regional_lv.inputs.stiffness import StiffnessInputs, from_spec, repeated
 
 FORMAT = 6
 """Of emulator files: raised when what they hold changes."""
-
-LEAST_WITH_SENSITIVITIES = 10
-"""Simulations with sensitivities that an emulator of any number of parameters can learn from: they
-say what each parameter does, and enough of them are left out to tell the error."""
 
 OUTSIDE_QUANTILE = 0.99
 """Of the training inputs' distances to their nearest neighbours: what is farther is outside."""
@@ -436,12 +433,6 @@ def _check_sensitivities(name: str, sensitivities, shape: tuple[int, ...]) -> to
             "that are not finite; remove these simulations"
         )
     return torch.as_tensor(sensitivities)
-
-
-def least_simulations(inputs: int, with_sensitivities: bool) -> int:
-    """Simulations that an emulator of so many parameters needs; with_sensitivities: whether it
-    learns from them, too."""
-    return min(inputs + 2, LEAST_WITH_SENSITIVITIES) if with_sensitivities else inputs + 2
 
 
 def _check_rows(theta: np.ndarray, y: np.ndarray, inputs: int, outputs: int) -> None:

@@ -17,8 +17,7 @@ import pandas as pd
 import torch
 
 from regional_lv.channels import Channels
-from regional_lv.emulators import load
-from regional_lv.emulators.base import least_simulations
+from regional_lv.emulators import least_simulations, load
 from regional_lv.emulators.gradient_gp import GradientGP
 from regional_lv.emulators.joint_gp import JointGP
 from regional_lv.emulators.training import read_sensitivities, read_simulations

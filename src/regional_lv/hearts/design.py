@@ -11,7 +11,7 @@ from regional_lv.hearts import population
 from regional_lv.inputs.space import Inputs
 from regional_lv.inputs.stiffness import Stiffness
 from regional_lv.seeds import derive
-from regional_lv.simulation.design import draw_table, write_sets
+from regional_lv.simulation.design import draw_table, write_rows
 
 
 def draw_hearts(inputs: Inputs, n: int, seed: int) -> pd.DataFrame:
@@ -39,8 +39,8 @@ def draw_hearts(inputs: Inputs, n: int, seed: int) -> pd.DataFrame:
     return values
 
 
-def write_design(
-    physics: Mapping, sizes: Mapping[str, int], seed: int, train: str | Path, test: str | Path
+def write_population_design(
+    physics: Mapping, set: str, size: int, seed: int, design: str | Path
 ) -> None:
-    """`simulation.design.write_sets` for ventricles of all kinds."""
-    write_sets(physics, sizes, seed, draw_hearts, train, test)
+    """`simulation.design.write_rows` for ventricles of all kinds."""
+    write_rows(physics, set, size, seed, draw_hearts, design)

@@ -15,19 +15,19 @@ from regional_lv.hearts.emulator import HeartEmulator
 from regional_lv.hearts.file import AnyHeart, read
 from regional_lv.hearts.reach import by_table, within_by_table
 from regional_lv.seeds import derive
-from regional_lv.simulation import design
+from regional_lv.simulation.design import draw_table, write_rows
 from regional_lv.study.jobs import passes_on
 
 
-def write_design(
+def write_inputs_design(
     emulator_file: str | Path,
     physics: Mapping,
-    sizes: Mapping[str, int],
+    set: str,
+    size: int,
     seed: int,
-    train: str | Path,
-    test: str | Path,
+    design: str | Path,
 ) -> None:
-    """`simulation.design.write_design` for a heart that the emulator of any heart knows.
+    """`simulation.design.write_inputs_design` for a heart that the emulator of any heart knows.
 
     Raises InputError for another one (`hearts.reach.OutOfReach`), and for ranges beyond what it
     knows, before anything is simulated.
@@ -39,7 +39,7 @@ def write_design(
             f"all_inputs.emulator: shipped, and {'; '.join(cut)}; give these ranges "
             "(parameters.bounds, inputs.<name>.range), as regional-lv run does"
         )
-    design.write_design(physics, sizes, seed, train, test)
+    write_rows(physics, set, size, seed, draw_table, design)
 
 
 def emulator_of(

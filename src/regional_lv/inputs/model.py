@@ -87,8 +87,7 @@ def completed(physics: Mapping) -> dict:
     """
     material = material_from_config(physics["material"])
     factors = {name: np.ones(len(aha.SEGMENTS)) for name in material.references}
-    for segment, factor in physics["material"]["segment_factors"].items():
-        factors[material.stress_factor()][int(segment) - 1] = factor
+    factors[material.stress_factor()] = segment_factors(physics["material"])
     bulk = physics["material"]["bulk_modulus_kpa"]
     own = {"constants": dict(material.values), "reference": dict(material.references)}
     supports = physics["supports"]
@@ -102,3 +101,11 @@ def completed(physics: Mapping) -> dict:
         },
         "supports": {**supports, "base": dict(Base(supports["base"]).compliance)},
     }
+
+
+def segment_factors(material: Mapping) -> np.ndarray:
+    """Multipliers (17,) of the wall's stiffness by AHA segment, 1 where none is named."""
+    factors = np.ones(len(aha.SEGMENTS))
+    for segment, factor in material["segment_factors"].items():
+        factors[int(segment) - 1] = factor
+    return factors

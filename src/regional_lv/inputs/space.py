@@ -50,7 +50,7 @@ class Role:
 class Inputs(InputSequence[Input]):
     """Inputs of one model.
 
-    Attributes: base, the model with all of them at their nominal values; roles (K,).
+    Attributes: base, the model of the configuration; roles (K,).
 
     Parameters
     ----------
@@ -123,6 +123,12 @@ class Inputs(InputSequence[Input]):
     def of_role(self, kind: str) -> np.ndarray:
         """Mask (K,) of the inputs of one role."""
         return np.array([role.kind == kind for role in self.roles], dtype=bool)
+
+    @property
+    def is_stiffness_alone(self) -> bool:
+        """Whether all of the stiffness is inferred and all else fixed, as in the paper."""
+        stiffness = StiffnessInputs.from_spec(self.base["parameters"])
+        return self.names == stiffness.names and bool(self.of_role("inferred").all())
 
     @cached_property
     def nominal(self) -> np.ndarray:
@@ -270,7 +276,8 @@ def _meant(word: str, asked: dict, every: Sequence[Input], model: Mapping) -> li
     able = [group for group in able if group]
     if not able:
         possible = ", ".join((by_name or by_word)[0].roles)
-        raise InputError(f"{SECTION}.{word}: cannot be {kind}; choose among {possible}")
+        where = ", or name the others in `parameters.factors`" if kind == "fixed" else ""
+        raise InputError(f"{SECTION}.{word}: cannot be {kind}; choose among {possible}{where}")
     sds = [key for key in asked if key.startswith("sd")]
     if kind != "measured":
         if sds:
@@ -341,9 +348,18 @@ def _role(word: str, asked: dict, each: Input) -> Role:
         raise InputError(f"{key}: a standard deviation of {sd:g}; give a number of 0 or more")
     if limits is not None:
         _check_range(f"{key}.range", each, *limits, each.nominal if value is None else value)
-    if sd == 0:
-        return Role("fixed", value=value)
-    return Role(asked["role"], sd, value, limits)
+    kind = "fixed" if sd == 0 else asked["role"]
+    if kind not in each.roles:
+        raise InputError(f"{key}: {each.name} cannot be {kind}; give a standard deviation above 0")
+    if kind == "fixed" and value is not None and each.nominal is not None:
+        # The mesh is made, and the stiffness alone simulated, from these sections.
+        where = f" (section `{each.changes}`)" if each.changes in (*SECTIONS, "geometry") else ""
+        raise InputError(
+            f"{key}.value: what is fixed is as other sections have it, {each.name} at "
+            f"{each.nominal:g}; change it there{where} and remove `value`, or give "
+            f"{each.name} another role"
+        )
+    return Role(kind, sd or None, value, limits)
 
 
 def _check_range(key: str, each: Input, low: float, high: float, at: float | None) -> None:

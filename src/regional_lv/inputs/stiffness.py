@@ -55,6 +55,7 @@ class Stiffness(Input):
     is_cause = False
     family = "material"
     changes = "factors"
+    roles = ("inferred", "measured", "suspected")  # figures and pages show every one
     scale = LOGARITHMIC
     softens = True
     parameter = "factor of the material law in a zone"

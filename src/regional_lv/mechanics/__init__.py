@@ -1,1 +1,1 @@
-"""The simulator: a Holzapfel-Ogden left ventricle inflated to its end-diastolic pressure."""
+"""The simulator: a left ventricle of any registered law, inflated to its end-diastolic pressure."""

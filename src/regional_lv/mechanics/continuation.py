@@ -43,12 +43,15 @@ class NotConverged(ArithmeticError):
 
 
 @contextmanager
-def no_shape_is_not_converged() -> Iterator[None]:
-    """A shape without a smooth wall is `NotConverged`; derivatives ask for those beside it, too."""
+def failure_is_not_converged(reached: float = 0.0) -> Iterator[None]:
+    """A shape without a smooth wall, and a system without a finite solution, is `NotConverged`;
+    derivatives ask for shapes beside a smooth one, too. reached: its `last_pressure`."""
     try:
         yield
-    except InputError as error:
-        raise NotConverged(str(error)) from error
+    except (InputError, LinearSolveError) as error:
+        failure = NotConverged(str(error))
+        failure.last_pressure = reached
+        raise failure from error
 
 
 @dataclass
@@ -72,16 +75,16 @@ class Simulation:
     """One finished run: `observables` (D,), `sensitivity` (D, P) and what it took.
 
     `last_pressure` (mmHg) how far the inflation got, `reason` why it failed (empty if it
-    converged), `solutions` by load fraction.
+    converged), `solutions` by load fraction. Of a failed run all observables are NaN.
     """
 
     theta: np.ndarray
     status: str
+    observables: np.ndarray
     reason: str = ""
     last_pressure: float = 0.0
     newton_steps: int = 0
     cpu_s: float = 0.0
-    observables: np.ndarray | None = None
     sensitivity: np.ndarray | None = None
     solutions: dict[float, Solution] = field(default_factory=dict, repr=False)
 
@@ -92,7 +95,8 @@ class Simulation:
 
 
 class Mixing:
-    """Anderson's mixing of fixed-point steps; `dofs` are those whose steps are made small."""
+    """Anderson's mixing of fixed-point steps; dofs: entries over which the least squares is
+    taken."""
 
     def __init__(self, dofs: np.ndarray):
         self._dofs = dofs
@@ -151,7 +155,7 @@ class Solver(Generic[AnyEquilibrium]):
         for a theta with a shape that has no smooth wall.
         """
         simulator, settings = self.simulator, self.settings
-        with no_shape_is_not_converged():  # on the way between two shapes lies one that is none
+        with failure_is_not_converged():  # on the way between two shapes lies one that is none
             simulator.set(theta, pressure)
         tolerance = settings["way_tolerance_mm" if on_the_way else "increment_tolerance_mm"]
         near = settings["tangent_tolerance_mm"] if tangent and not on_the_way else np.inf
@@ -233,14 +237,11 @@ class Solver(Generic[AnyEquilibrium]):
         """
         simulator, scales = self.simulator, self.simulator.coordinates
         beside = scales.natural(scales.scaled(state.theta) + DIFFERENCE * direction)
-        with no_shape_is_not_converged():
+        with failure_is_not_converged():
             simulator.set(beside, state.pressure)
-        there = simulator.residual(state.w)
-        simulator.set(state.theta, state.pressure)
-        try:
+            there = simulator.residual(state.w)
+            simulator.set(state.theta, state.pressure)
             return -simulator.solve((there - simulator.residual(state.w)) / DIFFERENCE)
-        except LinearSolveError as error:
-            raise NotConverged(str(error)) from error
 
     # ---------------------------------------------------------------- cold start
 
@@ -251,6 +252,8 @@ class Solver(Generic[AnyEquilibrium]):
         """
         theta = np.asarray(theta, dtype=float)
         settings = self.settings
+        with failure_is_not_converged():  # smaller loads would not help
+            self.simulator.set(theta, 0.0)
         here = State(np.zeros(self.simulator.size), theta, 0.0)
         before = None
         step = settings["first_load_fraction"] * pressure
@@ -287,7 +290,8 @@ class Solver(Generic[AnyEquilibrium]):
         simulator, found = self.simulator, {}
         for load in simulator.channels.load_fractions:
             state = self.inflate(theta, load * simulator.full_pressure, effort)
-            found[load] = Solution(state, simulator.tangents(state))
+            with failure_is_not_converged(state.pressure):
+                found[load] = Solution(state, simulator.tangents(state))
         return found
 
 
@@ -320,7 +324,7 @@ class Runner:
         """Simulate `theta` (P,), whatever comes of it."""
         theta = np.asarray(theta, dtype=float)
         started, effort = time.process_time(), Effort()
-        result = Simulation(theta, "converged", observables=np.full(len(self.channels), np.nan))
+        result = Simulation(theta, "converged", np.full(len(self.channels), np.nan))
         pressure = self.solver.simulator.full_pressure
         if self.sensitivities:
             result.sensitivity = np.full((len(self.channels), len(theta)), np.nan)
@@ -332,6 +336,7 @@ class Runner:
             result.status = "failed"
             result.reason = str(error) if not result.solutions else f"load {fraction:g}: {error}"
             result.last_pressure = error.last_pressure
+            result.observables[:] = np.nan
             result.sensitivity = None
         else:
             result.last_pressure = pressure
@@ -406,11 +411,10 @@ class Runner:
     def _observe(self, state: State, fraction: float, result: Simulation) -> Solution:
         simulator = self.solver.simulator
         at, tangents = simulator.places_of(fraction), None
-        assert result.observables is not None  # `run` has made room
         if result.sensitivity is None:
             result.observables[at] = simulator.observables(state.w, fraction=fraction)[0]
         else:
-            with no_shape_is_not_converged():
+            with failure_is_not_converged(state.pressure):
                 values, slopes, tangents = simulator.differentiated(state, fraction)
             result.observables[at] = values
             by_theta = slopes / self.coordinates.slope(state.theta)[:, None]

@@ -44,6 +44,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from regional_lv.errors import InputError
+from regional_lv.input_files import reason_of
 
 log = logging.getLogger(__name__)
 
@@ -134,6 +135,11 @@ def _compiled(make, *arguments):
             # Seconds, unless that one was suspended, or a file server lost its locks.
             log.info("waiting for another process that compiles; it holds %s", lock.name)
             fcntl.flock(lock, fcntl.LOCK_EX)
+        except OSError as error:  # compiling at the same time would damage what others compile
+            raise InputError(
+                f"{lock.name}: cannot be locked ({reason_of(error)}); set XDG_CACHE_HOME to a "
+                "folder on a disk of this machine"
+            ) from error
         for source in CACHE.glob("*.c"):
             if not source.with_suffix(".c.cached").exists():
                 source.unlink()

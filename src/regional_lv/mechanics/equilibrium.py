@@ -294,12 +294,16 @@ class Equilibrium:
     def _back_substituted(self, vectors: np.ndarray) -> np.ndarray:
         """Solutions (..., size) of the factorised system; together they cost much less than one by
         one."""
-        if vectors.ndim == 1:
-            self._rhs.setArray(vectors)
-            self._ksp.solve(self._rhs, self._solution)
-            found = self._solution.getArray().copy()
-        else:
-            found = api.solve_many(self._ksp, vectors)
+        try:
+            if vectors.ndim == 1:
+                self._rhs.setArray(vectors)
+                self._ksp.solve(self._rhs, self._solution)
+                found = self._solution.getArray().copy()
+            else:
+                found = api.solve_many(self._ksp, vectors)
+        except api.PETSc.Error as error:
+            self._reset_solver()
+            raise LinearSolveError("the factorised tangent could not be solved with") from error
         if not np.isfinite(found).all():
             self._reset_solver()
             raise LinearSolveError("the Newton step is not finite")

@@ -168,14 +168,19 @@ class Problem(Simulator):
 
     def set(self, theta: np.ndarray, pressure: float) -> None:
         """Set the inputs' values (k,) and the cavity pressure (mmHg), with which dead loads
-        grow."""
+        grow. Raises InputError as `apply` does."""
         self.apply(self.inputs.model(theta), pressure)
 
     def apply(self, model: Mapping, pressure: float) -> None:
-        """Set everything that a model says, and the cavity pressure (mmHg)."""
-        before, self.model = self.model, model
-        if not _same(model["geometry"], before["geometry"]):
-            self.place_nodes(self._places(model["geometry"]))
+        """Set everything that a model says, and the cavity pressure (mmHg).
+
+        Raises InputError for a shape without a smooth wall; the problem is then unchanged.
+        """
+        moved = not _same(model["geometry"], self.model["geometry"])
+        points = self._places(model["geometry"]) if moved else None
+        self.model = model
+        if points is not None:
+            self.place_nodes(points)
         for name, function in self._factors.items():
             function.x.array[:] = model["factors"][name][self.segment]
         values = {**self._constants(model), "pressure_kpa": pressure * KPA_PER_MMHG}
@@ -236,7 +241,7 @@ class Problem(Simulator):
         if self._observer is None:
             self._observer = Observer(self.mesh, self.model["observables"])
             self._wall_volume = self._observer.wall.volume.sum()
-        return self._observer.looking(self.model["observables"])
+        return self._observer.with_settings(self.model["observables"])
 
     @observer.setter
     def observer(self, observer: Observer | None) -> None:
@@ -397,16 +402,16 @@ class Problem(Simulator):
             for k, move in found.nodes.items():
                 nodes[k] = move
         own = [k for k, each in enumerate(self.inputs) if each.changes == "observables"]
-        looks = {
+        perturbed = {
             k: [
-                (wall.looking({**other["observables"], **(looking or {})}), weight)
+                (wall.with_settings({**other["observables"], **(looking or {})}), weight)
                 for other, weight in beside
             ]
             for k, beside in self.inputs.beside(state.theta, own)
         }
         moves = self.displacement(found.fields)
-        values, slopes = wall.looking(look).observe(
-            channels, displacement, dilation, moves, dilation_moves, nodes, looks
+        values, slopes = wall.with_settings(look).observe(
+            channels, displacement, dilation, moves, dilation_moves, nodes, perturbed
         )
         assert slopes is not None
         return values, slopes
@@ -477,9 +482,6 @@ class Problem(Simulator):
         points, w = self.mesh.points, w.copy()
         w[self._node_dofs] = (points + w[self._node_dofs]) @ turn.T - points
         return w
-
-    def supported(self, w: np.ndarray) -> np.ndarray:
-        return self.retract(w)
 
     def _resisted(self, forces: np.ndarray) -> np.ndarray:
         """Forces (..., size) in the base's coordinates times the share of compliance, what pins it

@@ -18,6 +18,7 @@ from regional_lv.aha import SEGMENTS
 from regional_lv.channels import Channels
 from regional_lv.geometry.mesh import BASE, Mesh
 from regional_lv.inputs.coordinates import Coordinates
+from regional_lv.inputs.model import segment_factors
 from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.mechanics import dolfinx_api as api
 from regional_lv.mechanics.derivatives import ByCell
@@ -82,7 +83,7 @@ class Simulator(Equilibrium):
         self._extended = extended
         self.domain, origin = api.hexahedral_mesh(mesh.points, mesh.cells)
         self.segment = mesh.segment[origin] - 1
-        self._stress_factor = _segment_factors(physics["material"])[self.segment]
+        self._stress_factor = segment_factors(physics["material"])[self.segment]
         api.require_cellwise_order(self.domain)
         space = api.mixed_space(self.domain, api.element_order(mesh.cells))
         base = next((s for s in supports if isinstance(s, Base)), None)
@@ -248,11 +249,6 @@ class Simulator(Equilibrium):
 
     # -------------------------------------------------------------- what is observed
 
-    def tangents(self, state: State) -> np.ndarray:
-        """Derivatives (k, size) of the field about the scaled coordinates of theta, by
-        back-substitution with the factor at hand."""
-        return self.field_sensitivities(state.w)
-
     def differentiated(
         self, state: State, fraction: float
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -292,9 +288,10 @@ class Simulator(Equilibrium):
         """Where in `channels` those at a load fraction stand."""
         return self._channels_at[fraction][0]
 
-    def field_sensitivities(self, w: np.ndarray) -> np.ndarray:
-        """d(w)/d(log theta), (P, size), by back-substitution with the factor at hand."""
-        self._place(w)
+    def tangents(self, state: State) -> np.ndarray:
+        """Derivatives (k, size) of the field about the scaled coordinates of theta, by
+        back-substitution with the factor at hand."""
+        self._place(state.w)
         zones, factors = len(self.parameters.zones), self.parameters.factors
         in_zone = np.arange(zones)[:, None] == self.parameters.segment_zone[self.segment]
         inferred = np.array([[name == factor for name in self._factors] for factor in factors])
@@ -311,14 +308,6 @@ class Simulator(Equilibrium):
         """Volume average of |det F - 1|, zero for an incompressible wall."""
         self.w.x.array[:] = w
         return api.fem.assemble_scalar(self._dilation) / self._wall_volume
-
-
-def _segment_factors(material: dict) -> np.ndarray:
-    """Multipliers (17,) of the wall's stiffness by AHA segment, 1 where none is named."""
-    factors = np.ones(len(SEGMENTS))
-    for segment, factor in material["segment_factors"].items():
-        factors[int(segment) - 1] = factor
-    return factors
 
 
 def _nodal_values(function, mesh: Mesh) -> np.ndarray:

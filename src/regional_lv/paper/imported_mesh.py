@@ -40,7 +40,7 @@ def verify_imported_mesh(
     pressure = coarse.full_pressure
     one = solver.inflate(np.ones(len(row)), pressure, effort)
     known = Known(coarse.size, coarse.coordinates)
-    known.add(one.theta, one.w, coarse.field_sensitivities(one.w))
+    known.add(one.theta, one.w, coarse.tangents(one))
     other = solver.newton(known.field(row), row, pressure, effort)
     columns: dict[str, Sequence[str] | np.ndarray] = {"output": Channels.of().names}
     for name, state in (("", one), ("_row_1", other)):

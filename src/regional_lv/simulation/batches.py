@@ -56,7 +56,7 @@ def solve_baseline(mesh: str | Path, physics: dict, start: str | Path, summary: 
     try:
         solutions = solver.inflate_all(theta, effort)
         reference = Runner(solver, known_from(solutions, simulator)).run(simulator.reference)
-        if reference.state is None or reference.observables is None:
+        if reference.state is None:
             raise NotConverged(f"at theta = 1: {reference.reason}")
     except NotConverged as error:
         raise InputError(
@@ -240,8 +240,7 @@ def tabulate(
         "newton_steps": [r.newton_steps for r in results],
         "cpu_s": [r.cpu_s for r in results],
     }
-    nothing = np.full(len(channels), np.nan)
-    values = np.stack([nothing if r.observables is None else r.observables for r in results])
+    values = np.stack([r.observables for r in results])
     columns |= dict(zip(channels.names, values.T, strict=True))
     columns["sensitivity"] = [
         [] if r.sensitivity is None else r.sensitivity.ravel().tolist() for r in results

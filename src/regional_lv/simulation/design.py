@@ -54,8 +54,8 @@ def _groups(inputs: Inputs) -> list[list[int]]:
 
 
 def _dimensions(group: list[int]) -> int:
-    """Of the sequence: whether it is on and its value; of several which one, and all that for as
-    many as can be on."""
+    """Of the sequence: 1 for a single input, whose number says whether it is on and its value; 2
+    for each member of a kind that can be on, which one it is (if any) and its value."""
     return 1 if len(group) == 1 else 2 * min(MOST_OF_A_KIND, len(group))
 
 
@@ -100,25 +100,19 @@ Draw = Callable[[Inputs, int, int], pd.DataFrame]
 longer table are the same."""
 
 
-def write_sets(
-    physics: Mapping,
-    sizes: Mapping[str, int],
-    seed: int,
-    draw: Draw,
-    train: str | Path,
-    test: str | Path,
+def write_rows(
+    physics: Mapping, set: str, size: int, seed: int, draw: Draw, design: str | Path
 ) -> None:
-    """Write the sets `train` and `test` (Parquet) of as many simulations as `sizes` says: `sample`,
-    `scale`, and what is drawn of the inputs that are simulated.
+    """Write the first rows of a set (Parquet), `size` of them: `sample`, `scale`, and what is drawn
+    of the inputs that are simulated.
 
     physics: what `inputs.space.sections_of` gives. seed: the study's.
     """
     inputs = Inputs.from_config(physics).simulated
-    for name, path in (("train", train), ("test", test)):
-        table = draw(inputs, sizes[name], derive(seed, "design", "inputs", name))
-        table.insert(0, "scale", "log")
-        table.insert(0, "sample", np.arange(len(table)))
-        table.to_parquet(path, index=False)
+    table = draw(inputs, size, derive(seed, "design", "inputs", set))
+    table.insert(0, "scale", "log")
+    table.insert(0, "sample", np.arange(size))
+    table.to_parquet(design, index=False)
 
 
 def draw_table(inputs: Inputs, n: int, seed: int) -> pd.DataFrame:
@@ -126,8 +120,8 @@ def draw_table(inputs: Inputs, n: int, seed: int) -> pd.DataFrame:
     return pd.DataFrame(draw_inputs(inputs, n, seed), columns=list(inputs.names))
 
 
-def write_design(
-    physics: Mapping, sizes: Mapping[str, int], seed: int, train: str | Path, test: str | Path
+def write_inputs_design(
+    physics: Mapping, set: str, size: int, seed: int, design: str | Path
 ) -> None:
-    """`write_sets` for the study's heart."""
-    write_sets(physics, sizes, seed, draw_table, train, test)
+    """`write_rows` for the study's heart."""
+    write_rows(physics, set, size, seed, draw_table, design)

@@ -12,7 +12,8 @@ from regional_lv.inputs.coordinates import Coordinates
 from regional_lv.inputs.stiffness import StiffnessInputs
 
 UNSTABLE = "next to a limit of stability: derivatives are many times those of the others"
-"""Reason of a simulation that is left out although it converged."""
+NOT_FINITE = "an output is not finite"
+"""Reasons of simulations that are left out although they converged."""
 
 
 def screen(
@@ -38,17 +39,19 @@ def screen(
     table = pd.concat([pd.read_parquet(path) for path in batches], ignore_index=True)
     table = table.sort_values("sample", ignore_index=True)
     finite = np.isfinite(table[list(channels.names)].to_numpy(dtype=float)).all(axis=1)
-    kept = (table["status"] == "converged") & finite
-    if steepest is not None:
-        steep = _steepness(table[kept], parameters.coordinates, len(channels))
-        unstable = steep > steepest * steep.median()
-        table.loc[unstable.index[unstable], "reason"] = UNSTABLE
-        kept &= ~unstable.reindex(table.index, fill_value=False)
+    converged = table["status"] == "converged"
+    table.loc[converged & ~finite, "reason"] = NOT_FINITE
+    kept = converged & finite
     if not kept.any():
         raise InputError(
             f"{batches[0]}: none of {len(table)} simulations converged; see the column `reason`, "
             "then check `material`, `loading.pressure_mmhg` and the mesh"
         )
+    if steepest is not None:
+        steep = _steepness(table[kept], parameters.coordinates, len(channels))
+        unstable = steep > steepest * steep.median()
+        table.loc[unstable.index[unstable], "reason"] = UNSTABLE
+        kept &= ~unstable.reindex(table.index, fill_value=False)
     excluded = table.loc[
         ~kept, ["sample", "scale", "reason", "last_pressure_mmhg", "newton_steps", "cpu_s"]
     ]
@@ -84,15 +87,16 @@ def screen(
 
 
 def _steepness(table: pd.DataFrame, space: Coordinates, outputs: int) -> pd.Series:
-    """By simulation, the root mean square over the outputs of what they change by over the range
-    of an input, each in the median of the table."""
+    """By simulation, the root mean square over the outputs of an output's root mean square change
+    over the inputs' ranges, divided by its median over the table, so that no simulation makes its
+    own measure. Outputs that hardly any simulation changes do not count."""
     theta = table[list(space.names)].to_numpy(float)
     slopes = np.stack(table["sensitivity"].to_list()).reshape(len(table), outputs, len(space))
     range_ = space.scaled(space.upper) - space.scaled(space.lower)
     change = slopes * (space.slope(theta) * range_)[:, None]
     size = np.sqrt(np.square(change).mean(axis=2))
-    # In medians over the table, so that no simulation makes its own measure.
-    relative = size / np.median(size, axis=0)
+    median = np.median(size, axis=0)
+    relative = np.divide(size, median, out=np.zeros_like(size), where=median > 0)
     return pd.Series(np.sqrt(np.square(relative).mean(axis=1)), index=table.index)
 
 

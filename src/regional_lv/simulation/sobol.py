@@ -68,7 +68,7 @@ def make_design(design: dict, parameters: StiffnessInputs, seed: int) -> dict[st
     return sets
 
 
-def write_design(
+def write_stiffness_design(
     design: dict, parameters: StiffnessInputs, seed: int, train: Path, test: Path
 ) -> None:
     """Write the sets of `make_design` (Parquet)."""

@@ -69,7 +69,7 @@ class Ventricles:
         if self._runner is None:
             return self._inflated(values)
         result = self._runner.run(values)
-        if result.observables is None or result.status != "converged":
+        if result.status != "converged":
             raise NotConverged(result.reason)
         return result.observables
 

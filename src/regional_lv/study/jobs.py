@@ -32,7 +32,7 @@ NOT_PASSED = {"call", "calls", "code"}
 
 
 def function_of(call: str) -> Callable:
-    """The function that `call`, such as `figures.recovery:draw`, names inside the package."""
+    """The function that `call`, such as `plots.mesh:draw`, names inside the package."""
     module, _, name = call.partition(":")
     try:
         imported = importlib.import_module(f"{PACKAGE}.{module}")

@@ -12,8 +12,7 @@ from pathlib import Path
 
 from regional_lv.errors import InputError
 from regional_lv.input_files import reason_of
-
-NAME = "manifest.json"
+from regional_lv.study.layout import Layout
 
 PACKAGES = {
     "dolfinx": ("fenics-dolfinx", "dolfinx-solver-real"),
@@ -41,6 +40,9 @@ PACKAGES = {
 
 HOLD_TIMES = (
     "screening/*.parquet",
+    "all_inputs/*.parquet",
+    "all_inputs/*emulator.pt",
+    "all_inputs/*fit.json",
     "emulators/*.pt",
     "posteriors/*.nc",
     "posteriors/*/diagnostics.csv",
@@ -90,7 +92,7 @@ def write_manifest(
 
 def read_manifest(folder: str | Path) -> dict:
     """What the manifest of the results in `folder` holds. Raises InputError."""
-    path = Path(folder) / NAME
+    path = Path(Layout(str(folder)).manifest)
     try:
         content = json.loads(path.read_text())
     except OSError as error:
@@ -130,7 +132,7 @@ def versions() -> dict[str, str | None]:
     behind it if files were edited; None for what is not there."""
     found: dict[str, str | None] = {"python": platform.python_version()}
     found |= {name: _version(names) for name, names in PACKAGES.items()}
-    return found | {"regional-lv commit": _commit(Path(__file__).resolve().parents[2])}
+    return found | {"regional-lv commit": _commit(Path(__file__).resolve().parents[3])}
 
 
 def _version(names: Iterable[str]) -> str | None:

@@ -60,7 +60,7 @@ def _forget_working_folder() -> None:
     """Drop what PYTHONPATH has of the working folder, unless this package is there: an empty entry,
     such as the one that `PYTHONPATH=$PYTHONPATH:/opt/lib` makes, and relative ones."""
     entries = os.environ.get("PYTHONPATH", "").split(os.pathsep)
-    own = Path(__file__).resolve().parents[1]
+    own = Path(__file__).resolve().parents[2]
     kept = [os.path.abspath(p) for p in entries if os.path.isabs(p) or Path(p).resolve() == own]
     dropped = {os.path.abspath(path) for path in entries if path} | {os.getcwd()}
     if any(entries):

@@ -33,7 +33,6 @@ def observe_mesh(
     for row, result in GrowingRunner(solver, guesses).run_all(thetas):
         dilation = np.nan if result.state is None else simulator.dilation(result.state.w)
         rows[row] = [simulator.size, dilation, result.newton_steps, *result.theta]
-        assert result.observables is not None
         rows[row] += result.observables.tolist()
         progress.step(failed=result.state is None)
     columns = ["unknowns", "mean_dilation", "newton_steps", *parameters.names]

@@ -24,6 +24,7 @@ from regional_lv.config.section import (
     complaints,
 )
 from regional_lv.data.published import PUBLISHED, PUBLISHED_ROWS, PUBLISHED_TABLES
+from regional_lv.emulators import least_simulations
 from regional_lv.errors import InputError
 from regional_lv.inputs.base import RoleName
 
@@ -230,12 +231,22 @@ class AllInputs(Section, reruns="these simulations, and the emulator of all inpu
     def check(self, key, study) -> Iterator[str]:
         if self.finer and not study.meshes_anew:
             yield f"{key}.finer: {KEPT}; write 0"
-        if self.shapes == "study":
+        if not self.finer and self.shapes == "study":
             return
-        from regional_lv.hearts.population import COLUMNS
         from regional_lv.inputs.space import Inputs
 
         inputs = Inputs.from_config(study.model_dump())
+        on_both = min(self.finer, self.anchors, self.simulations)
+        least = least_simulations(len(inputs.simulated), with_sensitivities=True)
+        if self.finer and on_both < least:
+            yield (
+                f"{key}.finer: {on_both} simulations on both meshes are too few to learn what the "
+                f"finer one changes; give {least} or more, and as many `anchors`, or write 0"
+            )
+        if self.shapes == "study":
+            return
+        from regional_lv.hearts.population import COLUMNS
+
         roles = dict(zip(inputs.names, (role.kind for role in inputs.roles), strict=True))
         if any(roles.get(column) != "inferred" for column in COLUMNS):
             yield (

@@ -31,23 +31,23 @@ class Observer:
     def __init__(self, mesh: Mesh, observed: Mapping):
         self.wall, self.cavity = Wall(mesh), Cavity(mesh)
         self._whole = self._sampled = self.wall.shares(*WHOLE)
-        self._asked = WHOLE
+        self._window = WHOLE
         self._place = torch.as_tensor(self.wall.place)
         self._depth_gradient = torch.as_tensor(self.wall.depth_gradient)
-        self._look(observed)
+        self._configure(observed)
 
-    def looking(self, observed: Mapping) -> "Observer":
+    def with_settings(self, observed: Mapping) -> "Observer":
         """An observer of the same wall with other `observed`: it costs next to nothing."""
         other = copy.copy(self)
-        other._look(observed)
+        other._configure(observed)
         return other
 
-    def _look(self, observed: Mapping) -> None:
+    def _configure(self, observed: Mapping) -> None:
         self.measure = StrainMeasure(observed["strain_exponent"], observed["line_share"])
         self._unloaded_share = observed["unloaded_share"]
         asked = tuple(observed["layer"]), observed["segment_rotation_deg"]
-        if asked != self._asked:
-            self._asked = asked
+        if asked != self._window:
+            self._window = asked
             self._sampled = self._whole if asked == WHOLE else self.wall.shares(*asked)
         self._scale = observed["scale"]
 
@@ -73,15 +73,15 @@ class Observer:
         moves: np.ndarray | None = None,
         dilation_moves: np.ndarray | None = None,
         node_moves: np.ndarray | None = None,
-        looks: Mapping[int, Sequence[tuple["Observer", float]]] | None = None,
+        perturbed: Mapping[int, Sequence[tuple["Observer", float]]] | None = None,
     ) -> tuple[np.ndarray, np.ndarray | None]:
         """As `values`, and if there are `moves`, the values' derivatives (k, D) along these.
 
         moves: (k, n, 3) changes of the displacement, dilation_moves (k, cells, 8) those of the
-        dilation and node_moves (k, n, 3) those of the unloaded nodes that go with them. looks: of
-        some moves, observers of the same wall (`looking`) with weights: a difference of what they
-        see is added. Derivatives are exact: those of the values that are returned. Of moving nodes
-        they take the angles about the axis, which turned segments depend on, as fixed.
+        dilation and node_moves (k, n, 3) those of the unloaded nodes that go with them. perturbed:
+        of some moves, observers of the same wall (`with_settings`) with weights: a difference of
+        what they see is added. Derivatives are exact: those of the values that are returned. Of
+        moving nodes they take the angles about the axis, which turned segments depend on, as fixed.
         """
         kinds: dict = {}
         for at, channel in enumerate(channels):
@@ -98,7 +98,7 @@ class Observer:
         leaves = [*means.values(), *rest]
         for leaf in leaves:
             leaf.requires_grad_(moves is not None)
-        found = self._found(kinds, means, rest)
+        found = self._channel_values(kinds, means, rest)
         values = np.empty(len(order))
         values[order] = found.detach().numpy()
         if moves is None:
@@ -117,10 +117,11 @@ class Observer:
         for gradient, slope in zip(by_leaf, slopes, strict=False):
             if gradient is not None:
                 along += slope @ gradient.numpy().reshape(len(order), -1).T
-        for k, sides in (looks or {}).items():
-            for look, weight in sides:
-                seen = look._means(look._seen(kinds, point, self, densities))
-                along[k] += weight * (look._found(kinds, seen, rest) - found).detach().numpy()
+        for k, sides in (perturbed or {}).items():
+            for other, weight in sides:
+                seen = other._means(other._densities_under(kinds, point, self, densities))
+                change = other._channel_values(kinds, seen, rest) - found
+                along[k] += weight * change.detach().numpy()
         derivatives = np.empty_like(along)
         derivatives[:, order] = along
         return values, derivatives
@@ -133,7 +134,9 @@ class Observer:
             for name, density in kind().densities(point).items()
         }
 
-    def _seen(self, kinds, point: PointMotion, other: "Observer", densities: dict) -> dict:
+    def _densities_under(
+        self, kinds, point: PointMotion, other: "Observer", densities: dict
+    ) -> dict:
         """As `_densities`, of a motion of which another observer's are known."""
         mine, others = ((o.measure, o._unloaded_share) for o in (self, other))
         if mine != others:
@@ -152,7 +155,7 @@ class Observer:
             for name, (density, shares) in densities.items()
         }
 
-    def _found(self, kinds, means, rest) -> torch.Tensor:
+    def _channel_values(self, kinds, means, rest) -> torch.Tensor:
         """Values of the channels, kind by kind, from the means, and from the cavity's volume, the
         two lengths of the long axis and the segments' volumes."""
         cavity, loaded, unloaded, volumes = rest
