@@ -514,3 +514,24 @@ def fields_of(names):
 def files_of_hearts(names):
     """The files that hearts of a cohort are made of."""
     return [given(file) for name in names for file in LISTED[name].files(OF_COHORT["folders"])]
+
+
+def rows_drawn(wildcards):
+    """How many rows of the design there are up to the end of a batch. Every job draws them itself:
+    the first rows of a longer design are the same, and full batches are not made again."""
+    end = (int(wildcards.batch) + 1) * config["simulations"]["batch_size"]
+    return min(end, INPUTS_SIZES[wildcards.set])
+
+
+def anchors_of(wildcards):
+    """How many anchors are solved on a mesh."""
+    return FINER if wildcards.mesh_folder else INPUTS_ANCHORS
+
+
+def own_emulator_of_inputs(_):
+    """The study's, of what cannot do with that of any heart."""
+    if JOINED:
+        raise InputError(
+            "all_inputs.emulator: the hidden effects need the study's own emulator; write joint_gp"
+        )
+    return EMULATOR_OF_INPUTS

@@ -14,14 +14,6 @@ if DOUBTS:
         "seed": config["seed"],
     }
 
-    def own_emulator(_):
-        if JOINED:
-            raise InputError(
-                "all_inputs.emulator: the hidden effects need the study's own emulator; write "
-                "joint_gp"
-            )
-        return EMULATOR_OF_INPUTS
-
     rule hidden_effects:
         """What is found of effects injected at random."""
         input:
@@ -56,7 +48,7 @@ if DOUBTS:
         """Blind: reads the measured hearts alone."""
         input:
             subjects=f"{HIDDEN}/subjects/batch-{{batch}}.parquet",
-            emulator_file=own_emulator,
+            emulator_file=own_emulator_of_inputs,
             mesh=LAYOUT.heart().mesh,
             predictor=LAYOUT.inputs_predictor(),
         output:
@@ -79,7 +71,7 @@ if DOUBTS:
         input:
             subjects=f"{HIDDEN}/subjects/batch-{{batch}}.parquet",
             truth=f"{R}/truth/hidden_effects/batch-{{batch}}.parquet",
-            emulator_file=own_emulator,
+            emulator_file=own_emulator_of_inputs,
         output:
             models=f"{HIDDEN}/true_models/batch-{{batch}}.parquet",
         log:

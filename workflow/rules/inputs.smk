@@ -18,20 +18,6 @@ DESIGN = {
 JOINED = ALL_INPUTS["emulator"] == "shipped"
 if JOINED:
     DESIGN = "hearts.full:write_inputs_design"
-
-
-def rows_drawn(wildcards):
-    """How many rows of the design there are up to the end of a batch. Every job draws them itself:
-    the first rows of a longer design are the same, and full batches are not made again."""
-    end = (int(wildcards.batch) + 1) * config["simulations"]["batch_size"]
-    return min(end, INPUTS_SIZES[wildcards.set])
-
-
-def anchors_of(wildcards):
-    """How many anchors are solved on a mesh."""
-    return FINER if wildcards.mesh_folder else INPUTS_ANCHORS
-
-
 # Simulations that are made on the finer mesh as well.
 FINER = min(ALL_INPUTS["finer"], INPUTS_ANCHORS)
 EMULATOR_OF_INPUTS = (
