@@ -9,11 +9,13 @@ from regional_lv import config
 from regional_lv.channels import Channels
 from regional_lv.data import path as packaged
 from regional_lv.errors import InputError
+from regional_lv.geometry.table import read_segments
 from regional_lv.inputs import space
 from regional_lv.inputs.base import KeyInput
 from regional_lv.inputs.catalogue import INPUTS
 from regional_lv.inputs.evaluation import AllInputs
 from regional_lv.inputs.model import model_of
+from regional_lv.inputs.shape import is_of_table
 from regional_lv.inputs.space import Inputs, catalogue, stencil
 from regional_lv.registry import temporary
 from regional_lv.testing import InputContract
@@ -245,6 +247,49 @@ def test_a_range_in_place_of_the_plausible_one():
 def test_a_range_that_is_none(limits, words):
     with pytest.raises(InputError, match=rf"inputs\.segment_thickness\.range: .*{words}"):
         loaded(inputs={"segment_thickness": {"role": "inferred", "range": limits}})
+
+
+@pytest.mark.parametrize(
+    ("name", "limits"),
+    [
+        ("mixed_frames", [0, 1.5]),
+        ("heavy_tails", [-0.2, 0.4]),
+        ("endocardial_sampling", [-1, 1]),
+        ("compressibility", [-0.1, 0.05]),
+        ("basal_motion", [-2, 5]),
+    ],
+)
+def test_a_range_of_what_cannot_be(name, limits):
+    with pytest.raises(InputError, match=rf"inputs\.{name}\.range: {name} can be .* at all"):
+        loaded(inputs={name: {"role": "suspected", "range": limits}})
+
+
+def test_a_value_within_a_range_of_its_own():
+    wide = {"role": "suspected", "value": 7, "range": [0, 12]}
+    inputs = Inputs.from_config(loaded(inputs={"septal_load": wide}))
+    assert inputs.nominal[inputs.names.index("septal_load")] == 7.0
+    with pytest.raises(InputError, match=r"value: 7 is outside .*or give its `range`"):
+        loaded(inputs={"septal_load": {"role": "suspected", "value": 7}})
+
+
+def test_a_tables_sd_leaves_range_and_fixed_words_as_they_are(tmp_path):
+    table = read_segments("volunteer").drop(columns="line").assign(wall_thickness_sd_mm=1.0)
+    table.to_csv(tmp_path / "segments.csv", index=False)
+    geometry = {"segments": str(tmp_path / "segments.csv")}
+    word = {"role": "measured", "sd_mm": 2.0, "range": [5, 20]}
+    inputs = Inputs.from_config(
+        loaded(geometry=geometry, inputs={"segment_thickness": word, "causes": "fixed"})
+    )
+    role = inputs.roles[inputs.names.index("wall_thickness_1")]
+    assert (role.kind, role.sd, role.range) == ("measured", 1.0, (5.0, 20.0))
+    fixed = Inputs.from_config(loaded(geometry=geometry, inputs={"shape": "fixed"}))
+    assert "wall_thickness_1" not in fixed.names
+
+
+def test_words_of_a_segment_table():
+    assert is_of_table("wall_thickness", {"role": "measured", "sd_mm": 1.0})
+    assert is_of_table("wall_thickness_3", "suspected") and is_of_table("shape", "suspected")
+    assert not is_of_table("wall_thickness", "suspected")
 
 
 def test_an_input_of_a_plugin():

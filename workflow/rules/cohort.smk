@@ -18,8 +18,9 @@ if config["cohort"]["hearts"]:
         "folders": [str(folder) for folder in folders],
     }
 
-    rule check_cohort:
-        """All hearts are read and compared before one of them is answered."""
+    checkpoint check_cohort:
+        """All hearts are read and compared before one of them is answered. What it writes makes no
+        answer again: only a heart's own files do."""
         input:
             lambda wildcards: files_of_hearts(LISTED),
         output:
@@ -40,8 +41,7 @@ if config["cohort"]["hearts"]:
         """Posterior, verdict and page of each heart of a batch; hearts of other batches do not
         matter to it."""
         input:
-            lambda wildcards: files_of_hearts(COHORT_BATCHES[wildcards.batch]),
-            checked=ancient(COHORT.checked),
+            lambda wildcards: checked_files_of_hearts(COHORT_BATCHES[wildcards.batch]),
         output:
             folder=directory(COHORT.batch("{batch}").folder),
         log:
@@ -56,6 +56,7 @@ if config["cohort"]["hearts"]:
         params:
             **OF_COHORT,
             call="hearts.batches:answer_batch",
+            checked=COHORT.checked,
             code=code_of("hearts.batches", files=ANY_HEART),
             hearts=lambda wildcards: fields_of(COHORT_BATCHES[wildcards.batch]),
         script:

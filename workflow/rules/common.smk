@@ -516,6 +516,12 @@ def files_of_hearts(names):
     return [given(file) for name in names for file in LISTED[name].files(OF_COHORT["folders"])]
 
 
+def checked_files_of_hearts(names):
+    """The same after all hearts were checked."""
+    checkpoints.check_cohort.get()
+    return files_of_hearts(names)
+
+
 def rows_drawn(wildcards):
     """How many rows of the design there are up to the end of a batch. Every job draws them itself:
     the first rows of a longer design are the same, and full batches are not made again."""

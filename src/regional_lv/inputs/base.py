@@ -1,5 +1,6 @@
 """What every input is: one number of the simulator, with its range, its scale and its source."""
 
+import math
 from abc import ABC
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
@@ -27,11 +28,11 @@ class Input(ABC):
 
     Attributes: name; family, a word for many inputs; parameter, the field's term; unit; nominal,
     the value of the model as it is (None where nothing is known of it beforehand); low and high,
-    its plausible range; scale, on which a prior is uniform and effects are smooth; description and
-    source (literature); roles that it can have; moves, the names of other inputs of which it is a
-    direction, so that inferring it with all of them has no solution; segments, of the AHA, that it
-    is about, none for what concerns the whole ventricle; changes, the section of the model that it
-    changes.
+    its plausible range; least and most, what it can be at all; scale, on which a prior is uniform
+    and effects are smooth; description and source (literature); roles that it can have; moves, the
+    names of other inputs of which it is a direction, so that inferring it with all of them has no
+    solution; segments, of the AHA, that it is about, none for what concerns the whole ventricle;
+    changes, the section of the model that it changes.
 
     Values of the dimension of a stress are proportional to stress^stress_power: a ventricle whose
     stresses, loads and springs are all multiplied by one number moves as before. length_power is
@@ -45,6 +46,8 @@ class Input(ABC):
     nominal: float | None = None
     low: float
     high: float
+    least: ClassVar[float] = -math.inf
+    most: ClassVar[float] = math.inf
     scale: Scale = Linear()
     description: str
     source: str

@@ -92,7 +92,7 @@ class MixedFrames(LoadForm):
     name = "mixed_frames"
     family = "observation"
     parameter = "share of the filling pressure missing in the strains"
-    low, high = 0.0, 0.6
+    low, high, least, most = 0.0, 0.6, 0.0, 0.95
     description = (
         "The frame called end-diastolic is not the same in all sequences. The share of the "
         "end-diastolic pressure that is missing where the strains are read, while the volume is "
@@ -124,7 +124,7 @@ class RadialScale(ClosedForm):
     name = "radial_scale"
     family = "observation"
     parameter = "scale of the radial strains"
-    low, high = 0.5, 1.5
+    low, high, least = 0.5, 1.5, 0.0
     description = (
         "The wall is only a few pixels wide, tracking smooths across it, and methods differ by a "
         "factor of two in radial strain while they agree on the circumferential one. Multiplies "
@@ -187,7 +187,7 @@ class HeavyTails(ClosedForm):
     changes = "noise"
     roles = ("suspected", "fixed")
     parameter = "inverse of the degrees of freedom of the noise"
-    low, high = 0.0, 0.4
+    low, high, least, most = 0.0, 0.4, 0.0, 1.0
     description = (
         "A lost tag, a slice moved by breathing: single channels are far off while the others are "
         "as exact as ever. Student's t noise with the channels' sd as its scale; at 0 it is "

@@ -117,7 +117,7 @@ class Compressibility(KeyInput):
     path = ("material", "compressibility_per_kpa")
     parameter = "compressibility of the wall"
     unit = "1/kPa"
-    low, high = 0.0, 0.05
+    low, high, least = 0.0, 0.05, 0.0
     stress_power = -1
     description = (
         "Blood leaves the wall as pressure squeezes it: its volume was seen to change by 2 to 10 % "

@@ -39,7 +39,7 @@ def model_of(config: Mapping) -> dict:
     geometry = config["geometry"]
     if geometry["source"] == "segments":
         shape = _of_table(geometry)
-    elif any(map(is_of_table, config.get("inputs", ()))):
+    elif any(is_of_table(*each) for each in config.get("inputs", {}).items()):
         shape = _described(geometry)
     else:
         return model

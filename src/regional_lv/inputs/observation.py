@@ -27,7 +27,7 @@ class LayerInput(ObservationInput):
     """The share of the layer that is seen (`observables.layer`) which is cut off at one side."""
 
     path = ("observables", "layer")
-    low, high = 0.0, 1.0
+    low, high = least, most = 0.0, 1.0
 
     def value_in(self, model):
         return 0.0
@@ -83,7 +83,7 @@ class LineStrain(ObservationInput):
     name = "line_strain"
     path = ("observables", "line_share")
     parameter = "share of the material line's strain"
-    low, high = 0.0, 1.0
+    low, high = least, most = 0.0, 1.0
     description = (
         "A code reports the component of a strain tensor along a direction; an image shows how "
         "much longer a line of tissue along that direction became. Mixes linearly from the "
@@ -96,7 +96,7 @@ class DirectionsOfStrain(ObservationInput):
     name = "unloaded_directions"
     path = ("observables", "unloaded_share")
     parameter = "share of the strain along directions of the unloaded state"
-    low, high = 0.0, 1.0
+    low, high = least, most = 0.0, 1.0
     description = (
         "Strains are along the circumferential, radial and longitudinal directions of the "
         "end-diastolic wall (0, as in the paper), or along those of the unloaded wall, which turn "

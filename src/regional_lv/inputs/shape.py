@@ -1,5 +1,6 @@
 """Inputs of the shape: how thick the wall is, how wide and how long the cavity."""
 
+from collections.abc import Mapping
 from typing import ClassVar
 
 from regional_lv.geometry.shape import LEVEL_KEYS
@@ -14,11 +15,14 @@ NO_TABLE = "no_table"
 """Key of a model's section `geometry`: why no segment table describes the heart."""
 
 
-def is_of_table(word: str) -> bool:
-    """Whether a word of the section `inputs` stands for a figure of a segment table."""
+def is_of_table(word: str, given: str | Mapping) -> bool:
+    """Whether a word of the section `inputs`, and what is `given` for it, stand for a figure of a
+    segment table."""
     kinds = (SegmentThickness, EndocardialRadius, Length, ApexThickness, LevelEnd)
     stems = {SegmentThickness.stem, EndocardialRadius.name}
     of_kind = word in {TableInput.family, *LEVEL_KEYS, *(kind.name for kind in kinds)}
+    # By itself it is the scale of the whole wall, unless it has a standard deviation in mm.
+    of_kind |= word == SegmentThickness.stem and f"sd_{TableInput.unit}" in given
     return of_kind or word.rpartition("_")[0] in stems
 
 

@@ -77,11 +77,8 @@ class Inputs(InputSequence[Input]):
         every = catalogue(base)
         roles = roles_of(config[SECTION], every, base)
         for each in every:
-            role = roles[each.name]
-            if role.value is not None and role.kind == "fixed":
-                base = each.act(base, role.value)
-            if role.range is not None:
-                each.low, each.high = role.range
+            if (limits := roles[each.name].range) is not None:
+                each.low, each.high = limits
         free = [each for each in every if roles[each.name].kind != "fixed"]
         _check_closed_forms(free, every)
         return cls(base, free, roles)
@@ -232,7 +229,8 @@ def roles_of(section: Mapping, every: Sequence[Input], model: Mapping) -> dict[s
     A key is the name of an input or a word for several (its class's name, its family), of which
     the narrower one counts. A standard deviation, `sd_<unit>`, goes to those that have this unit.
     What is not named is inferred if it is a stiffness, measured if the segment table has its sd
-    (which counts before that of a word), and otherwise fixed. Raises InputError.
+    (which counts before that of a word, where it is not fixed), and otherwise fixed. Raises
+    InputError.
     """
     roles = {each.name: Role("inferred" if each.nominal is None else "fixed") for each in every}
     named = []
@@ -243,9 +241,11 @@ def roles_of(section: Mapping, every: Sequence[Input], model: Mapping) -> dict[s
     for word, asked, meant in sorted(named, key=lambda each: len(each[2]), reverse=True):
         for each in meant:
             roles[each.name] = _role(word, asked, each)
+    told = {each.name for _, _, meant in named for each in meant}
     for name, sd in by_table.items():
-        if sd is not None and name not in section and roles[name].kind in ("fixed", "measured"):
-            roles[name] = Role("measured", sd)
+        if sd is not None and name not in section:
+            if roles[name].kind == "measured" or name not in told:
+                roles[name] = replace(roles[name], kind="measured", sd=sd)
     _check_directions(every, roles)
     return roles
 
@@ -331,11 +331,12 @@ def _role(word: str, asked: dict, each: Input) -> Role:
         raise InputError(
             f"{key}: {each.name} has a standard deviation but no nominal value; give its `value`"
         )
-    if value is not None and not each.low <= value <= each.high:
+    low, high = limits or (each.low, each.high)
+    if value is not None and not low <= value <= high:
         raise InputError(
-            f"{key}.value: {value:g} is outside the range of {each.name}, {each.low:g} to "
-            f"{each.high:g} {'' if each.unit == '1' else each.unit}".rstrip()
-            + "; correct it"
+            f"{key}.value: {value:g} is outside the range of {each.name}, {low:g} to "
+            f"{high:g} {'' if each.unit == '1' else each.unit}".rstrip()
+            + "; correct it, or give its `range`"
         )
     if asked["role"] == "suspected" and value is None and each.nominal is None:
         raise InputError(
@@ -368,6 +369,11 @@ def _check_range(key: str, each: Input, low: float, high: float, at: float | Non
         raise InputError(f"{key}: {low:g} is not below {high:g}; give the lower end first")
     if isinstance(each.scale, Logarithmic) and low <= 0:
         raise InputError(f"{key}: {each.name} is above 0; give a lower end above 0")
+    if not each.least <= low < high <= each.most:
+        raise InputError(
+            f"{key}: {each.name} can be {each.least:g} to {each.most:g} at all, which {low:g} to "
+            f"{high:g} goes beyond; narrow the range"
+        )
     if at is not None and not low <= at <= high:
         raise InputError(
             f"{key}: {each.name} is {at:g} {each.unit}, which {low:g} to {high:g} leaves out; "

@@ -35,7 +35,7 @@ class BaseCompliance(KeyInput):
 
     family = "supports"
     unit = "mm/kPa"
-    low = 0.0
+    low = least = 0.0
     scale = Saturating(1.0)  # mm/kPa, about as compliant as the base itself
     stress_power, length_power = -1, 1
 
@@ -84,7 +84,7 @@ class BasalTwist(KeyInput):
     path = ("supports", "base", "circumferential")
     parameter = "circumferential stiffness of the base"
     unit = "kPa/mm"
-    low, high = 0.0, 100.0
+    low, high, least = 0.0, 100.0, 0.0
     scale = Saturating(1.0)  # kPa/mm, about as stiff as the base itself
     stress_power, length_power = 1, -1
     description = (
@@ -116,7 +116,7 @@ class EpicardialSupport(KeyInput):
     path = ("supports", "epicardium_kpa_per_mm")
     parameter = "stiffness of the epicardial springs"
     unit = "kPa/mm"
-    low, high = 0.0, 0.2
+    low, high, least = 0.0, 0.2, 0.0
     scale = Saturating(0.3)  # kPa/mm, about as stiff as the wall
     stress_power, length_power = 1, -1
     description = (
