@@ -1,4 +1,4 @@
-"""Derivatives about every input against differences of whole solutions.
+"""Derivatives with respect to every input against differences of whole solutions.
 
     python benchmarks/input_derivatives.py config/hidden_effects.yaml
 

@@ -37,7 +37,8 @@ def of_library() -> gpytorch.kernels.Kernel:
 
 
 def likelihood(kernel, x: torch.Tensor, y: torch.Tensor) -> None:
-    """Gaussian log likelihood of the rows, and its gradient about the kernel's parameters."""
+    """Gaussian log likelihood of the rows, and its gradient with respect to the kernel's
+    parameters."""
     matrix = kernel(x).to_dense() + 1e-4 * torch.eye(len(x), dtype=x.dtype)
     factor = torch.linalg.cholesky(matrix)
     white = torch.linalg.solve_triangular(factor, y, upper=False)
@@ -45,7 +46,7 @@ def likelihood(kernel, x: torch.Tensor, y: torch.Tensor) -> None:
 
 
 def mean(kernel, at: torch.Tensor, x: torch.Tensor, weights: torch.Tensor) -> None:
-    """A mean with its gradient about the points."""
+    """A mean with its gradient with respect to the points."""
     at = at.clone().requires_grad_(True)
     torch.autograd.grad((kernel(at, x).to_dense() @ weights).sum(), at)
 

@@ -15,10 +15,9 @@ if DOUBTS:
     CRITICISM = settings_of(config)
 
     rule criticise_subject:
-        """Search, simulations of the leading models with derivatives about all inputs until the
-        emulator agrees with them, posterior averaged over models, verdict. Reads what was measured,
-        never a truth.
-        """
+        """Search, simulations of the leading models with derivatives with respect to all inputs
+        until the emulator agrees with them, posterior averaged over models, verdict. Reads what was
+        measured, never a truth. """
         input:
             given(DESCRIBED) if JOINED else [],
             **({"own": LAYOUT.inputs_screened("train")} if JOINED else {}),

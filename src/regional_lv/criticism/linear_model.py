@@ -41,10 +41,10 @@ class LinearModel:
     ranges.
 
     y (D,): what was observed. mean (D,): measured inputs are as they were measured. by_input
-    (D, K): derivatives about the scaled coordinates of all inputs. error (1, D, D): covariance of
-    all errors but the noise. x (P,): coordinates of the fit. free (K,): mask of the parameters.
-    lower, upper (K,): ends of the ranges, scaled. log_sigma (G,): where fits of the noise start.
-    """
+    (D, K): derivatives with respect to the scaled coordinates of all inputs. error (1, D, D):
+    covariance of all errors but the noise. x (P,): coordinates of the fit. free (K,): mask of the
+    parameters. lower, upper (K,): ends of the ranges, scaled. log_sigma (G,): where fits of the
+    noise start."""
 
     inputs: Inputs
     observed: Observed

@@ -392,8 +392,8 @@ class Emulator(ABC):
         return self.coordinates.natural(transformed) if self._log else transformed
 
     def _standardise_slopes(self, slopes: torch.Tensor, theta: torch.Tensor) -> torch.Tensor:
-        """Derivatives (N, D, P) of standardised outputs about standardised inputs, from natural
-        ones."""
+        """Derivatives (N, D, P) of standardised outputs with respect to standardised inputs, from
+        natural ones."""
         return slopes / self.output_sd[:, None] / self.standardise_slope(theta)[:, None, :]
 
     def _checked(self, theta, y, sensitivities) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:

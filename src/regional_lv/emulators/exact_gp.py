@@ -285,7 +285,7 @@ class ExactGP(Emulator):
         return self._correlations(x) @ self.weights
 
     def _weighted_slopes(self, x: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """`_weighted`, and its derivative (M, D, P) about `x`."""
+        """`_weighted`, and its derivative (M, D, P) with respect to `x`."""
         return weighted_slopes(self.model.of_values, x, self.inputs, self.weights)
 
     # --------------------------------------------------------------------------- keeping

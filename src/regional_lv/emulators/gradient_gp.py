@@ -24,7 +24,8 @@ from regional_lv.emulators.shared_kernel import condition, projected_precision, 
 from regional_lv.seeds import derive
 
 LEAST_NUGGET, LEAST_GRADIENT_NOISE = 1e-8, 1e-6
-"""Relative to the variance of the values, and of derivatives about inputs in length scales."""
+"""Relative to the variance of the values, and of derivatives with respect to inputs in length
+scales."""
 
 BOUNDS = {
     "raw_lengthscale": (math.log(0.05), math.log(100.0)),
@@ -106,13 +107,13 @@ class GradientGP(ExactGP):
     """The exact GP with the kernel `zonal_rq` on values and derivatives.
 
     Derivatives are further observations (`observed_derivatives`): values of all simulations come
-    first, then, input by input, derivatives about all inputs, or of each simulation about as many
-    of them (at random) as fit into `max_observations`. Sensitivities become derivatives about the
-    standardised inputs by the chain rule. Settings: max_observations; hyperparameter_rows, the
-    simulations that the hyperparameters are fitted to (the cost grows with the cube of their
-    number); iterations; calibration as for the exact GP; variance_observations, those that the
-    variance is computed from, all (None) or a part that is large enough to say where the errors are
-    large: how large is calibrated by the errors of leaving out simulations.
+    first, then, input by input, derivatives with respect to all inputs, or of each simulation about
+    as many of them (at random) as fit into `max_observations`. Sensitivities become derivatives
+    with respect to the standardised inputs by the chain rule. Settings: max_observations;
+    hyperparameter_rows, the simulations that the hyperparameters are fitted to (the cost grows with
+    the cube of their number); iterations; calibration as for the exact GP; variance_observations,
+    those that the variance is computed from, all (None) or a part that is large enough to say where
+    the errors are large: how large is calibrated by the errors of leaving out simulations.
 
     `inputs` (n, P) are those of all simulations, `seen` the derivatives that the mean has `weights`
     (n + M, D) on, `variance_seen` those that the variance is computed from.
@@ -157,7 +158,7 @@ class GradientGP(ExactGP):
         return self._observed(training.y, training.slopes, self.seen)
 
     def _observed(self, values, slopes, seen: ObservedDerivatives) -> torch.Tensor:
-        """`_observations`, derivatives about inputs in units of their length scales."""
+        """`_observations`, derivatives with respect to inputs in units of their length scales."""
         found = _observations(values, slopes, seen)
         found[len(values) :] *= self.model.length_scales[seen.along, None]
         return found
@@ -201,7 +202,7 @@ class GradientGP(ExactGP):
 
     def at_fixed(self, theta: torch.Tensor, mask: torch.Tensor) -> "GradientGP":
         """This emulator for points at which the parameters of a mask (P,) are those of theta (P,):
-        its mean and derivatives cost less, the latter 0 about these."""
+        its mean and derivatives cost less, the latter 0 with respect to these."""
         given = copy.copy(self)
         given._clear_cached("_by_simulation")
         given.fixed = theta, mask

@@ -87,7 +87,8 @@ class BlockRQKernel(gpytorch.kernels.Kernel):
         return k, [k / base for base in bases]
 
     def weighted_slopes(self, x1, x2, weights) -> tuple[torch.Tensor, torch.Tensor]:
-        """K(x1, x2) times weights (N, D), (M, D), and its derivative (M, D, P) about x1."""
+        """K(x1, x2) times weights (N, D), (M, D), and its derivative (M, D, P) with respect to
+        x1."""
         k, slopes = self.with_slopes(x1, x2)
         by_x = k.new_empty(len(x1), weights.shape[1], x1.shape[1])
         for part, slope in zip(self.blocks, slopes, strict=True):
@@ -118,7 +119,8 @@ class Matern52Kernel(gpytorch.kernels.MaternKernel):
 def weighted_slopes(
     kernel: gpytorch.kernels.Kernel, x1: torch.Tensor, x2: torch.Tensor, weights: torch.Tensor
 ) -> tuple[torch.Tensor, torch.Tensor]:
-    """K(x1, x2) times weights (N, D), (M, D), and its derivative (M, D, P) about x1 (M, P)."""
+    """K(x1, x2) times weights (N, D), (M, D), and its derivative (M, D, P) with respect to x1 (M,
+    P)."""
     if isinstance(kernel, BlockRQKernel):
         return kernel.weighted_slopes(x1, x2, weights)
 

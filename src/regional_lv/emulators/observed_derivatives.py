@@ -50,7 +50,7 @@ class ObservedDerivatives:
 
     @classmethod
     def of_all(cls, points: torch.Tensor, inputs: torch.Tensor) -> "ObservedDerivatives":
-        """All derivatives about some `inputs` (k,) at these `points` (m,)."""
+        """All derivatives with respect to some `inputs` (k,) at these `points` (m,)."""
         return cls(points.repeat(len(inputs)), inputs.repeat_interleave(len(points)))
 
     def joined(self, other: "ObservedDerivatives") -> "ObservedDerivatives":
@@ -69,12 +69,12 @@ def block_numbers(blocks: Sequence[slice]) -> torch.Tensor:
 
 
 def covariance(kernel: BlockRQKernel, x: torch.Tensor, seen: ObservedDerivatives) -> torch.Tensor:
-    """Covariance (n + M, n + M) of the values at x (n, P) and the derivatives about u."""
+    """Covariance (n + M, n + M) of the values at x (n, P) and the derivatives with respect to u."""
     bases = torch.stack(kernel.bases(x, x))
     k, inverse = kernel.of_bases(list(bases)), 1 / bases
     u, block = x / kernel.lengthscale[0], block_numbers(kernel.blocks)
     at, along = seen.at, seen.along
-    # (n, M): the derivative of log k about the second point, along what is seen there.
+    # (n, M): the derivative of log k with respect to the second point, along what is seen there.
     slope = (u[:, along] - u[at, along]) * inverse[block[along], :, at].T
     crossed = k[:, at] * slope
     between = slope[at]
@@ -183,7 +183,7 @@ class Weighted:
         return total
 
     def with_slopes(self, x: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """`mean`, and its derivatives (m, D, P) about x, 0 about what is fixed."""
+        """`mean`, and its derivatives (m, D, P) with respect to x, 0 for what is fixed."""
         u = self._reduced(x)
         bases = self._bases(u)
         k, inverse = self._kernel.of_bases(bases), [1 / base for base in bases]

@@ -46,8 +46,9 @@ class Calibration:
         cls, kind: str, errors: torch.Tensor, slopes: torch.Tensor, stiffness: torch.Tensor
     ) -> "Calibration":
         """By errors (N, D) at means of log theta `stiffness` (N,), whitened by their predicted
-        covariance, and slopes (N, D, P) of the outputs about the factors, whitened by it or a
-        multiple of it. kind: what is fitted, as the setting `calibration` of the exact GP says."""
+        covariance, and slopes (N, D, P) of the outputs with respect to the factors, whitened by it
+        or a multiple of it. kind: what is fitted, as the setting `calibration` of the exact GP
+        says."""
         if kind == "none":
             return cls()
         trend, freedom = (0.0, 0.0), math.inf

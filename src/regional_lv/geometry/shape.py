@@ -29,8 +29,8 @@ SHAPE_KEYS = (*SIZES, *LEVEL_KEYS)
 """All numbers of a shape beside the scale of its wall's thickness."""
 
 LEVEL_STEP = 1e-4
-"""In which differences about the levels' ends are taken: surfaces are found to 1e-11 of their
-values."""
+"""In which differences with respect to the levels' ends are taken: surfaces are found to 1e-11 of
+their values."""
 
 
 def level_ends(table: pd.DataFrame, length_mm: float) -> dict[str, float]:
@@ -120,9 +120,9 @@ class NodePlaces:
         return foot + shape["wall_thickness_scale"] * (points - foot)
 
     def moves(self, shape: Mapping, about: Collection[str]) -> dict[str, np.ndarray]:
-        """Derivatives of the points about each number of a shape: (n, 3), of the table's columns
-        (17, n, 3). Those of levels' ends cost most, and are zero where `about` does not name them.
-        """
+        """Derivatives of the points with respect to each number of a shape: (n, 3), of the table's
+        columns (17, n, 3). Those of levels' ends cost most, and are zero where `about` does not
+        name them."""
         if self._table is None:
             return {"wall_thickness_scale": self._points - self._points[self._foot]}
         walls, across = self._table_wall(shape)
@@ -153,7 +153,7 @@ class NodePlaces:
         }
 
     def _move_of_level(self, shape: Mapping, name: str) -> np.ndarray:
-        """Derivative (n, 3) of the points about one level's end."""
+        """Derivative (n, 3) of the points with respect to one level's end."""
         below, above = (
             self({**shape, name: shape[name] + step}) for step in (-LEVEL_STEP, LEVEL_STEP)
         )

@@ -49,7 +49,7 @@ STEP = 1e-5  # rad, of differences along the latitude
 VOLUME_NODES = 40  # along the latitude, of the volumes
 
 Changes: TypeAlias = Callable[[np.ndarray, np.ndarray], np.ndarray]
-"""Of bullseye points X, Y (n,): derivatives (n, m) of a field about m figures."""
+"""Of bullseye points X, Y (n,): derivatives (n, m) of a field with respect to m figures."""
 
 
 class Latitudes(NamedTuple):
@@ -183,7 +183,7 @@ class Field:
         return self._bend(self._mean + polynomials(x, y) @ self._coefficients)
 
     def changes(self) -> Changes:
-        """Derivatives of the field about its values (m), and about `apex` if it has one.
+        """Derivatives of the field with respect to its values (m), and to `apex` if it has one.
 
         Returns a function of bullseye points X, Y (n,) that gives them, (n, m) or (n, m + 1). They
         follow from the conditions of the least energy, differentiated.
@@ -297,7 +297,7 @@ class Surfaces:
         self, table: pd.DataFrame
     ) -> tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]:
         """Means of thickness and endocardial radius (m,) over the segments of another table, and
-        their derivatives about the own figures (m, own) of the same kind."""
+        their derivatives with respect to the own figures (m, own) of the same kind."""
         phi, u, average, _ = _averages(self._parts(table))
         at, cos = bullseye(phi, u), np.cos(u)
         thickness, radius = self._thickness.changes()(*at), self._radius.changes()(*at)
@@ -404,13 +404,13 @@ class Surfaces:
             u_epi = np.where(lower, QUARTER - gap, u_epi)
         return Latitudes(u_endo, u_epi, u_plane, u_ring)
 
-    # ------------------------------------------------------------ derivatives about the table
+    # ------------------------------------------- derivatives with respect to the table
 
     def changes_of_ends(
         self, phi: np.ndarray, rho: np.ndarray, rho_border: float, latitudes: Latitudes
     ) -> tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]:
-        """Derivatives of what `ends` gives about the table's figures: ((r, z), (r, z)), each
-        (n, 2 m + 2).
+        """Derivatives of what `ends` gives with respect to the table's figures: ((r, z), (r, z)),
+        each (n, 2 m + 2).
 
         The figures are the wall thickness (m) and the endocardial radius (m) of the segments, the
         length, with which all heights of levels go, and the thickness of the wall at the apex.
@@ -447,7 +447,8 @@ class Surfaces:
     def _epicardial_changes(
         self, phi: np.ndarray, u: np.ndarray, radius: Changes, thickness: Changes
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Derivatives of (r, z) at given latitudes about the figures, and along the latitude."""
+        """Derivatives of (r, z) at given latitudes with respect to the figures, and along the
+        latitude."""
         by_thickness = thickness(*bullseye(phi, u))
         segments = by_thickness.shape[1] - 1
         r, z = self._endocardial_changes(phi, u, radius, (len(u), 2 * segments + 2))

@@ -24,10 +24,10 @@ from regional_lv.inputs.stiffness import StiffnessInputs
 
 BY_SURFACES = path("described_surfaces.csv")
 """Of the outputs of a quantity and level, what they are by the segment table less what they are by
-the surfaces: slopes about `OF_SHAPE` (`by` is `ONE`), and by how much these grow with each of the
-logarithms `stiffness_of`. Of `SHARES`, shares of what the table gives. `sd` is the root mean square
-of what is left of hearts that this is not learnt from. Of twelve real hearts (MESA) at twelve
-stiffnesses each, and of 40 drawn ones (`verification.shapes`) at six. Written by
+the surfaces: slopes with respect to `OF_SHAPE` (`by` is `ONE`), and by how much these grow with
+each of the logarithms `stiffness_of`. Of `SHARES`, shares of what the table gives. `sd` is the root
+mean square of what is left of hearts that this is not learnt from. Of twelve real hearts (MESA) at
+twelve stiffnesses each, and of 40 drawn ones (`verification.shapes`) at six. Written by
 `benchmarks/described_surfaces.py`."""
 
 ONE = "one"

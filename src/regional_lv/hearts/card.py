@@ -170,7 +170,7 @@ def document(any_heart: AnyHeart) -> str:
     units = {each.name: each.unit for each in any_heart.known}
     learnt = (
         f"{card['simulations']:,} of {card['tried']:,} simulations, each of another ventricle, "
-        f"with derivatives about all {len(units)} inputs"
+        f"with derivatives with respect to all {len(units)} inputs"
     )
     observed = "values and derivatives" if len(any_heart.emulator.processes[0].seen) else "values"
     networks = "none"

@@ -46,7 +46,7 @@ class EmulatedInputs:
         return self._outputs.values(self.emulator.predict_mean, self.coordinates.natural(x))
 
     def linearise(self, x: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Mean (M, D) and its derivatives (M, D, K) about the scaled coordinates."""
+        """Mean (M, D) and its derivatives (M, D, K) with respect to the scaled coordinates."""
         return self._outputs(self.emulator.linearise, self.coordinates.natural(x))
 
     @property

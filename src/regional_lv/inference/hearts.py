@@ -180,7 +180,7 @@ class Hearts:
         return self._by_heart(self.emulated.mean(self._points(x)))[:, self.present]
 
     def linearise(self, x: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Mean (M, D) and its derivatives (M, D, K') about the scaled coordinates."""
+        """Mean (M, D) and its derivatives (M, D, K') with respect to the scaled coordinates."""
         mean, slopes = map(self._by_heart, self.emulated.linearise(self._points(x)))
         slopes = torch.einsum("msuk,skj->msuj", slopes, self.joint.moves)
         return mean[:, self.present], slopes[:, self.present]

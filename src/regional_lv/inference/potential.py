@@ -38,7 +38,7 @@ class Emulated(Protocol):
         """(M, D)."""
 
     def linearise(self, x: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Mean (M, D) and its derivatives (M, D, K) about the scaled coordinates."""
+        """Mean (M, D) and its derivatives (M, D, K) with respect to the scaled coordinates."""
 
     @property
     def simulated_names(self) -> tuple[str, ...]:

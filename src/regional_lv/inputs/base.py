@@ -60,7 +60,7 @@ class Input(ABC):
     is_cause: ClassVar[bool] = True
     """Whether the word `causes` of the configuration stands for it, too."""
     step: ClassVar[float] = 1e-6
-    """Of the range, in which differences about it are taken."""
+    """Of the range, in which differences with respect to it are taken."""
     stress_power: int = 0
     length_power: int = 0
 
@@ -129,7 +129,7 @@ class Input(ABC):
 
     def carry(self, other: "Input", there, value):
         """The value of one of the inputs in `moves`, which is `there` (M,) without it, when this
-        input is at `value` (M,), and its derivatives (M,) about both."""
+        input is at `value` (M,), and its derivatives (M,) with respect to both."""
         raise NotImplementedError
 
     @property

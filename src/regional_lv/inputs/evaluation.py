@@ -72,8 +72,8 @@ class AllInputs:
         """Values (M, K) at which the simulator has outputs that a `pattern` of the closed forms
         concerns, at x (M, K).
 
-        by_x: unit matrices (M, K, K), which become the derivatives of these values about x.
-        """
+        by_x: unit matrices (M, K, K), which become the derivatives of these values with respect to
+        x."""
         there = x.clone()
         for j, direction in self.inputs.directions:
             carry(direction, j, x, self.inputs, there, by_x)
@@ -89,8 +89,9 @@ class AllInputs:
         return there
 
     def __call__(self, evaluate: Evaluate, x: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Outputs (M, D) at values x (M, K), and their derivatives (M, D, K) about the scaled
-        coordinates. Channels that are looked up at the same values are evaluated together."""
+        """Outputs (M, D) at values x (M, K), and their derivatives (M, D, K) with respect to the
+        scaled coordinates. Channels that are looked up at the same values are evaluated
+        together."""
         count, size = len(self.channels), x.shape[1]
         values, slopes = x.new_empty(len(x), count), x.new_empty(len(x), count, size)
         by_x = torch.eye(size, dtype=x.dtype).repeat(len(self._patterns), len(x), 1, 1)

@@ -1,7 +1,7 @@
 """Scales on which the prior of an input is uniform and its effect is smooth.
 
 A scale takes values (numbers, arrays or tensors) to growing numbers, `inverse` takes them back, and
-`slope` is the derivative of the value about that number, at the value.
+`slope` is the derivative of the value with respect to that number, at the value.
 """
 
 import math

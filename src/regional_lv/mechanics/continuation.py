@@ -63,8 +63,8 @@ class Effort:
 
 @dataclass(frozen=True)
 class Solution:
-    """The state at one load, and its `tangents` (P, size), the derivatives of the field about the
-    scaled coordinates of theta, if wanted."""
+    """The state at one load, and its `tangents` (P, size), the derivatives of the field with
+    respect to the scaled coordinates of theta, if wanted."""
 
     state: State
     tangents: np.ndarray | None = None
@@ -231,10 +231,9 @@ class Solver(Generic[AnyEquilibrium]):
         """Derivative (size,) of a solution's field along a `direction` (P,) of the scaled inputs,
         with the factor of its last step.
 
-        By a difference of the residual, which costs a fraction of the derivatives about all inputs:
-        ahead, where every input stays in its range. Raises `NotConverged` next to a shape that has
-        no smooth wall, and where nothing finite is found.
-        """
+        By a difference of the residual, which costs a fraction of the derivatives with respect to
+        all inputs: ahead, where every input stays in its range. Raises `NotConverged` next to a
+        shape that has no smooth wall, and where nothing finite is found."""
         simulator, scales = self.simulator, self.simulator.coordinates
         beside = scales.natural(scales.scaled(state.theta) + DIFFERENCE * direction)
         with failure_is_not_converged():

@@ -1,4 +1,4 @@
-"""Derivatives of a residual about numbers of the cells and about the places of the nodes.
+"""Derivatives of a residual with respect to numbers of the cells and to places of the nodes.
 
 Each is one bilinear form, integrated once at a solution, and every direction is a product with what
 cells contribute: many inputs cost as many integrals as a few.
@@ -39,7 +39,7 @@ class _Derivative:
 
 
 class ByCell(_Derivative):
-    """The derivative of a linear form about numbers that may differ from cell to cell.
+    """The derivative of a linear form with respect to numbers that may differ from cell to cell.
 
     form: UFL. numbers: P constants or cellwise functions in it, in UFL's classes of dolfinx.
     """
@@ -58,8 +58,9 @@ class ByCell(_Derivative):
 
 
 class ByNode(_Derivative):
-    """The derivative of linear forms about the places of the mesh's nodes, in which functions keep
-    their values (UFL's coordinate derivative; Ham et al. 2019, doi 10.1007/s00158-019-02281-z).
+    """The derivative of linear forms with respect to the places of the mesh's nodes, in which
+    functions keep their values (UFL's coordinate derivative; Ham et al. 2019,
+    doi 10.1007/s00158-019-02281-z).
 
     forms: UFL. points (n, 3) mm: the nodes as they are when it is made. order: of the elements.
     """

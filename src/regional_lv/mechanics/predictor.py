@@ -60,8 +60,8 @@ class Known:
         self._tangents = np.zeros((0, len(coordinates), size))
 
     def add(self, theta: np.ndarray, field: np.ndarray, tangents: np.ndarray) -> None:
-        """Take up the solution (size,) at `theta` (K,) with its derivatives (K, size) about the
-        scaled coordinates."""
+        """Take up the solution (size,) at `theta` (K,) with its derivatives (K, size) with respect
+        to the scaled coordinates."""
         units = self._coordinates.units
         self._places = np.vstack([self._places, self._coordinates.place(theta)])
         self._fields = np.vstack([self._fields, field])
@@ -123,8 +123,8 @@ class Predictor:
         tangents: np.ndarray,
         coordinates: Coordinates,
     ) -> "Predictor":
-        """From anchors theta (n, K), fields (n, size) and tangents (n, K, size), derivatives about
-        the scaled coordinates."""
+        """From anchors theta (n, K), fields (n, size) and tangents (n, K, size), derivatives with
+        respect to the scaled coordinates."""
         n, size = fields.shape
         mean = fields.mean(axis=0)
         tangents = tangents * coordinates.units[:, None]

@@ -7,7 +7,7 @@ compliance c, of which s = c / (c + c0) is 0 where it is held and 1 where it is 
     s f + (1 - s) k0 d = 0,        k0 = area / c0,
 
 with the force f of the wall at a node, its displacement d, and the area that it stands for. With
-s = 0 the displacement is prescribed, and the derivative about s is known: d = -f / k0.
+s = 0 the displacement is prescribed, and the derivative with respect to s is known: d = -f / k0.
 """
 
 import math
@@ -46,7 +46,8 @@ HALF_WAY = 1.0
 
 @dataclass(frozen=True)
 class Linearised:
-    """A solution and its derivatives about the scaled coordinates of all inputs, k of them.
+    """A solution and its derivatives with respect to the scaled coordinates of all inputs, k of
+    them.
 
     fields (k, size) of the field; nodes, by input that moves them, of the unloaded nodes (n, 3);
     softening (k,) of the compressibility.
@@ -255,7 +256,7 @@ class Problem(Simulator):
         return *self.observed(found, fraction), found.fields
 
     def linearised(self, state: State) -> "Linearised":
-        """Derivatives of the field about all inputs, with the factor at hand.
+        """Derivatives of the field with respect to all inputs, with the factor at hand.
 
         state: a solution, with which the last factorisation was made.
         """
@@ -329,7 +330,7 @@ class Problem(Simulator):
         )
 
     def _forces_of(self, names: Iterable[str]) -> np.ndarray:
-        """Derivatives (m, size) of the residual in place about m constants."""
+        """Derivatives (m, size) of the residual in place with respect to m constants."""
         known = list(self._numbers)
         each = np.eye(len(known))[[known.index(name) for name in names], None]
         return self._by_constants.along(np.repeat(each, len(self.segment), axis=1))
@@ -383,8 +384,8 @@ class Problem(Simulator):
     def observed(
         self, found: "Linearised", fraction: float = 1.0, looking: Mapping | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Values (d,) of the channels at a load, and derivatives (k, d) about the inputs' scaled
-        coordinates, of a solution of that load.
+        """Values (d,) of the channels at a load, and derivatives (k, d) with respect to the inputs'
+        scaled coordinates, of a solution of that load.
 
         looking: keys of the section `observables` that differ from the state's (layer, measure,
         rotation of the segments): a solution is observed many times at no further solve.

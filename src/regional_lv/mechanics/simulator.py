@@ -289,7 +289,7 @@ class Simulator(Equilibrium):
         return self._channels_at[fraction][0]
 
     def tangents(self, state: State) -> np.ndarray:
-        """Derivatives (k, size) of the field about the scaled coordinates of theta, by
+        """Derivatives (k, size) of the field with respect to the scaled coordinates of theta, by
         back-substitution with the factor at hand."""
         self._place(state.w)
         zones, factors = len(self.parameters.zones), self.parameters.factors

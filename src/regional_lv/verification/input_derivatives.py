@@ -1,4 +1,4 @@
-"""Derivatives about the inputs against differences of whole solutions."""
+"""Derivatives with respect to the inputs against differences of whole solutions."""
 
 from collections.abc import Iterable
 

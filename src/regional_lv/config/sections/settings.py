@@ -67,7 +67,7 @@ class GradientGP(Exact):
 
     max_observations: Observations = 8000
     """Size of the covariance matrix; values of all simulations, then as many derivatives as fit,
-    about other parameters for each simulation."""
+    with respect to other parameters for each simulation."""
     variance_observations: Observations | None = None
     """Values and derivatives that the stated error is computed from; null is all. How large it is
     is calibrated by the errors of leaving out simulations."""

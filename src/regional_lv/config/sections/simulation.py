@@ -214,8 +214,8 @@ class AllInputs(Section, reruns="these simulations, and the emulator of all inpu
     (`hearts.population`), for an emulator of any heart. All their shape inputs then have to be
     inferred."""
     simulations: Annotated[Whole, Field(ge=4)] = 400
-    """For training, each with derivatives about all inputs. More of them leave those that there are
-    as they are."""
+    """For training, each with derivatives with respect to all inputs. More of them leave those that
+    there are as they are."""
     test: Count = 50
     """For the emulator's errors."""
     anchors: Annotated[Whole, Field(ge=2)] = 48

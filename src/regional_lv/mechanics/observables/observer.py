@@ -197,8 +197,8 @@ class Observer:
         ]
 
     def _spreading(self, shares: Shares) -> np.ndarray:
-        """Derivatives (17, n, 3), about the nodes' places, of the logarithm of the volume that
-        points stand for, averaged."""
+        """Derivatives (17, n, 3), with respect to the nodes' places, of the logarithm of the volume
+        that points stand for, averaged."""
         every = np.broadcast_to(np.eye(3), (len(self.wall.volume), 3, 3))
         return self.wall.on_nodes(shares, None, every)
 
@@ -243,7 +243,8 @@ class Observer:
 
     def _long_axis(self, displacement) -> tuple[tuple[float, float], np.ndarray]:
         """Loaded and unloaded length (mm) from the mean height of the base's endocardial ring to
-        the endocardial apex, and the gradient (m, 3) of the loaded one about the cavity's nodes."""
+        the endocardial apex, and the gradient (m, 3) of the loaded one with respect to the cavity's
+        nodes."""
         cavity = self.cavity
         z, moved = cavity.reference[:, 2], displacement[cavity.nodes, 2]
         gradient = np.zeros_like(cavity.reference)

@@ -158,8 +158,8 @@ class Cavity:
         self.apex = int(self.reference[:, 2].argmin())
 
     def volume_and_gradient(self, displacement: np.ndarray) -> tuple[float, np.ndarray]:
-        """Volume (mL), and its derivatives (m, 3) in mL/mm about the displacement (m, 3) in mm of
-        `nodes`.
+        """Volume (mL), and its derivatives (m, 3) in mL/mm with respect to the displacement (m, 3)
+        in mm of `nodes`.
 
         V = -1/3 sum over facets of the integral of (x - c) . n, n pointing into the cavity: on the
         cone through c, x - c has no component along the normal.
