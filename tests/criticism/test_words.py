@@ -73,7 +73,7 @@ def test_channels_in_words(output, text):
     ],
 )
 def test_inputs_and_sources_of_variance_in_words(name, text, source):
-    assert words.input_name(name) == text
+    assert words.input_in_words(name) == text
     assert words.variance_source(name) == source
 
 

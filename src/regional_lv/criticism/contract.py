@@ -193,12 +193,18 @@ class Noise(TypedDict):
 class Findings(TypedDict):
     """Of one subject, or of several together.
 
-    misfit: of the model as it is; remaining: of the best set, None without one. base_probability:
-    of the model as it is; unlisted_probability: of a smooth departure of unknown shape. named:
-    causes; groups: of causes of which one is present; acts_like: causes whose estimate is at the
-    end of its range. explained: whether a set that fits stands behind what is named. trusted:
-    whether any model passes the misfit test, so that the stiffness can be. outliers: why departures
-    from the best set are no outliers, empty if they are, or if it has no heavy tails.
+    subjects: names of the hearts. misfit: of the model as it is; remaining: of the best set, None
+    without one. base_probability: of the model as it is; unlisted_probability: of a smooth
+    departure of unknown shape. named: causes; groups: of causes of which one is present; acts_like:
+    causes whose estimate is at the end of its range; best: causes of the best set, None without
+    one. explained: whether a set that fits stands behind what is named. trusted: whether any tested
+    model of 5 % or more passes the misfit test, so that the stiffness can be. outliers: why
+    departures from the best set are no outliers, empty if they are, or if it has no heavy tails.
+    separating (`separate.separating_measurement`): by pair of rival sets the measurements that
+    would tell them apart. level: of the misfit test; least_probability: from which on a cause is
+    named; critical_z: |z| of a cause that the test asks for; least_p_value: that the bootstrap can
+    give. ess: effective draws. limits: what the data do not support; words: the verdict, in
+    sentences.
     """
 
     subject: str

@@ -59,7 +59,7 @@ def findings_of(verdict: Verdict, context: Context) -> Findings:
     content: Findings = {
         "subject": context.subject,
         "subjects": list(context.tables),
-        "misfit": _misfit(verdict, verdict.base, verdict.detected, context),
+        "misfit": _misfit(verdict.base, verdict.detected, context),
         "data_checks": [
             {"subject": name} | check
             for name, measured in context.tables.items()
@@ -95,7 +95,7 @@ def findings_of(verdict: Verdict, context: Context) -> Findings:
     }
     if verdict.best is not None:
         final: Examined = verdict.final
-        content["remaining"] = _misfit(verdict, final, not verdict.adequate, context)
+        content["remaining"] = _misfit(final, not verdict.adequate, context)
     content = cast(Findings, _plain(content))
     content["words"] = words.verdict(content)
     return content
@@ -122,12 +122,14 @@ def _plain(value):
 # ------------------------------------------------------------------------------------ parts
 
 
-def _misfit(
-    verdict: Verdict, examined: Examined, detected: bool, context: Context
-) -> contract.Misfit:
-    found = examined.tested.content(examined.left_out, [*context.tables], verdict.level)
-    # The verdict knows more than the p-value: with too few channels nothing can be tested.
-    return {**found, "detected": detected}
+def _misfit(examined: Examined, detected: bool, context: Context) -> contract.Misfit:
+    return {
+        "detected": detected,
+        "p_value": examined.tested.p_value,
+        "families": examined.tested.families,
+        "largest": examined.tested.largest,
+        "channels": examined.left_out.channels([*context.tables]),
+    }
 
 
 def _causes(verdict: Verdict) -> list[contract.Cause]:

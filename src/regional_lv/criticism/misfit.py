@@ -11,9 +11,8 @@ from dataclasses import dataclass
 
 import torch
 
-from regional_lv.criticism import contract
+from regional_lv.criticism.contract import Largest
 from regional_lv.criticism.identifiable import Identified, identify
-from regional_lv.criticism.left_out import LeftOut
 from regional_lv.criticism.linear_model import LinearFit, LinearModel
 from regional_lv.criticism.patterns import contrasts, groups_of
 from regional_lv.inputs.base import Input
@@ -32,16 +31,6 @@ ROUND_OFF = 1e-9
 
 DEPARTURES, CAUSES = "departures", "causes"
 """The two groups of families."""
-
-
-@dataclass(frozen=True)
-class Largest:
-    """A departure that stands out in its family."""
-
-    family: str
-    name: str
-    z: float
-    p_value: float
 
 
 @dataclass(frozen=True)
@@ -69,7 +58,7 @@ class Tested:
 
     p_value: float
     families: dict[str, float]
-    largest: tuple[Largest, ...]
+    largest: list[Largest]
     causes: tuple[CauseTested, ...]
     largest_of_replicates: torch.Tensor
 
@@ -77,19 +66,6 @@ class Tested:
         """|z| of a cause that the test over all of them asks for; 0 if none is tested."""
         null = self.largest_of_replicates
         return float(null.quantile(1 - level)) if len(null) else 0.0
-
-    def content(self, predicted: LeftOut, subjects: Sequence[str], level: float) -> contract.Misfit:
-        """As the findings have it; predicted: of the same model; subjects: name of each heart."""
-        return {
-            "detected": self.p_value <= level,
-            "p_value": self.p_value,
-            "families": self.families,
-            "largest": [
-                {"family": one.family, "what": one.name, "z": one.z, "p_value": one.p_value}
-                for one in self.largest
-            ],
-            "channels": predicted.channels(subjects),
-        }
 
 
 def test(linear: LinearModel, causes: Sequence[int], replicates: int, seed: int) -> Tested:
@@ -103,13 +79,13 @@ def test(linear: LinearModel, causes: Sequence[int], replicates: int, seed: int)
     battery = _Battery(linear, usable)
     if not linear.testable:
         tested, null = _of_causes(linear.inputs, identified, {})
-        return Tested(math.nan, {}, (), tuple(tested), null)
+        return Tested(math.nan, {}, [], tuple(tested), null)
     data = linear.replicates(here, replicates, seed)
     parts = [battery(here), *(battery(linear.fit(y)) for y in linear.batches(data))]
     values = {family: torch.cat([part[family] for part in parts]) for family in parts[0]}
     p_value, families, largest = _judge(values, battery.names)
     tested, null = _of_causes(linear.inputs, identified, battery.by_place(values))
-    return Tested(p_value, families, tuple(largest), tuple(tested), null)
+    return Tested(p_value, families, largest, tuple(tested), null)
 
 
 # ------------------------------------------------------------------------------- statistics
@@ -238,11 +214,11 @@ def share_beyond(values: torch.Tensor) -> float:
 def _judge(values: dict[str, torch.Tensor], names: dict[str, Sequence[str]]):
     """Overall p-value, that of each family, and the largest departures.
 
-    Families are tested by their largest |z|; those of one of two groups together, by the largest of
-    these in sds of their replicates: smallest p-values, being ranks, would need many more
-    replicates. The groups are what the listed causes do (the causes and their pairs), and
-    departures of any kind (the others). The smaller p-value of the two, calibrated, is that of the
-    whole search: a listed cause need not stand out among more families than its own.
+    Each family's statistic is its largest |z|, in sds of its replicates: p-values, being ranks,
+    would need many more of these. There are two groups of families: what the listed causes do (the
+    causes and their pairs), and departures of any kind. A group's statistic is the largest of its
+    families'. The overall p-value is the smaller one of the groups', calibrated by the same
+    replicates: a listed cause need not stand out among more families than its own.
     """
     families, largest = {}, []
     groups: dict[str, list[torch.Tensor]] = {}
@@ -258,7 +234,8 @@ def _judge(values: dict[str, torch.Tensor], names: dict[str, Sequence[str]]):
         groups.setdefault(group, []).append((extreme - null.mean()) / null.std())
         for at in size[0].argsort(descending=True)[:MENTIONED] if family in names else ():
             p = share_beyond(torch.cat([size[:1, at], null]))
-            largest.append(Largest(family, names[family][at], float(found[0, at]), p))
+            z = float(found[0, at])
+            largest.append(Largest(family=family, what=names[family][at], z=z, p_value=p))
     ranks = [_ranks(torch.stack(group).amax(0)) for group in groups.values()]
     smallest = torch.stack(ranks).amin(0)
     return float((smallest <= smallest[0]).double().mean()), families, largest

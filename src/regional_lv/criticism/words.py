@@ -30,10 +30,10 @@ def channel(output: str) -> str:
         text += f" {found.place}"
     else:
         text = f"the {text}"
-    return text + at_load(found.load_fraction)
+    return text + load_in_words(found.load_fraction)
 
 
-def at_load(fraction: float) -> str:
+def load_in_words(fraction: float) -> str:
     """` at 50 % of the end-diastolic pressure`; nothing at the full one."""
     return "" if fraction == 1 else f" at {100 * fraction:.0f} % of the end-diastolic pressure"
 
@@ -144,7 +144,7 @@ def percent(probability: float) -> str:
 # ------------------------------------------------------------------------------------- inputs
 
 
-def input_name(name: str) -> str:
+def input_in_words(name: str) -> str:
     """`wall_thickness_3` as "wall thickness of segment 3"."""
     stem, segment = _of_segment(name)
     text = stem.replace("_", " ")
@@ -158,7 +158,7 @@ def variance_source(name: str) -> str:
     if name == EndDiastolicPressure.name:
         return "pressure"
     family = _family(name)
-    return {"shape": "geometry", "": input_name(name)}.get(family, family)
+    return {"shape": "geometry", "": input_in_words(name)}.get(family, family)
 
 
 def _family(name: str) -> str:
@@ -393,7 +393,7 @@ def separating(content: Findings) -> list[str]:
         )
         gap = abs(best["difference_in_noise_sd"])
         heart = f"{best['subject']}: " if len(content["subjects"]) > 1 else ""
-        what = _sentence(f"{channel(best['output'])}{at_load(best['load_fraction'])}")
+        what = _sentence(f"{channel(best['output'])}{load_in_words(best['load_fraction'])}")
         sentences.append(
             f"{heart}{what} would "
             f"separate {a} from {b} best: they differ there by {gap:.1f} sd "

@@ -276,7 +276,7 @@ def measured_of(table: pd.DataFrame, channels: Channels) -> list[dict]:
             )
             rows.append(
                 {
-                    "what": f"{channel.kind.words()}{words.at_load(load)}",
+                    "what": f"{channel.kind.words()}{words.load_in_words(load)}",
                     "value": f"{mean} ({low} to {high})",
                     "unit": _read_in(channel),
                     "sd": _scale_of(channel) * part["sd"].mean(),
@@ -304,7 +304,7 @@ def missing(table: pd.DataFrame, channels: Channels) -> list[str]:
         if len(some) < len(all_of_it):
             numbers = ", ".join(str(c.segment) for c in some)
             text += f" of segment{'s' if len(some) > 1 else ''} {numbers}"
-        found.append(text + words.at_load(load))
+        found.append(text + words.load_in_words(load))
     return found
 
 
