@@ -36,7 +36,7 @@ def sampled(normal, seed):
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_many_coordinates_that_are_nearly_normal(seed):
     found = sampled(MANY, seed)
-    assert found.ess >= 150 and len(found.u) == 2000
+    assert found.ess >= 150 and len(found.u) <= 2000
     assert found.log_evidence == pytest.approx(0, abs=4 * found.evidence_error)
     mean = found.weight @ found.u
     skewed = (2 / torch.pi) ** 0.5 / 2**0.5
@@ -68,7 +68,7 @@ def test_evidence_does_not_depend_on_the_number_of_draws():
     found = [sample_skewed(skewed, 200, seed) for seed in range(20)]
     logs = torch.tensor([each.log_evidence for each in found])
     assert float(logs.mean()) == pytest.approx(0.0, abs=4 * float(logs.std()) / 20**0.5)
-    assert all(len(each.u) == importance.KEPT_ROUNDS * 200 for each in found)
+    assert all(len(each.u) <= importance.KEPT_ROUNDS * 200 for each in found)
 
 
 def test_lost_draws_are_not_certain():

@@ -97,7 +97,6 @@ DRAWING = {
     "hearts/fast.py": {
         *("bullseye_posterior", "criticism", "measured_strains", "posterior_predictive"),
     },
-    "page/cohort.py": {"style"},
     "page/heart3d.py": {"heart", "style"},
     "page/page.py": {"style"},
 }

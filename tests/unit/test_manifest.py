@@ -134,7 +134,7 @@ def test_files_that_moved_with_the_configuration_are_the_same(results, tmp_path)
     (tmp_path / "config" / "tiny.yaml").write_text(yaml.safe_dump(CONFIG | geometry))
     loaded, files = study_config.load("config/tiny.yaml"), ["config/tiny.yaml"]
     assert loaded["geometry"]["segments"] == "config/segments.csv"
-    manifest.write_manifest([], loaded, files, {}, results / manifest.NAME)
+    manifest.write_manifest([], loaded, files, {}, results / "manifest.json")
     (tmp_path / "config").rename(tmp_path / "moved")
     given = ("--configfile", "moved/tiny.yaml")
     assert verify(results, *given)[0] == 0

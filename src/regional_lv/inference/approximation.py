@@ -21,9 +21,9 @@ from regional_lv.inference.surrogate import Potential, fit_surrogate
 from regional_lv.inference.target import Target
 from regional_lv.inference.transform import ThetaTransform
 
-EFFORT = {"draws": 2000, "rounds": 4, "most_rounds": 24, "least_ess": 2500}
-"""Draws of a round, rounds of one proposal, of mixtures, and the effective sample size that is
-enough."""
+EFFORT = {"draws": 2000, "rounds": 4, "most_rounds": 24, "least_ess": 2500, "kept": 24}
+"""Draws of a round, rounds of one proposal, of mixtures, the effective sample size that is enough,
+and rounds that are kept."""
 
 LEAST_PLACES, PLACES_PER_COEFFICIENT = 600, 2.5
 """Evaluations that a surrogate is fitted to: the least, and for each coefficient of its quadratic

@@ -38,7 +38,7 @@ EVEN = 0.02
 """Standard deviation of log weights below which they count as even."""
 
 KEPT_ROUNDS = 2
-"""Draws that are kept, in those of a round."""
+"""Rounds of draws that are kept, at most, where the density is not so cheap."""
 
 SHARE_ENOUGH = 0.5
 """Effective share of the draws from which the tail of their weights has too little of it to
@@ -111,6 +111,7 @@ def sample(
     rounds: int,
     most_rounds: int | None = None,
     least_ess: float = math.inf,
+    kept: int = KEPT_ROUNDS,
     largest_sd: Limit = math.inf,
     normal: int = 0,
 ) -> Weighted:
@@ -119,7 +120,8 @@ def sample(
     mean (P,), covariance (P, P): of the first proposal. draws: per round. rounds: of proposals of
     one distribution; further ones are of mixtures, `most_rounds` in all (None: `rounds`). Ends when
     the effective sample size reaches `least_ess` and the weights' tail is light (`is_light`); then
-    `KEPT_ROUNDS` rounds are drawn from the last proposals, which alone are returned.
+    as many are drawn once more from the last proposals, at most `kept` rounds, which alone are
+    returned.
     largest_sd: of a proposal. normal: N, of the first coordinates, which are all but standard
     normal given the others: they are proposed as such, `WIDER`, and nothing is fitted to them.
     Fitted together, dozens of them would leave a hundredth of the effective draws.
@@ -160,7 +162,7 @@ def sample(
             if not isinstance(proposal, Mixture):
                 proposal = Mixture.split(u, tempered, largest_sd)
             proposal = proposal.adapted(u, tempered, largest_sd)
-    u, target = drawn(together, KEPT_ROUNDS * draws)
+    u, target = drawn(together, draws * min(len(together.parts), kept))
     return Weighted(u, target - together.log_density(u[:, normal:]))
 
 
