@@ -626,6 +626,15 @@ def test_unknown_case_and_missing_verdict_are_named(subject, tmp_path):
         case_posterior.read(nc, tmp_path / "empty.csv")
 
 
+def test_draws_that_repeat_are_no_peaks():
+    """A hundred, each forty times, have the density of a normal distribution."""
+    few = np.repeat(np.random.default_rng(3).normal(size=100), 40)
+    values, heights = traces.density(few)
+    rises = np.diff(np.sign(np.diff(heights))) < 0
+    assert rises.sum() <= 3
+    assert (heights.sum() * (values[1] - values[0])) == pytest.approx(1.0, abs=0.03)
+
+
 def test_constant_draws_have_a_density():
     values, heights = traces.density(np.full((2, 10), 1.5))
     assert values[heights.argmax()] == 1.5
