@@ -195,3 +195,20 @@ def test_replicates_are_of_their_own_point():
         scale = covariance.diagonal().sqrt()
         away = (torch.cov(own.mT) - covariance) / torch.outer(scale, scale)
         assert away.abs().max() < 0.1
+
+
+def test_replicates_have_the_tails_of_their_model():
+    """Whitened, Student's t where the tails are heavy, and normal where they are not."""
+    potential, x = problem("known", tails=True)
+    x = x[:1].repeat(2, 1)
+    x[:, potential.tails] = torch.tensor([0.0, 0.25]).double()
+    generator = torch.Generator().manual_seed(2)
+    found = potential.replicates(
+        x.repeat_interleave(5000, 0), torch.zeros(10_000).double(), generator
+    )
+    mean, error = potential.predict(x, torch.zeros(2).double())
+    missed = found - mean.repeat_interleave(5000, 0)
+    white = potential._white(potential.whitening(x[:1], error), missed)
+    normal, heavy = white.unflatten(0, (2, -1)).flatten(1).numpy()
+    assert stats.kstest(normal, "norm").pvalue > 0.01
+    assert stats.kstest(heavy, stats.t(4).cdf).pvalue > 0.01

@@ -303,9 +303,11 @@ class Potential:
         `amplitude` (M,), and normal noise or that of heavy tails."""
         deviates = torch.randn(len(x), len(self.y), generator=generator, dtype=x.dtype)
         if self.tails is not None:
+            heavy = x[:, self.tails] > 0
             # Student's t of normal deviates that have as much chance to be so large.
-            share = torch.special.ndtr(deviates).numpy()
-            deviates = torch.as_tensor(stats.t.ppf(share, self._freedom(x).numpy()))
+            share = torch.special.ndtr(deviates[heavy]).numpy()
+            freedom = self._freedom(x[heavy]).numpy()
+            deviates[heavy] = torch.as_tensor(stats.t.ppf(share, freedom))
         # Draws of importance sampling repeat points.
         points = torch.cat([x, amplitude[:, None]], dim=1)
         points, owner = torch.unique(points, dim=0, return_inverse=True)
