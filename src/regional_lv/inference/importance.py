@@ -111,7 +111,7 @@ def sample(
     rounds: int,
     most_rounds: int | None = None,
     least_ess: float = math.inf,
-    kept: int = KEPT_ROUNDS,
+    kept: int | None = KEPT_ROUNDS,
     largest_sd: Limit = math.inf,
     normal: int = 0,
 ) -> Weighted:
@@ -121,7 +121,7 @@ def sample(
     one distribution; further ones are of mixtures, `most_rounds` in all (None: `rounds`). Ends when
     the effective sample size reaches `least_ess` and the weights' tail is light (`is_light`); then
     as many are drawn once more from the last proposals, at most `kept` rounds, which alone are
-    returned.
+    returned. kept: None for those that there are, of which the evidence is not asked.
     largest_sd: of a proposal. normal: N, of the first coordinates, which are all but standard
     normal given the others: they are proposed as such, `WIDER`, and nothing is fitted to them.
     Fitted together, dozens of them would leave a hundredth of the effective draws.
@@ -162,6 +162,8 @@ def sample(
             if not isinstance(proposal, Mixture):
                 proposal = Mixture.split(u, tempered, largest_sd)
             proposal = proposal.adapted(u, tempered, largest_sd)
+    if kept is None:
+        return found
     u, target = drawn(together, draws * min(len(together.parts), kept))
     return Weighted(u, target - together.log_density(u[:, normal:]))
 
