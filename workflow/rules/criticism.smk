@@ -17,7 +17,7 @@ if DOUBTS:
     rule criticise_subject:
         """Search, simulations of the leading models with derivatives with respect to all inputs
         until the emulator agrees with them, posterior averaged over models, verdict. Reads what was
-        measured, never a truth. """
+        measured, never a truth."""
         input:
             given(DESCRIBED) if JOINED else [],
             **({"own": LAYOUT.inputs_screened("train")} if JOINED else {}),

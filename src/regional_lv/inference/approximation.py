@@ -21,7 +21,7 @@ from regional_lv.inference.surrogate import Potential, fit_surrogate
 from regional_lv.inference.target import Target
 from regional_lv.inference.transform import ThetaTransform
 
-EFFORT = {"draws": 2000, "rounds": 4, "most_rounds": 24, "least_ess": 2500, "kept": None}
+EFFORT = {"draws": 2000, "rounds": 4, "most_rounds": 24, "least_ess": 2500}
 """Draws of a round, rounds of one proposal, of mixtures, and the effective sample size that is
 enough. Draws that proposals were fitted to are kept: the evidence, which they state too small (by
 0.04 in ten dimensions), is not used, and standard deviations are right within 0.3 %; new ones would
@@ -133,7 +133,7 @@ def _explore(target: Target, places: torch.Tensor, generator: torch.Generator) -
         return -torch.cat([surrogate(part) for part in position.split(CHUNK)])
 
     zero, one = torch.zeros_like(centre), torch.eye(len(centre), dtype=centre.dtype)
-    found = importance.sample(log_density, zero, one, generator=generator, **EFFORT)
+    found = importance.sample(log_density, zero, one, generator=generator, kept=None, **EFFORT)
     return Approximation(target, surrogate, Weighted(centre + found.u @ scale.mT, found.log_weight))
 
 
