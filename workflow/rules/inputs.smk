@@ -14,10 +14,9 @@ DESIGN = {
     "study": "simulation.design:write_inputs_design",
     "population": "hearts.design:write_population_design",
 }[ALL_INPUTS["shapes"]]
-# Whether the simulations join the emulator of any heart, which comes with the package.
+# Whether the simulations join the emulator of any heart, which comes with the package; the anchors,
+# which are simulated first, ask it whether it knows this one.
 JOINED = ALL_INPUTS["emulator"] == "shipped"
-if JOINED:
-    DESIGN = "hearts.full:write_inputs_design"
 # Simulations that are made on the finer mesh as well.
 FINER = min(ALL_INPUTS["finer"], INPUTS_ANCHORS)
 EMULATOR_OF_INPUTS = (
@@ -69,7 +68,10 @@ if DOUBTS:
         resources:
             **needs(mem_mb=4000, minutes=120),
         params:
-            calls={"design": DESIGN, "anchors": "simulation.batches:solve_anchors"},
+            calls={
+                "design": "hearts.full:write_inputs_design" if JOINED else DESIGN,
+                "anchors": "simulation.batches:solve_anchors",
+            },
             physics=INPUTS,
             set="train",
             size=anchors_of,
@@ -96,7 +98,6 @@ if DOUBTS:
 
     rule simulate_inputs:
         input:
-            **({"emulator_file": EMULATOR_OF_INPUTS} if JOINED else {}),
             mesh=LAYOUT.heart().mesh,
             predictor=LAYOUT.inputs_predictor(),
             anchors=lambda wildcards: (

@@ -73,8 +73,7 @@ def inspect(path: Path, config: dict, base: Path | None = None) -> None:
         raise Mistakes("\n".join(f"{path}: {line}" for line in lines))
     check_results(path, config["study"])
     parameters, channels = StiffnessInputs.from_config(config), Channels.from_config(config)
-    observed = config["observables"]
-    measure = Measure(observed["strain_exponent"], observed["line_share"])
+    measure = Measure.of(config["observables"])
     measured = {name: read_subject(name, config, channels) for name in measured_subjects(config)}
     tables = {name: subject.table for name, subject in measured.items()}
     click.echo(f"{path}: study {config['study']}, geometry {geometry_of(config)}")

@@ -89,8 +89,8 @@ class Cause(TypedDict):
 
 class Set(TypedDict):
     """A set of causes; best: whether what is named stands on it; `fit`: of each cause, its most
-    probable value. simulations: how many of it are
-    known; confirmed: whether these are enough, and agree with the emulator."""
+    probable value. simulations: how many of it are known; confirmed: whether these are enough, and
+    agree with the emulator."""
 
     causes: list[str]
     components: list[str]

@@ -43,7 +43,6 @@ class CauseTested:
 
     at: int
     name: str
-    place: str
     z: float
     p_single: float
     p_value: float
@@ -265,8 +264,6 @@ def _of_causes(
             own = torch.stack([z[k] for k in tried]).abs().amax(0)
             p = share_beyond(own), share_beyond(torch.cat([own[:1], largest[1:]]))
         score_there = float(z[at][0]) if tried else 0.0
-        found.append(
-            CauseTested(at, inputs[at].cause, inputs[at].place, score_there, *p, identified[at])
-        )
+        found.append(CauseTested(at, inputs[at].cause, score_there, *p, identified[at]))
     found.sort(key=lambda c: (not c.identified.identifiable, c.p_value, -abs(c.z)))
     return found, largest[1:]

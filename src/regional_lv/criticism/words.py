@@ -239,8 +239,12 @@ def _sentence(text: str) -> str:
 
 
 def _of_check(content: Findings, check: dict) -> str:
-    heart = f"{check['subject']}: " if len(content["subjects"]) > 1 else ""
-    return f"{heart}{_sentence(check['says'])}."
+    return f"{_of_heart(content, check)}{_sentence(check['says'])}."
+
+
+def _of_heart(content: Findings, found: dict) -> str:
+    """Which of several hearts something is of."""
+    return f"{found['subject']}: " if len(content["subjects"]) > 1 else ""
 
 
 def _is_improbable(content: Findings) -> bool:
@@ -392,10 +396,9 @@ def separating(content: Findings) -> list[str]:
             for names, components in zip(pair["pair"], pair["components"], strict=True)
         )
         gap = abs(best["difference_in_noise_sd"])
-        heart = f"{best['subject']}: " if len(content["subjects"]) > 1 else ""
         what = _sentence(f"{channel(best['output'])}{load_in_words(best['load_fraction'])}")
         sentences.append(
-            f"{heart}{what} would "
+            f"{_of_heart(content, best)}{what} would "
             f"separate {a} from {b} best: they differ there by {gap:.1f} sd "
             f"of a noise of {_with_unit(best['noise'], Channel.parse(best['output']).unit)}."
         )

@@ -114,8 +114,7 @@ def read_heart(listed: Listed, shared: Mapping, folders: Sequence[str]) -> Heart
     found += checks.uneven(thickness) + checks.unusual(thickness["thickness_mm"].median(), cavity)
     if complaint := too_small(measured.table, cavity):
         raise InputError(f"{listed.where}: subjects: {complaint}")
-    observed = config["observables"]
-    measure = Measure(observed["strain_exponent"], observed["line_share"])
+    measure = Measure.of(config["observables"])
     converted = config["subjects"][listed.name]["source"] == "curves"
     found += measured.doubts
     found += data_warnings(

@@ -3,7 +3,8 @@
 Hill 1968, J Mech Phys Solids 16:229-242, doi 10.1016/0022-5096(68)90031-8.
 """
 
-from typing import NamedTuple
+from collections.abc import Mapping
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -12,11 +13,16 @@ MEASURES: dict[float, str] = {-2: "Almansi", 0: "logarithmic", 1: "nominal", 2: 
 
 
 class Measure(NamedTuple):
-    """Which strain is meant: of the tensor's component (line_share 0) or of a material line (1), as
-    `mechanics.observables.strain_measure` has it."""
+    """exponent: n. line_share: 0 for the tensor's component, 1 for the line's, linear between
+    (`mechanics.observables.strain_measure`)."""
 
     exponent: float = 2.0
     line_share: float = 0.0
+
+    @classmethod
+    def of(cls, observables: Mapping) -> Self:
+        """Of the section `observables` of a configuration."""
+        return cls(observables["strain_exponent"], observables["line_share"])
 
 
 def measure_name(exponent: float) -> str:

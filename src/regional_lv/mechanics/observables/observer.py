@@ -43,7 +43,7 @@ class Observer:
         return other
 
     def _configure(self, observed: Mapping) -> None:
-        self.measure = StrainMeasure(observed["strain_exponent"], observed["line_share"])
+        self.measure = StrainMeasure.of(observed)
         self._unloaded_share = observed["unloaded_share"]
         asked = tuple(observed["layer"]), observed["segment_rotation_deg"]
         if asked != self._window:

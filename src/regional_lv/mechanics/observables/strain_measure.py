@@ -10,17 +10,13 @@ and for n = 0 the limits q . ln C q / 2 and ln(q . C q) / 2 (Hill 1968, doi
 report, the change of length of the material line along q is what a tracked line shows.
 """
 
-from dataclasses import dataclass
-
 import torch
 
+from regional_lv.quantities.seth_hill import Measure
 
-@dataclass(frozen=True)
-class StrainMeasure:
-    """exponent: n. line_share: 0 for the tensor's component, 1 for the line's, linear between."""
 
-    exponent: float = 2.0
-    line_share: float = 0.0
+class StrainMeasure(Measure):
+    """A `Measure` that strains are computed by."""
 
     def along(self, C: torch.Tensor, directions: torch.Tensor) -> torch.Tensor:
         """Strains (k, m) along unit `directions` (k, m, 3) of symmetric positive `C` (m, 3, 3)."""
