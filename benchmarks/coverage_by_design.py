@@ -19,7 +19,8 @@ from scipy import stats
 
 from regional_lv.emulators import create, load
 from regional_lv.emulators.training import read_simulations
-from regional_lv.inference.likelihood import Likelihood, Noise
+from regional_lv.inference.noise import Noise
+from regional_lv.paper.sampler.likelihood import Likelihood
 
 CALIBRATIONS = ("variance_factor", "variance_trend", "student")
 

@@ -125,9 +125,10 @@ def score(emulator, theta, y, point: dict, seed: int) -> pd.DataFrame:
     covariance-weighted estimate, covered (share of the outputs in their 95 % intervals)."""
     import torch
 
-    from regional_lv.inference.likelihood import Likelihood, Noise
-    from regional_lv.inference.point import find_map
+    from regional_lv.inference.noise import Noise
     from regional_lv.paper.estimates.estimate import localised
+    from regional_lv.paper.sampler.likelihood import Likelihood
+    from regional_lv.paper.sampler.point import find_map
     from regional_lv.seeds import derive
 
     seed, done, parts = derive(seed, "map", emulator.name, "test"), 0, []

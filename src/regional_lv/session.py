@@ -20,6 +20,8 @@ import xarray as xr
 from regional_lv import config as study_config
 from regional_lv.channels import Channels
 from regional_lv.config.section import not_offered
+from regional_lv.criticism.settings import settings_of
+from regional_lv.criticism.study import criticise_by_emulator
 from regional_lv.emulators import REGISTRY, load
 from regional_lv.emulators.base import Emulator
 from regional_lv.emulators.training import train_emulator
@@ -27,9 +29,8 @@ from regional_lv.errors import InputError
 from regional_lv.geometry.from_config import make_heart
 from regional_lv.geometry.mesh_config import finer
 from regional_lv.inference import posteriors
-from regional_lv.inference.sampling import sample_subject
 from regional_lv.inputs.physics import physics_of
-from regional_lv.inputs.space import model_sections_of
+from regional_lv.inputs.space import model_sections_of, sections_of_stiffness
 from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.measured import import_measured
 from regional_lv.mechanics.predictor import fit_predictor
@@ -42,7 +43,7 @@ from regional_lv.simulation.batches import (
 from regional_lv.simulation.screening import screen_simulations
 from regional_lv.simulation.sobol import make_design
 from regional_lv.simulation.subjects import simulate_subject
-from regional_lv.study.layout import Layout
+from regional_lv.study.layout import AnswerFiles, Layout
 
 
 class Study:
@@ -143,28 +144,27 @@ class Study:
     def infer(
         self, measured: str | Path, emulator: Emulator, subject: str = "subject"
     ) -> xr.DataTree:
-        """The posterior of theta given a measured file, in groups as ArviZ names them.
+        """The posterior of the stiffness given a measured file, in groups as ArviZ names them
+        (`Averaged.to_datatree`).
 
-        The file is imported first, as that of the configuration's subjects. Diagnostics are in
-        `posteriors/<emulator>/subjects/<subject>.csv`. Raises InputError for a measured file that
-        cannot be used.
+        The file is imported first, as that of the configuration's subjects. The findings, a misfit
+        test among them, are in `answers/<emulator>/<subject>/findings.json`. Raises InputError for
+        a measured file that cannot be used.
         """
-        clinical, files = self.config["clinical"], self.files.posteriors(emulator.name)
-        measured = self._imported(measured, subject)
-        posterior = made(files.of_subject(subject, "nc"))
-        sample_subject(
-            self.files.emulator(emulator.name),
-            measured,
-            subject,
-            self.config["test_posteriors"]["sampler"],
-            study_config.nuts_of_subjects(self.config),
-            self.config["map"],
-            clinical["noise_prior_scale"],
-            self.config["seed"],
-            posterior,
-            files.of_subject(subject, "csv"),
+        files = AnswerFiles(f"{self.files.folder}/answers/{emulator.name}/{subject}")
+        made(files.findings)
+        criticise_by_emulator(
+            files.findings,
+            files.posterior,
+            subject=subject,
+            emulator_file=self.files.emulator(emulator.name),
+            subjects=[subject],
+            measured=[self._imported(measured, subject)],
+            physics=sections_of_stiffness(self.config),
+            settings=settings_of(self.config),
+            seed=self.config["seed"],
         )
-        return posteriors.load(posterior)
+        return posteriors.load(files.posterior)
 
     def _imported(self, measured: str | Path, subject: str) -> str:
         """A measured file in the units used inside; what `measure` has written is it already."""

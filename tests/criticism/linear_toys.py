@@ -6,7 +6,7 @@ import torch
 from regional_lv.channels import Channels
 from regional_lv.criticism.linear_model import LinearModel
 from regional_lv.inference.evidence import fit
-from regional_lv.inference.likelihood import Noise
+from regional_lv.inference.noise import Noise
 from regional_lv.inference.observed import Observed
 from regional_lv.inference.potential import Potential
 from tests.inference.toys import known_noise, linear, toy_inputs

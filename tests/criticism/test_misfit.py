@@ -14,7 +14,7 @@ from regional_lv.criticism.identifiable import absorbed_inputs, identify
 from regional_lv.criticism.left_out import gain, gains, left_out
 from regional_lv.criticism.outliers import why_not
 from regional_lv.criticism.patterns import contrasts, groups_of, hearts_of
-from regional_lv.inference.likelihood import Noise
+from regional_lv.inference.noise import Noise
 from regional_lv.inference.observed import Observed
 from regional_lv.inputs.closed_forms import HeavyTails
 from regional_lv.inputs.scales import Logarithmic

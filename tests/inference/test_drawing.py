@@ -9,7 +9,7 @@ from regional_lv.inference import drawing
 from regional_lv.inference.averaging import average
 from regional_lv.inference.drawing import approximate, sample
 from regional_lv.inference.evidence import fit
-from regional_lv.inference.likelihood import Noise
+from regional_lv.inference.noise import Noise
 from regional_lv.inference.potential import Potential
 from regional_lv.inputs.scales import Logarithmic
 from regional_lv.inputs.space import Inputs, Role

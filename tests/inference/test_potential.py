@@ -5,7 +5,7 @@ import pytest
 import torch
 from scipy import integrate, stats
 
-from regional_lv.inference.likelihood import Noise
+from regional_lv.inference.noise import Noise
 from regional_lv.inference.potential import (
     Potential,
     _information_of_tails,

@@ -8,7 +8,7 @@ import torch
 
 from regional_lv.inference import sets
 from regional_lv.inference.evidence import fit
-from regional_lv.inference.likelihood import Noise
+from regional_lv.inference.noise import Noise
 from regional_lv.inference.potential import Potential
 from regional_lv.inference.sets import AMPLITUDES, fit_base, search
 from regional_lv.inputs.closed_forms import HeavyTails

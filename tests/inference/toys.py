@@ -4,7 +4,7 @@ import numpy as np
 import torch
 
 from regional_lv.emulators.base import row_jacobian
-from regional_lv.inference.likelihood import Noise
+from regional_lv.inference.noise import Noise
 from regional_lv.inference.potential import Potential
 from regional_lv.inputs.base import Input
 from regional_lv.inputs.scales import Linear

@@ -19,8 +19,8 @@ from regional_lv.paper.estimates.estimate import (
     true_column,
 )
 from regional_lv.paper.estimates.least_squares import find_least_squares
-from tests.inference.conftest import CHANNELS, PARAMETERS
-from tests.inference.test_likelihood import THETA, linear
+from tests.paper.conftest import CHANNELS, PARAMETERS
+from tests.paper.test_likelihood import THETA, linear
 
 POINT = {"starts": 3, "iterations": 60}
 

@@ -8,7 +8,6 @@ import pytest
 import xarray as xr
 from scipy import stats
 
-from regional_lv.inference.posteriors import Posterior
 from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.paper.posteriors.recovery import (
     ANY_SOFT,
@@ -17,6 +16,7 @@ from regional_lv.paper.posteriors.recovery import (
     map_errors,
     recovery,
 )
+from regional_lv.paper.sampler.files import Posterior
 
 PARAMETERS = StiffnessInputs()
 

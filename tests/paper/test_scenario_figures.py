@@ -28,7 +28,6 @@ from regional_lv.paper.plots import (
 from regional_lv.paper.posteriors.sets_table import NOISE, read_sets
 from regional_lv.paper.tables import posteriors
 from regional_lv.plots import strain_field, style
-from regional_lv.tables import subjects
 
 PARAMETERS, CHANNELS = StiffnessInputs(), Channels.of()
 FAILED = "failed: bulk ESS 40 < 400"
@@ -374,7 +373,7 @@ def test_convergence_tells_three_rhats(tmp_path):
         columns="case parameter rhat ess_bulk ess_tail divergences passed verdict".split(),
     ).to_csv(tmp_path / "h.csv", index=False)
     files = tmp_path / "h.nc", tmp_path / "h.csv"
-    table = table_of(subjects.convergence, tmp_path, *files).set_index("parameter")
+    table = table_of(posteriors.convergence, tmp_path, *files).set_index("parameter")
     assert table.loc["C_a_anterior", "rhat"] < 1.05 < 1.5 < table.loc["C_a_anterior", "split_rhat"]
     assert table["split_rhat"].iloc[1:].max() < 1.05
     assert set(table["verdict"]) == {FAILED}

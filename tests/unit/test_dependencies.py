@@ -56,7 +56,7 @@ def test_of_the_configuration_an_emulator_depends_on_its_settings_alone(root):
 def test_nothing_else_is_found(root):
     """Modules that the simulator does without, so that their edits cost no simulation."""
     found, there = names(root, "simulation.batches"), root / "src" / "regional_lv"
-    without = {"geometry/meshing.py", "measured/tables.py", "plots/zones.py", "inference/nuts.py"}
+    without = {"geometry/meshing.py", "measured/tables.py", "plots/zones.py", "inference/sets.py"}
     assert all((there / path).is_file() for path in without)
     assert not without & found
     assert {

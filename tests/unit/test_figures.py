@@ -7,7 +7,6 @@ import meshio
 import numpy as np
 import pandas as pd
 import pytest
-import xarray as xr
 from matplotlib import pyplot
 from matplotlib.image import imread
 from matplotlib.path import Path as Outline
@@ -18,7 +17,7 @@ from regional_lv.channels import Channels
 from regional_lv.config.sections.subjects import Subject
 from regional_lv.criticism import case_posterior
 from regional_lv.errors import InputError
-from regional_lv.inference.posteriors import write
+from regional_lv.inference.posteriors import load, write
 from regional_lv.inputs.stiffness import ZONES, StiffnessInputs
 from regional_lv.paper.plots import parity, recovery
 from regional_lv.paper.tables import posteriors
@@ -31,9 +30,9 @@ from regional_lv.plots import (
     heart,
     posterior_predictive,
     style,
-    traces,
     zones,
 )
+from regional_lv.plots.density import density
 from regional_lv.tables import subjects
 from tests.criticism.findings_example import example, write_posterior
 
@@ -59,63 +58,6 @@ def figures(monkeypatch):
 @pytest.fixture
 def paths(tmp_path):
     return tmp_path / "figures" / "one.png", tmp_path / "figures" / "one.csv"
-
-
-@pytest.fixture
-def subject(tmp_path):
-    """A posterior with noise scales, its verdict, its truth: (nc, diagnostics, truth)."""
-
-    def make(verdict="passed", inside=True):
-        rng = np.random.default_rng(0)
-        truth = dict(zip(PARAMETERS.names, np.linspace(0.5, 2.0, 10), strict=True))
-        theta = np.array(list(truth.values())) * np.exp(0.1 * rng.normal(size=(2, 50, 1, 10)))
-        predicted = 0.1 + 0.01 * rng.normal(size=(2, 50, 1, len(OBSERVED)))
-        observed = np.full((1, len(OBSERVED)), 0.1)
-        observed[0, 3] += 0.0 if inside else 1.0
-        case = {"case": ["heart"]}
-        write(
-            xr.DataTree.from_dict(
-                {
-                    "posterior": xr.Dataset(
-                        {
-                            "theta": (("chain", "draw", "case", "parameter"), theta),
-                            "sigma": (("chain", "draw", "case", "direction"), 0.3 * theta[..., :2]),
-                        },
-                        {
-                            **case,
-                            "parameter": list(PARAMETERS.names),
-                            "direction": ["circumferential", "radial"],
-                        },
-                    ),
-                    "observed_data": xr.Dataset(
-                        {"y": (("case", "output"), observed)}, {**case, "output": OBSERVED}
-                    ),
-                    "posterior_predictive": xr.Dataset(
-                        {"y": (("chain", "draw", "case", "output"), predicted)},
-                        {**case, "output": OBSERVED},
-                    ),
-                }
-            ),
-            tmp_path / "heart.nc",
-        )
-        names = [*PARAMETERS.names, "sigma_circumferential", "sigma_radial"]
-        pd.DataFrame(
-            {
-                "case": "heart",
-                "parameter": names,
-                "rhat": 1.0,
-                "ess_bulk": 900.0,
-                "ess_tail": 800.0,
-                "divergences": 1,
-                "passed": verdict == "passed",
-                "verdict": verdict,
-                "seconds": 1.0,
-            }
-        ).to_csv(tmp_path / "diagnostics.csv", index=False)
-        (tmp_path / "truth.json").write_text(json.dumps({"theta": truth}))
-        return tmp_path / "heart.nc", tmp_path / "diagnostics.csv", tmp_path / "truth.json"
-
-    return make
 
 
 @pytest.fixture
@@ -382,26 +324,11 @@ def test_recovery(test_set, choice, paths, figures):
     assert "1 OF 3 POSTERIORS FAILED" in figures[0].get_suptitle()
 
 
-def test_bullseye_posterior(subject, paths):
-    nc, diagnostics, truth = subject()
-    bullseye_posterior.draw(nc, diagnostics, "synthetic", PARAMETERS, *paths, truth=truth)
-    drawn = read(paths).set_index(["parameter", "item"])["value"].sort_index()
-    draws = case_posterior.read(nc, diagnostics).draws
-    for name, values in draws.items():
-        assert drawn[name, "median"].item() == pytest.approx(np.median(values))
-        inside = (values >= drawn[name, "lower95"].item()) & (
-            values <= drawn[name, "upper95"].item()
-        )
-        assert inside.mean() == pytest.approx(0.95, abs=0.015)
-    known = json.loads(truth.read_text())["theta"]
-    for name in PARAMETERS.names:
-        assert drawn[name, "truth"].item() == pytest.approx(known[name])
-
-
-def test_bullseye_of_an_average_has_the_model_as_it_is_beside_it(averaged, subject, paths):
+def test_bullseye_of_an_average_has_the_model_as_it_is_beside_it(averaged, paths, tmp_path):
     nc, findings = averaged(noise=[{"quantity": "radial", "before": 1.6, "after": 0.9}])
-    truth = subject()[2]
-    bullseye_posterior.draw(nc, None, "file", PARAMETERS, *paths, truth, findings)
+    truth = tmp_path / "truth.json"
+    truth.write_text(json.dumps({"theta": dict.fromkeys(PARAMETERS.names, 1.2)}))
+    bullseye_posterior.draw(nc, findings, "file", PARAMETERS, *paths, truth)
     drawn = read(paths).set_index(["parameter", "item"])["value"].sort_index()
     for row in json.loads(findings.read_text())["stiffness"]:
         name = row["name"]
@@ -412,15 +339,15 @@ def test_bullseye_of_an_average_has_the_model_as_it_is_beside_it(averaged, subje
             assert drawn[name, f"{prefix}lower95"].item() == pytest.approx(low)
             curve = drawn[name, f"{prefix}density"]
             assert low < curve.mean() < high
-        assert (name, "truth") in drawn.index
+        assert drawn[name, "truth"].item() == 1.2
     assert drawn["sigma_radial", "mean"].item() == pytest.approx(0.9, rel=0.05)
     assert drawn["sigma_radial", "as_is_mean"].item() == pytest.approx(1.6, rel=0.05)
 
 
 def test_figures_of_a_heart_that_no_model_fits_say_so(averaged, paths, figures):
     nc, findings = averaged(trusted=False)
-    bullseye_posterior.draw(nc, None, "file", PARAMETERS, *paths, findings=findings)
-    posterior_predictive.draw(nc, None, "file", *paths, findings=findings)
+    bullseye_posterior.draw(nc, findings, "file", PARAMETERS, *paths)
+    posterior_predictive.draw(nc, findings, "file", *paths)
     for figure in figures:
         assert "NO STIFFNESS CAN BE TRUSTED" in " ".join(figure.get_suptitle().split())
     assert set(read(paths)["verdict"]) == {case_posterior.UNTRUSTED}
@@ -428,18 +355,19 @@ def test_figures_of_a_heart_that_no_model_fits_say_so(averaged, paths, figures):
 
 def test_posterior_predictive_of_an_average(averaged, paths, figures):
     nc, findings = averaged()
-    posterior_predictive.draw(nc, None, "file", *paths, findings=findings)
+    posterior_predictive.draw(nc, findings, "file", *paths)
     drawn = read(paths)
     assert sorted(drawn.loc[drawn["item"] == "observed", "output"]) == sorted(OBSERVED)
     assert f"0 of {len(OBSERVED)} observations outside" in figures[0].get_suptitle()
 
 
-def test_an_average_and_findings_that_do_not_go_together_are_named(averaged, subject):
+def test_an_average_and_findings_that_do_not_go_together_are_named(averaged, tmp_path):
     nc, findings = averaged()
+    groups = load(nc)
+    del groups["as_it_is"]
+    write(groups, tmp_path / "heart.nc")
     with pytest.raises(InputError, match=r"heart\.nc: no group `as_it_is`; give the posterior"):
-        case_posterior.read_averaged(subject()[0], findings)
-    with pytest.raises(InputError, match="without verdict; give its diagnostics, or findings"):
-        case_posterior.read_subject(nc, None, None)
+        case_posterior.read_averaged(tmp_path / "heart.nc", findings)
     content = json.loads(findings.read_text())
     content["stiffness"][0]["name"] = "C_a_elsewhere"
     findings.write_text(json.dumps(content))
@@ -496,83 +424,47 @@ def test_what_is_not_confirmed_is_drawn_as_suspected(tmp_path, figures):
     assert figures[0].legends[0].get_texts()[0].get_text() == "suspected"
 
 
-@pytest.mark.parametrize(("inside", "outside"), [(True, 0), (False, 1)])
-def test_posterior_predictive(subject, paths, figures, inside, outside):
-    nc, diagnostics, _ = subject(inside=inside)
-    posterior_predictive.draw(nc, diagnostics, "file", *paths)
-    drawn = read(paths)
-    observed = drawn[drawn["item"] == "observed"].set_index("output")
-    assert list(observed.index.sort_values()) == sorted(OBSERVED)
-    assert (observed["inside"].astype(str) == "False").sum() == outside
-    assert f"{outside} of {len(OBSERVED)} observations outside" in figures[0].get_suptitle()
-
-
-def test_traces(subject, paths):
-    nc, diagnostics, truth = subject()
-    traces.draw(nc, diagnostics, "synthetic", *paths, truth=truth)
-    drawn = read(paths)
-    draws = case_posterior.read(nc, diagnostics).draws
-    for name, values in draws.items():
-        rows = drawn[(drawn["parameter"] == name) & (drawn["item"] == "draw")]
-        assert rows["y"].to_numpy() == pytest.approx(values.ravel())
-    first = drawn[(drawn["item"] == "autocorrelation") & (drawn["x"] == 0)]
-    assert first["y"].to_numpy() == pytest.approx(1.0)
-
-
 # What no figure of a subject may hide
 
 
-def draw_subject(module, files, source, paths):
-    nc, diagnostics, _ = files
-    known = [PARAMETERS] if module is bullseye_posterior else []
-    module.draw(nc, diagnostics, source, *known, *paths)
-
-
-SUBJECT_FIGURES = [bullseye_posterior, posterior_predictive, traces]
-
-
-@pytest.mark.parametrize("module", SUBJECT_FIGURES)
-def test_failed_check_is_in_the_title(module, subject, paths, figures):
-    draw_subject(module, subject(FAILED), "file", paths)
-    title = " ".join(figures[0].get_suptitle().split())
-    assert "POSTERIOR FAILED ITS CONVERGENCE CHECK (R-hat 1.6 of C_a_septal above 1.01)" in title
-    assert set(read(paths)["verdict"]) == {FAILED}
-
-
-@pytest.mark.parametrize("module", SUBJECT_FIGURES)
 @pytest.mark.parametrize("source", ["synthetic", "file"])
-def test_title_says_where_the_data_come_from(module, source, subject, paths, figures):
-    draw_subject(module, subject(), source, paths)
-    title = figures[0].get_suptitle()
-    assert case_posterior.SOURCES[source] in title
-    assert ("synthetic" in title) == (source == "synthetic")
-    assert "FAILED" not in title
+def test_title_says_where_the_data_come_from(source, averaged, paths, figures):
+    nc, findings = averaged()
+    bullseye_posterior.draw(nc, findings, source, PARAMETERS, *paths)
+    posterior_predictive.draw(nc, findings, source, *paths)
+    for figure in figures:
+        title = figure.get_suptitle()
+        assert case_posterior.SOURCES[source] in title
+        assert ("synthetic" in title) == (source == "synthetic")
+        assert "TRUSTED" not in title
 
 
 def test_every_source_of_a_subject_has_a_name():
     assert set(case_posterior.SOURCES) == set(Subject.all_tags())
 
 
-def test_the_same_figure_is_the_same_file(subject, tmp_path):
-    files = subject()
+def test_the_same_figure_is_the_same_file(averaged, tmp_path):
+    nc, findings = averaged()
     both = []
     for name in ("a", "b"):
-        draw_subject(bullseye_posterior, files, "file", (tmp_path / f"{name}.png", tmp_path / "c"))
+        files = tmp_path / f"{name}.png", tmp_path / "c"
+        bullseye_posterior.draw(nc, findings, "file", PARAMETERS, *files)
         both.append((tmp_path / f"{name}.png").read_bytes())
     assert both[0] == both[1]
 
 
-def test_drawing_leaves_no_global_state(subject, paths):
+def test_drawing_leaves_no_global_state(averaged, paths):
     """seaborn imports pyplot, which would keep figures, and its themes are global."""
     before = dict(matplotlib.rcParams)
-    draw_subject(posterior_predictive, subject(), "file", paths)
+    nc, findings = averaged()
+    posterior_predictive.draw(nc, findings, "file", *paths)
     assert not pyplot.get_fignums()
     assert dict(matplotlib.rcParams) == before
 
 
-def test_violins_have_the_density_of_the_table(subject, paths, figures):
-    nc, diagnostics, _ = subject()
-    posterior_predictive.draw(nc, diagnostics, "file", *paths)
+def test_violins_have_the_density_of_the_table(averaged, paths, figures):
+    nc, findings = averaged()
+    posterior_predictive.draw(nc, findings, "file", *paths)
     drawn = read(paths)
     violins = [c for ax in figures[0].axes for c in ax.collections]
     assert len(violins) == len(OBSERVED)
@@ -584,11 +476,11 @@ def test_violins_have_the_density_of_the_table(subject, paths, figures):
     assert -x[grid] / posterior_predictive.WIDTH * 2 == pytest.approx(heights.to_numpy(), abs=1e-6)
 
 
-def test_intervals_of_predictions_hold_95_of_100_draws(subject, paths):
-    nc, diagnostics, _ = subject()
-    posterior_predictive.draw(nc, diagnostics, "file", *paths)
+def test_intervals_of_predictions_hold_95_of_100_draws(averaged, paths):
+    nc, findings = averaged()
+    posterior_predictive.draw(nc, findings, "file", *paths)
     ends = read(paths).pivot_table("value", "output", "item")[["lower95", "upper95"]]
-    predicted, _ = case_posterior.read(nc, diagnostics).prediction
+    predicted, _ = case_posterior.read_averaged(nc, findings).prediction
     assert sorted(ends.index) == sorted(OBSERVED)
     for output, (low, high) in ends.iterrows():
         draws = predicted.sel(output=output).to_numpy()
@@ -616,39 +508,31 @@ def test_a_bullseye_has_one_axis_of_values():
         assert place.y - place.height == pytest.approx(before.y - before.height)
 
 
-def test_unknown_case_and_missing_verdict_are_named(subject, tmp_path):
-    nc, diagnostics, _ = subject()
-    with pytest.raises(InputError, match="no case 'other'"):
-        case_posterior.read(nc, diagnostics, case="other")
-    empty = pd.read_csv(diagnostics).iloc[:0]
-    empty.to_csv(tmp_path / "empty.csv", index=False)
-    with pytest.raises(InputError, match="no row for case 'heart'"):
-        case_posterior.read(nc, tmp_path / "empty.csv")
-
-
 def test_draws_that_repeat_are_no_peaks():
     """A hundred, each forty times, have the density of a normal distribution."""
     few = np.repeat(np.random.default_rng(3).normal(size=100), 40)
-    values, heights = traces.density(few)
+    values, heights = density(few)
     rises = np.diff(np.sign(np.diff(heights))) < 0
     assert rises.sum() <= 3
     assert (heights.sum() * (values[1] - values[0])) == pytest.approx(1.0, abs=0.03)
 
 
 def test_constant_draws_have_a_density():
-    values, heights = traces.density(np.full((2, 10), 1.5))
+    values, heights = density(np.full((2, 10), 1.5))
     assert values[heights.argmax()] == 1.5
 
 
 # Tables
 
 
-def test_table_of_diagnostics(test_set, subject, tmp_path):
+def test_table_of_diagnostics(test_set, tmp_path):
     test = tmp_path / "final" / "test" / "diagnostics.csv"
     test.parent.mkdir(parents=True)
     test.write_bytes(test_set[2].read_bytes())
-    _, diagnostics, _ = subject(FAILED)
-    table = table_of(posteriors.diagnostics, tmp_path, [test], [], [diagnostics])
+    own = pd.DataFrame({"parameter": [*PARAMETERS.names, "sigma_radial"], "verdict": FAILED})
+    numbers = {"rhat": 1.0, "ess_bulk": 900.0, "ess_tail": 800.0, "divergences": 1, "passed": False}
+    own.assign(case="heart", **numbers).to_csv(tmp_path / "heart.csv", index=False)
+    table = table_of(posteriors.diagnostics, tmp_path, [test], [], [tmp_path / "heart.csv"])
     table = table.set_index(["posterior", "parameter"])
     row = table.loc["test, final", "C_a_septal"]
     assert (row["cases"], row["failed_cases"], row["rhat_max"]) == (3, 1, 1.3)
@@ -657,25 +541,9 @@ def test_table_of_diagnostics(test_set, subject, tmp_path):
     assert table.loc[("heart", "sigma_radial"), "verdict"] == FAILED
 
 
-def test_table_of_subjects(subject, tmp_path):
-    nc, diagnostics, _ = subject(FAILED)
-    table = table_of(subjects.subjects, tmp_path, [nc], [diagnostics], ["synthetic"])
-    assert len(table) == 12
-    assert set(table["data"]) == {"synthetic data"}
-    assert set(table["verdict"]) == {FAILED}
-    assert (table["lower95"] < table["median"]).all() and (table["median"] < table["upper95"]).all()
-    medians = case_posterior.read(nc, diagnostics).summary()["median"]
-    assert table["median"].to_numpy() == pytest.approx(medians.to_numpy())
-    lines = (tmp_path / "t" / "made.tex").read_text().splitlines()
-    assert sum(line.endswith(r"\\") for line in lines) == 13
-    assert r"$C_{a}$ septal" in "".join(lines) and "_circumferential" not in "".join(lines).replace(
-        r"\_circumferential", ""
-    )
-
-
 def test_table_of_subjects_averaged_over_models(averaged, tmp_path):
     nc, findings = averaged(trusted=False)
-    table = table_of(subjects.subjects, tmp_path, [nc], None, ["file"], [findings])
+    table = table_of(subjects.subjects, tmp_path, [nc], [findings], ["file"])
     stated = json.loads(findings.read_text())["stiffness"]
     assert list(table["parameter"]) == [row["name"] for row in stated]
     assert list(table["mean"]) == pytest.approx([row["averaged"]["mean"] for row in stated])

@@ -10,11 +10,11 @@ import xarray as xr
 from matplotlib.image import imread
 
 from regional_lv.channels import Channels
-from regional_lv.criticism import case_posterior
 from regional_lv.errors import InputError
 from regional_lv.inference.posteriors import load, write
 from regional_lv.inputs.stiffness import ZONES, StiffnessInputs
 from regional_lv.mechanics.materials import MATERIALS, Factor
+from regional_lv.paper import case_posterior
 from regional_lv.paper.plots import (
     bullseye_map,
     correlations,
@@ -28,18 +28,19 @@ from regional_lv.paper.plots import (
     roc,
     sampler_agreement,
     sbc,
+    traces,
     uncertainty,
 )
+from regional_lv.paper.plots import bullseye_posterior as bullseye_as_it_is
+from regional_lv.paper.plots import posterior_predictive as predictive_as_it_is
 from regional_lv.paper.posteriors.sets_table import read_sets
 from regional_lv.paper.tables import posteriors
 from regional_lv.plots import (
     bullseye_posterior,
     criticism,
     design,
-    posterior_predictive,
     strain_field,
     style,
-    traces,
     zones,
 )
 from regional_lv.registry import temporary
@@ -206,7 +207,7 @@ def test_recovery(parameters, choice, tmp_path, paths):
 
 def test_bullseye_posterior(parameters, subject, paths):
     files = subject(parameters)
-    bullseye_posterior.draw(*files, "file", parameters, *paths)
+    bullseye_as_it_is.draw(*files, "file", parameters, *paths)
     drawn = read(paths)
     medians = drawn[drawn["item"] == "median"].set_index("parameter")["value"]
     draws = case_posterior.read(*files).draws
@@ -223,12 +224,14 @@ def test_bullseye_and_table_of_an_average(parameters, tmp_path, paths):
     findings.write_text(json.dumps(content))
     value, sd = dict.fromkeys(CHANNELS.names, 0.1), dict.fromkeys(CHANNELS.names, 0.01)
     write_posterior(content, value, sd, nc)
-    bullseye_posterior.draw(nc, None, "file", parameters, *paths, findings=findings)
+    bullseye_posterior.draw(nc, findings, "file", parameters, *paths)
     drawn = read(paths)
     means = drawn[drawn["item"] == "as_is_mean"].set_index("parameter")["value"]
     assert list(means.index) == list(parameters.names)
-    table = table_of(subjects.subjects, tmp_path, [nc], None, ["file"], [findings])
+    table = table_of(subjects.subjects, tmp_path, [nc], [findings], ["file"])
     assert list(table["as_is_mean"]) == pytest.approx(list(means))
+    tex = (tmp_path / "made.tex").read_text()
+    assert (r"C_{c}$ septal" in tex) == (parameters.law == "guccione")
 
 
 def test_what_is_written_into_a_zone_lies_in_it(parameters):
@@ -243,21 +246,16 @@ def test_what_is_written_into_a_zone_lies_in_it(parameters):
         assert place.height > 0 and place.text < place.y
 
 
-def test_traces_and_tables_of_a_subject(parameters, subject, tmp_path, paths):
-    files = subject(parameters)
-    traces.draw(*files, "file", *paths)
+def test_traces_of_a_subject(parameters, subject, paths):
+    traces.draw(*subject(parameters), "file", *paths)
     drawn = read(paths)
     assert drawn.groupby("parameter", sort=False).size().index[0] == parameters.names[0]
     assert set(drawn["parameter"]) >= set(parameters.names)
-    table = table_of(subjects.subjects, tmp_path, [files[0]], [files[1]], ["file"])
-    assert list(table["parameter"][: len(parameters)]) == list(parameters.names)
-    tex = (tmp_path / "made.tex").read_text()
-    assert (r"C_{c}$ septal" in tex) == (parameters.law == "guccione")
 
 
 def test_posterior_predictive(subject, paths):
     files = subject(MODELS["whole"])
-    posterior_predictive.draw(*files, "file", *paths)
+    predictive_as_it_is.draw(*files, "file", *paths)
     drawn = read(paths)
     observed = drawn[drawn["item"] == "observed"].set_index("output")
     assert set(observed.index) == set(CHANNELS.names)
@@ -274,12 +272,12 @@ def test_posterior_predictive_that_is_not_there(subject, paths):
     del data["posterior_predictive"]
     write(data, posterior)
     with pytest.raises(InputError, match=r"heart\.nc: no group .*; rerun the subject's inference"):
-        posterior_predictive.draw(posterior, diagnostics, "file", *paths)
+        predictive_as_it_is.draw(posterior, diagnostics, "file", *paths)
 
 
 def test_posterior_predictive_without_strains(subject, paths):
     outputs = ["volume_ml", "shortening"]
-    posterior_predictive.draw(*subject(MODELS["whole"], outputs), "file", *paths)
+    predictive_as_it_is.draw(*subject(MODELS["whole"], outputs), "file", *paths)
     drawn = read(paths)
     assert list(drawn["output"].unique()) == outputs
 

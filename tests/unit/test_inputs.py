@@ -16,7 +16,8 @@ from regional_lv.inputs.catalogue import INPUTS
 from regional_lv.inputs.evaluation import AllInputs
 from regional_lv.inputs.model import model_of
 from regional_lv.inputs.shape import is_of_table
-from regional_lv.inputs.space import Inputs, catalogue, stencil
+from regional_lv.inputs.space import Inputs, catalogue, sections_of_stiffness, stencil
+from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.registry import temporary
 from regional_lv.testing import InputContract
 from regional_lv.testing.inputs import same
@@ -153,17 +154,17 @@ def test_a_standard_deviation_of_nothing_is_fixed():
 
 
 @pytest.mark.parametrize(
-    ("section", "alone"),
+    "section",
     [
-        ({}, True),
-        ({"septal_load": "fixed"}, True),
-        ({"septal_load": "inferred"}, False),
-        ({"C_b_apical": {"role": "measured", "value": 1.2, "sd": 0.1}}, False),
+        {},
+        {"septal_load": "suspected", "wall_thickness": {"role": "measured", "sd_mm": 1}},
+        {"C_b_apical": {"role": "measured", "value": 1.2, "sd": 0.1}},
     ],
 )
-def test_whether_only_the_stiffness_is_asked_for(section, alone):
-    """If not, there are simulations over all inputs."""
-    assert Inputs.from_config(loaded(inputs=section)).is_stiffness_alone == alone
+def test_the_stiffness_alone(section):
+    """As an emulator of nothing else has it, whatever the study's roles are."""
+    alone = Inputs.from_config(sections_of_stiffness(loaded(inputs=section)))
+    assert alone.names == StiffnessInputs().names and alone.of_role("inferred").all()
 
 
 @pytest.mark.parametrize(

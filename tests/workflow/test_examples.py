@@ -80,8 +80,8 @@ def test_example(root, tmp_path, monkeypatch, name, emulator, simulations, param
     assert sizes == {parameters * channels}
     trained = study.train(emulator)
     measured = study.measure(SUBJECT)
-    posterior = study.infer(measured, trained, SUBJECT).posterior["theta"]
-    assert tuple(posterior["parameter"].to_numpy()) == study.parameters.names
+    posterior = study.infer(measured, trained, SUBJECT).posterior["value"]
+    assert tuple(posterior["input"].to_numpy()) == study.parameters.names
     draws = posterior.to_numpy().reshape(-1, parameters)
     assert (draws > study.parameters.lower).all() and (draws < study.parameters.upper).all()
     # The cavity's volume is measured to 2 mL: hearts of the posterior have it, those of the prior

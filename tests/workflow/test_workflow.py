@@ -169,8 +169,8 @@ def test_draws_rerun_posteriors_only(editable):
     assert not rules & UNTOUCHED_BY_POSTERIORS
 
 
-def test_inference_module_reruns_posteriors_only(editable):
-    module = editable / "src" / "regional_lv" / "inference" / "nuts.py"
+def test_a_module_of_the_sampler_reruns_posteriors_only(editable):
+    module = editable / "src" / "regional_lv" / "paper" / "sampler" / "nuts.py"
     module.write_text(module.read_text() + "\n# edited\n")
     rules = planned(editable)
     assert {"sample_posteriors", "sample_subject"} <= rules

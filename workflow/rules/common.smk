@@ -39,7 +39,12 @@ from regional_lv.geometry.mesh_config import finer  # noqa: E402
 from regional_lv.hearts import ONE_HEART  # noqa: E402
 from regional_lv.hearts.listing import batches_of, list_hearts, model_of_hearts  # noqa: E402
 from regional_lv.input_files import without_braces  # noqa: E402
-from regional_lv.inputs.space import Inputs, model_sections_of, sections_of  # noqa: E402
+from regional_lv.inputs.space import (  # noqa: E402
+    Inputs,
+    model_sections_of,
+    sections_of,
+    sections_of_stiffness,
+)
 from regional_lv.study.jobs import arguments_of, calls_of, module_of  # noqa: E402
 from regional_lv.study.layout import Layout  # noqa: E402
 from regional_lv.measured import states_noise  # noqa: E402
@@ -369,10 +374,8 @@ def written(names):
 
 def page_of_criticism(job):
     """Params of a page: what `plots.criticism` draws in the same job."""
-    if not DOUBTS:
-        return {}
     return {f"{name}_picture": written(f"criticism/{job}.{name}") for name in CRITICISM_FIGURES} | {
-        "extended": LAYOUT.extended("{subject}")
+        "extended": "" if FROM_TABLES else LAYOUT.extended("{subject}")
     }
 
 

@@ -23,20 +23,13 @@ TRACED = {
     "emulator_traces": list(PARAMETERS.names[: len(PARAMETERS.factors)]),
     "emulator_traces_all": list(PARAMETERS.names),
 }
+# The same of the model as it is, by the emulator of the stiffness alone.
 SUBJECT = {
     "posterior": POSTERIORS.of_subject("{subject}", "nc"),
     "diagnostics": POSTERIORS.of_subject("{subject}", "csv"),
 }
-# What a subject's figures, tables and pages show: averaged over models, where these are doubted.
-ANSWER = (
-    {
-        "posterior": LAYOUT.posterior("{subject}"),
-        "diagnostics": [],
-        "findings": LAYOUT.findings("{subject}"),
-    }
-    if DOUBTS
-    else SUBJECT
-)
+# What a subject's figures, tables and pages show: averaged over models.
+ANSWER = {"posterior": LAYOUT.posterior("{subject}"), "findings": LAYOUT.findings("{subject}")}
 TRUTH = {
     "truth": lambda wildcards: (
         LAYOUT.truth(wildcards.subject) if wildcards.subject in SYNTHETIC else []
@@ -273,12 +266,11 @@ if not FROM_TABLES:
         },
     }
 
-# The same of the model as it is, by the emulator of the stiffness alone: the paper's figures.
-if ALONE and DOUBTS:
-    for name in ("bullseye_posterior", "posterior_predictive"):
-        PLOTS[f"{name}_as_it_is"] = PLOTS[name] | {
-            "job": "subject_as_it_is",
-            "file": f"{{subject}}/{name}_as_it_is",
-            "input": SUBJECT | TRUTH if name == "bullseye_posterior" else SUBJECT,
-            "of": name,
-        }
+# The paper's figures of a subject.
+for name in ("bullseye_posterior", "posterior_predictive"):
+    PLOTS[f"{name}_as_it_is"] = PLOTS[name] | {
+        "job": "subject_as_it_is",
+        "file": f"{{subject}}/{name}_as_it_is",
+        "input": SUBJECT | TRUTH if name == "bullseye_posterior" else SUBJECT,
+        "of": name,
+    }

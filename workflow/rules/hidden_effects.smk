@@ -3,7 +3,7 @@
 HIDDEN = f"{R}/hidden_effects"
 
 
-if DOUBTS:
+if not FROM_TABLES:
     BENCHMARK = config["criticism"]["benchmark"]
     HEART_BATCHES = batches(sum(BENCHMARK["hearts"].values()), BENCHMARK["subjects_per_batch"])
     # Hearts share none of the study's errors of discretisation, where it can make a finer mesh.

@@ -16,22 +16,25 @@ DESIGN = {
 }[ALL_INPUTS["shapes"]]
 # Whether the simulations join the emulator of any heart, which comes with the package; the anchors,
 # which are simulated first, ask it whether it knows this one.
-JOINED = ALL_INPUTS["emulator"] == "shipped"
+JOINED = not FROM_TABLES and ALL_INPUTS["emulator"] == "shipped"
 # Simulations that are made on the finer mesh as well.
 FINER = min(ALL_INPUTS["finer"], INPUTS_ANCHORS)
+# Of what subjects are answered by. Tables are of the stiffness alone.
 EMULATOR_OF_INPUTS = (
-    given(os.path.relpath(SHIPPED))
-    if JOINED
-    else f"{OVER_INPUTS}/{'finer/' if FINER else ''}emulator.pt"
+    LAYOUT.emulator(EMULATOR)
+    if FROM_TABLES
+    else (
+        given(os.path.relpath(SHIPPED))
+        if JOINED
+        else f"{OVER_INPUTS}/{'finer/' if FINER else ''}emulator.pt"
+    )
 )
-# Whether the model is doubted, and the stiffness averaged over models.
-INPUTS = sections_of(config)
+INPUTS = sections_of_stiffness(config) if FROM_TABLES else sections_of(config)
 STUDIED = Inputs.from_config(INPUTS)
-DOUBTS = not FROM_TABLES and not STUDIED.is_stiffness_alone
-# Whether there is an emulator of the stiffness alone as well, as in the paper.
-ALONE = EVALUATION or not DOUBTS
+# Whether there is an emulator of the stiffness alone.
+ALONE = EVALUATION or FROM_TABLES
 
-if DOUBTS:
+if not FROM_TABLES:
     SIMULATED = STUDIED.simulated
     COORDINATES = SIMULATED.coordinates.spec()
     SUSPECTED = SIMULATED.subset(SIMULATED.of_role("suspected"))

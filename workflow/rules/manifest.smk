@@ -6,23 +6,17 @@ SHOWN = [
     *TABLES,
     *SUMMARIES,
     *rules.criticism.input,
-    *(INPUTS_RESULTS if DOUBTS else []),
+    *([] if FROM_TABLES else INPUTS_RESULTS),
     *PAGES,
 ]
 BEHIND = [
     *expand(LAYOUT.measured("{subject}"), subject=SUBJECTS),
-    *([EMULATOR_OF_INPUTS] if DOUBTS else []),
+    EMULATOR_OF_INPUTS,
+    *(expand(LAYOUT.screened("{name}"), name=["train", "test"]) if ALONE else []),
     *(
-        [
-            *expand(LAYOUT.screened("{name}"), name=["train", "test"]),
-            LAYOUT.emulator(EMULATOR),
-            *expand(POSTERIORS.of_subject("{subject}", "nc"), subject=SUBJECTS),
-        ]
-        if ALONE
-        else []
-    ),
-    *(
-        [CHOICE, *(file for name in SETS for file in posterior_files(EMULATOR, name))]
+        [LAYOUT.emulator(EMULATOR), CHOICE]
+        + expand(POSTERIORS.of_subject("{subject}", "nc"), subject=SUBJECTS)
+        + [file for name in SETS for file in posterior_files(EMULATOR, name)]
         if EVALUATION
         else []
     ),

@@ -11,8 +11,7 @@ PAGE = {
     "output": {"page": LAYOUT.page("{subject}")},
     "reported": {"page": "page"},
 }
-# Made by the jobs of the figures that they show. Without a simulator there is neither a heart nor a
-# criticism to show, and the page says so.
+# Made by the jobs of the figures that they show. Without a simulator there is no heart to show.
 OF_PAGES = {
     "pages/subject": PAGE
     | {
@@ -22,15 +21,15 @@ OF_PAGES = {
         | {
             "template": given(os.path.relpath(TEMPLATES / "page.html")),
             "measured": LAYOUT.measured("{subject}"),
-            "choice": CHOICE if EVALUATION and not DOUBTS else [],
-            "predictions": [] if DOUBTS else LAYOUT.predictions(EMULATOR, "test"),
+            "choice": CHOICE if EVALUATION and FROM_TABLES else [],
+            "predictions": LAYOUT.predictions(EMULATOR, "test") if FROM_TABLES else [],
             "mesh": [] if FROM_TABLES else LAYOUT.heart().mesh,
             "zones_picture": [] if FROM_TABLES else LAYOUT.figure("zones", "png"),
         },
         "params": page_of_criticism("subject")
         | SOURCE_OF
         | {
-            "emulator": OF_INPUTS if DOUBTS else EMULATOR,
+            "emulator": EMULATOR if FROM_TABLES else OF_INPUTS,
             "strains_picture": written("figures/measured_strains.png"),
             "stiffness_picture": written("figures/bullseye_posterior.png"),
             "fit_picture": written("figures/posterior_predictive.png"),
@@ -39,16 +38,15 @@ OF_PAGES = {
         },
     },
 }
-if DOUBTS:
-    OF_PAGES["pages/several"] = PAGE | {
-        "job": "several",
-        "call": "page.page:make_page_of_several",
-        "input": {
-            "findings": LAYOUT.findings("{subject}"),
-            "template": given(os.path.relpath(TEMPLATES / "several.html")),
-        },
-        "params": page_of_criticism("several"),
-    }
+OF_PAGES["pages/several"] = PAGE | {
+    "job": "several",
+    "call": "page.page:make_page_of_several",
+    "input": {
+        "findings": LAYOUT.findings("{subject}"),
+        "template": given(os.path.relpath(TEMPLATES / "several.html")),
+    },
+    "params": page_of_criticism("several"),
+}
 
 
 rule pages:

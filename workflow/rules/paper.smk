@@ -9,7 +9,7 @@ VOLUNTEER_FILES = [
     for file in (
         LAYOUT.table(f"{subject}/convergence", "csv"),
         *(
-            LAYOUT.figure(f"{subject}/{name}{'_as_it_is' if DOUBTS else ''}", "csv")
+            LAYOUT.figure(f"{subject}/{name}_as_it_is", "csv")
             for name in ("bullseye_posterior", "posterior_predictive")
         ),
     )

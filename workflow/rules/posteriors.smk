@@ -160,7 +160,7 @@ rule sample_subject:
     resources:
         **needs(mem_mb=3000, minutes=120),
     params:
-        call="inference.sampling:sample_subject",
+        call="paper.sampler.sampling:sample_subject",
         nuts=SUBJECT_NUTS,
         noise_prior_scale=config["clinical"]["noise_prior_scale"],
     script:

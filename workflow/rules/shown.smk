@@ -3,7 +3,8 @@ start, with what is computed for nothing else."""
 
 # Jobs of the comparison with the paper; their figures are drawn by `paper.plots`.
 OF_PAPER = [
-    *("comparison", "efficiency", "test_set", "checks", "scenarios", "noise_prior", "paper"),
+    *("comparison", "efficiency", "test_set", "checks", "scenarios"),
+    *("subject_as_it_is", "noise_prior", "paper"),
 ]
 # Whether `all` needs what a job makes.
 SHOWS = {
@@ -11,7 +12,6 @@ SHOWS = {
     "strain_field": ALONE and not FROM_TABLES,
     "design": ALONE,
     "subject": True,
-    "subject_as_it_is": ALONE,
     "several": True,
     "subjects": bool(SUBJECTS),
     **dict.fromkeys(OF_PAPER, EVALUATION),
@@ -57,22 +57,18 @@ for name, table in TABULATED.items():
         "output": {"csv": f"{file}.csv", text: f"{file}.{text}"},
         "reported": {"csv": f"table_{name}"},
     }
-if DOUBTS:
-    for job in ("subject", "several"):
-        MADE_BY_JOBS[f"criticism/{job}"] = {
-            "job": job,
-            "call": "plots.criticism:draw",
-            "input": {"findings": LAYOUT.findings("{subject}")},
-            "output": {
-                **{
-                    name: LAYOUT.criticism_figure("{subject}", name, "png")
-                    for name in CRITICISM_FIGURES
-                },
-                "tables": [
-                    LAYOUT.criticism_figure("{subject}", name, "csv") for name in CRITICISM_FIGURES
-                ],
-            },
-        }
+for job in ("subject", "several"):
+    MADE_BY_JOBS[f"criticism/{job}"] = {
+        "job": job,
+        "call": "plots.criticism:draw",
+        "input": {"findings": LAYOUT.findings("{subject}")},
+        "output": {
+            **{name: LAYOUT.criticism_figure("{subject}", name, "png") for name in CRITICISM_FIGURES},
+            "tables": [
+                LAYOUT.criticism_figure("{subject}", name, "csv") for name in CRITICISM_FIGURES
+            ],
+        },
+    }
 MADE_BY_JOBS |= OF_PAGES
 
 FIGURES, TABLES = (

@@ -77,18 +77,14 @@ TABULATED = {
         "call": "tables.subjects:subjects",
         "input": {
             "posteriors": expand(ANSWER["posterior"], subject=SUBJECTS),
-            **{
-                name: expand(ANSWER[key], subject=SUBJECTS)
-                for name, key in (("diagnostics", "diagnostics"), ("findings", "findings"))
-                if key in ANSWER
-            },
+            "findings": expand(ANSWER["findings"], subject=SUBJECTS),
         },
         "params": {"sources": [SUBJECT_SOURCES[subject] for subject in SUBJECTS]},
     },
     "convergence": {
         "job": "subject_as_it_is",
         "category": "Subjects",
-        "call": "tables.subjects:convergence",
+        "call": "paper.tables.posteriors:convergence",
         "file": "{subject}/convergence",
         "input": SUBJECT,
     },

@@ -135,7 +135,7 @@ rule sample_noise_prior:
     resources:
         **needs(mem_mb=3000, minutes=120),
     params:
-        call="inference.sampling:sample_subject",
+        call="paper.sampler.sampling:sample_subject",
         nuts=SUBJECT_NUTS,
         noise_prior_scale=lambda wildcards: float(wildcards.scale),
     script:

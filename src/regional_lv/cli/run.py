@@ -18,7 +18,6 @@ from regional_lv.cli.folder import (
     load,
     say_where,
 )
-from regional_lv.config import final_emulator
 from regional_lv.errors import InputError
 from regional_lv.hearts import ONE_HEART
 from regional_lv.study.layout import Layout
@@ -174,10 +173,8 @@ def _simulate(
             given[-1].write_text(yaml.safe_dump(cut))
         started.run_workflow(project, given, cores, dry_run)
     for subject in config["subjects"]:
-        answer = made.page(subject), made.findings(subject), made.posterior(subject)
-        as_it_is = made.posteriors(final_emulator(config)).of_subject(subject, "nc")
         say_where(
-            _shown(subject, *answer) | {f"posterior of the model as it is of {subject}": as_it_is}
+            _shown(subject, made.page(subject), made.findings(subject), made.posterior(subject))
         )
 
 

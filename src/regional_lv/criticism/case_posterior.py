@@ -1,9 +1,8 @@
-"""The posterior of one case, for figures, tables and pages: draws by name, verdict, truth if known.
-
-It is that of the model as it is, or averaged over models of what may be wrong with it.
-"""
+"""The posterior of one subject, for figures, tables and pages: draws by name, verdict, truth if
+known."""
 
 import json
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -16,7 +15,6 @@ import xarray as xr
 from regional_lv.criticism.contract import Stiffness, Summary, read_findings
 from regional_lv.errors import InputError
 from regional_lv.inference import posteriors
-from regional_lv.inference.arviz_arrays import hdi95
 from regional_lv.inference.posteriors import Groups, draws_by_name
 
 SOURCES = {
@@ -30,16 +28,17 @@ SOURCES = {
 
 
 @dataclass(frozen=True)
-class CasePosterior:
-    """Draws of one case.
+class CasePosterior(ABC):
+    """Draws of one case, as figures show them.
 
     draws: name -> (chain, draw), the `parameters` and then the noise scales if inferred
-    (`sigma_<direction>`, in standardised units). truth: name -> value, empty if unknown.
-    verdict: "passed" or "failed: ..." of the convergence check. groups: of its file, at this case.
-    middle: the column of the summary that figures show.
+    (`sigma_<quantity>`). truth: name -> value, empty if unknown. verdict: "passed" or "failed:
+    ...". groups: of its file, at this case. middle: the column of the summary that figures show.
+    noise_unit: what noise scales are counted in.
     """
 
-    middle: ClassVar[str] = "median"
+    middle: ClassVar[str]
+    noise_unit: ClassVar[str]
 
     file: str | Path
     groups: Groups
@@ -50,26 +49,18 @@ class CasePosterior:
     truth: dict[str, float]
 
     @property
+    @abstractmethod
     def warning(self) -> str:
-        """Empty if the posterior passed the convergence check, else what every figure says."""
-        if self.verdict == "passed":
-            return ""
-        return f"POSTERIOR FAILED ITS CONVERGENCE CHECK ({self.verdict.removeprefix('failed: ')})"
+        """What every figure says of a posterior that did not pass; else empty."""
+
+    @abstractmethod
+    def summary(self) -> pd.DataFrame:
+        """Rows: parameters and noise scales; columns: `middle`, lower95, upper95 and others."""
 
     @property
     def noise(self) -> list[str]:
         """Names of the inferred noise scales."""
         return [name for name in self.draws if name not in self.parameters]
-
-    def summary(self) -> pd.DataFrame:
-        """Rows: parameters and noise scales; columns: median, lower95, upper95 (95 % HPD)."""
-        rows = []
-        for name, values in self.draws.items():
-            lower, upper = hdi95(values.ravel())
-            rows.append((name, np.median(values), lower, upper))
-        return pd.DataFrame(rows, columns=["parameter", "median", "lower95", "upper95"]).set_index(
-            "parameter"
-        )
 
     @cached_property
     def prediction(self) -> tuple[xr.DataArray, pd.Series]:
@@ -97,10 +88,11 @@ UNTRUSTED = "failed: every model that was tried misses the measurements"
 
 @dataclass(frozen=True)
 class AveragedPosterior(CasePosterior):
-    """The same averaged over models; with what the findings state of the stiffness, and draws of
-    the model as it is (name -> (chain, draw))."""
+    """Averaged over models; with what the findings state of the stiffness, and draws of the model
+    as it is (name -> (chain, draw))."""
 
     middle: ClassVar[str] = "mean"
+    noise_unit: ClassVar[str] = "of a good measurement's noise"
 
     stiffness: tuple[Stiffness, ...]
     as_it_is: dict[str, np.ndarray]
@@ -142,7 +134,8 @@ def read_averaged(
     """Read the posterior of a subject that is averaged over models, and of the model as it is.
 
     nc: groups `posterior` and `as_it_is` with value (chain, draw, input), and sigma (chain, draw,
-    quantity) where noise is inferred; findings: of the same subject. truth: as for `read`.
+    quantity) where noise is inferred; findings: of the same subject. truth: JSON with the
+    generating `theta` of a synthetic subject, if it has any.
     Raises InputError if the file has no such groups or lacks an input that the findings state.
     """
     content = read_findings(findings)
@@ -168,70 +161,12 @@ def read_averaged(
         parameters=names,
         draws=averaged,
         verdict="passed" if content["trusted"] else UNTRUSTED,
-        truth=_true_theta(truth) if truth else {},
+        truth=true_theta(truth) if truth else {},
         stiffness=tuple(content["stiffness"]),
         as_it_is=as_it_is,
     )
 
 
-def read_subject(
-    nc: str | Path,
-    diagnostics: str | Path | None,
-    findings: str | Path | None,
-    truth: str | Path | None = None,
-) -> CasePosterior:
-    """The posterior of one subject: averaged over models if there are findings, else of the model
-    as it is. Arguments and errors as for `read_averaged` and `read`."""
-    if findings:
-        return read_averaged(nc, findings, truth)
-    if not diagnostics:
-        raise InputError(f"{nc}: a posterior without verdict; give its diagnostics, or findings")
-    return read(nc, diagnostics, truth=truth)
-
-
-def _true_theta(truth: str | Path) -> dict[str, float]:
+def true_theta(truth: str | Path) -> dict[str, float]:
+    """By parameter, of a synthetic subject's truth (JSON)."""
     return json.loads(Path(truth).read_text())["theta"]
-
-
-def read(
-    nc: str | Path,
-    diagnostics: str | Path,
-    case: str | None = None,
-    truth: str | Path | None = None,
-) -> CasePosterior:
-    """Read case `case` (default: the only one) of a file of posteriors.
-
-    truth: JSON with the generating `theta` of a synthetic subject, if it has any; a test set
-    carries its own.
-    Raises InputError if the case is not in the file or has no verdict.
-    """
-    cases = {one.case: one for one in posteriors.read(nc)}
-    if case is None and len(cases) == 1:
-        case = next(iter(cases))
-    if case not in cases:
-        raise InputError(f"{nc}: no case {case!r}; it holds {', '.join(cases)}: name one of these")
-    found = cases[case]
-    return CasePosterior(
-        file=nc,
-        groups=found.groups,
-        case=case,
-        parameters=tuple(found.theta),
-        draws=found.theta | found.sigma,
-        verdict=verdict_of(diagnostics, case),
-        truth=_true_theta(truth) if truth else found.truth,
-    )
-
-
-def verdict_of(diagnostics: str | Path, case: str) -> str:
-    """Verdict of one case in a `diagnostics.csv`: "passed" or "failed: ..." with every reason.
-
-    Raises InputError if the file has no row for the case.
-    """
-    table = pd.read_csv(diagnostics, dtype={"case": str})
-    rows = table[table["case"] == case]
-    if rows.empty:
-        raise InputError(f"{diagnostics}: no row for case {case!r}; rerun the diagnostics")
-    reasons = [v for v in rows["verdict"].unique() if v != "passed"]
-    if reasons:
-        return "failed: " + "; ".join(v.removeprefix("failed: ") for v in reasons)
-    return "passed" if rows["passed"].all() else "failed: a parameter did not pass"

@@ -12,10 +12,9 @@ import torch
 
 from regional_lv.criticism.patterns import hearts_of
 from regional_lv.inference.evidence import WEAK, Fits, integrate
-from regional_lv.inference.likelihood import Noise
+from regional_lv.inference.noise import LOG_SIGMA_BOUNDS, Noise
 from regional_lv.inference.observed import Observed
 from regional_lv.inference.optimise import maximise
-from regional_lv.inference.point import LOG_SIGMA_BOUNDS
 from regional_lv.inference.potential import Potential
 from regional_lv.inputs.closed_forms import HeavyTails
 from regional_lv.inputs.space import Inputs

@@ -5,10 +5,13 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 import pandas as pd
+import torch
 
+from regional_lv import emulators
 from regional_lv.criticism import confirmation, outliers
 from regional_lv.criticism.confirmation import Conditionable, Round, conditioned
 from regional_lv.criticism.contract import Findings
@@ -18,10 +21,10 @@ from regional_lv.criticism.left_out import left_out
 from regional_lv.criticism.linear_model import LinearModel
 from regional_lv.criticism.misfit import test
 from regional_lv.criticism.verdict import Examined, Verdict
-from regional_lv.emulators.joint_gp import JointGP
+from regional_lv.emulators.base import Emulator
 from regional_lv.inference.averaging import DRAWS, Averaged, average
 from regional_lv.inference.departure import noise_units
-from regional_lv.inference.emulated import EmulatedInputs
+from regional_lv.inference.emulated import EmulatedInputs, InputEmulator
 from regional_lv.inference.hearts import potential_of_tables, read_known_theta, stiffness_of
 from regional_lv.inference.posteriors import write
 from regional_lv.inference.potential import Potential
@@ -83,7 +86,8 @@ class Critic:
     Parameters
     ----------
     name: of the subject, or of the joint criticism. tables: measured, by heart (`read_measured`).
-    emulator: over all inputs and all that the study observes. physics: what
+    emulator: over all inputs and all that the study observes; `Conditionable`, if anything is
+        simulated. physics: what
         `inputs.space.sections_of` gives. seed: the study's.
     known_theta: by heart and factor, of hearts whose factors are known but for a common number
         each. left_out: names of inputs at their nominal values in every model.
@@ -93,7 +97,7 @@ class Critic:
         self,
         name: str,
         tables: Mapping[str, pd.DataFrame],
-        emulator: Conditionable,
+        emulator: InputEmulator,
         physics: Mapping,
         settings: Settings,
         seed: int,
@@ -105,7 +109,7 @@ class Critic:
         self.settings, self.known_theta = settings, known_theta
         self.seed = derive(seed, "criticism", name)
 
-    def potential(self, emulator: Conditionable) -> Potential:
+    def potential(self, emulator: InputEmulator) -> Potential:
         """The posterior of all models, by an emulator."""
         return potential_of_tables(
             emulator, self.inputs, self.tables, self.settings.noise_prior_scale, self.known_theta
@@ -128,9 +132,15 @@ class Critic:
         tables = [table.set_index("output")["sd"] for table in self.tables.values()]
         return pd.concat([*tables, good]).groupby(level=0).min().loc[self._outputs].to_numpy(float)
 
+    def _knowing(self, rounds: Sequence[pd.DataFrame]) -> tuple[InputEmulator, list[Round]]:
+        """`conditioned` on the simulations of some rounds."""
+        if not rounds:
+            return self.emulator, []
+        return conditioned(cast(Conditionable, self.emulator), rounds, self._outputs)
+
     def plan(self, rounds: Sequence[pd.DataFrame]) -> pd.DataFrame:
         """What to simulate after some rounds; no rows where that was enough."""
-        emulator, found = conditioned(self.emulator, rounds, self._outputs)
+        emulator, found = self._knowing(rounds)
         if found and found[-1].agrees(self._noise_sd):
             return pd.DataFrame(columns=["sample", "set", *emulator.coordinates.names])
         return self.plan_of(self._average(self.potential(emulator), PLANNING), len(rounds))
@@ -142,7 +152,7 @@ class Critic:
 
     def conclude(self, rounds: Sequence[pd.DataFrame], has_simulator: bool = True) -> Concluded:
         """Decide with the simulations of all rounds."""
-        emulator, found = conditioned(self.emulator, rounds, self._outputs)
+        emulator, found = self._knowing(rounds)
         potential = self.potential(emulator)
         averaged = self._average(potential, DRAWS)
         confirmed = _confirmed(averaged, found, self._noise_sd) if has_simulator else None
@@ -243,16 +253,21 @@ def read_critic(
 ) -> Critic:
     """What all steps of the criticism read.
 
-    subject: name of the subject, or of the joint criticism. subjects, measured: whose files they
-    are, and the files. settings: as of `Settings.from_config`. known_theta: tables (CSV) with
-    `subject` and the parameters. Raises InputError for files that cannot be used.
+    subject: name of the subject, or of the joint criticism. emulator_file: of the inputs that are
+    simulated. subjects, measured: whose files they are, and the files. settings: as of
+    `Settings.from_config`. known_theta: tables (CSV) with `subject` and the parameters. Raises
+    InputError for files that cannot be used.
     """
-    emulator = JointGP.load(emulator_file)
+    emulator = emulators.load(emulator_file)
+    if len(measured) == 1:
+        exponent = settings["strain_exponent"]
+        table = read_measured(measured[0], emulator.channels, strain_exponent=exponent)
+        emulator = _trained_near(emulator, table)
     return critic_of(emulator, subject, subjects, measured, physics, settings, seed, known_theta)
 
 
 def critic_of(
-    emulator: Conditionable,
+    emulator: InputEmulator,
     subject: str,
     subjects: Sequence[str],
     measured: Sequence[str | Path],
@@ -274,6 +289,16 @@ def critic_of(
     return Critic(subject, tables, emulator, physics, given, seed, known)
 
 
+def _trained_near(emulator: Emulator, table: pd.DataFrame) -> Emulator:
+    """The emulator, or what one that trains anew for every observation makes of this one, for what
+    was measured alone."""
+    y = table.set_index("output")["value"]
+    names = [name for name in emulator.outputs if name in y.index]
+    selected = emulator.select(names)
+    trained = selected.localise(torch.as_tensor(y.loc[names].to_numpy(float)))
+    return emulator if trained is selected else trained
+
+
 @passes_on(read_critic)
 def criticise_subject(
     mesh: str | Path,
@@ -286,6 +311,13 @@ def criticise_subject(
     """`write_criticism` of `read_critic`."""
     made = simulations, findings, posterior
     write_criticism(read_critic(**inputs), mesh, predictor, inputs["physics"], *made)
+
+
+@passes_on(read_critic)
+def criticise_by_emulator(findings: str | Path, posterior: str | Path, **inputs) -> None:
+    """The same without a simulator: nothing is confirmed."""
+    critic = read_critic(**inputs)
+    write_concluded(critic, criticise(critic, None), findings, posterior)
 
 
 def write_criticism(

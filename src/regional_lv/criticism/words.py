@@ -203,7 +203,8 @@ def untrusted(content: Findings) -> str:
         if content["best"] and content["remaining"]:
             names = causes(content, content["best"])
             sets += f", of which {names} ({p_value(content['remaining']['p_value'])}) is the best"
-        tried += [sets, "a smooth departure of no listed shape"]
+        tried.append(sets)
+    tried.append("a smooth departure of no listed shape")
     if content["outliers"]:
         tried.append("heavy tails of the noise")
     return (
@@ -253,14 +254,25 @@ def _is_improbable(content: Findings) -> bool:
 
 
 def _not_found(content: Findings) -> str:
-    if not (content["sets"] and _is_improbable(content)):
-        return "No cause was found."
-    first = content["sets"][0]
+    text = "No cause was found."
+    if not content["hypotheses"]:
+        text = "No cause was searched, since `inputs` makes none suspected."
+    if not _is_improbable(content):
+        return text
+    if content["sets"]:
+        first, text = content["sets"][0], "No cause is named, since the tests find no misfit."
+        others = (
+            f"The most probable set of causes has {percent(first['probability'])}: "
+            f"{_placed(first['causes'], first['components'])}."
+        )
+    else:
+        others = (
+            f"A smooth departure of no listed shape has {percent(content['unlisted_probability'])}."
+        )
     return (
-        "No cause is named, since the tests find no misfit. But the model as it is has a "
-        f"probability of {percent(content['base_probability'])} only: something is probably wrong, "
-        "and the data do not tell what. The most probable set of causes has "
-        f"{percent(first['probability'])}: {_placed(first['causes'], first['components'])}."
+        f"{text} But the model as it is has a probability of "
+        f"{percent(content['base_probability'])} only: something is probably wrong, and the data "
+        f"do not tell what. {others}"
     )
 
 

@@ -80,12 +80,7 @@ def write_page(config: Mapping, subject: str, notes: Sequence[str], files: Answe
     """The figures and the page of what `answer` has written."""
     parameters, channels = StiffnessInputs.from_config(config), Channels.from_config(config)
     source = config["subjects"][subject]["source"]
-    given = {
-        "posterior": files.posterior,
-        "findings": files.findings,
-        "diagnostics": None,
-        "source": source,
-    }
+    given = {"posterior": files.posterior, "findings": files.findings, "source": source}
     figures = (*PICTURES, *OF_CRITICISM)
     png, csv = ({name: Path(files.figure(name, end)) for name in figures} for end in ("png", "csv"))
     name = "measured_strains"

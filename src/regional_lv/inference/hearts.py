@@ -23,7 +23,7 @@ import torch
 from regional_lv.errors import InputError
 from regional_lv.inference.departure import departure_covariance
 from regional_lv.inference.emulated import EmulatedInputs, InputEmulator
-from regional_lv.inference.likelihood import Noise
+from regional_lv.inference.noise import Noise
 from regional_lv.inference.observed import Observed
 from regional_lv.inference.potential import Emulated, Potential
 from regional_lv.input_files import reading

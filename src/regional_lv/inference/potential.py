@@ -16,12 +16,14 @@ import torch
 from scipy import stats
 
 from regional_lv.emulators.gaussian import LOG_2PI
-from regional_lv.inference.likelihood import Noise
+from regional_lv.inference.noise import LOG_SIGMA_BOUNDS, Noise
 from regional_lv.inference.observed import Observed
-from regional_lv.inference.point import CHUNK, LOG_SIGMA_BOUNDS
 from regional_lv.inputs.closed_forms import HeavyTails
 from regional_lv.inputs.scales import Linear
 from regional_lv.inputs.space import Inputs
+
+CHUNK = 256
+"""Points evaluated together: their kernel rows and Jacobians stay in the cache."""
 
 FIRST_SIGMA = 0.3
 """Noise scale that fits start from, in its unit."""

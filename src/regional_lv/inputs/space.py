@@ -121,12 +121,6 @@ class Inputs(InputSequence[Input]):
         """Mask (K,) of the inputs of one role."""
         return np.array([role.kind == kind for role in self.roles], dtype=bool)
 
-    @property
-    def is_stiffness_alone(self) -> bool:
-        """Whether all of the stiffness is inferred and all else fixed, as in the paper."""
-        stiffness = StiffnessInputs.from_spec(self.base["parameters"])
-        return self.names == stiffness.names and bool(self.of_role("inferred").all())
-
     @cached_property
     def nominal(self) -> np.ndarray:
         """Values (K,) of the model as it is, or what the study gives in their place."""
@@ -197,6 +191,15 @@ class Inputs(InputSequence[Input]):
 def sections_of(config: Mapping) -> dict:
     """What `Inputs.from_config` reads of a configuration, and no more: plain values."""
     return {**model_sections_of(config), SECTION: config[SECTION]}
+
+
+def sections_of_stiffness(config: Mapping) -> dict:
+    """The same with all inputs but the stiffness fixed, as in the paper, whatever standard
+    deviations the segment table has."""
+    sections = {**model_sections_of(config), SECTION: {}}
+    inputs = Inputs.from_config(sections)
+    others = inputs.subset(~inputs.of_role("inferred")).names
+    return {**sections, SECTION: dict.fromkeys(others, "fixed")}
 
 
 def model_sections_of(config: Mapping) -> dict:

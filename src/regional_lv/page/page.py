@@ -16,12 +16,7 @@ from scipy import stats
 from regional_lv import aha
 from regional_lv.channels import Channel, Channels
 from regional_lv.criticism import words
-from regional_lv.criticism.case_posterior import (
-    SOURCES,
-    AveragedPosterior,
-    CasePosterior,
-    read_subject,
-)
+from regional_lv.criticism.case_posterior import SOURCES, AveragedPosterior, read_averaged
 from regional_lv.criticism.contract import Findings, MeasuredInput, read_findings
 from regional_lv.emulators import label_of
 from regional_lv.inputs.stiffness import StiffnessInputs
@@ -66,10 +61,15 @@ def make_page(
     source: str,
     measured: str | Path,
     posterior: str | Path,
+    findings: str | Path,
     emulator: str,
     strains_picture: str | Path,
     stiffness_picture: str | Path,
     fit_picture: str | Path,
+    residuals_picture: str | Path,
+    causes_picture: str | Path,
+    effects_picture: str | Path,
+    sources_picture: str | Path,
     parameters: StiffnessInputs,
     channels: Channels,
     pressure_mmhg: float,
@@ -79,14 +79,8 @@ def make_page(
     limitations: str = "",
     notes: Sequence[str] = (),
     extended: str = "",
-    diagnostics: str | Path | None = None,
     predictions: str | Path | None = None,
     choice: str | Path | None = None,
-    findings: str | Path | None = None,
-    residuals_picture: str | Path | None = None,
-    causes_picture: str | Path | None = None,
-    effects_picture: str | Path | None = None,
-    sources_picture: str | Path | None = None,
     mesh: str | Path | None = None,
     zones_picture: str | Path | None = None,
     template: str | Path = TEMPLATE,
@@ -96,16 +90,14 @@ def make_page(
     Parameters
     ----------
     source: `subjects.<name>.source` of the config.
-    measured: its measured table; posterior, diagnostics: NetCDF and verdict of the final emulator,
-        the model as it is.
-    findings: JSON of the criticism, if it was made; the posterior is averaged over models then, and
-        needs no diagnostics.
+    measured: its measured table; posterior, findings: averaged over models (NetCDF), and what the
+        criticism found (JSON).
     emulator: its name, or `final`; predictions: what it predicts of the test set (Parquet), if it
         has one.
-    choice: how it was chosen by its posteriors (JSON), if it was.
+    choice: how it was chosen (JSON), if it was.
     strains_picture, stiffness_picture, fit_picture: figures (PNG) of `plots.measured_strains`,
         `plots.bullseye_posterior` and `plots.posterior_predictive`; residuals_picture,
-        causes_picture, effects_picture, sources_picture: of `plots.criticism`, with findings.
+        causes_picture, effects_picture, sources_picture: of `plots.criticism`.
     channels: what the study observes.
     pressure_mmhg, strain_exponent: the study's end-diastolic pressure and strain measure.
     scales_with_pressure: whether stresses of the study scale with theta and pressure alone.
@@ -116,10 +108,9 @@ def make_page(
         has one.
     """
     table = read_measured(measured, strain_exponent=None)
-    content = read_findings(findings) if findings else None
-    drawn = read_subject(posterior, diagnostics, findings)
+    content, drawn = read_findings(findings), read_averaged(posterior, findings)
     rows = stiffness_of(drawn, parameters)
-    middles = {row["name"]: row["middle"] for row in rows}
+    means = {row["name"]: row["mean"] for row in rows}
     pictures = {
         "strains": strains_picture,
         "stiffness": stiffness_picture,
@@ -138,7 +129,7 @@ def make_page(
         synthetic=source == "synthetic",
         data_from=SOURCES[source],
         pictures=embedded(pictures),
-        heart=Markup(heart3d.draw(mesh, parameters, middles, _hover(rows, table, parameters)))
+        heart=Markup(heart3d.draw(mesh, parameters, means, _hover(rows, table, parameters)))
         if mesh
         else "",
         plotly=Markup(get_plotlyjs()) if mesh else "",
@@ -157,7 +148,6 @@ def make_page(
         moved=MOVED,
         extended=extended,
         draws=next(iter(drawn.draws.values())).size,
-        convergence=convergence_of(drawn, diagnostics) if diagnostics else None,
         emulator=emulator_of(emulator, choice, predictions, table),
         limitations=limitations,
         notes=notes,
@@ -221,10 +211,8 @@ def embedded(pictures: Mapping[str, str | Path | None]) -> dict[str, str]:
 # ------------------------------------------------------------------------------- what is wrong
 
 
-def criticism_of(content: Findings | None) -> dict:
+def criticism_of(content: Findings) -> dict:
     """What the parts of the page on the criticism show: the findings `f`, and the rest of them."""
-    if content is None:
-        return {"f": None, "untrusted": "", "separating": []}
     separating, untrusted = words.separating(content), words.untrusted(content)
     inputs = sorted(content["measured_inputs"], key=_change, reverse=True)
     return {
@@ -243,10 +231,10 @@ def _change(known: MeasuredInput) -> float:
     return abs(known["averaged"]["mean"] - known["prior_mean"]) / known["prior_sd"]
 
 
-def known_beforehand(content: Findings | None) -> dict[str, float]:
+def known_beforehand(content: Findings) -> dict[str, float]:
     """Kinds of inputs that are not taken as exact, with the largest sd of each, in its unit."""
     kinds: dict[str, float] = {}
-    for one in content["measured_inputs"] if content else ():
+    for one in content["measured_inputs"]:
         kind = words.variance_source(one["name"])
         kinds[kind] = max(kinds.get(kind, 0.0), one["prior_sd"])
     return kinds
@@ -311,19 +299,15 @@ def missing(table: pd.DataFrame, channels: Channels) -> list[str]:
 # --------------------------------------------------------------------------------------- stiffness
 
 
-def stiffness_of(drawn: CasePosterior, parameters: StiffnessInputs) -> list[dict]:
-    """A row for each parameter: what its summary says, the number to show (`middle`), what the
-    prior allowed, probability of being above the reference, and whether the data do not constrain
-    it (`silent`); of an average also by how many sds of the model as it is it moves (`shift_sd`).
-
-    The prior of the paper's posterior is uniform, that of an average uniform in the logarithm.
-    """
-    stated = drawn.stiffness if isinstance(drawn, AveragedPosterior) else ()
-    shifts = {s["name"]: s["shift_sd"] for s in stated}
+def stiffness_of(drawn: AveragedPosterior, parameters: StiffnessInputs) -> list[dict]:
+    """A row for each parameter: what its summary says, what the prior allowed, probability of being
+    above the reference, by how many sds of the model as it is it moves (`shift_sd`), and whether
+    the data do not constrain it (`silent`)."""
+    shifts = {s["name"]: s["shift_sd"] for s in drawn.stiffness}
     summary, rows = drawn.summary(), []
     for p in parameters:
         values, row = drawn.draws[p.name].ravel(), summary.loc[p.name].to_dict()
-        prior = stats.loguniform(p.low, p.high) if stated else stats.uniform(p.low, p.high - p.low)
+        prior = stats.uniform(p.low, p.high - p.low)
         rows.append(
             {
                 "name": p.name,
@@ -331,17 +315,16 @@ def stiffness_of(drawn: CasePosterior, parameters: StiffnessInputs) -> list[dict
                 "factor": p.factor,
                 "segments": parameters.zones[p.zone],
                 **row,
-                "middle": row[drawn.middle],
                 "prior": (p.low, p.high),
                 "above_reference": float((values > 1).mean()),
                 "silent": stats.kstest(values, prior.cdf).statistic <= SAME_AS_PRIOR,
-                "shift_sd": shifts.get(p.name, 0.0),
+                "shift_sd": shifts[p.name],
             }
         )
     return rows
 
 
-def trade_offs(drawn: CasePosterior, parameters: StiffnessInputs) -> list[dict]:
+def trade_offs(drawn: AveragedPosterior, parameters: StiffnessInputs) -> list[dict]:
     """Pairs of factors of a zone that are strongly correlated, with their geometric mean."""
     theta = np.stack([drawn.draws[name].ravel() for name in parameters.names], axis=-1)
     means, found = stats.gmean(parameters.table(theta), axis=-1), []
@@ -381,7 +364,7 @@ def _hover(rows: list[dict], table: pd.DataFrame, parameters: StiffnessInputs) -
         zone = parameters.zone_of(segment.number)
         lines = [f"<b>segment {segment.number}, {segment.name}</b>"]
         lines += [
-            f"{heart3d.html_label(row['name'])}: {row['middle']:.2f} "
+            f"{heart3d.html_label(row['name'])}: {row['mean']:.2f} "
             f"({row['lower95']:.2f} to {row['upper95']:.2f})"
             for row in rows
             if row["zone"] == zone
@@ -398,7 +381,7 @@ def _hover(rows: list[dict], table: pd.DataFrame, parameters: StiffnessInputs) -
 # --------------------------------------------------------------------------------------------- fit
 
 
-def fit_of(drawn: CasePosterior) -> dict:
+def fit_of(drawn: AveragedPosterior) -> dict:
     """How a posterior predicts what was measured.
 
     `quantities`: by quantity the number of channels, of those outside their 95 % interval, and the
@@ -457,18 +440,6 @@ def _as_read(channel: Channel, error: float) -> dict:
 # ---------------------------------------------------------------------------------------- how sure
 
 
-def convergence_of(drawn: CasePosterior, diagnostics: str | Path) -> dict:
-    """The verdict on the posterior, what a failed one says, and the worst of its diagnostics."""
-    checks = pd.read_csv(diagnostics, dtype={"case": str})
-    checks = checks[checks["case"] == drawn.case]
-    return {
-        "warning": drawn.warning,
-        "rhat": float(checks["rhat"].max()),
-        "ess": float(checks[["ess_bulk", "ess_tail"]].min(axis=None)),
-        "outside": float(checks["outside"].max()) if "outside" in checks else 0.0,
-    }
-
-
 def emulator_of(
     name: str,
     choice: str | Path | None,
@@ -478,12 +449,10 @@ def emulator_of(
     """What the emulator gets wrong on the test set, beside the noise of the measurement.
 
     `quantities`: by quantity its root mean square error and the mean sd of the subject's channels,
-    NaN where these give none. `coverage`: of the chosen emulator's intervals, from the choice.
+    NaN where these give none.
     """
-    candidates = []
     if choice:
-        report = json.loads(Path(choice).read_text())
-        name, candidates = report["final"], report["candidates"]
+        name = json.loads(Path(choice).read_text())["final"]
     columns = ["case", "output", "truth", "mean"]
     table = (
         pd.read_parquet(predictions, columns=columns)
@@ -503,9 +472,4 @@ def emulator_of(
         "name": label_of(name),
         "cases": table["case"].nunique(),
         "quantities": rows,
-        "coverage": _coverage(candidates, name),
     }
-
-
-def _coverage(candidates: list[dict], name: str) -> dict | None:
-    return next((one for one in candidates if one["emulator"] == name), None)

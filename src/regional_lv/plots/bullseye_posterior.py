@@ -1,7 +1,4 @@
-"""Regional stiffness of one subject on the bullseye of its zones (the paper's Figure 11).
-
-Of the model as it is, or averaged over models with that of the model as it is in grey.
-"""
+"""Regional stiffness of one subject on the bullseye of its zones (the paper's Figure 11)."""
 
 from pathlib import Path
 from typing import NamedTuple
@@ -12,10 +9,10 @@ from matplotlib.artist import Artist
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from regional_lv.criticism.case_posterior import AveragedPosterior, CasePosterior, read_subject
+from regional_lv.criticism.case_posterior import AveragedPosterior, CasePosterior, read_averaged
 from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.plots import bullseye, style
-from regional_lv.plots.traces import density
+from regional_lv.plots.density import density
 
 LARGEST = (0.74, 0.60)
 """Width and height that densities and text of a zone need at most (the disk has radius 1)."""
@@ -48,23 +45,28 @@ class Layout(NamedTuple):
 @style.context
 def draw(
     posterior: Path,
-    diagnostics: Path | None,
+    findings: Path,
     source: str,
     parameters: StiffnessInputs,
     png: Path,
     csv: Path,
     truth: Path | None = None,
-    findings: Path | None = None,
+) -> None:
+    """`draw_posterior` of one that is averaged over models (NetCDF, and its findings), with that of
+    the model as it is in grey. truth: JSON of a synthetic subject."""
+    draw_posterior(read_averaged(posterior, findings, truth), source, parameters, png, csv)
+
+
+def draw_posterior(
+    found: CasePosterior, source: str, parameters: StiffnessInputs, png: Path, csv: Path
 ) -> None:
     """Draw the factors of each zone about a zero line, the first one up, the second one down.
 
-    posterior: NetCDF of one subject; diagnostics: its verdict; or findings, if it is averaged over
-    models. source: `subjects.<name>.source` of the config; truth: JSON of a synthetic subject.
-    Densities share one axis of values, of the same length in every zone, and are scaled to equal
-    height. The table is long: zone, parameter, item (the columns of the posterior's summary, truth,
-    density, and of an average as_is_density), value, density.
+    source: `subjects.<name>.source` of the config. Densities share one axis of values, of the same
+    length in every zone, and are scaled to equal height. The table is long: zone, parameter, item
+    (the columns of the posterior's summary, truth, density, and of an average as_is_density),
+    value, density.
     """
-    found = read_subject(posterior, diagnostics, findings, truth)
     summary = found.summary()
     shown = [found.draws[name] for name in parameters.names]
     if isinstance(found, AveragedPosterior):
@@ -88,9 +90,7 @@ def draw(
     handles = _legend(parameters.factors, found)
     ax.legend(handles=handles, loc="lower left", bbox_to_anchor=(-0.02, -0.04))
     if found.noise:
-        averaged = isinstance(found, AveragedPosterior)
-        unit = "of a good measurement's noise" if averaged else "standardised"
-        lines = [f"noise scales ({unit})"]
+        lines = [f"noise scales ({found.noise_unit})"]
         for name in found.noise:
             row = summary.loc[name]
             lines.append(f"{style.label(name)}  {_numbers(row)}")

@@ -11,7 +11,7 @@ from matplotlib.patches import Patch
 from scipy.stats import gaussian_kde
 
 from regional_lv.channels import Channel, Channels
-from regional_lv.criticism.case_posterior import read_subject
+from regional_lv.criticism.case_posterior import CasePosterior, read_averaged
 from regional_lv.plots import style
 from regional_lv.quantities import QUANTITIES
 
@@ -42,25 +42,21 @@ COLUMNS = ["output", "quantity", "segment", "item", "value", "density", "inside"
 
 
 @style.context
-def draw(
-    posterior: Path,
-    diagnostics: Path | None,
-    source: str,
-    png: Path,
-    csv: Path,
-    findings: Path | None = None,
-) -> None:
+def draw(posterior: Path, findings: Path, source: str, png: Path, csv: Path) -> None:
+    """`draw_posterior` of one that is averaged over models (NetCDF, and its findings)."""
+    draw_posterior(read_averaged(posterior, findings), source, png, csv)
+
+
+def draw_posterior(found: CasePosterior, source: str, png: Path, csv: Path) -> None:
     """Draw violins of the posterior predictive and the observations on them.
 
-    posterior: one subject's NetCDF with the posterior predictive (output error and measurement
-    noise included, natural units) and what was observed; diagnostics: its verdict; or findings, if
-    it is averaged over models. source: `subjects.<name>.source` of the config. Strains are read on
-    the left, every other quantity on an axis of its own to its right; each load has a panel, the
-    full one first. The table is long: output, quantity, segment, item (observed, median, lower95,
-    upper95, density), value, density, inside.
+    The predictive includes output error and measurement noise, in natural units. source:
+    `subjects.<name>.source` of the config. Strains are read on the left, every other quantity on an
+    axis of its own to its right; each load has a panel, the full one first. The table is long:
+    output, quantity, segment, item (observed, median, lower95, upper95, density), value, density,
+    inside.
     Raises InputError if the file has no posterior predictive.
     """
-    found = read_subject(posterior, diagnostics, findings)
     predicted, observed = found.prediction
     channels = Channels.parse(predicted["output"].values.tolist())
     draws = {name: np.ravel(predicted.sel(output=name)) for name in channels.names}

@@ -30,7 +30,7 @@ class HeartFiles:
 
 
 class AnswerFiles:
-    """A heart that the emulator of any heart answered."""
+    """A heart that was answered without simulations of its own for that."""
 
     def __init__(self, folder: str):
         self.folder = folder

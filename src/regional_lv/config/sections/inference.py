@@ -23,7 +23,7 @@ from regional_lv.config.section import (
 
 WEIGHTED_SHARE = 0.6
 """Of the draws, how many may be asked to be effective. Importance sampling reaches two thirds if
-all weights are the same (`inference.by_importance`), and they never quite are."""
+all weights are the same (`paper.sampler.by_importance`), and they never quite are."""
 
 Chains = Annotated[Whole, Field(ge=2)]
 Draws = Annotated[Whole, Field(ge=10)]

@@ -11,9 +11,10 @@ from regional_lv import emulators
 from regional_lv.channels import Channels
 from regional_lv.emulators.gaussian import Z95
 from regional_lv.emulators.training import read_sensitivities, read_simulations
-from regional_lv.inference.likelihood import Likelihood, Noise
-from regional_lv.inference.point import find_map
+from regional_lv.inference.noise import Noise
 from regional_lv.inputs.stiffness import StiffnessInputs
+from regional_lv.paper.sampler.likelihood import Likelihood
+from regional_lv.paper.sampler.point import find_map
 from regional_lv.seeds import derive
 from regional_lv.study.progress import Progress
 

@@ -15,10 +15,11 @@ import torch
 from regional_lv import emulators
 from regional_lv.emulators.base import Emulator
 from regional_lv.emulators.training import read_simulations
-from regional_lv.inference.likelihood import Likelihood, Noise
-from regional_lv.inference.point import find_map
+from regional_lv.inference.noise import Noise
 from regional_lv.paper.estimates import ESTIMATORS
 from regional_lv.paper.estimates.least_squares import find_least_squares
+from regional_lv.paper.sampler.likelihood import Likelihood
+from regional_lv.paper.sampler.point import find_map
 from regional_lv.seeds import derive
 from regional_lv.study.progress import Progress
 

@@ -1,7 +1,7 @@
 """Least squares on the predictive mean, for many observations at once.
 
 The paper's estimate: Sobol starts, basin hopping, Adam. Here Adam moves all starts of all
-observations together, Levenberg-Marquardt steps with exact Jacobians (`inference.point`) take each
+observations together, Levenberg-Marquardt steps with exact Jacobians (`sampler.point`) take each
 to its minimum, and the best is perturbed and taken down again, `hops` times.
 """
 
@@ -10,8 +10,9 @@ from typing import cast
 import torch
 
 from regional_lv.emulators.base import Emulator, SeparablePrediction
-from regional_lv.inference.likelihood import Likelihood, Noise
-from regional_lv.inference.point import (
+from regional_lv.inference.noise import Noise
+from regional_lv.paper.sampler.likelihood import Likelihood
+from regional_lv.paper.sampler.point import (
     CHUNK,
     SCREENED_PER_START,
     climb,

@@ -8,12 +8,12 @@ from pathlib import Path
 
 import pandas as pd
 
-from regional_lv.criticism.case_posterior import CasePosterior, read
 from regional_lv.emulators import label_of
-from regional_lv.inference.posteriors import case_names
+from regional_lv.paper.case_posterior import StiffnessPosterior, read
+from regional_lv.paper.plots.traces import legend, marginal_panel, mark, trace_panel
 from regional_lv.paper.posteriors.files import by_emulator
+from regional_lv.paper.sampler.files import case_names
 from regional_lv.plots import style
-from regional_lv.plots.traces import legend, marginal_panel, mark, trace_panel
 
 
 @style.context
@@ -73,7 +73,9 @@ def _holding(paths: Sequence[Path], case: str) -> Path:
     return paths[-1]
 
 
-def _columns(axes, posterior: CasePosterior, shown: Sequence[str], named: bool) -> pd.DataFrame:
+def _columns(
+    axes, posterior: StiffnessPosterior, shown: Sequence[str], named: bool
+) -> pd.DataFrame:
     summary = posterior.summary()
     rows: list[tuple] = []
     for (trace, marginal), name in zip(axes, shown, strict=True):

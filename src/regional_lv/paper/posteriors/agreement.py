@@ -9,9 +9,9 @@ import pandas as pd
 import torch
 
 from regional_lv import emulators
-from regional_lv.inference.posteriors import Posterior, read
-from regional_lv.inference.sampling import Sampled, Sampling, sample_cases, subject_likelihood
 from regional_lv.paper.posteriors.sets import likelihoods_of_set
+from regional_lv.paper.sampler.files import Posterior, read
+from regional_lv.paper.sampler.sampling import Sampled, Sampling, sample_cases, subject_likelihood
 from regional_lv.seeds import derive
 
 MEANS, SDS = 0.1, 0.1

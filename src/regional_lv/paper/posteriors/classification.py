@@ -8,9 +8,9 @@ import numpy as np
 import pandas as pd
 from scipy.stats import gmean
 
-from regional_lv.inference.diagnostics import diagnose
-from regional_lv.inference.posteriors import read
 from regional_lv.inputs.stiffness import StiffnessInputs
+from regional_lv.paper.sampler.diagnostics import diagnose
+from regional_lv.paper.sampler.files import read
 from regional_lv.paper.scenarios import stiffened
 from regional_lv.seeds import derive
 

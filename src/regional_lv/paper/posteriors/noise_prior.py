@@ -7,8 +7,8 @@ import numpy as np
 import pandas as pd
 
 from regional_lv.inference.arviz_arrays import hdi95
-from regional_lv.inference.diagnostics import diagnose
-from regional_lv.inference.posteriors import read
+from regional_lv.paper.sampler.diagnostics import diagnose
+from regional_lv.paper.sampler.files import read
 
 
 def compare_noise_priors(

@@ -8,7 +8,7 @@ import scoringrules
 from statsmodels.stats.proportion import proportion_confint
 
 from regional_lv.inference.arviz_arrays import hdi95
-from regional_lv.inference.posteriors import Posterior
+from regional_lv.paper.sampler.files import Posterior
 
 LEVELS = (50, 80, 95)
 """Central credible intervals whose coverage is counted, in per cent."""

@@ -11,7 +11,7 @@ from regional_lv import emulators
 from regional_lv.channels import Channel
 from regional_lv.emulators.gaussian import Z95
 from regional_lv.emulators.training import read_simulations
-from regional_lv.inference.posteriors import read
+from regional_lv.paper.sampler.files import read
 from regional_lv.seeds import derive
 
 

@@ -14,10 +14,11 @@ from regional_lv.channels import Channels
 from regional_lv.emulators.base import Emulator
 from regional_lv.emulators.training import read_simulations
 from regional_lv.errors import InputError
-from regional_lv.inference.likelihood import Likelihood, Noise
+from regional_lv.inference.noise import Noise
 from regional_lv.inference.posteriors import write
-from regional_lv.inference.sampling import Sampling, sample_cases, to_datatree
 from regional_lv.paper.emulators.dnn import DNN
+from regional_lv.paper.sampler.likelihood import Likelihood
+from regional_lv.paper.sampler.sampling import Sampling, sample_cases, to_datatree
 from regional_lv.seeds import derive
 
 

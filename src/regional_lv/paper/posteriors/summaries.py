@@ -7,10 +7,10 @@ import numpy as np
 import pandas as pd
 
 from regional_lv.errors import InputError
-from regional_lv.inference.diagnostics import diagnose
-from regional_lv.inference.posteriors import read
 from regional_lv.paper.posteriors.correlations import correlate
 from regional_lv.paper.posteriors.recovery import coverage, map_errors, recovery
+from regional_lv.paper.sampler.diagnostics import diagnose
+from regional_lv.paper.sampler.files import read
 
 
 def summarise_posteriors(posteriors: Sequence[str | Path], tables: Sequence[str | Path]) -> None:

@@ -1,12 +1,14 @@
-"""Tables of sets of posteriors: the test set and the scenarios."""
+"""Tables of posteriors: of the test set, the scenarios and a subject."""
 
 import json
 from pathlib import Path
 
+import arviz as az
 import numpy as np
 import pandas as pd
 
 from regional_lv.inputs.stiffness import StiffnessInputs
+from regional_lv.paper.case_posterior import read
 from regional_lv.paper.posteriors.files import by_emulator, by_posteriors, by_set
 from regional_lv.paper.posteriors.sets_table import read_sets
 from regional_lv.tables.writing import written
@@ -153,4 +155,28 @@ def noise_prior(noise_prior: Path) -> pd.DataFrame:
                 f"{entry.parameter}_upper95": entry.upper95,
             }
         rows.append(row | part[["outside", "outputs", "verdict"]].iloc[0].to_dict())
+    return pd.DataFrame(rows)
+
+
+@written
+def convergence(posterior: Path, diagnostics: Path) -> pd.DataFrame:
+    """Convergence of one subject as the paper reports it (Table S6), and this study's check.
+
+    Columns: parameter, rhat (conventional), split_rhat, ess (bulk), rhat_rank (rank-normalised
+    and split: what the convergence check looks at), ess_tail, verdict.
+    """
+    one = read(posterior, diagnostics)
+    checks = pd.read_csv(diagnostics).set_index("parameter")
+    rows = [
+        {
+            "parameter": name,
+            "rhat": float(az.rhat(draws, method="identity")),
+            "split_rhat": float(az.rhat(draws, method="split")),
+            "ess": checks.loc[name, "ess_bulk"],
+            "rhat_rank": checks.loc[name, "rhat"],
+            "ess_tail": checks.loc[name, "ess_tail"],
+            "verdict": one.verdict,
+        }
+        for name, draws in one.draws.items()
+    ]
     return pd.DataFrame(rows)

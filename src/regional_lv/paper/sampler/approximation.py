@@ -15,11 +15,11 @@ import torch
 
 from regional_lv.inference import importance
 from regional_lv.inference.importance import Student, Weighted
-from regional_lv.inference.likelihood import Likelihood
-from regional_lv.inference.point import CHUNK
-from regional_lv.inference.surrogate import Potential, fit_surrogate
-from regional_lv.inference.target import Target
-from regional_lv.inference.transform import ThetaTransform
+from regional_lv.inference.potential import CHUNK
+from regional_lv.paper.sampler.likelihood import Likelihood
+from regional_lv.paper.sampler.surrogate import Potential, fit_surrogate
+from regional_lv.paper.sampler.target import Target
+from regional_lv.paper.sampler.transform import ThetaTransform
 
 EFFORT = {"draws": 2000, "rounds": 4, "most_rounds": 24, "least_ess": 2500}
 """Draws of a round, rounds of one proposal, of mixtures, and the effective sample size that is

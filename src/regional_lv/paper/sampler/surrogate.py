@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import torch
 
 from regional_lv.emulators.base import join
-from regional_lv.inference.point import CHUNK
-from regional_lv.inference.target import Target
+from regional_lv.inference.potential import CHUNK
+from regional_lv.paper.sampler.target import Target
 
 Potential = Callable[[torch.Tensor], torch.Tensor]
 """-log density (N,) of positions (N, S)."""

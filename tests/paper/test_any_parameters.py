@@ -9,10 +9,8 @@ from regional_lv import emulators
 from regional_lv.channels import Channels
 from regional_lv.emulators.training import train_emulator
 from regional_lv.errors import InputError
-from regional_lv.inference import sampling
-from regional_lv.inference.likelihood import Likelihood, Noise
-from regional_lv.inference.point import find_map
-from regional_lv.inference.posteriors import cases_of, load
+from regional_lv.inference.noise import Noise
+from regional_lv.inference.posteriors import load
 from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.paper.estimates.least_squares import find_least_squares
 from regional_lv.paper.posteriors import sets
@@ -20,6 +18,10 @@ from regional_lv.paper.posteriors.classification import classify_zones, score_cl
 from regional_lv.paper.posteriors.files import TABLES
 from regional_lv.paper.posteriors.rank_calibration import calibrate_chain
 from regional_lv.paper.posteriors.summaries import summarise_posteriors
+from regional_lv.paper.sampler import sampling
+from regional_lv.paper.sampler.files import cases_of
+from regional_lv.paper.sampler.likelihood import Likelihood
+from regional_lv.paper.sampler.point import find_map
 
 ONE = StiffnessInputs({"whole": range(1, 18)}, bounds={"C_a": (0.1, 5.0), "C_b": (0.5, 2.0)})
 SEGMENTS = StiffnessInputs(

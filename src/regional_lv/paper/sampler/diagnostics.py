@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 
 from regional_lv.inference.arviz_arrays import PARETO_K
-from regional_lv.inference.posteriors import Posterior
+from regional_lv.paper.sampler.files import Posterior
 
 
 def check_convergence(

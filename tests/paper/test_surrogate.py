@@ -5,12 +5,13 @@ import pytest
 import torch
 
 from regional_lv.emulators.base import SeparablePrediction
-from regional_lv.inference.approximation import count_places
-from regional_lv.inference.likelihood import Likelihood, Noise
-from regional_lv.inference.surrogate import Surrogate, fit_surrogate
-from regional_lv.inference.target import Target
+from regional_lv.inference.noise import Noise
 from regional_lv.inputs.stiffness import StiffnessInputs
-from tests.inference.test_likelihood import OUTPUTS, LinearEmulator, linear
+from regional_lv.paper.sampler.approximation import count_places
+from regional_lv.paper.sampler.likelihood import Likelihood
+from regional_lv.paper.sampler.surrogate import Surrogate, fit_surrogate
+from regional_lv.paper.sampler.target import Target
+from tests.paper.test_likelihood import OUTPUTS, LinearEmulator, linear
 
 SEGMENTS = StiffnessInputs({f"segment_{s:02d}": (s,) for s in range(1, 18)})
 NONE = torch.zeros(0, dtype=torch.float64)

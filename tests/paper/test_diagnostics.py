@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from regional_lv.inference.diagnostics import check_convergence
+from regional_lv.paper.sampler.diagnostics import check_convergence
 
 
 @pytest.fixture

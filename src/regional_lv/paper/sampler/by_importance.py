@@ -11,9 +11,9 @@ import numpy as np
 import torch
 
 from regional_lv.inference import importance
-from regional_lv.inference.approximation import Approximation, approximate
-from regional_lv.inference.draws import Draws, Settings
-from regional_lv.inference.likelihood import Likelihood
+from regional_lv.paper.sampler.approximation import Approximation, approximate
+from regional_lv.paper.sampler.draws import Draws, Settings
+from regional_lv.paper.sampler.likelihood import Likelihood
 
 CORRECTED = 2
 """Draws that are weighted by the exact density for each one that is kept."""

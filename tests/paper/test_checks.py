@@ -7,7 +7,6 @@ import torch
 from scipy import stats
 
 from regional_lv import emulators
-from regional_lv.inference import sampling
 from regional_lv.inference.posteriors import load, write
 from regional_lv.paper.posteriors import sets
 from regional_lv.paper.posteriors.agreement import COLUMNS, compare_samplers
@@ -15,7 +14,8 @@ from regional_lv.paper.posteriors.classification import classify_zones, score_cl
 from regional_lv.paper.posteriors.noise_prior import compare_noise_priors
 from regional_lv.paper.posteriors.rank_calibration import calibrate_chain
 from regional_lv.paper.posteriors.resimulation import compare_resimulated, pick_draws
-from tests.inference.conftest import CHANNELS, PARAMETERS
+from regional_lv.paper.sampler import sampling
+from tests.paper.conftest import CHANNELS, PARAMETERS
 
 FEW = {"chains": 2, "warmup": 50, "draws": 100, "rhat_max": 1.2, "ess_min": 0}
 FEW["cases_per_batch"] = 3

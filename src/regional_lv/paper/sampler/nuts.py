@@ -12,9 +12,9 @@ import numpy as np
 import torch
 
 from regional_lv.inference import importance
-from regional_lv.inference.approximation import Approximation, approximate
-from regional_lv.inference.draws import Draws, Settings
-from regional_lv.inference.likelihood import Likelihood
+from regional_lv.paper.sampler.approximation import Approximation, approximate
+from regional_lv.paper.sampler.draws import Draws, Settings
+from regional_lv.paper.sampler.likelihood import Likelihood
 from regional_lv.seeds import derive
 from regional_lv.study.progress import Progress
 

@@ -7,13 +7,13 @@ import xarray as xr
 
 from regional_lv import emulators
 from regional_lv.errors import InputError
-from regional_lv.inference import sampling
 from regional_lv.inference.posteriors import load, write
 from regional_lv.paper.posteriors import sets
 from regional_lv.paper.posteriors.files import TABLES
 from regional_lv.paper.posteriors.summaries import summarise_posteriors
+from regional_lv.paper.sampler import sampling
 from regional_lv.study.faults import explain
-from tests.inference.conftest import PARAMETERS
+from tests.paper.conftest import PARAMETERS
 
 NUTS = {
     "chains": 2,

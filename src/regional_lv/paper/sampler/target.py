@@ -4,8 +4,8 @@ import numpy as np
 import torch
 
 from regional_lv.emulators.base import Prediction
-from regional_lv.inference.likelihood import Likelihood
-from regional_lv.inference.transform import POWER, ThetaTransform
+from regional_lv.paper.sampler.likelihood import Likelihood
+from regional_lv.paper.sampler.transform import POWER, ThetaTransform
 
 WEAKEST_CURVATURE = 0.3
 """Where the data say nothing, a parameter has about this curvature from its soft bounds; flatter

@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from regional_lv.inference.transform import ThetaTransform
+from regional_lv.paper.sampler.transform import ThetaTransform
 
 LOWER, UPPER = 0.1, 5.0
 

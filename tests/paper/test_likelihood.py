@@ -9,8 +9,9 @@ from scipy import stats
 
 from regional_lv.emulators.base import Emulator, Prediction, SeparablePrediction
 from regional_lv.errors import InputError
-from regional_lv.inference.likelihood import Likelihood, Noise, inflate
+from regional_lv.inference.noise import Noise
 from regional_lv.inputs.stiffness import StiffnessInputs
+from regional_lv.paper.sampler.likelihood import Likelihood, inflate
 
 PARAMETERS = StiffnessInputs()
 DIRECTIONS = ("circumferential", "radial", "longitudinal")

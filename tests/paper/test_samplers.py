@@ -9,14 +9,15 @@ import torch
 from scipy import stats
 
 from regional_lv.emulators.base import SeparablePrediction
-from regional_lv.inference import by_importance, sampling
-from regional_lv.inference.approximation import approximate
-from regional_lv.inference.draws import Settings
-from regional_lv.inference.likelihood import Likelihood, Noise
-from regional_lv.inference.sampling import SAMPLERS
-from regional_lv.inference.target import Target
+from regional_lv.inference.noise import Noise
 from regional_lv.inputs.stiffness import StiffnessInputs
-from tests.inference.test_likelihood import DIRECTIONS, LinearEmulator, inferred, linear
+from regional_lv.paper.sampler import by_importance, sampling
+from regional_lv.paper.sampler.approximation import approximate
+from regional_lv.paper.sampler.draws import Settings
+from regional_lv.paper.sampler.likelihood import Likelihood
+from regional_lv.paper.sampler.sampling import SAMPLERS
+from regional_lv.paper.sampler.target import Target
+from tests.paper.test_likelihood import DIRECTIONS, LinearEmulator, inferred, linear
 
 NONE = torch.zeros(0, dtype=torch.float64)
 

@@ -4,10 +4,11 @@ import numpy as np
 import torch
 
 from regional_lv.emulators import create
-from regional_lv.inference.likelihood import Likelihood, Noise
-from regional_lv.inference.point import find_map
-from tests.inference.conftest import PARAMETERS
-from tests.inference.test_likelihood import THETA, inferred, linear
+from regional_lv.inference.noise import Noise
+from regional_lv.paper.sampler.likelihood import Likelihood
+from regional_lv.paper.sampler.point import find_map
+from tests.paper.conftest import PARAMETERS
+from tests.paper.test_likelihood import THETA, inferred, linear
 
 
 def test_is_generalised_least_squares_where_that_lies_inside():

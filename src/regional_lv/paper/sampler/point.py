@@ -13,8 +13,10 @@ import numpy as np
 import torch
 
 from regional_lv.emulators.base import Emulator, join
-from regional_lv.inference.likelihood import Likelihood
+from regional_lv.inference.noise import LOG_SIGMA_BOUNDS
 from regional_lv.inference.optimise import maximise
+from regional_lv.inference.potential import CHUNK
+from regional_lv.paper.sampler.likelihood import Likelihood
 from regional_lv.seeds import derive
 from regional_lv.simulation.sobol import sobol
 
@@ -36,12 +38,6 @@ MERGE_DISTANCE = 0.01
 
 LEAST_GAIN, ENOUGH = 1e-9, 1e-6
 """Gains of log density at which a climb ends: the last pass's, and those of the passes before."""
-
-LOG_SIGMA_BOUNDS = (-7.0, 3.0)
-"""Of the logarithm of a noise scale in units of its sd."""
-
-CHUNK = 256
-"""Points evaluated together: their kernel rows and Jacobians stay in the cache."""
 
 
 @dataclass(frozen=True)

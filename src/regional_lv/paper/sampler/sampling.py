@@ -11,14 +11,16 @@ import torch
 import xarray as xr
 
 from regional_lv import emulators
-from regional_lv.inference.by_importance import sample_by_importance
-from regional_lv.inference.diagnostics import diagnose
-from regional_lv.inference.draws import Draws, Settings
-from regional_lv.inference.likelihood import Likelihood, Noise
-from regional_lv.inference.nuts import sample_by_nuts
-from regional_lv.inference.point import PointEstimate, find_map
-from regional_lv.inference.posteriors import cases_of, write
+from regional_lv.inference.noise import Noise
+from regional_lv.inference.posteriors import write
 from regional_lv.measured import read_measured
+from regional_lv.paper.sampler.by_importance import sample_by_importance
+from regional_lv.paper.sampler.diagnostics import diagnose
+from regional_lv.paper.sampler.draws import Draws, Settings
+from regional_lv.paper.sampler.files import cases_of
+from regional_lv.paper.sampler.likelihood import Likelihood
+from regional_lv.paper.sampler.nuts import sample_by_nuts
+from regional_lv.paper.sampler.point import PointEstimate, find_map
 from regional_lv.seeds import derive
 from regional_lv.study.progress import Progress
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from regional_lv.inference.diagnostics import check_convergence
+from regional_lv.paper.sampler.diagnostics import check_convergence
 
 
 @dataclass(frozen=True)
