@@ -92,7 +92,7 @@ class AveragedPosterior(CasePosterior):
     as it is (name -> (chain, draw))."""
 
     middle: ClassVar[str] = "mean"
-    noise_unit: ClassVar[str] = "of a good measurement's noise"
+    noise_unit: ClassVar[str] = "of the spread over the simulations"
 
     stiffness: tuple[Stiffness, ...]
     as_it_is: dict[str, np.ndarray]

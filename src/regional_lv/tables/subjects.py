@@ -15,8 +15,7 @@ def subjects(posteriors: list[Path], findings: list[Path], sources: list[str]) -
     posteriors: files (NetCDF) of one subject each; findings: theirs; sources:
     `subjects.<name>.source` of the config; all in the same order. Columns: subject, data,
     parameter, mean, sd, lower95 and upper95 (central), the same of the model as it is,
-    `as_is_mean` to `as_is_upper95`, verdict. Noise scales are in those of a good measurement's
-    noise.
+    `as_is_mean` to `as_is_upper95`, verdict. Noise scales are in sds of the training data.
     """
     tables = []
     for path, found, source in zip(posteriors, findings, sources, strict=True):
