@@ -63,7 +63,10 @@ for job in ("subject", "several"):
         "call": "plots.criticism:draw",
         "input": {"findings": LAYOUT.findings("{subject}")},
         "output": {
-            **{name: LAYOUT.criticism_figure("{subject}", name, "png") for name in CRITICISM_FIGURES},
+            **{
+                name: LAYOUT.criticism_figure("{subject}", name, "png")
+                for name in CRITICISM_FIGURES
+            },
             "tables": [
                 LAYOUT.criticism_figure("{subject}", name, "csv") for name in CRITICISM_FIGURES
             ],
