@@ -194,8 +194,14 @@ def test_a_heart_without_causes_to_try():
     lost = example(**nothing, explained=False, trusted=False, gain=example()["gain"])
     assert "No listed cause explains the misfit: there was none to try." in lost["words"]
     assert "listed causes" not in lost["words"][0]
-    quiet = example(**nothing, explained=False, misfit=misfit(OUTPUTS, 0.8))
-    assert quiet["words"][1:] == ["No cause was found."]
+    nothing |= {"explained": False, "misfit": misfit(OUTPUTS, 0.8)}
+    quiet = example(**nothing, base_probability=0.9, unlisted_probability=0.1)
+    searched = "No cause was searched, since `inputs` makes none suspected."
+    assert quiet["words"][1:] == [searched]
+    improbable = example(**nothing, base_probability=0.02, unlisted_probability=0.98)
+    (sentence,) = improbable["words"][1:]
+    assert sentence.startswith(f"{searched} But the model as it is has a probability of 2 % only")
+    assert sentence.endswith("A smooth departure of no listed shape has 98 %.")
 
 
 def test_an_improbable_model_without_a_misfit():
