@@ -210,6 +210,9 @@ def test_an_improbable_model_without_a_misfit():
     assert "No cause was found" not in text and "has a probability of 2 % only" in text
     assert "septal load and focal scar in segment 7" in text
     assert words.answer(found).startswith("The tests find no misfit, but other models are far")
+    smooth = {"base_probability": 0.02, "unlisted_probability": 0.95}
+    found = example(misfit=misfit(OUTPUTS, 0.8), **smooth)
+    assert "smooth departure of no listed shape has 95 %." in " ".join(found["words"])
     probable = example(misfit=misfit(OUTPUTS, 0.8), base_probability=0.3)
     assert "No cause was found." in probable["words"]
     assert words.answer(probable).startswith("The model as it is fits the measurements.")

@@ -259,16 +259,16 @@ def _not_found(content: Findings) -> str:
         text = "No cause was searched, since `inputs` makes none suspected."
     if not _is_improbable(content):
         return text
-    if content["sets"]:
-        first, text = content["sets"][0], "No cause is named, since the tests find no misfit."
+    if content["hypotheses"]:
+        text = "No cause is named, since the tests find no misfit."
+    first, unlisted = next(iter(content["sets"]), None), content["unlisted_probability"]
+    if first and first["probability"] > unlisted:
         others = (
             f"The most probable set of causes has {percent(first['probability'])}: "
             f"{_placed(first['causes'], first['components'])}."
         )
     else:
-        others = (
-            f"A smooth departure of no listed shape has {percent(content['unlisted_probability'])}."
-        )
+        others = f"A smooth departure of no listed shape has {percent(unlisted)}."
     return (
         f"{text} But the model as it is has a probability of "
         f"{percent(content['base_probability'])} only: something is probably wrong, and the data "
