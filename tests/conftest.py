@@ -34,6 +34,27 @@ def small_study(root, tmp_path_factory) -> Small:
     return small(root, tmp_path_factory)
 
 
+@pytest.fixture
+def paths(tmp_path) -> tuple[Path, Path]:
+    """Where a figure and its table go; the folder is not there yet."""
+    return tmp_path / "figures" / "one.png", tmp_path / "figures" / "one.csv"
+
+
+@pytest.fixture
+def figures(monkeypatch) -> list:
+    """Every figure that `style.save` has seen."""
+    from regional_lv.plots import style
+
+    seen, save = [], style.save
+
+    def remember(fig, *args):
+        seen.append(fig)
+        save(fig, *args)
+
+    monkeypatch.setattr(style, "save", remember)
+    return seen
+
+
 @pytest.fixture(scope="session")
 def small_mesh(tmp_path_factory, smoke_config) -> Path:
     """The default heart on the mesh of the smoke study."""

@@ -6,7 +6,6 @@ import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
-from matplotlib.image import imread
 
 from regional_lv.channels import Channels
 from regional_lv.inference.posteriors import write
@@ -28,6 +27,7 @@ from regional_lv.paper.plots import (
 from regional_lv.paper.posteriors.sets_table import NOISE, read_sets
 from regional_lv.paper.tables import posteriors
 from regional_lv.plots import strain_field, style
+from tests.drawn import read, table_of
 
 PARAMETERS, CHANNELS = StiffnessInputs(), Channels.of()
 FAILED = "failed: bulk ESS 40 < 400"
@@ -46,23 +46,6 @@ def titles(monkeypatch):
 
     monkeypatch.setattr(style, "save", remember)
     return seen
-
-
-@pytest.fixture
-def paths(tmp_path):
-    return tmp_path / "one.png", tmp_path / "one.csv"
-
-
-def table_of(make, tmp_path, *arguments) -> pd.DataFrame:
-    """What a function that writes a table has written."""
-    make(*arguments, csv=tmp_path / "made.csv", tex=tmp_path / "made.tex")
-    return pd.read_csv(tmp_path / "made.csv")
-
-
-def read(paths) -> pd.DataFrame:
-    png, csv = paths
-    assert np.ptp(imread(png)[..., :3]) > 0.5
-    return pd.read_csv(csv)
 
 
 def recovered(path, mu, per_zone=2, noise=0.05, seed=0, failed=(), kind="local"):

@@ -7,7 +7,6 @@ import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
-from matplotlib.image import imread
 
 from regional_lv.channels import Channels
 from regional_lv.criticism.case_posterior import SOURCES
@@ -16,7 +15,7 @@ from regional_lv.inference.posteriors import write
 from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.paper import case_posterior
 from regional_lv.paper.plots import bullseye_posterior, posterior_predictive, traces
-from regional_lv.plots import style
+from tests.drawn import read
 
 FAILED = "failed: R-hat 1.6 of C_a_septal above 1.01"
 PARAMETERS = StiffnessInputs()
@@ -80,36 +79,10 @@ def subject(tmp_path):
     return make
 
 
-@pytest.fixture
-def figures(monkeypatch):
-    """Every figure that `style.save` has seen."""
-    seen = []
-    save = style.save
-
-    def remember(fig, *args):
-        seen.append(fig)
-        save(fig, *args)
-
-    monkeypatch.setattr(style, "save", remember)
-    return seen
-
-
-@pytest.fixture
-def paths(tmp_path):
-    return tmp_path / "one.png", tmp_path / "one.csv"
-
-
-def drawn_in(paths) -> pd.DataFrame:
-    """The table beside a figure, once the figure has been seen to hold more than paper."""
-    png, csv = paths
-    assert np.ptp(imread(png)[..., :3]) > 0.5
-    return pd.read_csv(csv)
-
-
 def test_bullseye_posterior(subject, paths):
     nc, diagnostics, truth = subject()
     bullseye_posterior.draw(nc, diagnostics, "synthetic", PARAMETERS, *paths, truth=truth)
-    drawn = drawn_in(paths).set_index(["parameter", "item"])["value"].sort_index()
+    drawn = read(paths).set_index(["parameter", "item"])["value"].sort_index()
     draws = case_posterior.read(nc, diagnostics).draws
     for name, values in draws.items():
         assert drawn[name, "median"].item() == pytest.approx(np.median(values))
@@ -126,7 +99,7 @@ def test_bullseye_posterior(subject, paths):
 def test_posterior_predictive(subject, paths, figures, inside, outside):
     nc, diagnostics, _ = subject(inside=inside)
     posterior_predictive.draw(nc, diagnostics, "file", *paths)
-    drawn = drawn_in(paths)
+    drawn = read(paths)
     observed = drawn[drawn["item"] == "observed"].set_index("output")
     assert list(observed.index.sort_values()) == sorted(OBSERVED)
     assert (observed["inside"].astype(str) == "False").sum() == outside
@@ -136,7 +109,7 @@ def test_posterior_predictive(subject, paths, figures, inside, outside):
 def test_traces(subject, paths):
     nc, diagnostics, truth = subject()
     traces.draw(nc, diagnostics, "synthetic", *paths, truth=truth)
-    drawn = drawn_in(paths)
+    drawn = read(paths)
     draws = case_posterior.read(nc, diagnostics).draws
     for name, values in draws.items():
         rows = drawn[(drawn["parameter"] == name) & (drawn["item"] == "draw")]
@@ -159,7 +132,7 @@ def test_failed_check_is_in_the_title(module, subject, paths, figures):
     draw_subject(module, subject(FAILED), "file", paths)
     title = " ".join(figures[0].get_suptitle().split())
     assert "POSTERIOR FAILED ITS CONVERGENCE CHECK (R-hat 1.6 of C_a_septal above 1.01)" in title
-    assert set(drawn_in(paths)["verdict"]) == {FAILED}
+    assert set(read(paths)["verdict"]) == {FAILED}
 
 
 @pytest.mark.parametrize("module", SUBJECT_FIGURES)

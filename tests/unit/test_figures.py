@@ -8,7 +8,6 @@ import numpy as np
 import pandas as pd
 import pytest
 from matplotlib import pyplot
-from matplotlib.image import imread
 from matplotlib.path import Path as Outline
 from vtkmodules.vtkCommonDataModel import vtkTriQuadraticHexahedron
 
@@ -35,29 +34,11 @@ from regional_lv.plots import (
 from regional_lv.plots.density import density
 from regional_lv.tables import subjects
 from tests.criticism.findings_example import example, write_posterior
+from tests.drawn import read, table_of
 
 FAILED = "failed: R-hat 1.6 of C_a_septal above 1.01"
 PARAMETERS, CHANNELS = StiffnessInputs(), Channels.of()
 OBSERVED = [o for o in CHANNELS.names if not o.startswith("longitudinal") and "17" not in o]
-
-
-@pytest.fixture
-def figures(monkeypatch):
-    """Every figure that `style.save` has seen."""
-    seen = []
-    save = style.save
-
-    def remember(fig, *args):
-        seen.append(fig)
-        save(fig, *args)
-
-    monkeypatch.setattr(style, "save", remember)
-    return seen
-
-
-@pytest.fixture
-def paths(tmp_path):
-    return tmp_path / "figures" / "one.png", tmp_path / "figures" / "one.csv"
 
 
 @pytest.fixture
@@ -113,19 +94,6 @@ def test_set(tmp_path):
 def choice(tmp_path):
     (tmp_path / "final.json").write_text('{"final": "exact_gp"}')
     return tmp_path / "final.json"
-
-
-def table_of(make, tmp_path, *arguments) -> pd.DataFrame:
-    """What a function that writes a table has written."""
-    make(*arguments, csv=tmp_path / "t" / "made.csv", tex=tmp_path / "t" / "made.tex")
-    return pd.read_csv(tmp_path / "t" / "made.csv")
-
-
-def read(paths) -> pd.DataFrame:
-    """The table beside a figure, once the figure has been seen to hold more than paper."""
-    png, csv = paths
-    assert np.ptp(imread(png)[..., :3]) > 0.5
-    return pd.read_csv(csv)
 
 
 # Bullseye

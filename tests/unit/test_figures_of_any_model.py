@@ -7,7 +7,6 @@ import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
-from matplotlib.image import imread
 
 from regional_lv.channels import Channels
 from regional_lv.errors import InputError
@@ -46,6 +45,7 @@ from regional_lv.plots import (
 from regional_lv.registry import temporary
 from regional_lv.tables import subjects
 from tests.criticism.findings_example import example, write_posterior
+from tests.drawn import read, table_of
 from tests.unit.test_figures import ring_mesh
 
 SEPTUM = [2, 3, 8, 9, 14]
@@ -81,23 +81,6 @@ DEEP = {
 )
 def parameters(request) -> StiffnessInputs:
     return MODELS[request.param]
-
-
-@pytest.fixture
-def paths(tmp_path):
-    return tmp_path / "one.png", tmp_path / "one.csv"
-
-
-def read(paths) -> pd.DataFrame:
-    png, csv = paths
-    assert np.ptp(imread(png)[..., :3]) > 0.5
-    return pd.read_csv(csv)
-
-
-def table_of(make, tmp_path, *arguments) -> pd.DataFrame:
-    """What a function that writes a table has written."""
-    make(*arguments, csv=tmp_path / "made.csv", tex=tmp_path / "made.tex")
-    return pd.read_csv(tmp_path / "made.csv")
 
 
 @pytest.fixture
@@ -230,7 +213,7 @@ def test_bullseye_and_table_of_an_average(parameters, tmp_path, paths):
     assert list(means.index) == list(parameters.names)
     table = table_of(subjects.subjects, tmp_path, [nc], [findings], ["file"])
     assert list(table["as_is_mean"]) == pytest.approx(list(means))
-    tex = (tmp_path / "made.tex").read_text()
+    tex = (tmp_path / "tables" / "made.tex").read_text()
     assert (r"C_{c}$ septal" in tex) == (parameters.law == "guccione")
 
 

@@ -87,8 +87,7 @@ class Critic:
     ----------
     name: of the subject, or of the joint criticism. tables: measured, by heart (`read_measured`).
     emulator: over all inputs and all that the study observes; `Conditionable`, if anything is
-        simulated. physics: what
-        `inputs.space.sections_of` gives. seed: the study's.
+        simulated. physics: what `inputs.space.sections_of` gives. seed: the study's.
     known_theta: by heart and factor, of hearts whose factors are known but for a common number
         each. left_out: names of inputs at their nominal values in every model.
     """
@@ -259,10 +258,6 @@ def read_critic(
     InputError for files that cannot be used.
     """
     emulator = emulators.load(emulator_file)
-    if len(measured) == 1:
-        exponent = settings["strain_exponent"]
-        table = read_measured(measured[0], emulator.channels, strain_exponent=exponent)
-        emulator = _trained_near(emulator, table)
     return critic_of(emulator, subject, subjects, measured, physics, settings, seed, known_theta)
 
 
@@ -282,6 +277,8 @@ def critic_of(
         name: read_measured(path, emulator.channels, strain_exponent=given.strain_exponent)
         for name, path in zip(subjects, measured, strict=True)
     }
+    if isinstance(emulator, Emulator) and len(tables) == 1:
+        emulator = _trained_near(emulator, *tables.values())
     known = None
     if known_theta:
         names = [each.name for each in stiffness_of(Inputs.from_config(physics)).values()]
