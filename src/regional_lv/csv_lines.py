@@ -78,13 +78,17 @@ def _without_empty_ends(parsed: list[tuple[int, list[str]]]) -> list[tuple[int, 
 
 
 def read_lines(
-    path: str | Path, required: Sequence[str] = (), optional: Sequence[str] | None = None
+    path: str | Path,
+    required: Sequence[str] = (),
+    optional: Sequence[str] = (),
+    *,
+    others: bool = False,
 ) -> CsvLines:
     """Read a table; names and fields are without spaces around them.
 
     Raises InputError for a file that cannot be read, a column of `required` that it lacks, one that
-    is neither of these nor `optional` (None: any may be), one that occurs twice, and rows that do
-    not have a field for each column.
+    is neither of these nor `optional` (unless `others` may be there), one that occurs twice, and
+    rows that do not have a field for each column.
     """
     text = read_text(path)
     numbered = [
@@ -96,13 +100,13 @@ def read_lines(
         raise error_at(path, None, "holds no table; begin it with a line that names the columns")
     parsed = [(number, _fields(path, number, line)) for number, line in numbered]
     (header, columns), *rows = _without_empty_ends(parsed)
+    known = [*required, *optional]
     for name in required:
         if name not in columns:
-            remedy = _column_remedy(name, columns, required)
+            remedy = _column_remedy(name, [each for each in columns if each not in known], required)
             raise error_at(path, header, f"no column `{name}`; {remedy}")
-    known = [*required, *(columns if optional is None else optional)]
     for name in columns:
-        if name not in known:
+        if name not in known and not others:
             remedy = f"remove it, or rename it to one of {', '.join(known)}"
             raise error_at(path, header, f"column `{name}` is not known; {remedy}")
         if columns.count(name) > 1:
@@ -133,9 +137,9 @@ def _fields(path: str | Path, number: int, line: str) -> list[str]:
         raise error_at(path, number, f"is no line of a CSV ({error}); correct it") from error
 
 
-def _column_remedy(name: str, columns: list[str], required: Sequence[str]) -> str:
-    if len(columns) == 1 and (";" in columns[0] or "\t" in columns[0]):
+def _column_remedy(name: str, unknown: list[str], required: Sequence[str]) -> str:
+    if len(unknown) == 1 and (";" in unknown[0] or "\t" in unknown[0]):
         return "save the file with commas between the fields"
-    if close := closest(name, columns):
+    if close := closest(name, unknown):
         return f"rename `{close}`"
     return f"the first line has to name the columns {', '.join(required)}"

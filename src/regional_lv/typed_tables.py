@@ -44,9 +44,10 @@ def read_table(path: str | Path, columns: Sequence[Column | str]) -> pd.DataFram
     declared.
     """
     numbers = [column for column in columns if isinstance(column, Column)]
-    optional = {column.name for column in numbers if column.empty is not None}
+    optional = [column.name for column in numbers if column.empty is not None]
     names = [column.name if isinstance(column, Column) else column for column in columns]
-    _, found, rows = read_lines(path, [name for name in names if name not in optional])
+    required = [name for name in names if name not in optional]
+    _, found, rows = read_lines(path, required, optional, others=True)
     table = pd.DataFrame([row for _, row in rows], [line for line, _ in rows], found)
     for column in (each for each in numbers if each.name in table):
         values = table[column.name].map(column.number)

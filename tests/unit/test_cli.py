@@ -284,7 +284,12 @@ def test_curves_are_checked_and_the_frame_is_reported(call, filled, monkeypatch)
     rows += ["3,-8.9,-8.9,-19,29", "4,-6,-6,-6,18"]
     (folder / "curves.csv").write_text("\n".join(rows))
     read, read_lines = [], curves.read_lines
-    monkeypatch.setattr(curves, "read_lines", lambda path: read.append(path) or read_lines(path))
+
+    def counted(path, **given):
+        read.append(path)
+        return read_lines(path, **given)
+
+    monkeypatch.setattr(curves, "read_lines", counted)
     config = yaml.safe_load((folder / "config.yaml").read_text())
     patient = {"source": "curves", "curves": "curves.csv", "unit": "percent"}
     patient |= {"reference": "end_diastole", "frame": "earliest_diastole", "volume_ml": 180}

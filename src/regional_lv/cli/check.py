@@ -14,7 +14,7 @@ import pandas as pd
 from regional_lv import config as study_config
 from regional_lv.cli.cohort import inspect_cohort
 from regional_lv.cli.folder import Mistakes, check_results, config_file, load
-from regional_lv.cli.scale import heart_lines, subject_lines
+from regional_lv.cli.scale import heart_lines, role_lines, subject_lines
 from regional_lv.errors import InputError
 from regional_lv.hearts import CONFIG
 from regional_lv.hearts.checks import (
@@ -60,6 +60,7 @@ def inspect(path: Path, config: dict, base: Path | None = None) -> None:
     from regional_lv.channels import Channels
     from regional_lv.geometry.from_config import make_heart
     from regional_lv.geometry.meshing import write_plain
+    from regional_lv.inputs.space import Inputs, sections_of
     from regional_lv.inputs.stiffness import StiffnessInputs
     from regional_lv.measured.plausibility import data_warnings, too_small
     from regional_lv.plots import inputs
@@ -88,7 +89,10 @@ def inspect(path: Path, config: dict, base: Path | None = None) -> None:
             raise Mistakes(str(error)) from None
         summary = json.loads(Path(files.summary).read_text())
         cavity, wall = summary["cavity_volume_ml"], summary["wall_volume_ml"]
-        for line in heart_lines(config, layers, cavity, wall, geometry_of(config)):
+        lines = heart_lines(config, layers, cavity, wall, geometry_of(config))
+        by_table = config["simulations"]["source"] == "table"
+        roles = [] if by_table else role_lines(Inputs.from_config(sections_of(config)))
+        for line in (*lines, *roles):
             click.echo(line)
         segments = pd.read_csv(files.segments, index_col="aha_segment")
         found += uneven(segments)

@@ -1,10 +1,12 @@
-"""The values that set the scale of the answer, in their units, and where each comes from."""
+"""The values that set the scale of the answer, in their units, and where each comes from; and what
+counts as measured with an error or is suspected."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import pandas as pd
 
+from regional_lv.inputs.space import Inputs
 from regional_lv.measured.tables import VOLUME_SHARE
 from regional_lv.quantities import QUANTITIES
 
@@ -31,6 +33,21 @@ def heart_lines(
     at = origin(layers, "loading", "pressure_mmhg")
     yield f"end-diastolic pressure: {pressure:g} mmHg ({at})"
     yield f"unloaded heart: cavity {cavity_ml:.1f} mL, wall {wall_ml:.1f} mL ({geometry})"
+
+
+def role_lines(inputs: Inputs) -> Iterator[str]:
+    """What is measured, with its standard deviations, and what is suspected, by kind."""
+    sds: dict[str, set[str]] = {}
+    suspected: dict[str, None] = {}
+    for each, role in zip(inputs, inputs.roles, strict=True):
+        if role.kind == "measured":
+            unit = "" if each.unit == "1" else f" {each.unit}"
+            sds.setdefault(type(each).name, set()).add(f"{role.sd:.3g}{unit}")
+        elif role.kind == "suspected":
+            suspected[type(each).name] = None
+    known = [f"{kind} (sd {' or '.join(sorted(of_kind))})" for kind, of_kind in sds.items()]
+    yield f"measured, and integrated out: {', '.join(known) or 'nothing; all else counts as exact'}"
+    yield f"suspected: {', '.join(suspected) or 'nothing; no cause of a misfit is searched'}"
 
 
 def subject_lines(

@@ -214,7 +214,7 @@ def _sets(verdict: Verdict, context: Context) -> list[contract.Set]:
                 "best": n == verdict.best,
                 "fit": fit,
                 "probability": float(averaged.probability[n]),
-                "log_evidence": model.log_evidence,
+                "log_evidence": model.log_evidence - averaged.models[averaged.base].log_evidence,
                 "log_prior": model.log_prior,
                 "elpd_gain": gained[0],
                 "elpd_gain_se": gained[1],
@@ -361,8 +361,8 @@ def _limits(verdict: Verdict, context: Context) -> list[str]:
         )
     if verdict.averaged.poor:
         limits.append(
-            f"the posterior has {verdict.averaged.ess:.0f} effective draws only: estimates and "
-            "intervals are rough"
+            "the draws of the most probable model are not reliable (too few count, or a few carry "
+            "most of the weight): estimates and intervals are rough"
         )
     one = context.emulated.inputs
     possible = {k.name for k in INPUTS.values() if k.is_cause and not k.why_not(one.base)}

@@ -122,14 +122,15 @@ class Critic:
 
     @cached_property
     def _noise_sd(self) -> np.ndarray:
-        """Of the measured outputs, the least of all hearts; a good measurement's where it is not
-        known."""
+        """Of the measured outputs, the least of all hearts; a good measurement's where none of them
+        says."""
         emulator = self.emulator.select(self._outputs)
         good = pd.Series(
             noise_units(emulator.channels, emulator.output_sd.numpy()), index=self._outputs
         )
-        tables = [table.set_index("output")["sd"] for table in self.tables.values()]
-        return pd.concat([*tables, good]).groupby(level=0).min().loc[self._outputs].to_numpy(float)
+        sds = pd.concat([table.set_index("output")["sd"] for table in self.tables.values()])
+        known = sds.groupby(level=0).min().reindex(self._outputs)
+        return known.fillna(good).to_numpy(float)
 
     def _knowing(self, rounds: Sequence[pd.DataFrame]) -> tuple[InputEmulator, list[Round]]:
         """`conditioned` on the simulations of some rounds."""
@@ -181,7 +182,7 @@ class Critic:
         chosen = [averaged.base, *averaged.leading[:EXAMINED], *([] if first is None else [first])]
         found = {n: self._examined(averaged, n) for n in sorted(set(chosen))}
         for n in averaged.leading:
-            if any(f.fits(len(averaged.models[m].members)) for m, f in found.items()):
+            if any(map(Verdict(averaged, found, self.settings.level, None).passes, found)):
                 break
             if n not in found:
                 found[n] = self._examined(averaged, n)

@@ -1,5 +1,6 @@
 """The segment table: read, checked, and in AHA order."""
 
+import re
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -28,6 +29,9 @@ LEAST_APICAL_RADIUS_MM = 1.0
 
 SD_COLUMNS = {column: f"{column.removesuffix('_mm')}_sd_mm" for column in PLAUSIBLE_MM}
 """Columns that may say how well another one is known; an empty cell: as if it were exact."""
+
+LIKE_SD = re.compile(r"(?<![a-z])(sd|std|sigma|uncertainty)(?![a-z])", re.IGNORECASE)
+"""In the name of a column that would be ignored, though it is meant as one of `SD_COLUMNS`."""
 
 ROUND_OFF_DEG = 1e-6
 """Between a sector's border and its neighbour's, which is taken for the same."""
@@ -60,6 +64,12 @@ def read_segments(path: str | Path) -> pd.DataFrame:
     columns = [column if column == "name" else Column(column) for column in COLUMNS]
     sds = [Column(column, "mm", least=0, empty=0.0) for column in SD_COLUMNS.values()]
     table = read_table(path, [*columns, *sds])
+    for name in table.columns.difference([*COLUMNS, *SD_COLUMNS.values()], sort=False):
+        if LIKE_SD.search(name):
+            raise InputError(
+                f"{path}: column {name} looks like a standard deviation, and none of this name is "
+                f"read; rename it to {' or '.join(SD_COLUMNS.values())} (mm), or remove it"
+            )
     table.index = pd.Index([f"line {line}" for line in table.index], name="line")
     return check_segments(table, path).reset_index()
 

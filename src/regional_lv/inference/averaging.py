@@ -110,8 +110,9 @@ class Averaged:
 
     @property
     def ess(self) -> float:
-        """Effective draws, over the models that were sampled."""
-        return sum(d.ess for d in self.drawn.values() if np.isfinite(d.evidence_error))
+        """Effective draws of the models with draws together, each as probable as it is."""
+        share = _probabilities([self.models[n] for n in self.drawn])
+        return float(1 / (share**2 / [d.ess for d in self.drawn.values()]).sum())
 
     @property
     def poor(self) -> bool:

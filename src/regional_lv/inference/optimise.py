@@ -49,12 +49,13 @@ def maximise(
         h = h * free[:, :, None] * free[:, None, :]
         diagonal = h.diagonal(dim1=-2, dim2=-1)
         extra = damping[active, None] * diagonal + 1e-8 * diagonal.amax(1, keepdim=True) + 1e-12
-        step = torch.linalg.solve(h + torch.diag_embed(extra + (1 - free)), g * free)
-        step = step * (LONGEST / step.abs().amax(1, keepdim=True)).clamp(max=1.0)
-        trial = torch.minimum(torch.maximum(here + step, low), high)
-        step = trial - here
+        step, cut = _within(h, g * free, extra, free, low - here, high - here)
+        # To the last digit, or it would be cut for ever.
+        trial = torch.where(step <= low - here, low, here + step)
+        trial = torch.where(step >= high - here, high, trial)
         promised = ((g - 0.5 * (h @ step[..., None])[..., 0]) * step).sum(1)
-        last = (promised < least_gain) & (damping[active] < 1.0)
+        # A step that was cut says nothing of what is still to be gained.
+        last = (promised < least_gain) & ~cut & (damping[active] < 1.0)
         new = value(active, trial)
         better = new > best[active]
         gain = torch.where(better, new - best[active], 0.0)
@@ -67,7 +68,39 @@ def maximise(
             gradient[at], curvature[at] = derivatives(at, trial[onwards])
         damping[rising] = (damping[rising] / DAMPING_DECREASE).clamp(min=1e-9)
         damping[active[~better]] *= DAMPING_INCREASE
-        ended = last | (better & (gain < least_gain) & (damping[active] < 1.0))
+        ended = last | (better & ~cut & (gain < least_gain) & (damping[active] < 1.0))
         ended = ended | (moved < least_move)
         active = active[~(ended | (damping[active] > LARGEST_DAMPING))]
     return x, best, active
+
+
+def _within(
+    curvature: torch.Tensor,
+    gradient: torch.Tensor,
+    extra: torch.Tensor,
+    free: torch.Tensor,
+    low: torch.Tensor,
+    high: torch.Tensor,
+) -> tuple[torch.Tensor, torch.Tensor]:
+    """Steps (m, P) between `low` and `high`, and mask (m,) of those that an end cut.
+
+    A coordinate that would leave its range goes to the end, and the others are solved for given
+    that: cutting it off alone leaves a step that may lead downhill where coordinates go together.
+    extra (m, P): added to the diagonal. free (m, P): 1 where a coordinate moves, else 0.
+    """
+    step = torch.zeros_like(gradient)
+    cut = torch.zeros(len(step), dtype=torch.bool)
+    rows, free = torch.arange(len(step)), free.clone()
+    while len(rows):
+        moving, held = free[rows], step[rows] * (1 - free[rows])
+        h = curvature[rows]
+        rest = (gradient[rows] - (h @ held[..., None])[..., 0]) * moving
+        h = h * moving[:, :, None] * moving[:, None, :]
+        own = torch.linalg.solve(h + torch.diag_embed(extra[rows] * moving + (1 - moving)), rest)
+        own = own * (LONGEST / own.abs().amax(1, keepdim=True)).clamp(max=1.0) + held
+        step[rows] = torch.minimum(torch.maximum(own, low[rows]), high[rows])
+        outside = (moving > 0) & (step[rows] != own)
+        free[rows] = moving * ~outside
+        rows = rows[outside.any(1)]
+        cut[rows] = True
+    return step, cut

@@ -218,7 +218,7 @@ class _Search:
             amplitude,
             x,
             self.potential.settle(x, amplitude),
-            ITERATIONS,
+            3 * ITERATIONS,
             LEAST_GAIN,
         )
         prior = self.prior(()) - math.log(len(amplitude))

@@ -128,7 +128,7 @@ def read_curves(path: str | Path, unit: str, segments: int = 17) -> Curves:
     without one they are counted from 1. Raises InputError that names the file, the line or column,
     and the remedy.
     """
-    header, columns, rows = read_lines(path)
+    header, columns, rows = read_lines(path, others=True)
     clocks = [name for name in columns if name.lower() in CLOCKS]
     if not clocks:
         raise error_at(
