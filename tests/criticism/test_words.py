@@ -196,7 +196,7 @@ def test_a_heart_without_causes_to_try():
     assert "listed causes" not in lost["words"][0]
     nothing |= {"explained": False, "misfit": misfit(OUTPUTS, 0.8)}
     quiet = example(**nothing, base_probability=0.9, unlisted_probability=0.1)
-    searched = "No cause was searched, since `inputs` makes none suspected."
+    searched = "No cause was searched: the emulator knows no input that is suspected."
     assert quiet["words"][1:] == [searched]
     improbable = example(**nothing, base_probability=0.02, unlisted_probability=0.98)
     (sentence,) = improbable["words"][1:]

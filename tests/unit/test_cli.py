@@ -262,6 +262,9 @@ def test_check_of_a_filled_folder_from_elsewhere(call, filled, monkeypatch, tmp_
     assert re.search(r"cavity 10\d\.\d mL, wall 1\d\d\.\d mL \(\S+segments\.csv\)$", unloaded)
     assert f"patient: volume 180 mL (column value, {file}), sd 2 mL (column sd, {file})" in lines
     assert f"patient: sd of the strains 0.02 (strains as fractions; column sd, {file})" in lines
+    assert "measured, and integrated out: segment_thickness (sd 1 mm), endo_radius (sd 1" in found
+    (suspected,) = [line for line in lines if line.startswith("suspected: septal_load, ")]
+    assert "focal_scar" not in suspected  # `run` does not, unless the folder asks for it
     assert "warning: patient: not measured: longitudinal 17" in found
     assert "still is the example" in found and "the folder is" not in found
     picture = imread(folder / "check.png")

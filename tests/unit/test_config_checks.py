@@ -239,6 +239,12 @@ def test_aliases_and_merged_sections_are_no_repetition(tmp_path):
     assert config.read(tmp_path / "config.yaml")["y"] == {"p": 1, "q": 2}
 
 
+def test_an_empty_section_takes_the_one_below_away():
+    below = {"study": "a", "inputs": {"septal_load": "suspected"}, "nuts": {"chains": 2}}
+    assert config.merged(below, {"inputs": {}}) == {**below, "inputs": {}}
+    assert config.merged(below, {"nuts": {"draws": 9}})["nuts"] == {"chains": 2, "draws": 9}
+
+
 def test_a_level_that_no_test_can_reach():
     benchmark = {"level": 0.01, "bootstrap": 199, "benchmark": {"bootstrap": 49}}
     with pytest.raises(InputError, match=r"with 49 replicates; raise it, or criticism\.benchmark"):

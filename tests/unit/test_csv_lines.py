@@ -111,3 +111,22 @@ def test_a_folder_is_no_table(tmp_path):
     with pytest.raises(InputError) as error:
         read_lines(folder)
     assert str(error.value) == f"{folder}: is no file; check path and encoding (UTF-8)"
+
+
+@pytest.mark.parametrize(
+    ("column", "spelt", "complaint"),
+    [
+        ("wall_thickness_mm", "wall_thickness", "no column `wall_thickness_mm`; rename `wall_th"),
+        ("endo_radius_mm", "endo_radius_cm", "no column `endo_radius_mm`; rename `endo_radius_cm`"),
+        ("wall_thickness_sd_mm", "thickness_sd", "thickness_sd looks like a standard deviation"),
+        ("endo_radius_sd_mm", "Radius SD", "Radius SD looks like a standard deviation"),
+    ],
+)
+def test_a_misspelt_column_of_sizes_is_no_other_one(tmp_path, column, spelt, complaint):
+    """Neither is a column of standard deviations offered for one of sizes, nor ignored."""
+    header, *rows = data.path("volunteer_segments.csv").read_text().splitlines()
+    given = f"{header},wall_thickness_sd_mm,endo_radius_sd_mm".replace(column, spelt)
+    file = tmp_path / "segments.csv"
+    file.write_text("\n".join([given, *(f"{row},1,1" for row in rows)]))
+    with pytest.raises(InputError, match=complaint):
+        read_segments(file)

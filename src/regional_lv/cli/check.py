@@ -16,7 +16,7 @@ from regional_lv.cli.cohort import inspect_cohort
 from regional_lv.cli.folder import Mistakes, check_results, config_file, load
 from regional_lv.cli.scale import heart_lines, role_lines, subject_lines
 from regional_lv.errors import InputError
-from regional_lv.hearts import CONFIG
+from regional_lv.hearts import CONFIG, ONE_HEART
 from regional_lv.hearts.checks import (
     geometry_of,
     heart_warnings,
@@ -40,11 +40,12 @@ def check(name: str) -> None:
     NAME), and draw the heart and its strains (check.png). Of a cohort: of every heart, without
     pictures."""
     path = config_file(name)
-    config = load(path)
+    base = ONE_HEART if path.name == CONFIG else None  # as `run` takes a heart's folder
+    config = load(path, base)
     if config["cohort"]["hearts"]:
         inspect_cohort(path, config)
     else:
-        inspect(path, config)
+        inspect(path, config, base)
 
 
 def inspect(path: Path, config: dict, base: Path | None = None) -> None:
@@ -89,11 +90,11 @@ def inspect(path: Path, config: dict, base: Path | None = None) -> None:
             raise Mistakes(str(error)) from None
         summary = json.loads(Path(files.summary).read_text())
         cavity, wall = summary["cavity_volume_ml"], summary["wall_volume_ml"]
-        lines = heart_lines(config, layers, cavity, wall, geometry_of(config))
-        by_table = config["simulations"]["source"] == "table"
-        roles = [] if by_table else role_lines(Inputs.from_config(sections_of(config)))
-        for line in (*lines, *roles):
+        for line in heart_lines(config, layers, cavity, wall, geometry_of(config)):
             click.echo(line)
+        if config["simulations"]["source"] != "table":
+            for line in role_lines(Inputs.from_config(sections_of(config))):
+                click.echo(line)
         segments = pd.read_csv(files.segments, index_col="aha_segment")
         found += uneven(segments)
         found += unusual(segments["thickness_mm"].median(), cavity)

@@ -57,11 +57,13 @@ def gather(files: Iterable[str | Path], given: Mapping) -> dict:
 
 
 def merged(below: Mapping, above: Mapping) -> dict:
-    """The keys of both, `above` first: sections are joined, other values replaced; so is what is
-    said of an input where `above` gives it a role, since other keys go with other roles."""
+    """The keys of both, `above` first: sections are joined, but for an empty one, which takes the
+    one below away, and other values replaced; so is what is said of an input where `above` gives it
+    a role, since other keys go with other roles."""
     both = dict(below)
     for key, value in above.items():
-        joins = isinstance(value, dict) and isinstance(below.get(key), dict) and "role" not in value
+        sections = isinstance(value, dict) and isinstance(below.get(key), dict)
+        joins = sections and value and "role" not in value
         both[key] = merged(below[key], value) if joins else value
     return both
 

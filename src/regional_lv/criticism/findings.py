@@ -9,13 +9,16 @@ from typing import cast
 
 import numpy as np
 import pandas as pd
+import torch
 
+from regional_lv.channels import Channels
 from regional_lv.criticism import contract, words
 from regional_lv.criticism.confirmation import Round
 from regional_lv.criticism.contract import Findings
 from regional_lv.criticism.left_out import gain, gains
 from regional_lv.criticism.separate import separating_measurement
 from regional_lv.criticism.verdict import PROBABILITY, Examined, Verdict
+from regional_lv.emulators.base import Emulator
 from regional_lv.emulators.gaussian import Z95
 from regional_lv.inference.emulated import EmulatedInputs
 from regional_lv.inference.hearts import own_name
@@ -30,20 +33,24 @@ LISTED = 20
 BINS = 40
 """Of a histogram."""
 
+TOLERATED = 0.01
+"""Share of the posterior where no simulation is near, from which on it is said."""
+
 
 @dataclass(frozen=True)
 class Context:
     """What findings tell beside the verdict.
 
-    subject: its name. tables: measured, by heart. emulated: of all that the study observes. rounds:
-    of the confirmation. outputs, noise_sd (U,): what was measured in any heart. bootstrap:
-    replicates of the tests. load_fractions: at which the heart could be imaged. measure: of the
-    study's strains.
+    subject: its name. tables: measured, by heart. emulated: of what the verdict is about. observed:
+    channels of the study. rounds: of the confirmation. outputs, noise_sd (U,): what was measured in
+    any heart. bootstrap: replicates of the tests. load_fractions: at which the heart could be
+    imaged. measure: of the study's strains.
     """
 
     subject: str
     tables: Mapping[str, pd.DataFrame]
     emulated: EmulatedInputs
+    observed: Channels
     rounds: Sequence[Round]
     outputs: Sequence[str]
     noise_sd: np.ndarray
@@ -338,7 +345,7 @@ def _inferred_of(name: str, verdict: Verdict, context: Context) -> int:
 def _limits(verdict: Verdict, context: Context) -> list[str]:
     """What the data do not support, in sentences."""
     potential, families = verdict.potential, verdict.base.tested.families
-    observed, measured = context.emulated.emulator.channels, potential.observed.channels
+    measured = potential.observed.channels
     limits = [
         f"{name}: {text}"
         for name, table in context.tables.items()
@@ -347,7 +354,7 @@ def _limits(verdict: Verdict, context: Context) -> list[str]:
     if not families:
         limits.append("no more channels than parameters: they can be fitted whatever is wrong")
     quantities = {c.quantity for c in measured}
-    for channel in {c.quantity: c for c in observed if c.quantity != "volume"}.values():
+    for channel in {c.quantity: c for c in context.observed if c.quantity != "volume"}.values():
         if channel.quantity not in quantities:
             what = f"{channel.quantity} strain" if channel.kind.is_strain else channel.quantity
             limits.append(f"no {what} was measured: nothing is concluded about it")
@@ -368,7 +375,28 @@ def _limits(verdict: Verdict, context: Context) -> list[str]:
     possible = {k.name for k in INPUTS.values() if k.is_cause and not k.why_not(one.base)}
     if others := sorted(possible - {each.cause for each in one}):
         limits.append(
-            f"{len(others)} causes of the catalogue were not searched, because `inputs` "
-            f"does not make them suspected: {', '.join(others)}"
+            f"{len(others)} causes of the catalogue were not searched, because `inputs` does not "
+            f"make them suspected, or the emulator does not know them: {', '.join(others)}"
+        )
+    if verdict.confirmed is None and (share := _extrapolated(verdict, context)) >= TOLERATED:
+        limits.append(
+            f"{100 * share:.0f} % of the posterior lies where no simulation is near: the emulator "
+            "extrapolates there, and its errors may be larger than it states"
         )
     return limits
+
+
+def _extrapolated(verdict: Verdict, context: Context) -> float:
+    """Share of the posterior where an emulator of the study's own has no simulations near."""
+    emulator, averaged = context.emulated.emulator, verdict.averaged
+    if not isinstance(emulator, Emulator):
+        return 0.0
+    count = len(verdict.potential.inputs)
+    parts = [
+        averaged.probability[n]
+        * torch.stack([part.weight, part.weight * emulator.outside(at)]).sum(1)
+        for n, part in averaged.drawn.items()
+        for at in [context.emulated.simulated_at(part.x[:, :count])]
+    ]
+    total, far = torch.stack(parts).sum(0).tolist()
+    return far / total

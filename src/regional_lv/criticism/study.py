@@ -12,6 +12,7 @@ import pandas as pd
 import torch
 
 from regional_lv import emulators
+from regional_lv.channels import Channels
 from regional_lv.criticism import confirmation, outliers
 from regional_lv.criticism.confirmation import Conditionable, Round, conditioned
 from regional_lv.criticism.contract import Findings
@@ -89,7 +90,8 @@ class Critic:
     emulator: over all inputs and all that the study observes; `Conditionable`, if anything is
         simulated. physics: what `inputs.space.sections_of` gives. seed: the study's.
     known_theta: by heart and factor, of hearts whose factors are known but for a common number
-        each. left_out: names of inputs at their nominal values in every model.
+        each. left_out: names of inputs at their nominal values in every model. observed: channels
+        of the study, if the emulator has those alone that were measured.
     """
 
     def __init__(
@@ -102,8 +104,10 @@ class Critic:
         seed: int,
         known_theta: pd.DataFrame | None = None,
         left_out: Sequence[str] = (),
+        observed: Channels | None = None,
     ):
         self.name, self.tables, self.emulator = name, dict(tables), emulator
+        self.observed = observed or emulator.channels
         self.inputs = Inputs.from_config(physics).fixing(left_out)
         self.settings, self.known_theta = settings, known_theta
         self.seed = derive(seed, "criticism", name)
@@ -161,6 +165,7 @@ class Critic:
             subject=self.name,
             tables=self.tables,
             emulated=EmulatedInputs(emulator, self.inputs),
+            observed=self.observed,
             rounds=found,
             outputs=self._outputs,
             noise_sd=self._noise_sd,
@@ -278,13 +283,14 @@ def critic_of(
         name: read_measured(path, emulator.channels, strain_exponent=given.strain_exponent)
         for name, path in zip(subjects, measured, strict=True)
     }
+    observed = emulator.channels
     if isinstance(emulator, Emulator) and len(tables) == 1:
         emulator = _trained_near(emulator, *tables.values())
     known = None
     if known_theta:
         names = [each.name for each in stiffness_of(Inputs.from_config(physics)).values()]
         known = read_known_theta(known_theta, subjects, names)
-    return Critic(subject, tables, emulator, physics, given, seed, known)
+    return Critic(subject, tables, emulator, physics, given, seed, known, observed=observed)
 
 
 def _trained_near(emulator: Emulator, table: pd.DataFrame) -> Emulator:

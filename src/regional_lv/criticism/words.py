@@ -256,7 +256,7 @@ def _is_improbable(content: Findings) -> bool:
 def _not_found(content: Findings) -> str:
     text = "No cause was found."
     if not content["hypotheses"]:
-        text = "No cause was searched, since `inputs` makes none suspected."
+        text = "No cause was searched: the emulator knows no input that is suspected."
     if not _is_improbable(content):
         return text
     if content["hypotheses"]:

@@ -145,7 +145,8 @@ def _pressure(inputs: Inputs) -> float:
 class HeartEmulator:
     """What `JointGP` offers to a posterior and a criticism, for one heart.
 
-    Attributes: coordinates, of the study's k simulated inputs; outputs, channels; output_sd (D,).
+    Attributes: coordinates, of the study's k simulated inputs; outputs, channels; output_sd (D,);
+    jacobian_factor, as of an emulator whose errors are calibrated already.
 
     Parameters
     ----------
@@ -153,6 +154,8 @@ class HeartEmulator:
     inputs: of the heart's study, which the emulator has to know (`hearts.reach`).
     described: whether its segment table describes surfaces that are known better.
     """
+
+    jacobian_factor = 1.0
 
     def __init__(self, emulator: JointGP, known: Inputs, inputs: Inputs, described: bool = False):
         simulated = inputs.simulated
