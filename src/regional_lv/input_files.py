@@ -37,6 +37,8 @@ def check_file(path: str | Path, most_mb: float = MOST_MB, remedy: str = "check 
     path = Path(path)
     try:
         size, is_file = path.stat().st_size, path.is_file()
+    except FileNotFoundError as error:
+        raise InputError(f"{path}: there is no such file; {remedy}") from error
     except (OSError, ValueError) as error:
         raise InputError(f"{path}: cannot be read ({reason_of(error)}); {remedy}") from error
     if not is_file:
@@ -83,12 +85,14 @@ def without_braces(path: str, folder: str | Path) -> str:
 
 
 def read_text(path: str | Path, most_mb: float = MOST_MB) -> str:
-    """The text of a file in UTF-8, with or without a byte order mark. Raises InputError."""
-    with reading(path, "check path and encoding (UTF-8)", most_mb):
+    """The text of a file in UTF-8, with or without a byte order mark, or in UTF-16 with one. Raises
+    InputError."""
+    check_file(path, most_mb)
+    with reading(path, "save it in UTF-8", most_mb):
         content = Path(path).read_bytes()
         if content.startswith(WORKBOOKS):
             raise InputError(f"{path}: is a workbook of Excel; save it as CSV (UTF-8)")
-        return content.decode("utf-8-sig")
+        return without_mark(content).decode()
 
 
 @contextlib.contextmanager

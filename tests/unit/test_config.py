@@ -412,7 +412,7 @@ def test_unreadable_file_is_named(tmp_path, content, remedy):
 
 
 def test_missing_file_is_named():
-    with pytest.raises(InputError, match=r"nowhere\.yaml: cannot be read .* check path"):
+    with pytest.raises(InputError, match=r"nowhere\.yaml: there is no such file; check the path"):
         config.load("nowhere.yaml")
 
 
@@ -433,7 +433,7 @@ def test_paths_count_from_the_folder_of_the_configuration(tmp_path, monkeypatch)
     found = config.load("mine/config.yaml")["subjects"]
     assert [found[name]["measured"] for name in subjects] == ["mine/own.csv", "other.csv"]
     monkeypatch.chdir(tmp_path / "mine")
-    with pytest.raises(InputError, match=r"subjects\.bert\.measured: .*other\.csv.*check path"):
+    with pytest.raises(InputError, match=r"subjects\.bert\.measured: .*other\.csv.*check the path"):
         config.load(file)
 
 

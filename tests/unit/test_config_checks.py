@@ -121,7 +121,7 @@ MISTAKES = [
     (
         changed("subjects.anna", {"source": "file", "measured": "no.csv"}),
         "subjects.anna.measured: no.csv",
-        "check path",
+        "check the path",
     ),
     (
         changed("subjects.anna", {"source": "published_volunteer", "measured": "x.csv"}),
@@ -330,7 +330,7 @@ CURVE_MISTAKES = {
     ),
     "reference": ({"reference": "diastole"}, "did you mean end_diastole?"),
     "frame": ({"frame": "extrema"}, "'extrema' is not possible; give the number of a frame"),
-    "no file": ({"curves": "no.csv"}, "subjects.anna.curves: no.csv: cannot be read"),
+    "no file": ({"curves": "no.csv"}, "subjects.anna.curves: no.csv: there is no such file"),
     "litres": ({"volume_ml": 0.18}, "subjects.anna.volume_ml: 0.18 is too small"),
     "of a file": ({"source": "file"}, "subjects.anna.curves: only `source: curves` has it"),
     "sd": (

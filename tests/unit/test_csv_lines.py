@@ -110,7 +110,7 @@ def test_a_folder_is_no_table(tmp_path):
     folder.mkdir()
     with pytest.raises(InputError) as error:
         read_lines(folder)
-    assert str(error.value) == f"{folder}: is no file; check path and encoding (UTF-8)"
+    assert str(error.value) == f"{folder}: is no file; check the path"
 
 
 @pytest.mark.parametrize(

@@ -331,7 +331,7 @@ MISTAKES = {
         {},
         lambda t: t.assign(radial_18=0),
         {},
-        "line 1: column `radial_18`: segment 18: that is the 18-segment model (six apical",
+        "line 1: column `radial_18`: that is of the 18-segment model (six apical",
     ),
     "segment 20": ({}, lambda t: t.assign(radial_20=0), {}, "no segment 20 in the models that are"),
     "segment 17 of 16": (

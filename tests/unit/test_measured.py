@@ -255,14 +255,16 @@ def test_missing_column_names_the_remedy(tmp_path, header, remedy):
 
 
 def test_missing_file_is_named(tmp_path):
-    with pytest.raises(InputError, match=r"gone\.csv: cannot be read .*check path"):
+    with pytest.raises(InputError, match=r"gone\.csv: there is no such file; check the path"):
         read_measured(tmp_path / "gone.csv")
 
 
 def test_file_in_another_encoding_is_named(tmp_path):
     file = tmp_path / "anna.csv"
-    file.write_bytes(f"{HEADER}\n{VOLUME}\n".encode("utf-16"))
-    with pytest.raises(InputError, match=r"anna\.csv: cannot be read .*encoding"):
+    file.write_bytes(f"{HEADER}\n{VOLUME}\n".encode("utf-16"))  # "Unicode text" of a spreadsheet
+    assert len(read_measured(file)) == 1
+    file.write_bytes(f"{HEADER}\n# \u00e4\n{VOLUME}\n".encode("latin-1"))
+    with pytest.raises(InputError, match=r"anna\.csv: cannot be read .*save it in UTF-8"):
         read_measured(file)
 
 

@@ -78,7 +78,7 @@ FILES = {
     ),
     "labels that are not there": (
         lambda at: read_segment_tags(at / "none.mat", np.arange(3)),
-        r"none\.mat: cannot be read \(no such file.*\); give geometry\.imported\.segments",
+        r"none\.mat: there is no such file; give geometry\.imported\.segments",
     ),
     "a table without columns": (
         lambda at: read_segment_tags(written(at, "tags.csv", ""), np.arange(3)),

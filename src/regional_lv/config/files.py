@@ -27,12 +27,19 @@ def read(path: str | Path) -> dict:
         try:
             content = yaml_core.parse(text)
         except yaml.YAMLError as error:
-            raise InputError(
-                f"{path}: not valid YAML; correct what the parser names: {str(error)[:1000]}"
-            ) from error
+            raise InputError(_not_yaml(path, error)) from error
     if not isinstance(content, dict):
         raise InputError(f"{path}: holds no keys; write at least `study: <name>`")
     return content
+
+
+def _not_yaml(path: str | Path, error: yaml.YAMLError) -> str:
+    """In one line, by the line of the file."""
+    problem, mark = getattr(error, "problem", None), getattr(error, "problem_mark", None)
+    if not problem or mark is None:
+        return f"{path}: not valid YAML; correct what the parser names: {str(error)[:1000]}"
+    remedy = "indent with spaces" if "\\t" in problem else "correct what the parser names there"
+    return f"{path}, line {mark.line + 1}: not valid YAML ({problem[:500]}); {remedy}"
 
 
 def gather(files: Iterable[str | Path], given: Mapping) -> dict:

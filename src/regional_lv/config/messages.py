@@ -192,6 +192,8 @@ def _complaint(error, field: FieldInfo | None, kinds: list) -> str:
     if kind == "literal_error":
         return offers(given, choices(kinds))
     wanted = TYPES[kind.split("_")[0]] + (" or null" if type(None) in kinds else "")
+    if given is None and wanted == TYPES["model"]:
+        return "holds nothing; give its keys, or remove it for their defaults"
     if given is None and field and not field.is_required():
         return f"{what} is not {wanted}; remove the key for its default, or give that instead"
     return f"{what} is not {wanted}{_number_hint(given, kind)}"

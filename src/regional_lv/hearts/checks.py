@@ -148,7 +148,7 @@ def unusual(thickness_mm: float, cavity_ml: float) -> list[str]:
     )
     return [
         f"heart: {what} {size:.4g} {unit}, few adult ventricles are outside {low:g} to {high:g} "
-        f"{unit}; check the unit"
+        f"{unit}; check the unit, and that no two columns are exchanged"
         for what, size, unit, (low, high) in sizes
         if not low < size < high
     ]

@@ -29,9 +29,10 @@ def check_segment(path: str | Path, line: int, where: str, number: float, segmen
         return int(number)
     if number == ECHO:
         complaint = (
-            f"segment {ECHO}: that is the {ECHO}-segment model (six apical walls, no apex), whose "
-            f"13 to {ECHO} are other parts of the wall than the AHA's 13 to 17; keep them all and "
-            f"add `segments: {ECHO}` to the subject in the configuration, which converts them"
+            f"that is of the {ECHO}-segment model (six apical walls, no apex), whose 13 to {ECHO} "
+            f"are other parts of the wall than the AHA's 13 to 17; keep them all and add "
+            f"`segments: {ECHO}` to the subject in the configuration, which converts them. Where "
+            "the others are the AHA's, correct the number"
         )
     elif number in range(1, ECHO):
         complaint = (
