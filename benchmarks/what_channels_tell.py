@@ -16,7 +16,6 @@ import pandas as pd
 
 from regional_lv import config as study_config
 from regional_lv.channels import DEFAULT_QUANTITIES, Channels
-from regional_lv.inputs.stiffness import label
 from regional_lv.measured import read_measured, synthetic_subject, write_measured
 from regional_lv.plots import style
 from regional_lv.session import Study
@@ -71,8 +70,10 @@ def infer(study: Study) -> pd.DataFrame:
             file.parent.mkdir(exist_ok=True)
             write_measured(table[table["output"].isin(names)], file)
             assert len(read_measured(file)) == len(names)
-            draws = study.infer(file, emulator, f"part-{repeat}").posterior["theta"].to_numpy()
-            logs = np.log(draws.reshape(-1, len(truth)))
+            draws = study.infer(file, emulator, f"part-{repeat}").posterior["value"]
+            logs = np.log(
+                draws.sel(input=study.parameters.names).to_numpy().reshape(-1, len(truth))
+            )
             rows += [
                 {"channels": part, "count": len(names), "repeat": repeat, "parameter": name}
                 | {"sd": sd, "error": error}
@@ -97,7 +98,7 @@ def draw(table: pd.DataFrame, png: Path) -> None:
         at = np.arange(len(names)) + (i - 1.5) * 0.2
         ax.bar(at, mean, 0.18, color=colour, label=f"{group} ({count} channels)")
         ax.vlines(at, low, high, color=style.BLACK, linewidth=0.8)
-    ax.set_xticks(range(len(names)), [label(name) for name in names], rotation=30, ha="right")
+    ax.set_xticks(range(len(names)), [style.label(name) for name in names], rotation=30, ha="right")
     ax.set_ylabel("posterior sd of log factor")
     ax.legend(loc="upper left", ncols=2)
     ax.set_ylim(0, 1.3 * table["sd"].max())

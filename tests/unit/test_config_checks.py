@@ -92,7 +92,7 @@ MISTAKES = [
     (changed("geometry.epi_apex_z_mm", -70), "geometry.epi_apex_z_mm", "lower it"),
     (changed("geometry.segments", "none.csv"), "geometry.segments", "give its path"),
     (changed("emulators.names", ["mvpg"]), "emulators.names", "did you mean mvgp?"),
-    (changed("emulators.names", ["joint_gp"]), "joint_gp is of all inputs", "name another one"),
+    (changed("emulators.names", ["joint_gp"]), "every study trains by itself", "name one of"),
     (changed("solver.min_load_fraction", 0.5), "solver.min_load_fraction", "lower it"),
     (changed("test_posteriors.cases", 121), "test_posteriors.cases", "or write `all`"),
     (

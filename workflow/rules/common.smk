@@ -116,8 +116,9 @@ def given(path):
 
 
 LOGS = f"{R}/logs"
-# The emulator that scenarios, subjects and most figures use: `choose_final` makes it, where there
-# is something to choose by.
+# The emulator of the stiffness alone that scenarios and the paper's figures use, in studies of
+# tables the answers of subjects, too: `choose_final` makes it, where there is something to choose
+# by.
 EVALUATION = config["evaluation"]
 EMULATOR = study_config.final_emulator(config)
 # Read while the workflow is planned, where Snakemake would show a traceback.

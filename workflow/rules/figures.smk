@@ -1,7 +1,8 @@
 """All figures, data beside every one: what each is drawn from, and by which job (`shown.smk`).
 
 A figure is drawn by `draw` of the module `plots.<name>`, those that only the comparison with the
-paper has by that of `paper.plots.<name>`; its caption is `report/<name>.rst`.
+paper has by that of `paper.plots.<name>`; its caption is `report/<name>.rst`, or what `caption`
+names in its place.
 """
 
 POSTERIORS = LAYOUT.posteriors(EMULATOR)
@@ -273,4 +274,5 @@ for name in ("bullseye_posterior", "posterior_predictive"):
         "file": f"{{subject}}/{name}_as_it_is",
         "input": SUBJECT | TRUTH if name == "bullseye_posterior" else SUBJECT,
         "of": name,
+        "caption": f"{name}_as_it_is",
     }

@@ -49,7 +49,7 @@ for name, plot in PLOTS.items():
     MADE_BY_JOBS[f"figures/{name}"] = plot | {
         "call": f"{'paper.' if plot['job'] in OF_PAPER else ''}plots.{of}:draw",
         "output": {"png": f"{file}.png", "csv": f"{file}.csv"},
-        "reported": {"png": of},
+        "reported": {"png": plot.get("caption", of)},
     }
 for name, table in TABULATED.items():
     text, file = table.get("text", "tex"), f"{R}/tables/{table.get('file', name)}"

@@ -94,10 +94,11 @@ class Configuration(Section):
         ),
     ] = Field(default_factory=simulation.default_roles, validate_default=True)
     """What the study does with each input of the simulator: its role by name, or by a word for
-    several, such as `{septal_load: suspected, wall_thickness: {role: measured, sd_mm: 1.0}}`. The
-    narrower name counts, and `causes` stands for all that a criticism doubts. What is not named is
-    inferred if it is a stiffness, measured if the segment table has its sd, and fixed otherwise.
-    Where simulations come from tables (`simulations.source`), nothing else is possible."""
+    several, such as `{septal_load: suspected, segment_thickness: {role: measured, sd_mm: 1.0}}`.
+    The narrower name counts, and `causes` stands for all that a criticism doubts. What is not named
+    is inferred if it is a stiffness, measured if the segment table has its sd, and fixed otherwise.
+    Without this section it is `{causes: suspected}`; where simulations come from tables
+    (`simulations.source`) it is empty, and nothing else is possible."""
     all_inputs: simulation.AllInputs = simulation.AllInputs()
     reduction: simulation.Reduction = simulation.Reduction()
     emulators: Emulators = Emulators()

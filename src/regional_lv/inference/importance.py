@@ -18,6 +18,7 @@ from typing import TypeAlias
 
 import torch
 
+from regional_lv.emulators.gaussian import LOG_2PI
 from regional_lv.inference.arviz_arrays import PARETO_K, smoothed_weights
 
 PARTS = 8
@@ -136,7 +137,7 @@ def sample(
         beside = WIDER * torch.randn(count, normal, generator=generator, dtype=u.dtype)
         u = torch.cat([beside, u], 1)
         target = log_density(u) + 0.5 * (beside / WIDER).square().sum(1)
-        target = target + normal * (math.log(WIDER) + 0.5 * math.log(2 * math.pi))
+        target = target + normal * (math.log(WIDER) + 0.5 * LOG_2PI)
         return u, torch.nan_to_num(target, nan=-math.inf, posinf=-math.inf, neginf=-math.inf)
 
     for number in range(most_rounds or rounds):

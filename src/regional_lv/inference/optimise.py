@@ -12,6 +12,9 @@ DAMPING_DECREASE, DAMPING_INCREASE = 5, 4
 LONGEST = 1.0
 """Of a step, in the coordinate that moves most: logarithms, mostly."""
 
+LEAST_MOVE = 1e-10
+"""Below which no coordinate moves any more."""
+
 
 def maximise(
     value: Callable[[torch.Tensor, torch.Tensor], torch.Tensor],
@@ -21,7 +24,6 @@ def maximise(
     high: torch.Tensor,
     iterations: int,
     least_gain: float,
-    least_move: float = 1e-10,
 ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
     """Climb from every row of `start` (M, P); the places (M, P), their values (M,), and the numbers
     of the rows that had iterations left to do.
@@ -30,7 +32,7 @@ def maximise(
     derivatives: (rows, x) -> gradient (m, P) and a curvature (m, P, P), positive semi-definite;
     asked once for each place that a row moves to, but for its last one if hardly anything was
     promised there. low, high: bounds (P,), or (M, P) of each row by itself. A row ends at a step
-    that promises or gains less than `least_gain`, or is shorter than `least_move`.
+    that promises or gains less than `least_gain`, or is shorter than `LEAST_MOVE`.
     """
     lowest, highest = low.expand_as(start), high.expand_as(start)
     x = torch.minimum(torch.maximum(start, lowest), highest)
@@ -69,7 +71,7 @@ def maximise(
         damping[rising] = (damping[rising] / DAMPING_DECREASE).clamp(min=1e-9)
         damping[active[~better]] *= DAMPING_INCREASE
         ended = last | (better & ~cut & (gain < least_gain) & (damping[active] < 1.0))
-        ended = ended | (moved < least_move)
+        ended = ended | (moved < LEAST_MOVE)
         active = active[~(ended | (damping[active] > LARGEST_DAMPING))]
     return x, best, active
 

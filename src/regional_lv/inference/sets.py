@@ -23,6 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
+from regional_lv.emulators.gaussian import LOG_2PI
 from regional_lv.inference.drawing import WeightedDraws
 from regional_lv.inference.evidence import WEAK, Fits, cut, fit, held_at_ends
 from regional_lv.inference.potential import Potential
@@ -304,7 +305,7 @@ class _Search:
         low, high = (potential.low - x) / width, (potential.high - x) / width
         centre = slope / precision
         log_mass, _, _ = cut(centre, 1 / precision, low, high)
-        gain = 0.5 * (slope * centre - precision.log() + math.log(2 * math.pi)) + log_mass
+        gain = 0.5 * (slope * centre - precision.log() + LOG_2PI) + log_mass
         move = torch.minimum(torch.maximum(centre, low), high)
         for row, members in enumerate(parents):
             parent = self.found[members]

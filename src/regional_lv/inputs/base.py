@@ -16,8 +16,8 @@ from regional_lv.inputs.scales import Linear, Logarithmic, Scale
 RoleName = Literal["inferred", "measured", "suspected", "fixed"]
 ROLES: tuple[RoleName, ...] = get_args(RoleName)
 """What a study does with an input: it has a prior over its range; it is known with a standard
-deviation; it is at its nominal value in the model as it is, and free in models that doubt it; or it
-is at its nominal value."""
+deviation; it is at its nominal value in the model as it is, and free in the models that contain it;
+or it is at its nominal value."""
 
 
 class Input(ABC):

@@ -1,7 +1,7 @@
 """Measured files: read, checked and made."""
 
 from regional_lv.measured.curves import import_curves, read_curve_subject
-from regional_lv.measured.synthetic import synthetic_subject, write_truth
+from regional_lv.measured.synthetic import synthetic_subject
 from regional_lv.measured.tables import (
     MeasuredWarning,
     import_measured,
@@ -21,5 +21,4 @@ __all__ = [
     "states_noise",
     "synthetic_subject",
     "write_measured",
-    "write_truth",
 ]

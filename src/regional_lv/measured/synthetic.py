@@ -1,8 +1,6 @@
-"""Measured tables of synthetic subjects, and their truth, which lies apart."""
+"""Measured tables of synthetic subjects."""
 
-import json
 from collections.abc import Mapping
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -30,9 +28,3 @@ def synthetic_subject(
 def unit_noise(tails: float, size: int, rng: np.random.Generator) -> np.ndarray:
     """Noise (size,) of unit scale: Gaussian, or Student's t with 1 / `tails` degrees of freedom."""
     return rng.standard_t(1 / tails, size) if tails else rng.standard_normal(size)
-
-
-def write_truth(path: str | Path, theta: dict, effects: dict, noise: dict, seed: int) -> None:
-    """Write what a synthetic subject was made from, as JSON."""
-    truth = {"theta": theta, "effects": effects, "noise": noise, "seed": seed}
-    Path(path).write_text(json.dumps(truth, indent=2) + "\n")

@@ -12,20 +12,9 @@ are derivatives of k (Rasmussen and Williams 2006, section 9.4, ISBN 026218253X)
 ordered values first, then the derivative along each input in turn: (1 + d) n rows.
 """
 
-import math
 from collections.abc import Sequence
 
 import numpy as np
-
-
-def rational_quadratic(bases: Sequence[np.ndarray], alpha: float) -> np.ndarray:
-    """k (...) of 1 + r_b^2 / (2 alpha) (...), one of `bases` for each block."""
-    return np.exp(-alpha * np.log(math.prod(bases[1:], start=bases[0])))
-
-
-def rates(bases: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """f_b = d(log k)/d(r_b^2) (...) for each of the blocks; its own derivative is f_b^2 / alpha."""
-    return [-0.5 / base for base in bases]
 
 
 def joint_covariance(
@@ -36,43 +25,16 @@ def joint_covariance(
     `lengthscales` (d,) and `alpha` are positive; `blocks` are slices that share out the d inputs,
     in their order.
     """
-    parts = (covariance_with_values, covariance_with_gradients)
-    return np.concatenate([part(x, y, lengthscales, alpha, blocks) for part in parts], 1)
-
-
-def covariance_with_values(
-    x: np.ndarray, y: np.ndarray, lengthscales: np.ndarray, alpha: float, blocks: Sequence[slice]
-) -> np.ndarray:
-    """Covariance ((1 + d) n, m) of values and gradients at `x` (n, d) with the values at `y`."""
-    gap, value, rate, block = _derivatives(x, y, lengthscales, alpha, blocks)
-    slopes = [2 * value * rate[block[j]] * gap[..., j] for j in range(x.shape[1])]
-    return np.concatenate([value, *slopes], 0)
-
-
-def covariance_with_gradients(
-    x: np.ndarray, y: np.ndarray, lengthscales: np.ndarray, alpha: float, blocks: Sequence[slice]
-) -> np.ndarray:
-    """Covariance ((1 + d) n, d m) of values and gradients at `x` (n, d) with the gradients at
-    `y` (m, d)."""
-    d = x.shape[1]
-    gap, value, rate, block = _derivatives(x, y, lengthscales, alpha, blocks)
-    # d(log k)/dx_j, and minus d(log k)/dy_j
-    slope = [2 * rate[block[j]] * gap[..., j] for j in range(d)]
-    rows = [np.concatenate([-value * slope[j] for j in range(d)], 1)]
-    for i in range(d):
-        second = [slope[i] * slope[j] for j in range(d)]
-        for j in range(d):
-            if block[j] == block[i]:
-                second[j] = second[j] + slope[i] * slope[j] / alpha
-        second[i] = second[i] + 2 * rate[block[i]] / lengthscales[i] ** 2
-        rows.append(np.concatenate([-value * part for part in second], 1))
-    return np.concatenate(rows, 0)
-
-
-def _derivatives(x, y, lengthscales, alpha, blocks):
-    """Gaps over squared length scales (n, m, d), k (n, m), its rates, the number of each input's
-    block."""
-    gap = (x[:, None, :] - y[None, :, :]) / lengthscales
-    bases = [1 + (gap[..., part] ** 2).sum(-1) / (2 * alpha) for part in blocks]
-    block = [b for b, part in enumerate(blocks) for _ in range(part.start, part.stop)]
-    return gap / lengthscales, rational_quadratic(bases, alpha), rates(bases), block
+    gap = np.moveaxis((x[:, None] - y) / lengthscales, -1, 0)
+    bases = np.stack([1 + (gap[part] ** 2).sum(0) / (2 * alpha) for part in blocks])
+    value = np.exp(-alpha * np.log(bases.prod(0)))
+    block = np.repeat(np.arange(len(blocks)), [part.stop - part.start for part in blocks])
+    # d(log k)/dx is rate * gap / lengthscale, and minus that about y.
+    rate = -1 / bases[block]
+    slope = rate * gap / lengthscales[:, None, None]
+    rows = [np.concatenate([value, *(-value * slope)], 1)]
+    for i, lengthscale in enumerate(lengthscales):
+        second = slope[i] * slope * (1 + (block == block[i]) / alpha)[:, None, None]
+        second[i] += rate[i] / lengthscale**2
+        rows.append(np.concatenate([value * slope[i], *(-value * second)], 1))
+    return np.concatenate(rows)

@@ -30,15 +30,15 @@ from regional_lv.study.progress import Progress
 log = logging.getLogger(__name__)
 
 
-def make_simulator(mesh: str | Path | Mesh, physics: Mapping, extended: bool = False) -> Simulator:
+def make_simulator(mesh: str | Path | Mesh, physics: Mapping) -> Simulator:
     """The simulator of a mesh (or its file): of all inputs that `physics` describes
-    (`inputs.space.sections_of`), or of the parameters alone, `physics` and `extended` then as for
-    `Simulator`, with the section `geometry` for the wall's thickness."""
+    (`inputs.space.sections_of`), or of the parameters alone, `physics` then as for `Simulator` and
+    with the section `geometry`, for the wall's thickness."""
     mesh = mesh if isinstance(mesh, Mesh) else read_mesh(mesh)
     if SECTION in physics:
         return Problem(mesh, Inputs.from_config(physics).simulated)
     scale = physics["geometry"]["wall_thickness_scale"]
-    return Simulator(thickened(mesh, scale), physics, extended)
+    return Simulator(thickened(mesh, scale), physics)
 
 
 def solve_baseline(mesh: str | Path, physics: dict, start: str | Path, summary: str | Path) -> None:

@@ -1,5 +1,6 @@
 """Synthetic subjects: the simulator's ventricle with known truth, measured with stated noise."""
 
+import json
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -10,7 +11,7 @@ from regional_lv.inputs.closed_forms import ClosedForm, HeavyTails
 from regional_lv.inputs.model import model_of
 from regional_lv.inputs.space import Inputs, catalogue
 from regional_lv.inputs.stiffness import Stiffness
-from regional_lv.measured import synthetic_subject, write_measured, write_truth
+from regional_lv.measured import synthetic_subject, write_measured
 from regional_lv.measured.synthetic import unit_noise
 from regional_lv.simulation.ventricles import Ventricles
 
@@ -45,7 +46,8 @@ def simulate_subject(
     unit = unit_noise(tails, len(outputs), rng)
     table = synthetic_subject(outputs, ventricles.channels, subject["noise"], unit)
     write_measured(table, measured)
-    write_truth(truth, **{key: subject[key] for key in ("theta", "effects", "noise")}, seed=seed)
+    made_from = {key: subject[key] for key in ("theta", "effects", "noise")} | {"seed": seed}
+    Path(truth).write_text(json.dumps(made_from, indent=2) + "\n")
 
 
 def inputs_of(values: Mapping[str, float], physics: Mapping) -> Inputs:

@@ -113,8 +113,8 @@ class Benchmark(Section, reruns="the benchmark of hidden effects"):
 
 
 class Criticism(Section, reruns="the criticism of all subjects"):
-    """What the model could have wrong, where `inputs` gives any a role: tests of the model, the
-    search over sets of suspected inputs, and simulations that confirm the leading ones."""
+    """What the model could have wrong: tests of every subject's model, the search over sets of
+    suspected inputs and, but in studies of tables, simulations that confirm the leading ones."""
 
     bootstrap: Replicates = 999
     """Data sets drawn from the fitted model and fitted again; the smallest p-value is one over one

@@ -44,11 +44,18 @@ class Choice(Section):
     )
     """Emulators to fit and compare."""
     shortlist: Shortlist = Shortlist()
-    final: Annotated[str, Note(reruns="posteriors of scenarios and subjects, and figures")] = "auto"
-    """The emulator whose posteriors scenarios, subjects and figures use: one of
-    `emulators.shortlist.names`, or of `emulators.names` if those are null, which then joins the
-    best of the ranking; or `auto`: of those whose 95 % intervals do not certainly cover less than
-    90 %, the one with the least CRPS."""
+    final: Annotated[
+        str,
+        Note(
+            reruns="posteriors of scenarios, those of subjects by the stiffness alone, and the "
+            "paper's figures; in studies of tables the answers of subjects, too"
+        ),
+    ] = "auto"
+    """The emulator of the stiffness alone whose posteriors scenarios and the paper's figures use;
+    in studies of tables it answers for subjects, too. One of `emulators.shortlist.names`, or of
+    `emulators.names` if those are null, which then joins the best of the ranking; or `auto`: of
+    those whose 95 % intervals do not certainly cover less than 90 %, the one with the least
+    CRPS."""
 
 
 class Emulators(
@@ -75,8 +82,8 @@ class Emulators(
         yield from not_offered(f"{key}.shortlist.also", self.shortlist.also, REGISTRY)
         if OF_INPUTS in (*self.names, self.final):
             yield (
-                f"{key}: {OF_INPUTS} is of all inputs, and trained where `inputs` gives roles; "
-                "name another one"
+                f"{key}: {OF_INPUTS} is the emulator of all inputs, which every study trains by "
+                "itself; name one of the stiffness alone"
             )
         for name in self.shortlist.names or ():
             if name not in self.names:

@@ -119,8 +119,9 @@ class Nuts(Sampled, reruns="posteriors and everything after them"):
 
 
 class Clinical(Sampled, reruns="posteriors of subjects without `sd`"):
-    """Posteriors of measured files; the noise of those without `sd` is inferred together with
-    theta."""
+    """Posteriors of subjects by the emulator of the stiffness alone, made with `evaluation`; the
+    noise of measured files without `sd` is inferred together with theta. `noise_prior_scale` is
+    that of every answer, too."""
 
     chains: Annotated[Chains, OF_SUBJECTS] = 4
     """Chains per posterior. They take their steps together: four cost little more than two."""
@@ -128,9 +129,13 @@ class Clinical(Sampled, reruns="posteriors of subjects without `sd`"):
     """Warm-up draws per chain."""
     draws: Annotated[Draws, OF_SUBJECTS] = 1000
     """Kept draws per chain."""
-    noise_prior_scale: Positive = 1.0
-    """Scale of the half-normal prior on the noise of each strain direction, in standardised
-    units."""
+    noise_prior_scale: Annotated[
+        Positive,
+        Note(reruns="answers and posteriors of subjects; only those without `sd` become others"),
+    ] = 1.0
+    """Scale of the half-normal prior on the noise of each quantity that is measured without `sd`
+    (but the volume), in standard deviations of the outputs over the simulations. Of every answer,
+    with and without `evaluation`."""
     noise_prior_scales: Annotated[list[Positive], ONCE] = [0.05, 0.1, 0.2, 0.5, 1.0]
     """Scales for which the posterior is sampled once more, to see what the choice of
     `noise_prior_scale` does."""

@@ -202,7 +202,7 @@ AnySimulations = Annotated[
 
 
 class AllInputs(Section, reruns="these simulations, and the emulator of all inputs"):
-    """Simulations over all inputs that are not fixed, made where `inputs` gives any a role."""
+    """Simulations over all inputs that are not fixed, made in every study but one of tables."""
 
     emulator: Literal["own", "shipped"] = "own"
     """`own`: one is trained on these simulations alone; `shipped`: they join the emulator of any

@@ -25,16 +25,12 @@ class StrainMeasure(Measure):
             return (squared - 1) / 2
         parts = []
         if self.line_share:
-            parts.append(self.line_share * self.of_stretch(squared))
+            parts.append(self.line_share * _seth_hill(squared, self.exponent))
         if self.line_share != 1:
             strain = _SymmetricFunction.apply(C, self.exponent)
             along = torch.einsum("kmi,mij,kmj->km", directions, strain, directions)
             parts.append((1 - self.line_share) * along)
         return sum(parts)
-
-    def of_stretch(self, squared):
-        """Strain of a line whose length is multiplied by the root of `squared` (tensor)."""
-        return _seth_hill(squared, self.exponent)
 
 
 def _seth_hill(squared: torch.Tensor, n: float) -> torch.Tensor:

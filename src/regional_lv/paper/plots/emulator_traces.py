@@ -9,10 +9,10 @@ from pathlib import Path
 import pandas as pd
 
 from regional_lv.emulators import label_of
+from regional_lv.inference.posteriors import names_along
 from regional_lv.paper.case_posterior import StiffnessPosterior, read
 from regional_lv.paper.plots.traces import legend, marginal_panel, mark, trace_panel
 from regional_lv.paper.posteriors.files import by_emulator
-from regional_lv.paper.sampler.files import case_names
 from regional_lv.plots import style
 
 
@@ -68,7 +68,7 @@ def middle_case(errors: Path) -> str:
 def _holding(paths: Sequence[Path], case: str) -> Path:
     """The file with that case; the last one if none has it, for `read` to complain about."""
     for path in paths:
-        if case in case_names(path):
+        if case in names_along(path, "case"):
             return path
     return paths[-1]
 

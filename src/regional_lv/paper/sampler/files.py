@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-from regional_lv.inference.posteriors import Groups, draws_by_name, load, names_along
+from regional_lv.inference.posteriors import Groups, draws_by_name, load
 from regional_lv.inputs.stiffness import StiffnessInputs
 
 
@@ -71,11 +71,6 @@ class Posterior:
 def read(path: str | Path) -> list[Posterior]:
     """The cases of a file that `sampling` wrote."""
     return cases_of(load(path))
-
-
-def case_names(path: str | Path) -> list[str]:
-    """Names of the cases of a file that `sampling` wrote; its draws are not read."""
-    return names_along(path, "case")
 
 
 def cases_of(data: xr.DataTree) -> list[Posterior]:
