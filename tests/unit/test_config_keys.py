@@ -31,7 +31,7 @@ def test_sections_are_closed_and_documented():
 MISTAKES = [
     # what is written, what the message names, the remedy it gives
     (changed("subjects.a", {"source": "file", "file": "a.csv"}), "a.file: unknown", "measured"),
-    (changed("criticism", None), "criticism: an empty value", "remove the key for its default"),
+    (changed("criticism", None), "criticism: holds nothing", "remove it for their defaults"),
     (changed("nuts.chain", 4), "nuts.chain", "did you mean `nuts.chains`"),
     (changed("nutz", {}), "nutz", "did you mean `nuts`"),
     (changed("batch_size", 4), "batch_size", "did you mean `simulations.batch_size`"),
@@ -43,7 +43,7 @@ MISTAKES = [
     (changed("seed", "x"), "seed", "a whole number"),
     (changed("nuts.draws", 80.5), "nuts.draws", "a whole number"),
     (changed("nuts.target_accept", 1.0), "nuts.target_accept", "give less than 1"),
-    (changed("design", None), "design: an empty value", "a section"),
+    (changed("design", None), "design: holds nothing", "give its keys"),
     (changed("design.lower", 0), "design.lower", "give more than 0"),
     (changed("design.test", True), "design.test", "a whole number"),
     (changed("simulations.batch_size", 0), "simulations.batch_size", "give at least 1"),

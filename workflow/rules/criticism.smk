@@ -1,4 +1,4 @@
-"""What the simulation gets wrong, why, and the stiffness averaged over models that doubt it."""
+"""What the simulation gets wrong, why, and the stiffness averaged over models."""
 
 C = f"{R}/criticism"
 JOINT = config["criticism"]["joint"]
