@@ -52,6 +52,8 @@ def inputs_of(measured=True, suspected=2, tails=False) -> Inputs:
 class OfChannels:
     """An emulator of all inputs that bend its outputs a little, with errors in common."""
 
+    jacobian_factor = 1.0
+
     def __init__(self, inputs: Inputs, kept=None):
         self.inputs, self.kept = inputs, [*range(len(NAMES))] if kept is None else kept
         rng = np.random.default_rng(7)

@@ -9,6 +9,8 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
+from regional_lv.geometry.mesh import read_mesh
+
 INTEGRAL = """
 import numpy as np
 import ufl
@@ -25,7 +27,7 @@ FORMS = """
 import pickle
 import sys
 from regional_lv.mechanics import dolfinx_api as api
-from regional_lv.simulation.batches import make_simulator
+from regional_lv.mechanics.simulator import Simulator
 
 compile_form = api.compile_form
 
@@ -36,7 +38,7 @@ def told(form):
 api.compile_form = told
 for given in pickle.load(sys.stdin.buffer):
     print("simulator")
-    simulator = make_simulator(*given)
+    simulator = Simulator(*given)
     simulator.residual(simulator.w.x.array.copy())
 """
 
@@ -141,7 +143,7 @@ def test_no_value_compiles_a_form(small_mesh, physics):
     more = loaded | {"supports": physics["supports"] | {"epicardium_kpa_per_mm": 0.1}}
     given = [(each, False) for each in (physics, other, loaded, more)] + [(physics, True)]
     # Seeded, as by the workflow: else the order of a form's terms differs by process.
-    told = pickle.dumps([(small_mesh, *each) for each in given])
+    told = pickle.dumps([(read_mesh(small_mesh), *each) for each in given])
     _, *printed = run(FORMS, {"PYTHONHASHSEED": "0"}, told).split("simulator\n")
     base, others, load, spring, off = (
         [line.split()[1:] for line in text.splitlines() if line.startswith("form ")]

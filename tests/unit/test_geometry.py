@@ -559,7 +559,7 @@ def test_bad_table(change, message, rows, tmp_path):
 
 
 def test_no_table(tmp_path):
-    with pytest.raises(InputError, match=r"none\.csv: cannot be read .*check path"):
+    with pytest.raises(InputError, match=r"none\.csv: there is no such file; check the path"):
         read_segments(tmp_path / "none.csv")
 
 

@@ -281,7 +281,7 @@ def test_sets_and_included_files_of_abaqus(tmp_path):
         ),
         ("*End Part", "*Surface, name=base\n4", r"base, row '4': has no element 4; .* S1 to S6"),
         ("*End Part", "*Instance, name=a\n0., 0., -10.", "moves the instance a in the assembly"),
-        ("*End Part", "*Node, input=none.txt", "none.txt: cannot be read"),
+        ("*End Part", "*Node, input=none.txt", "none.txt: there is no such file"),
     ],
 )
 def test_abaqus_that_is_refused(old, new, says, tmp_path, heart):

@@ -281,7 +281,7 @@ def test_a_heart_that_the_model_fits(averaged, tmp_path):
     html = made(quiet, tmp_path)
     assert "The model as it is fits the measurements. The model as it is has" in text_of(html)
     shown = section(html, "wrong")
-    assert "No cause was searched, since" in shown and "Causes one by one" not in shown
+    assert "No cause was searched: the emulator knows" in shown and "Causes one by one" not in shown
     assert "What the best set gains" not in shown
     assert "the model as it is 0.970" in shown and "a smooth departure of no listed" in shown
 
