@@ -37,3 +37,18 @@ def test_maxima_at_the_ends_of_correlated_coordinates_are_found(size, distance):
     assert (x.abs() <= 1).all()
     np.testing.assert_allclose(found, best, rtol=1e-6, atol=1e-4)
     assert (x.abs() == 1).any()  # ends are part of the question
+
+
+def test_a_row_whose_first_step_is_cut_to_nothing_goes_on():
+    """At ends where the coordinates are pushed inwards one by one, but not all together."""
+    root = np.array([[0.7, -1.4, -0.4], [1.9, -1.6, -2.3], [-0.2, 0.2, 0.3], [-0.7, 1.1, 0.8]])
+    side = np.array([1.5, 8.0, -1.0, -2.6])
+    curvature, gradient = torch.tensor(root.T @ root), torch.tensor(root.T @ side)
+    start, zero = torch.tensor([[0.0, 1.0, 0.0]]).double(), torch.zeros(3).double()
+    _, found, _ = maximise(
+        lambda rows, x: ((gradient - 0.5 * x @ curvature) * x).sum(-1),
+        lambda rows, x: (gradient - x @ curvature, curvature.repeat(len(x), 1, 1)),
+        *(start, zero, zero + 1, 60, 1e-10),
+    )
+    best = lsq_linear(root, side, (0, 1), method="bvls")
+    assert float(found[0]) == pytest.approx(0.5 * side @ side - best.cost, abs=1e-6)

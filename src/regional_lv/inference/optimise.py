@@ -71,7 +71,7 @@ def maximise(
         damping[rising] = (damping[rising] / DAMPING_DECREASE).clamp(min=1e-9)
         damping[active[~better]] *= DAMPING_INCREASE
         ended = last | (better & ~cut & (gain < least_gain) & (damping[active] < 1.0))
-        ended = ended | (moved < LEAST_MOVE)
+        ended = ended | ((moved < LEAST_MOVE) & ~cut)
         active = active[~(ended | (damping[active] > LARGEST_DAMPING))]
     return x, best, active
 
