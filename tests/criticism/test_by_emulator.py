@@ -1,6 +1,7 @@
 """Criticism by an emulator of the stiffness alone, as in studies of tables, of a heart whose
 strains follow from a formula."""
 
+import functools
 from types import SimpleNamespace
 
 import numpy as np
@@ -13,7 +14,7 @@ from regional_lv.criticism.settings import settings_of
 from regional_lv.criticism.study import Verdict, critic_of, criticise
 from regional_lv.inputs.space import sections_of_stiffness
 from regional_lv.inputs.stiffness import StiffnessInputs
-from regional_lv.measured.tables import write_measured
+from regional_lv.measured import synthetic_subject, write_measured
 from regional_lv.simulation.sobol import sobol
 
 STUDY = config.load({"study": "formula", "inputs": {}, "criticism": {"bootstrap": 99}})
@@ -37,44 +38,31 @@ def formula(theta: np.ndarray) -> np.ndarray:
     return middle - np.array(change) * (stiffer + 0.15 * np.sin(stiffer))
 
 
-@pytest.fixture(scope="module")
-def trained():
-    """Emulators of the formula by name, learnt from simulations between two factors."""
-
-    def trained(name="exact_gp", low=0.1, high=5.0):
-        theta = sobol(ROWS, np.full(len(FACTORS), low), np.full(len(FACTORS), high), "log", 1)
-        outputs = formula(theta)
-        return emulators.create(name).fit(
-            theta, outputs, parameters=FACTORS, outputs=CHANNELS.names, seed=0
-        )
-
-    return trained
+@functools.cache
+def trained(name="exact_gp", low=0.1, high=5.0):
+    """An emulator of the formula, learnt from simulations between two factors."""
+    theta = sobol(ROWS, np.full(len(FACTORS), low), np.full(len(FACTORS), high), "log", 1)
+    return emulators.create(name).fit(
+        theta, formula(theta), parameters=FACTORS, outputs=CHANNELS.names, seed=0
+    )
 
 
 @pytest.fixture
 def critic(tmp_path):
-    """Of a heart with `quantities` measured, and an emulator."""
+    """Of some hearts with `quantities` measured, and an emulator."""
 
-    def critic(emulator, *quantities, noise=0.01, volume_noise=1.0):
-        rng = np.random.default_rng(0)
-        truth = formula(rng.uniform(0.8, 1.6, (1, len(FACTORS))))[0]
-        sd = np.where([c.quantity == "volume" for c in CHANNELS], volume_noise, noise)
-        rows = pd.DataFrame(
-            {
-                "output": CHANNELS.names,
-                "quantity": [c.quantity for c in CHANNELS],
-                "place": [c.place for c in CHANNELS],
-                "segment": [c.segment for c in CHANNELS],
-                "load_fraction": [c.load_fraction for c in CHANNELS],
-                "value": truth + sd * rng.normal(size=len(truth)),
-                "sd": sd,
-            }
-        )
-        kept = rows["quantity"].isin(quantities) if quantities else slice(None)
-        file = tmp_path / "measured.csv"
-        write_measured(rows[kept], file)
+    def critic(emulator, *quantities, noise=0.01, volume_noise=1.0, hearts=("anna",), known=()):
+        files, scales = [], {"strain": noise, "volume": volume_noise}
+        for number, heart in enumerate(hearts):
+            rng = np.random.default_rng(number)
+            outputs = formula(rng.uniform(0.8, 1.6, (1, len(FACTORS))))[0]
+            unit = rng.normal(size=len(CHANNELS))
+            table = synthetic_subject(outputs, CHANNELS, scales, unit)
+            kept = table["quantity"].isin(quantities) if quantities else slice(None)
+            files.append(tmp_path / f"{heart}.csv")
+            write_measured(table[kept], files[-1])
         physics, settings = sections_of_stiffness(STUDY), settings_of(STUDY)
-        return critic_of(emulator, "heart", ["heart"], [file], physics, settings, seed=1)
+        return critic_of(emulator, "all", hearts, files, physics, settings, 1, known)
 
     return critic
 
@@ -83,27 +71,38 @@ def limits(critic) -> str:
     return "\n".join(criticise(critic, None).findings["limits"])
 
 
-def test_a_posterior_beyond_the_simulations_is_said_to_be(trained, critic):
+def test_a_posterior_beyond_the_simulations_is_said_to_be(critic):
     assert "no simulation is near" not in limits(critic(trained()))
     narrow = limits(critic(trained(low=0.9, high=1.1)))
     assert "% of the posterior lies where no simulation is near" in narrow
 
 
+@pytest.mark.parametrize("how", ["inferred", "known"])
+def test_hearts_together_are_looked_up_each_by_itself(critic, tmp_path, how):
+    """Whose stiffness is inferred, or known but for common factors."""
+    hearts = ("anna", "bert")
+    theta = tmp_path / "theta.csv"
+    pd.DataFrame(1.2, hearts, FACTORS.names).rename_axis("subject").to_csv(theta)
+    given = {"hearts": hearts, "known": [theta] if how == "known" else ()}
+    assert "no simulation is near" not in limits(critic(trained(), **given))
+    assert "no simulation is near" in limits(critic(trained(low=0.9, high=1.1), **given))
+
+
 @pytest.mark.parametrize("name", ["exact_gp", "local_gp"])
-def test_what_was_not_measured_is_said_by_every_emulator(trained, critic, name):
+def test_what_was_not_measured_is_said_by_every_emulator(critic, name):
     """Also by those that train anew for what was measured alone."""
     said = limits(critic(trained(name), "circumferential", "volume"))
     assert "no radial strain was measured" in said and "no longitudinal strain" in said
 
 
-def test_emulators_are_judged_by_the_noise_that_the_measurement_states(trained, critic):
+def test_emulators_are_judged_by_the_noise_that_the_measurement_states(critic):
     emulator = trained()
     for noise, volume_noise in ((0.03, 5.0), (0.002, 0.4)):
         known = critic(emulator, noise=noise, volume_noise=volume_noise)._noise_sd
         assert sorted(set(known.round(9))) == [noise, volume_noise]
 
 
-def test_calibrated_errors_reach_the_posterior(trained, critic):
+def test_calibrated_errors_reach_the_posterior(critic):
     emulator = trained()
     judged = critic(emulator)
     potential = judged.potential(emulator)
@@ -115,7 +114,7 @@ def test_calibrated_errors_reach_the_posterior(trained, critic):
     np.testing.assert_allclose(error, emulator.jacobian_factor * stated, rtol=1e-6)
 
 
-def test_the_same_answer_from_every_seed(trained, critic):
+def test_the_same_answer_from_every_seed(critic):
     """The fits that it rests on end at their maximum."""
     found = []
     for seed in range(3):
@@ -125,7 +124,7 @@ def test_the_same_answer_from_every_seed(trained, critic):
     assert np.ptp(found) < 0.1
 
 
-def test_models_are_examined_until_one_passes(trained, critic, monkeypatch):
+def test_models_are_examined_until_one_passes(critic, monkeypatch):
     """A model as it is that misses at the level of the test is none that passes."""
     judged = critic(trained())
     base, leading = 3, [0, 1, 2, 4, 5, 6]

@@ -9,6 +9,7 @@ import pandas as pd
 from regional_lv.inputs.space import Inputs
 from regional_lv.measured.tables import VOLUME_SHARE
 from regional_lv.quantities import QUANTITIES
+from regional_lv.units import after_number
 
 Layers = Sequence[tuple[Path, Mapping]]
 """Files of a configuration and what they hold, the one that counts first first."""
@@ -41,8 +42,8 @@ def role_lines(inputs: Inputs) -> Iterator[str]:
     suspected: dict[str, None] = {}
     for each, role in zip(inputs, inputs.roles, strict=True):
         if role.kind == "measured":
-            unit = "" if each.unit == "1" else f" {each.unit}"
-            sds.setdefault(type(each).name, set()).add(f"{role.sd:.3g}{unit}")
+            sd = f"{role.sd:.3g}{after_number(each.unit)}"
+            sds.setdefault(type(each).name, set()).add(sd)
         elif role.kind == "suspected":
             suspected[type(each).name] = None
     known = [f"{kind} (sd {' or '.join(sorted(of_kind))})" for kind, of_kind in sds.items()]
@@ -101,4 +102,4 @@ def _spread(rows: pd.DataFrame) -> Iterator[str]:
     for what, own in rows.groupby(rows["quantity"].mask(strains & same, "the strains"), sort=False):
         unit = QUANTITIES[own["quantity"].iloc[0]].unit
         ends = dict.fromkeys(f"{sd:.3g}" for sd in (own["sd"].min(), own["sd"].max()))
-        yield f"{what} {' to '.join(ends)}{'' if unit == '1' else f' {unit}'}"
+        yield f"{what} {' to '.join(ends)}{after_number(unit)}"

@@ -9,7 +9,6 @@ from typing import cast
 
 import numpy as np
 import pandas as pd
-import torch
 
 from regional_lv.channels import Channels
 from regional_lv.criticism import contract, words
@@ -20,7 +19,8 @@ from regional_lv.criticism.separate import separating_measurement
 from regional_lv.criticism.verdict import PROBABILITY, Examined, Verdict
 from regional_lv.emulators.base import Emulator
 from regional_lv.emulators.gaussian import Z95
-from regional_lv.inference.emulated import EmulatedInputs
+from regional_lv.inference.averaging import Averaged
+from regional_lv.inference.emulated import EmulatedInputs, InputEmulator
 from regional_lv.inference.hearts import own_name
 from regional_lv.inference.sources import sources_of_variance
 from regional_lv.inputs.catalogue import INPUTS
@@ -378,25 +378,25 @@ def _limits(verdict: Verdict, context: Context) -> list[str]:
             f"{len(others)} causes of the catalogue were not searched, because `inputs` does not "
             f"make them suspected, or the emulator does not know them: {', '.join(others)}"
         )
-    if verdict.confirmed is None and (share := _extrapolated(verdict, context)) >= TOLERATED:
-        limits.append(
-            f"{100 * share:.0f} % of the posterior lies where no simulation is near: the emulator "
-            "extrapolates there, and its errors may be larger than it states"
-        )
+    if verdict.confirmed is None:
+        share = _extrapolated(verdict.averaged, context.emulated.emulator)
+        if share >= TOLERATED:
+            limits.append(
+                f"{100 * share:.0f} % of the posterior lies where no simulation is near: the "
+                "emulator extrapolates there, and its errors may be larger than it states"
+            )
     return limits
 
 
-def _extrapolated(verdict: Verdict, context: Context) -> float:
-    """Share of the posterior where an emulator of the study's own has no simulations near."""
-    emulator, averaged = context.emulated.emulator, verdict.averaged
+def _extrapolated(averaged: Averaged, emulator: InputEmulator) -> float:
+    """Share of the posterior where no simulation is near, of any of the hearts, for an emulator of
+    the study's own."""
     if not isinstance(emulator, Emulator):
         return 0.0
-    count = len(verdict.potential.inputs)
-    parts = [
-        averaged.probability[n]
-        * torch.stack([part.weight, part.weight * emulator.outside(at)]).sum(1)
-        for n, part in averaged.drawn.items()
-        for at in [context.emulated.simulated_at(part.x[:, :count])]
-    ]
-    total, far = torch.stack(parts).sum(0).tolist()
+    potential, total, far = averaged.potential, 0.0, 0.0
+    for n, part in averaged.drawn.items():
+        at = potential.emulated.simulated_at(part.x[:, : len(potential.inputs)])
+        outside = emulator.outside(at).unflatten(0, (len(part.x), -1)).any(1)
+        total += averaged.probability[n]
+        far += averaged.probability[n] * float(part.weight[outside].sum())
     return far / total

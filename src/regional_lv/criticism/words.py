@@ -8,6 +8,7 @@ from regional_lv.criticism.contract import Cause, Findings, Gain, Misfit, Set
 from regional_lv.inputs.catalogue import INPUTS
 from regional_lv.inputs.closed_forms import EndDiastolicPressure
 from regional_lv.quantities import QUANTITIES
+from regional_lv.units import after_number
 
 SEGMENT_NAMES = {s.number: s.name for s in aha.SEGMENTS}
 
@@ -53,7 +54,7 @@ def number(value: float | None, digits: int = 3) -> str:
 
 
 def _with_unit(value: float, unit: str) -> str:
-    return number(value) if unit == "1" else f"{number(value)} {unit}"
+    return f"{number(value)}{after_number(unit)}"
 
 
 def p_value(p: float) -> str:

@@ -22,6 +22,7 @@ from regional_lv.inputs.base import Input
 from regional_lv.inputs.shape import Length
 from regional_lv.inputs.space import SECTION, Inputs, Role, sd_key, sections_of
 from regional_lv.inputs.stiffness import StiffnessInputs
+from regional_lv.units import after_number
 
 REMEDY = "simulate this heart (regional-lv run --own)"
 """What to do about a heart that the emulator does not know."""
@@ -161,12 +162,8 @@ def _check_values(known: Inputs, there: torch.Tensor, factor: torch.Tensor) -> N
         value, low, high = (float(number / factor[e]) for number in (there[e], low, high))
         _refuse(
             f"{SECTION}.{each.name}: {value:.3g} is outside of {low:.3g} to {high:.3g}"
-            f"{_unit(each)}, which the emulator knows at this size and pressure"
+            f"{after_number(each.unit)}, which the emulator knows at this size and pressure"
         )
-
-
-def _unit(each: Input) -> str:
-    return "" if each.unit == "1" else f" {each.unit}"
 
 
 def _check_shape(
@@ -220,8 +217,9 @@ def _cut(
         else:
             changed[SECTION][each.name] = _entry(each, role, low, high)
         notes[of or each.name] = (
-            f"the range of {of or each.name} is cut to {low:.3g} to {high:.3g}{_unit(each)}, "
-            "beyond which the emulator knows nothing at this size and pressure"
+            f"the range of {of or each.name} is cut to {low:.3g} to {high:.3g}"
+            f"{after_number(each.unit)}, beyond which the emulator knows nothing at this size and "
+            "pressure"
         )
     return changed, list(notes.values())
 

@@ -17,6 +17,7 @@ from regional_lv.inputs.observation import StrainMeasure
 from regional_lv.inputs.physics import SECTIONS
 from regional_lv.inputs.scales import Logarithmic
 from regional_lv.inputs.stiffness import StiffnessInputs
+from regional_lv.units import after_number
 
 log = logging.getLogger(__name__)
 
@@ -338,8 +339,7 @@ def _role(word: str, asked: dict, each: Input) -> Role:
     if value is not None and not low <= value <= high:
         raise InputError(
             f"{key}.value: {value:g} is outside the range of {each.name}, {low:g} to "
-            f"{high:g} {'' if each.unit == '1' else each.unit}".rstrip()
-            + "; correct it, or give its `range`"
+            f"{high:g}{after_number(each.unit)}; correct it, or give its `range`"
         )
     if asked["role"] == "suspected" and value is None and each.nominal is None:
         raise InputError(

@@ -24,6 +24,7 @@ from regional_lv.errors import closest
 from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.measured.segment_models import check_segment, to_aha
 from regional_lv.quantities import NOWHERE, QUANTITIES, SEGMENT_PLACES, Quantity, seth_hill
+from regional_lv.units import after_number
 
 REQUIRED = ("quantity", "segment", "value", "unit")
 LOADS = ("load_fraction", "pressure_mmhg")
@@ -331,10 +332,10 @@ def _check_size(table: pd.DataFrame, strain_exponent: float | None) -> Complaint
                 remedy = "looks like litres; give mL"
             else:
                 remedy = f"it lies between {low:g} and {high:g}; check value and unit"
-            unit = "" if kind.unit == "1" else f" {kind.unit}"
             yield (
                 row["line"],
-                f"{kind.name} {value:g}{unit} is not one of a left ventricle; {remedy}",
+                f"{kind.name} {value:g}{after_number(kind.unit)} is not one of a left ventricle; "
+                f"{remedy}",
             )
 
 

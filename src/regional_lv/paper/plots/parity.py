@@ -12,6 +12,7 @@ from regional_lv.emulators.gaussian import Z95
 from regional_lv.inputs.stiffness import StiffnessInputs
 from regional_lv.paper.posteriors.files import chosen
 from regional_lv.plots import bullseye, style
+from regional_lv.units import after_number
 
 
 @style.context
@@ -54,7 +55,7 @@ def _panel(
     fig, place, part: pd.DataFrame, channel: Channel, parameters: StiffnessInputs, legend: bool
 ) -> None:
     """Parity above, error with its bars below. channel: one of those in the panel."""
-    unit = "" if channel.unit == "1" else f" {channel.unit}"
+    unit = after_number(channel.unit)
     read_as = unit.strip() or ("strain" if channel.kind.is_strain else channel.quantity)
     upper, lower = place.subgridspec(2, 1, height_ratios=[3, 1]).subplots(sharex=True)
     zones, palette = _zones(part, parameters), {**parameters.colours, "": style.GREY}
